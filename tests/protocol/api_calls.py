@@ -22,7 +22,7 @@ from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.modes import MissionModes
 from gcs_server.streamer.waypoints.flights import WaypointFlights
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
-from tests.protocol.offboard_world import OffboardWorld, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, seconds
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
 MISSION_MODE = 4 << 16 | 4 << 24
@@ -39,12 +39,12 @@ class InlinePlanWork:
         return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
-def station_of(world, progress=None):
+def station_of(testbed, progress=None):
     """A `Station` for the routes. `progress`: the store of interrupted flights; None: a store without a
     folder."""
-    journal = Journal(world.clock, None)
-    streams = world.streamer._streams
-    missions = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)
+    journal = Journal(testbed.clock, None)
+    streams = testbed.streamer._streams
+    missions = OffboardMissions(testbed.clock, testbed.streamer, streams, testbed.supervisor)
 
     async def prepare(vehicle_id, mode):
         return await prepare_mode(station, vehicle_id, mode)
@@ -52,26 +52,26 @@ def station_of(world, progress=None):
     def inputs(vehicle_id):
         return compile_inputs_of(station, vehicle_id)
 
-    waypoint_flights = WaypointFlights(world.clock, world.supervisor, progress or ProgressStore())
-    for vehicle in world.fleet.all():
+    waypoint_flights = WaypointFlights(testbed.clock, testbed.supervisor, progress or ProgressStore())
+    for vehicle in testbed.fleet.all():
         waypoint_flights.attach(vehicle)
     station = Station(
-        clock=world.clock,
-        router=world.router,
-        fleet=world.fleet,
+        clock=testbed.clock,
+        router=testbed.router,
+        fleet=testbed.fleet,
         hub=None,
         journal=journal,
-        authority=Authority(world.clock, world.fleet, journal, world.supervisor),
+        authority=Authority(testbed.clock, testbed.fleet, journal, testbed.supervisor),
         started_s=0.0,
-        replays=Replays(world.router, world.fleet, Path("no recordings")),
-        streamer=world.streamer,
+        replays=Replays(testbed.router, testbed.fleet, Path("no recordings")),
+        streamer=testbed.streamer,
         missions=missions,
         waypoint_flights=waypoint_flights,
         mission_modes=MissionModes(
-            world.clock, world.streamer, streams, missions, world.supervisor, prepare, inputs
+            testbed.clock, testbed.streamer, streams, missions, testbed.supervisor, prepare, inputs
         ),
-        operations=Operations(world.clock, world.supervisor, lambda _: None),
-        plans=PlanStore(Path("no plans"), world.clock),
+        operations=Operations(testbed.clock, testbed.supervisor, lambda _: None),
+        plans=PlanStore(Path("no plans"), testbed.clock),
         plan_work=PlanWork(Path("no elevation")),
         dry_runs=DryRuns(),
         mavlink_ids=(255, 190),
@@ -95,19 +95,19 @@ def run_with_routes(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
     """Runs a test with a scripted vehicle and the server's routes, on simulated time."""
 
     async def run():
-        world = OffboardWorld()
-        autopilot = world.offboard_autopilot(world.link(), loss=loss, seed=seed)
+        testbed = OffboardTestbed()
+        autopilot = testbed.offboard_autopilot(testbed.link(), loss=loss, seed=seed)
         if flying:
             autopilot.fly()
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await seconds(1.5)
-            station = station_of(world)
+            station = station_of(testbed)
             station.authority.start()
             await scenario(
-                SimpleNamespace(world=world, station=station, vehicle=vehicle, autopilot=autopilot)
+                SimpleNamespace(testbed=testbed, station=station, vehicle=vehicle, autopilot=autopilot)
             )
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)

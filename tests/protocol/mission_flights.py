@@ -19,8 +19,8 @@ from missions.offboard import positions
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
 from missions.trajectory.limits import MotionLimits
-from tests.protocol.offboard_world import OffboardWorld, seconds
-from tests.protocol.simulated_world import until
+from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.simulated_testbed import until
 
 ALICE, BOB = (Principal(name.lower(), name, identified=True) for name in ("Alice", "Bob"))
 LEASE_S = 5.0
@@ -30,22 +30,22 @@ class Missions:
     """The offboard missions of vehicle 1, and the control lease of the vehicle.
 
     Args:
-        world: a world to which no vehicle has been added yet.
+        testbed: a testbed to which no vehicle has been added yet.
         folder: folder of the journal.
     """
 
-    def __init__(self, world: OffboardWorld, folder: Path) -> None:
-        self.world = world
-        streams = world.streamer._streams
-        self.offboard = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)
-        world.fleet.on_vehicle_added(self.offboard.attach)
-        journal = Journal(world.clock, folder / "journal.jsonl")
+    def __init__(self, testbed: OffboardTestbed, folder: Path) -> None:
+        self.testbed = testbed
+        streams = testbed.streamer._streams
+        self.offboard = OffboardMissions(testbed.clock, testbed.streamer, streams, testbed.supervisor)
+        testbed.fleet.on_vehicle_added(self.offboard.attach)
+        journal = Journal(testbed.clock, folder / "journal.jsonl")
         self.authority = Authority(
-            world.clock, world.fleet, journal, world.supervisor, LeaseTimes(lease_s=LEASE_S)
+            testbed.clock, testbed.fleet, journal, testbed.supervisor, LeaseTimes(lease_s=LEASE_S)
         )
         self.authority.start()
         # A lambda, so that a test can replace the method.
-        world.supervisor.repeat("offboard-missions", lambda: self.offboard.update(), UPDATE_PERIOD_S)
+        testbed.supervisor.repeat("offboard-missions", lambda: self.offboard.update(), UPDATE_PERIOD_S)
         self.flight: Any = None
 
     def begin(
@@ -81,13 +81,13 @@ def run_in_flight(run_simulated: Any, tmp_path: Path, mission: OffboardMission, 
     """Runs a test with a scripted vehicle in flight that flies a mission; Alice has control."""
 
     async def run() -> None:
-        world = OffboardWorld()
-        missions = Missions(world, tmp_path)
-        link = world.link()
-        autopilot = world.offboard_autopilot(link)
+        testbed = OffboardTestbed()
+        missions = Missions(testbed, tmp_path)
+        link = testbed.link()
+        autopilot = testbed.offboard_autopilot(link)
         autopilot.fly()
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await seconds(1.5)
             with missions.authority.connected(ALICE):
                 missions.take_control(ALICE)
@@ -95,7 +95,7 @@ def run_in_flight(run_simulated: Any, tmp_path: Path, mission: OffboardMission, 
                 await missions.reach("flying", within_s=10)
                 await scenario(missions, vehicle, autopilot)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

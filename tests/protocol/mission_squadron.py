@@ -16,7 +16,7 @@ from gcs_server.streamer.missions.flight import MissionFlight
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.document import OffboardMission
 from tests.protocol.mission_flights import Missions
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.support.mission_steps import mission_for_two, mission_with_lists, slope
 from tests.support.snapshot import snapshot
 from vehicle_sim.autopilot.modes import NavState
@@ -103,15 +103,15 @@ def kinds_flown() -> set[str]:
 class Squadron:
     """Vehicles by the kind of step that each is flying."""
 
-    def __init__(self, world: SimulatedWorld, missions: Missions, kinds: tuple[str, ...]) -> None:
-        self.world, self.sim, self.missions, self.kinds = world, world.sim, missions, kinds
+    def __init__(self, testbed: SimulatedTestbed, missions: Missions, kinds: tuple[str, ...]) -> None:
+        self.testbed, self.sim, self.missions, self.kinds = testbed, testbed.sim, missions, kinds
         self.flights: dict[str, MissionFlight] = {}
         self.vehicles: dict[str, Vehicle] = {}
 
     async def begin(self, **actions: str) -> None:
         """Starts all missions and flies to the middle of their steps."""
         for kind in self.kinds:
-            vehicle = self.vehicles[kind] = await self.world.ready(str(self.row(kind) + 1))
+            vehicle = self.vehicles[kind] = await self.testbed.ready(str(self.row(kind) + 1))
             await until(lambda v=vehicle: v.topic("battery") is not None, 10)
         for kind, vehicle in self.vehicles.items():
             document = document_of(kind)
@@ -195,12 +195,12 @@ def run_with_squadron(
 
     async def run() -> None:
         chosen = tuple(kinds)
-        world = SimulatedWorld(len(chosen), sim=snapshot(_hovering_vehicles(chosen)))
-        squadron = Squadron(world, Missions(world, tmp_path), chosen)
+        testbed = SimulatedTestbed(len(chosen), sim=snapshot(_hovering_vehicles(chosen)))
+        squadron = Squadron(testbed, Missions(testbed, tmp_path), chosen)
         try:
             await squadron.begin(**actions)
             await scenario(squadron)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)

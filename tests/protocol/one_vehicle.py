@@ -4,7 +4,7 @@ import struct
 
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
-from tests.protocol.memory_world import World
+from tests.protocol.memory_testbed import MemoryTestbed
 
 HOLD_ONLY = 1 << BY_NAME["hold"].nav_state
 """Bit mask of Hold mode in an arming report."""
@@ -13,17 +13,17 @@ LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
 
 
 def run_scenario(run_simulated, scenario, *, loss=0.0, seed=0):
-    """Runs a scenario with the world, the server's vehicle and its scripted autopilot."""
+    """Runs a scenario with the testbed, the server's vehicle and its scripted autopilot."""
 
     async def run():
-        world = World()
-        link = world.link()
-        autopilot = world.autopilot(link, loss=loss, seed=seed)
+        testbed = MemoryTestbed()
+        link = testbed.link()
+        autopilot = testbed.autopilot(link, loss=loss, seed=seed)
         try:
-            vehicle = await world.ready()
-            await scenario(world, vehicle, autopilot)
+            vehicle = await testbed.ready()
+            await scenario(testbed, vehicle, autopilot)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

@@ -21,9 +21,9 @@ from tests.protocol.api_calls import (
 )
 from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE, GIMBAL_CONFIGURE
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
-from tests.protocol.offboard_world import (
+from tests.protocol.offboard_testbed import (
     POSITION,
-    OffboardWorld,
+    OffboardTestbed,
     assert_silent,
     mode_requests,
     seconds,
@@ -318,20 +318,20 @@ def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(run_si
 
 def test_a_recording_has_no_control_lease(run_simulated):
     async def run():
-        world = OffboardWorld()
-        link = world.link("tape", replay=True)
-        world.offboard_autopilot(link)
+        testbed = OffboardTestbed()
+        link = testbed.link("tape", replay=True)
+        testbed.offboard_autopilot(link)
         try:
             await seconds(8)
-            [vehicle] = world.fleet.all()
-            station = station_of(world)
+            [vehicle] = testbed.fleet.all()
+            station = station_of(testbed)
             with pytest.raises(Refused, match="recording"):
                 await control_routes.take(vehicle.id, station, ANNA)
             with contextlib.suppress(Refused):
                 await vehicle_routes.arm(vehicle.id, station, ANNA)
             assert vehicle.control.status().holder is None
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

@@ -11,8 +11,8 @@ from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.setpoints import Path, PathPoint, Position
 from tests.protocol.command_numbers import SET_MESSAGE_INTERVAL
-from tests.protocol.offboard_world import offboard_event_codes
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.offboard_testbed import offboard_event_codes
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.world.files import load_world
@@ -29,9 +29,9 @@ def request_to(position_ned_m, valid_for_s=120.0):
 class Flight:
     """A flight in Offboard in front of the box, heading north."""
 
-    def __init__(self, world, vehicle):
-        self.world, self.vehicle, self.offboard = world, vehicle, vehicle.offboard
-        self.truth = world.sim.simulation.truth
+    def __init__(self, testbed, vehicle):
+        self.testbed, self.vehicle, self.offboard = testbed, vehicle, vehicle.offboard
+        self.truth = testbed.sim.simulation.truth
         self.track = []
         self.recorder = None
 
@@ -77,17 +77,17 @@ class Flight:
 def run_at_the_box(run_simulated, scenario):
     async def run():
         station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
-        world = SimulatedWorld(sim=station.sim)
+        testbed = SimulatedTestbed(sim=station.sim)
         try:
-            vehicle = await world.ready()
-            flight = Flight(world, vehicle)
+            vehicle = await testbed.ready()
+            flight = Flight(testbed, vehicle)
             await flight.begin()
             try:
                 await scenario(flight)
             finally:
                 flight.recorder.cancel()
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
@@ -166,9 +166,9 @@ def test_the_vehicle_stops_while_its_obstacle_sensors_send_nothing(run_simulated
 
 def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(run_simulated):
     async def run():
-        world = SimulatedWorld(sim=hovering(Station, 2.0, links=(("gcs", "gcs"),)).sim)
+        testbed = SimulatedTestbed(sim=hovering(Station, 2.0, links=(("gcs", "gcs"),)).sim)
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             with pytest.raises(Refused, match="no obstacle sensor") as refused:
                 await vehicle.offboard.avoidance.switch_on("over")
             assert "DISTANCE_SENSOR" in refused.value.remedy
@@ -178,6 +178,6 @@ def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(run_simulate
                 await vehicle.offboard.start(request_to((0.0, 0.0, -10.0)))
             assert vehicle.status.mode == "hold"
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)

@@ -24,11 +24,11 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_a_flight_from_arming_to_kill(run_simulated, loss, seed):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         async def within(seconds, call):
-            began = world.loop.time()
+            began = testbed.loop.time()
             await call
-            assert world.loop.time() - began <= seconds
+            assert testbed.loop.time() - began <= seconds
 
         await within(6, vehicle.command.arm())
         assert vehicle.status.armed
@@ -60,7 +60,7 @@ def test_a_flight_from_arming_to_kill(run_simulated, loss, seed):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(run_simulated, seed):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         for _ in range(5):
             await vehicle.command.arm()
             await vehicle.command.set_mode("position")
@@ -71,7 +71,7 @@ def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(run_simulat
 
 
 def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         dropped = []
         autopilot.handlers.append(
             lambda m: (
@@ -91,7 +91,7 @@ def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.2, 11), (0.2, 12)])
 def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(run_simulated, loss, seed):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.armed, autopilot.landed_state = True, IN_AIR
         await asyncio.sleep(4)
         with pytest.raises(Rejected) as caught:
@@ -105,7 +105,7 @@ def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(ru
 
 
 def test_a_refusal_to_arm_lists_the_failed_checks(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.arm_denied = True
         summary = struct.pack("<BIIII", 0, 1048576, 128, 0, 0)
         autopilot.event(27825120, 0x88, summary)
@@ -130,7 +130,7 @@ def test_a_refusal_to_arm_lists_the_failed_checks(run_simulated):
 
 
 def test_disarming_in_flight_is_refused(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.armed, autopilot.landed_state = True, IN_AIR
         await asyncio.sleep(3)
         with pytest.raises(Rejected, match="not landed"):
@@ -140,7 +140,7 @@ def test_disarming_in_flight_is_refused(run_simulated):
 
 
 def test_an_acknowledgement_without_the_state_is_not_a_success(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.handlers.append(
             lambda m: (
                 m.get_type() == "COMMAND_LONG"
@@ -155,7 +155,7 @@ def test_an_acknowledgement_without_the_state_is_not_a_success(run_simulated):
 
 
 def test_the_state_without_an_acknowledgement_is_a_success(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.ack = lambda *_: None
         await vehicle.command.arm()
         await vehicle.command.set_mode("offboard")
@@ -165,18 +165,18 @@ def test_the_state_without_an_acknowledgement_is_a_success(run_simulated):
 
 
 def test_a_command_without_a_reply_fails_at_its_deadline(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.silent_commands.add(ARM_DISARM)
-        began = world.loop.time()
+        began = testbed.loop.time()
         with pytest.raises(NoReply) as caught:
             await vehicle.command.arm()
-        assert world.loop.time() - began == pytest.approx(caught.value.deadline_s, abs=0.1)
+        assert testbed.loop.time() - began == pytest.approx(caught.value.deadline_s, abs=0.1)
 
     run_scenario(run_simulated, scenario)
 
 
 def test_acknowledgements_to_other_stations_are_ignored(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         def acknowledge_to_another_station(m):
             if m.get_type() == "COMMAND_LONG" and m.command == ARM_DISARM:
                 autopilot.send(sim.MAVLink_command_ack_message(ARM_DISARM, 2, 0, 0, 42, 1))
@@ -191,15 +191,15 @@ def test_acknowledgements_to_other_stations_are_ignored(run_simulated):
 
 
 def test_progress_extends_the_deadline(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         fractions = []
 
         def report_progress(m):
             if m.get_type() != "COMMAND_LONG" or m.command != ARM_DISARM:
                 return False
             for second in range(1, 15):
-                world.loop.call_later(second, autopilot.ack, ARM_DISARM, 5, second * 6)
-            world.loop.call_later(15, lambda: setattr(autopilot, "armed", True))
+                testbed.loop.call_later(second, autopilot.ack, ARM_DISARM, 5, second * 6)
+            testbed.loop.call_later(15, lambda: setattr(autopilot, "armed", True))
             return True
 
         autopilot.handlers.append(report_progress)
@@ -225,7 +225,7 @@ def test_progress_extends_the_deadline(run_simulated):
 
 
 def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         def refuse_command_long(m):
             return (
                 m.get_type() == "COMMAND_LONG"
@@ -241,7 +241,7 @@ def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(run_sim
 
 
 def test_a_newer_command_ends_an_older_command(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.lift_off = lambda: None
         takeoff = asyncio.ensure_future(vehicle.command.takeoff(10))
         await asyncio.sleep(3)
@@ -254,20 +254,20 @@ def test_a_newer_command_ends_an_older_command(run_simulated):
 
 
 def test_a_lost_link_fails_pending_commands_at_once(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.silent_commands.add(ARM_DISARM)
         waiting = asyncio.ensure_future(vehicle.command.arm())
         await asyncio.sleep(0.5)
-        began = world.loop.time()
-        await world.router.remove_link("memory")
+        began = testbed.loop.time()
+        await testbed.router.remove_link("memory")
         with pytest.raises(Disconnected):
             await waiting
-        assert world.loop.time() - began < 0.1
+        assert testbed.loop.time() - began < 0.1
         await asyncio.sleep(5)
         assert vehicle.status.link_lost
         with pytest.raises(Disconnected):
             await vehicle.command.hold()
-        assert world.fleet.get("1") is vehicle
+        assert testbed.fleet.get("1") is vehicle
 
     run_scenario(run_simulated, scenario)
 
@@ -291,7 +291,7 @@ def test_a_lost_link_fails_pending_commands_at_once(run_simulated):
     ],
 )
 def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(run_simulated, call, field):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         before = len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")])
         with pytest.raises(InvalidRequest) as caught:
             await call(vehicle.command)
@@ -302,7 +302,7 @@ def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(ru
 
 
 def test_the_server_refuses_values_that_px4_would_accept(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         with pytest.raises(Refused, match="is not flying"):
             await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
         autopilot.armed, autopilot.landed_state = True, IN_AIR
@@ -323,7 +323,7 @@ def test_the_server_refuses_values_that_px4_would_accept(run_simulated):
 
 
 def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_and_the_fix(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.home = (*autopilot.home[:2], autopilot.position[2] - 30.4)
         await asyncio.sleep(3)
         with pytest.raises(InvalidRequest, match=r"is 30\.4 m above home") as caught:
@@ -340,7 +340,7 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_a
 
 @pytest.mark.parametrize(("autopilot_type", "kind"), [(3, 2), (12, 1), (12, 10)])
 def test_unverified_vehicles_are_shown_and_commands_to_them_refused(run_simulated, autopilot_type, kind):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.autopilot_type, autopilot.vehicle_type = autopilot_type, kind
         await asyncio.sleep(2)
         before = len(autopilot.commands(ARM_DISARM))

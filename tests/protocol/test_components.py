@@ -14,8 +14,8 @@ from tests.protocol.command_numbers import (
     IMAGE_START_CAPTURE,
     REQUEST_MESSAGE,
 )
-from tests.protocol.memory_world import World, run_with_vehicle
-from tests.protocol.offboard_world import OffboardWorld
+from tests.protocol.memory_testbed import MemoryTestbed, run_with_vehicle
+from tests.protocol.offboard_testbed import OffboardTestbed
 from vehicle_sim.mavlink import generated_dialect as sim
 
 LEVEL, DOWN, HALF = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0], [0.9238795, 0.0, -0.3826834, 0.0]
@@ -90,7 +90,7 @@ def kinds(vehicle):
 
 
 def test_components_are_known_by_their_heartbeats_until_they_are_lost(run_simulated):
-    async def scenario(world, autopilot, vehicle):
+    async def scenario(testbed, autopilot, vehicle):
         camera, companion = OtherComponent(autopilot, 101, 30), OtherComponent(autopilot, 191, 18)
         gimbal, other = OtherComponent(autopilot, 154, 26), OtherComponent(autopilot, 68, 0)
         await repeated(3, camera.heartbeat, companion.heartbeat, gimbal.heartbeat, other.heartbeat)
@@ -98,7 +98,7 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(run_simula
         assert kinds(vehicle) == [*found, (154, "gimbal", False), (191, "companion", False)]
         assert all(c.last_heard_unix_s is None for c in vehicle.components.all())
         await asyncio.sleep(1)
-        lost_since_unix_s = world.clock.unix_s() - 1
+        lost_since_unix_s = testbed.clock.unix_s() - 1
         await repeated(LOST_AFTER_S, camera.heartbeat, companion.heartbeat, other.heartbeat)
         (lost,) = [c for c in vehicle.components.all() if c.lost]
         assert (lost.component_id, lost.last_heard_unix_s) == (154, pytest.approx(lost_since_unix_s, abs=0.3))
@@ -119,7 +119,7 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(run_simula
 
 
 def test_the_number_of_components_is_limited(run_simulated):
-    async def scenario(world, autopilot, vehicle):
+    async def scenario(testbed, autopilot, vehicle):
         for component_id in range(2, 256):
             OtherComponent(autopilot, component_id, 0).heartbeat()
             await asyncio.sleep(0.01)
@@ -133,29 +133,29 @@ def test_the_number_of_components_is_limited(run_simulated):
 
 def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle(run_simulated):
     async def run():
-        world = World()
+        testbed = MemoryTestbed()
         try:
-            autopilot = world.autopilot(world.link())
+            autopilot = testbed.autopilot(testbed.link())
             autopilot.alive = False
             impostor, camera = OtherComponent(autopilot, 191, 2), OtherComponent(autopilot, 7, 30)
             autopilot.alive = True
             impostor.heartbeat(autopilot=12)
             camera.heartbeat(autopilot=12)
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await repeated(
                 2, lambda: impostor.heartbeat(autopilot=12), lambda: camera.heartbeat(autopilot=12)
             )
-            assert [v.id for v in world.fleet.all()] == ["1"]
+            assert [v.id for v in testbed.fleet.all()] == ["1"]
             assert vehicle.identity.component_id == 1
             assert kinds(vehicle)[0] == (1, "autopilot", False)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
 
 def test_batteries_and_distances_of_another_component_do_not_replace_the_autopilots(run_simulated):
-    async def scenario(world, autopilot, vehicle):
+    async def scenario(testbed, autopilot, vehicle):
         battery = OtherComponent(autopilot, 180, 36)
         cells = [16000, *[65535] * 9]
         autopilot.send(sim.MAVLink_battery_status_message(0, 0, 0, 0, cells, 100, 0, 0, 80))
@@ -174,8 +174,8 @@ def test_batteries_and_distances_of_another_component_do_not_replace_the_autopil
 
 
 def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
-    async def scenario(world, autopilot, vehicle):
-        station = station_of(world)
+    async def scenario(testbed, autopilot, vehicle):
+        station = station_of(testbed)
         second = OtherComponent(autopilot, 171, 26)
         second.control[171] = (0, 0)
 
@@ -221,11 +221,11 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
             "the first gimbal is still used after 3 s without its attitude"
         )
 
-    run_with_vehicle(run_simulated, scenario, OffboardWorld)
+    run_with_vehicle(run_simulated, scenario, OffboardTestbed)
 
 
 def test_two_devices_of_one_manager_are_distinguished(run_simulated):
-    async def scenario(world, autopilot, vehicle):
+    async def scenario(testbed, autopilot, vehicle):
         gimbals = OtherComponent(autopilot, 1, 2)
         autopilot.handlers.clear()
 
@@ -249,7 +249,7 @@ def test_two_devices_of_one_manager_are_distinguished(run_simulated):
 
 
 def test_no_component_replaces_the_autopilots_gimbal(run_simulated):
-    async def scenario(world, autopilot, vehicle):
+    async def scenario(testbed, autopilot, vehicle):
         impostor = OtherComponent(autopilot, 171, 26)
         impostor.control = {1: (42, 1)}
 
@@ -275,7 +275,7 @@ def test_no_component_replaces_the_autopilots_gimbal(run_simulated):
 
 
 def test_a_picture_is_taken_by_the_connected_camera(run_simulated):
-    async def scenario(world, autopilot, vehicle):
+    async def scenario(testbed, autopilot, vehicle):
         first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, second.heartbeat)
         await vehicle.camera.take_picture()
@@ -291,10 +291,10 @@ def test_a_picture_is_taken_by_the_connected_camera(run_simulated):
 
 
 def test_a_request_chooses_the_camera_by_its_component(run_simulated):
-    async def scenario(world, autopilot, vehicle):
+    async def scenario(testbed, autopilot, vehicle):
         first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, first.heartbeat, second.heartbeat)
-        station = station_of(world)
+        station = station_of(testbed)
         assert json_of(await camera_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
         await camera_routes.picture("1", station, ANNA)
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
@@ -306,11 +306,11 @@ def test_a_request_chooses_the_camera_by_its_component(run_simulated):
             await camera_routes.picture("1", station, ANNA, 102)
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
 
-    run_with_vehicle(run_simulated, scenario, OffboardWorld)
+    run_with_vehicle(run_simulated, scenario, OffboardTestbed)
 
 
 def test_the_error_about_a_missing_camera_names_the_requested_component(run_simulated):
-    async def scenario(world, autopilot, vehicle):
+    async def scenario(testbed, autopilot, vehicle):
         with pytest.raises(NoReply, match="No camera") as refused:
             await vehicle.camera.take_picture()
         assert "component 100" in refused.value.remedy

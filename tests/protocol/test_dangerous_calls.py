@@ -13,7 +13,7 @@ from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInContro
 from tests.protocol.api_calls import journal_lines, station_of
 from tests.protocol.command_numbers import ARM_DISARM
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import OffboardWorld, seconds, stream_request
+from tests.protocol.offboard_testbed import OffboardTestbed, seconds, stream_request
 
 ME, ANNA, BERT, CARLA = (Principal.from_identity(name, name) for name in ("me", "anna", "bert", "carla"))
 HOVER = {"type": "position", "position_ned_m": [0, 0, -5]}
@@ -25,21 +25,21 @@ def setpoint_request(setpoint, **fields):
 
 def run_with_two_equal_ids(run_simulated, scenario):
     async def run():
-        world = OffboardWorld()
+        testbed = OffboardTestbed()
         autopilots = {}
         for number, name in enumerate(("one", "two")):
-            autopilots[name] = world.offboard_autopilot(
-                world.link(name), uid=number + 7, boot_s=900.0 - 50 * number
+            autopilots[name] = testbed.offboard_autopilot(
+                testbed.link(name), uid=number + 7, boot_s=900.0 - 50 * number
             )
             autopilots[name].fly()
         try:
             for vehicle_id in ("1", "1~2"):
-                await world.ready(vehicle_id)
+                await testbed.ready(vehicle_id)
             await seconds(1.5)
-            first, second = (autopilots[world.fleet.get(i).links[0]] for i in ("1", "1~2"))
-            await scenario(world, station_of(world), first, second)
+            first, second = (autopilots[testbed.fleet.get(i).links[0]] for i in ("1", "1~2"))
+            await scenario(testbed, station_of(testbed), first, second)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
@@ -57,7 +57,7 @@ def run_with_two_equal_ids(run_simulated, scenario):
     ],
 )
 def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id, confirm):
-    async def scenario(world, station, first, second):
+    async def scenario(testbed, station, first, second):
         with pytest.raises(InvalidRequest, match="nothing was sent"):
             await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         await seconds(1)
@@ -71,7 +71,7 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id,
 
 @pytest.mark.parametrize("vehicle_id", ["1", "1~2"])
 def test_kill_is_sent_only_to_the_named_vehicle(run_simulated, vehicle_id):
-    async def scenario(world, station, first, second):
+    async def scenario(testbed, station, first, second):
         confirm = f"motors stop, vehicle {vehicle_id} falls"
         await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         named, other = (first, second) if vehicle_id == "1" else (second, first)
@@ -83,7 +83,7 @@ def test_kill_is_sent_only_to_the_named_vehicle(run_simulated, vehicle_id):
 
 
 def test_kill_is_sent_to_a_lost_vehicle(run_simulated):
-    async def scenario(world, station, first, second):
+    async def scenario(testbed, station, first, second):
         first.send_raw = lambda raw: None
         await seconds(4)
         with pytest.raises(Disconnected):
@@ -98,7 +98,7 @@ def test_kill_is_sent_to_a_lost_vehicle(run_simulated):
 
 
 def test_kill_of_an_unknown_vehicle_is_404(run_simulated):
-    async def scenario(world, station, first, second):
+    async def scenario(testbed, station, first, second):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
             await vehicle_routes.kill("3", body, station, ME)
@@ -111,10 +111,10 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(run_simu
     """Vehicle `1~2` has a setpoint stream when the server identifies it as vehicle `1` on another link. The
     id `1~2` is then removed and may be used again."""
 
-    async def scenario(world, station, first, second):
-        merged, kept = world.fleet.get("1~2"), world.fleet.get("1")
+    async def scenario(testbed, station, first, second):
+        merged, kept = testbed.fleet.get("1~2"), testbed.fleet.get("1")
         await merged.offboard.start(stream_request())
-        world.fleet._merge(kept, merged)
+        testbed.fleet._merge(kept, merged)
         sent = len(second.setpoints)
         await seconds(6)
         assert len(second.setpoints) == sent
@@ -129,7 +129,7 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(run_simu
 
 
 def test_a_handover_of_control_journals_both_clients(run_simulated):
-    async def scenario(world, station, first, second):
+    async def scenario(testbed, station, first, second):
         body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         for number in range(30):
@@ -168,7 +168,7 @@ def test_a_handover_of_control_journals_both_clients(run_simulated):
 
 
 def test_hold_by_another_client_ends_the_stream(run_simulated):
-    async def scenario(world, station, first, second):
+    async def scenario(testbed, station, first, second):
         body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         assert first.mode == OFFBOARD
@@ -177,7 +177,7 @@ def test_hold_by_another_client_ends_the_stream(run_simulated):
         sent = len(first.setpoints)
         await seconds(3)
         assert len(first.setpoints) == sent
-        assert "bert" in world.fleet.get("1").offboard.status().ended
+        assert "bert" in testbed.fleet.get("1").offboard.status().ended
 
     run_with_two_equal_ids(run_simulated, scenario)
 
@@ -222,7 +222,7 @@ def test_invalid_rates_are_refused_before_the_stream(bad):
     "position_ned_m", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5], [0, 0, 1100]]
 )
 def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(run_simulated, position_ned_m):
-    async def scenario(world, station, first, second):
+    async def scenario(testbed, station, first, second):
         far = {"type": "position", "position_ned_m": position_ned_m}
         with pytest.raises(Refused, match="at most 1000 m"):
             body = StartRequest.model_validate({"setpoint": far})

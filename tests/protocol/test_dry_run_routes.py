@@ -6,7 +6,7 @@ import json
 from gcs_server.api import control_routes, dry_run_models, dry_run_routes
 from tests.protocol.api_calls import ANNA, BOB, TAKE_BY_FORCE, json_of, run_with_routes
 from tests.protocol.command_numbers import REQUEST_MESSAGE, RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL
-from tests.protocol.offboard_world import seconds
+from tests.protocol.offboard_testbed import seconds
 
 AT_20_M = {"value_m": 20, "reference": "home"}
 POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}

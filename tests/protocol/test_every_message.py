@@ -28,8 +28,7 @@ from gcs_server.telemetry.hub import ALL_TOPICS, EncodedSamples
 from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import OffboardWorld, stream_request
-from tests.simulated_time import run_in_simulated_time
+from tests.protocol.offboard_testbed import OffboardTestbed, stream_request
 
 FLOATS = [math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38, 1e15, 0.0, 1e-45, -1.0]
 DECODED = sorted(
@@ -91,12 +90,12 @@ def payloads_of(msg_id: int, valid_payload: bytes, *, each_field: bool) -> list[
 class OutputChecker:
     """Checks all outputs for two vehicles, step by step on simulated time."""
 
-    def __init__(self, world: OffboardWorld, link: Any) -> None:
-        self.world, self.link = world, link
-        self.invalid, self.other = (world.fleet.get(v) for v in ("1", "2"))
+    def __init__(self, testbed: OffboardTestbed, link: Any) -> None:
+        self.testbed, self.link = testbed, link
+        self.invalid, self.other = (testbed.fleet.get(v) for v in ("1", "2"))
         """The vehicle that sends extreme values, and a vehicle that these values must not affect."""
-        self.encoded = EncodedSamples(world.clock, world.fleet)
-        self.tracks = Tracks(world.fleet, None, world.clock)
+        self.encoded = EncodedSamples(testbed.clock, testbed.fleet)
+        self.tracks = Tracks(testbed.fleet, None, testbed.clock)
         self.seq = itertools.count()
         latest = self.other._state.latest.values()
         self.valid_messages = [(f.msg_id, full_payload(f)) for f in latest if f.msg_id in decoders.FORMATS]
@@ -108,7 +107,7 @@ class OutputChecker:
         self.link.inject(raw, "ab"[system - 1])
 
     def send_valid_messages(self) -> None:
-        self.world.loop.now_s += 0.02
+        self.testbed.loop.now_s += 0.02
         for system, (msg_id, payload) in itertools.product((2, 1), self.valid_messages):
             self.inject(msg_id, payload, system)
 
@@ -120,22 +119,22 @@ class OutputChecker:
         def refuse_constant(name: str) -> None:
             raise AssertionError(f"{name} is not JSON")
 
-        body = json_response([vehicle_view(vehicle) for vehicle in self.world.fleet.all()]).body
+        body = json_response([vehicle_view(vehicle) for vehicle in self.testbed.fleet.all()]).body
         json.dumps(views := json.loads(body, parse_constant=refuse_constant), allow_nan=False)
         return views
 
     def check_all(self) -> None:
-        world, streams = self.world, self.world.streamer._streams
+        testbed, streams = self.testbed, self.testbed.streamer._streams
         assert self.values() == self.expected
         for vehicle in (self.invalid, self.other):
             assert all(
                 b"NaN" not in sample for sample in self.encoded.new_samples(vehicle, sorted(ALL_TOPICS), {})
             )
             vehicle.offboard.available()
-        world.streamer.update_once()
+        testbed.streamer.update_once()
         streams.step()
         assert streams.state("2").phase == "streaming", streams.state("2").last_end
-        now_s = world.loop.time()
+        now_s = testbed.loop.time()
         tracks = self.tracks.update(now_s, 0.03)
         assert list(tracks) == ["1", "2"]
         for mode, track in itertools.product(("chase", "top", "gimbal"), tracks.values()):
@@ -149,13 +148,13 @@ class OutputChecker:
             assert vehicle.isolation.faults == []
             assert not [reason for reason in vehicle.unusable().values() if "could not be decoded" in reason]
         assert self.tracks.isolation.faults == []
-        assert self.world.streamer.faults() == []
+        assert self.testbed.streamer.faults() == []
         assert self.other.unusable() == {}
 
     def ensure_streams(self) -> None:
         """Starts the streams to both vehicles that are idle: invalid messages can end the first vehicle's
         stream by another mode or heartbeat."""
-        streams = self.world.streamer._streams
+        streams = self.testbed.streamer._streams
         for vehicle in (self.invalid, self.other):
             if streams.state(vehicle.id).phase == "idle":
                 snapshot = vehicle.offboard.snapshot()
@@ -167,20 +166,20 @@ class OutputChecker:
 
 def run_with_outputs(scenario: Any) -> None:
     async def run() -> None:
-        world = OffboardWorld()
+        testbed = OffboardTestbed()
         try:
-            link = world.link()
-            autopilots = [world.offboard_autopilot(link, peer="ab"[n], system=n + 1) for n in range(2)]
+            link = testbed.link()
+            autopilots = [testbed.offboard_autopilot(link, peer="ab"[n], system=n + 1) for n in range(2)]
             for autopilot in autopilots:
                 autopilot.fly()
-            await world.ready("1")
-            await world.ready("2")
+            await testbed.ready("1")
+            await testbed.ready("2")
             for autopilot in autopilots:
                 autopilot.mode = autopilot.requested_mode = OFFBOARD
                 autopilot.has_stream = lambda: True
                 autopilot.heartbeat()
                 autopilot.autopilot_version()
-            await world.clock.sleep(0.2)
+            await testbed.clock.sleep(0.2)
             for autopilot in autopilots:
                 autopilot.alive = False
             messages = [
@@ -196,12 +195,12 @@ def run_with_outputs(scenario: Any) -> None:
             for system, message in itertools.product((1, 2), messages):
                 raw = encode_frame(message.get_msgId(), encode_payload(message), 0, system, 1)
                 link.inject(raw, "ab"[system - 1])
-            assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
-            outputs = OutputChecker(world, link)
+            assert [v.status.mode for v in testbed.fleet.all()] == ["offboard", "offboard"]
+            outputs = OutputChecker(testbed, link)
             outputs.ensure_streams()
             scenario(outputs)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_in_simulated_time(run)
 
@@ -218,13 +217,13 @@ def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
             outputs.inject(msg_id, payload, component=component)
             outputs.check_all()
             if n % 25 == 0:
-                outputs.world.fleet.tick()
-        outputs.world.fleet.tick()
+                outputs.testbed.fleet.tick()
+        outputs.testbed.fleet.tick()
         for vehicle in (outputs.invalid, outputs.other):
             pieces = list(history_pieces(vehicle, vehicle.history(tuple(TOPICS), 0.0)))
             history_body = json_response(history_view(pieces)).body
             assert len(json.loads(history_body)["samples"]) > 10
-        outputs.world.fleet.warnings()
+        outputs.testbed.fleet.warnings()
         outputs.check_no_faults()
 
     run_with_outputs(scenario)
@@ -238,7 +237,7 @@ def test_undecoded_messages_affect_no_other_vehicle():
             for payload in payloads_of(msg_id, bytes(LAYOUTS[msg_id].unpacker.size), each_field=False):
                 outputs.inject(msg_id, payload)
             outputs.check_all()
-        outputs.world.fleet.tick()
+        outputs.testbed.fleet.tick()
         outputs.check_no_faults()
 
     run_with_outputs(scenario)

@@ -24,8 +24,8 @@ from missions.setpoints import (
     Velocity,
     VelocityBody,
 )
-from tests.protocol.offboard_world import offboard_event_codes, seconds
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.offboard_testbed import offboard_event_codes, seconds
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 
@@ -34,13 +34,13 @@ def run_with_vehicle(run_simulated, scenario, alt_home_m=8.0):
     """Runs a test that begins with one vehicle in Hold at this altitude above home."""
 
     async def run():
-        world = SimulatedWorld(sim=hovering(Station, alt_home_m).sim)
+        testbed = SimulatedTestbed(sim=hovering(Station, alt_home_m).sim)
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await until(lambda: vehicle.status.mode == "hold" and vehicle.topic("home"), 10)
-            await scenario(world, vehicle)
+            await scenario(testbed, vehicle)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
@@ -73,7 +73,7 @@ def distance_m(vehicle, position_ned_m):
 
 @pytest.mark.story
 def test_position_velocity_and_acceleration_setpoints_are_flown(run_simulated):
-    async def scenario(world, vehicle):
+    async def scenario(testbed, vehicle):
         started = await vehicle.offboard.start(stream_request(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
         assert started.ordered_type == "position"
         await seconds(6)
@@ -128,7 +128,7 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(run_simulated):
 
 @pytest.mark.story
 def test_attitude_and_rates_setpoints_are_flown_and_expire(run_simulated):
-    async def scenario(world, vehicle):
+    async def scenario(testbed, vehicle):
         thrust = 0.49
         await vehicle.offboard.start(stream_request(Position((0.0, 0.0, -12.0), yaw_ned_rad=0.0)))
         await fly(vehicle, Attitude(q_from_euler(math.radians(6), 0.0, 0.0), thrust), 1.5)
@@ -156,8 +156,8 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(run_simulated)
     """The simulator accepts these setpoints only by its internal interface. While the vehicle follows them,
     the server detects that another program uses Offboard, and sends nothing."""
 
-    async def scenario(world, vehicle):
-        offboard = world.sim.autopilots[0].offboard
+    async def scenario(testbed, vehicle):
+        offboard = testbed.sim.autopilots[0].offboard
 
         async def stream(work, duration_s):
             for _ in range(int(duration_s / 0.02)):
@@ -185,7 +185,7 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(run_simulated)
 
 
 def test_a_path_is_flown_to_its_end_without_further_messages_of_the_client(run_simulated):
-    async def scenario(world, vehicle):
+    async def scenario(testbed, vehicle):
         begin = local(vehicle).position_ned_m
         corners = ((0, 0), (6, 0), (6, 6), (0, 6), (0, 0))
         points = tuple(
@@ -218,7 +218,7 @@ def test_a_path_is_flown_to_its_end_without_further_messages_of_the_client(run_s
 
 @pytest.mark.story
 def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(run_simulated):
-    async def scenario(world, vehicle):
+    async def scenario(testbed, vehicle):
         home = vehicle.topic("home").value
         await vehicle.offboard.operator_limits.set(
             OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0), by="test"
@@ -259,14 +259,14 @@ def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(run_simulated
 @pytest.mark.story
 def test_one_vehicle_follows_another_until_the_other_is_lost(run_simulated):
     async def run():
-        world = SimulatedWorld(2)
+        testbed = SimulatedTestbed(2)
         try:
-            await follow(world)
+            await follow(testbed)
         finally:
-            await world.close()
+            await testbed.close()
 
-    async def follow(world):
-        leader, follower = await world.take_off("1", 8), await world.take_off("2", 11)
+    async def follow(testbed):
+        leader, follower = await testbed.take_off("1", 8), await testbed.take_off("2", 11)
         await leader.offboard.start(stream_request(Velocity((0.0, 0.0, 0.0), yaw_ned_rad=0.0)))
         beside = Follow("1", offset_ned_m=(0.0, 4.0, -3.0), yaw="same")
         await follower.offboard.start(stream_request(beside, valid_for_s=300, hold_for_s=2.0))
@@ -286,7 +286,7 @@ def test_one_vehicle_follows_another_until_the_other_is_lost(run_simulated):
         assert (north, east) == pytest.approx((0.0, 4.0), abs=1.3)
         assert follower_position.alt_amsl_m - leader_position.alt_amsl_m == pytest.approx(3.0, abs=0.8)
         assert attitude(follower).yaw_ned_rad == pytest.approx(0.5, abs=0.15)
-        world.sim.set_link_up(0, "gcs", False)
+        testbed.sim.set_link_up(0, "gcs", False)
         await seconds(2.5)
         assert "leader_lost" in offboard_event_codes(follower)
         assert follower.offboard.status().state in ("holding", "to_hold", "idle")

@@ -15,8 +15,8 @@ from gcs_server.vehicle.population import (
     MAX_WITH_SAME_ID,
     REMOVABLE_AFTER_S,
 )
-from tests.protocol.memory_world import run_test
-from tests.protocol.offboard_world import OffboardWorld, stream_request
+from tests.protocol.memory_testbed import run_test
+from tests.protocol.offboard_testbed import OffboardTestbed, stream_request
 
 HEARTBEAT = encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
 
@@ -26,8 +26,8 @@ def send_heartbeat(link, system, peer):
 
 
 def test_many_sources_with_one_system_id_are_limited_and_reported(run_simulated):
-    async def scenario(world):
-        link = world.link()
+    async def scenario(testbed):
+        link = testbed.link()
         tracemalloc.start()
         for _ in range(10):
             for n in range(200):
@@ -35,100 +35,100 @@ def test_many_sources_with_one_system_id_are_limited_and_reported(run_simulated)
             await asyncio.sleep(1.0)
         growth_bytes = tracemalloc.get_traced_memory()[0]
         tracemalloc.stop()
-        assert len(world.fleet.all()) == MAX_WITH_SAME_ID
+        assert len(testbed.fleet.all()) == MAX_WITH_SAME_ID
         assert growth_bytes < 10e6, f"{growth_bytes / 1e6:.1f} MB"
-        (warning,) = [found for found in world.fleet.warnings() if found.kind == "too_many"]
+        (warning,) = [found for found in testbed.fleet.warnings() if found.kind == "too_many"]
         assert (warning.link, "system id 9" in warning.text) == ("memory", True)
-        assert len([event for event in world.fleet.events.since() if event.kind == "warning"]) == 1, (
+        assert len([event for event in testbed.fleet.events.since() if event.kind == "warning"]) == 1, (
             "the warning was not reported exactly once"
         )
         await asyncio.sleep(70.0)
-        assert not [found for found in world.fleet.warnings() if found.kind == "too_many"], (
+        assert not [found for found in testbed.fleet.warnings() if found.kind == "too_many"], (
             "the warning is still shown"
         )
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)
 
 
 @pytest.mark.story
 def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(run_simulated):
-    async def scenario(world):
-        links = [world.link(name) for name in ("a", "b")]
-        autopilot = world.offboard_autopilot(links[0], peer="real")
+    async def scenario(testbed):
+        links = [testbed.link(name) for name in ("a", "b")]
+        autopilot = testbed.offboard_autopilot(links[0], peer="real")
         autopilot.fly()
-        real = await world.ready()
+        real = await testbed.ready()
         autopilot.alive = False  # the vehicle is silent, and may return on any link
         for _ in range(2):
             for n, link in enumerate(links):
                 for system in range(2 + 120 * n, 2 + 120 * (n + 1)):
                     send_heartbeat(link, system, f"10.0.0.2:{system}")
             await asyncio.sleep(REMOVABLE_AFTER_S + 5.0)
-        assert len(world.fleet.all()) == MAX_VEHICLES
-        assert world.fleet.get("1") is real
+        assert len(testbed.fleet.all()) == MAX_VEHICLES
+        assert testbed.fleet.get("1") is real
         autopilot.alive = True
         await asyncio.sleep(4.0)
         assert not real.status.link_lost
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)
 
 
 @pytest.mark.story
 def test_a_new_vehicle_replaces_a_fake_vehicle_that_stopped_sending(run_simulated):
-    async def scenario(world):
-        link = world.link()
+    async def scenario(testbed):
+        link = testbed.link()
         for system in range(2, 255):
             send_heartbeat(link, system, f"10.0.0.2:{system}")
         await asyncio.sleep(3.0)
-        assert len(world.fleet.all()) == MAX_VEHICLES_ON_LINK
-        world.autopilot(link, peer="real", system=1)
+        assert len(testbed.fleet.all()) == MAX_VEHICLES_ON_LINK
+        testbed.autopilot(link, peer="real", system=1)
         await asyncio.sleep(10.0)
-        assert "1" not in [vehicle.id for vehicle in world.fleet.all()], (
+        assert "1" not in [vehicle.id for vehicle in testbed.fleet.all()], (
             "the new vehicle replaced a connected vehicle"
         )
         await asyncio.sleep(REMOVABLE_AFTER_S)
-        assert (await world.ready()).id == "1"
-        assert len(world.fleet.all()) <= MAX_VEHICLES_ON_LINK
+        assert (await testbed.ready()).id == "1"
+        assert len(testbed.fleet.all()) <= MAX_VEHICLES_ON_LINK
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)
 
 
 def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_vehicle(run_simulated):
-    async def scenario(world):
-        world.fleet.on_vehicle_removed(world.streamer.detach)
-        link = world.link()
-        autopilot = world.offboard_autopilot(link)
+    async def scenario(testbed):
+        testbed.fleet.on_vehicle_removed(testbed.streamer.detach)
+        link = testbed.link()
+        autopilot = testbed.offboard_autopilot(link)
         autopilot.fly()
-        vehicle = await world.ready()
+        vehicle = await testbed.ready()
         with pytest.raises(Refused, match="is connected"):
-            world.fleet.remove("1", "test")
+            testbed.fleet.remove("1", "test")
         await vehicle.offboard.start(stream_request(valid_for_s=600.0))
         autopilot.alive = False
         await asyncio.sleep(3.6)
         with pytest.raises(Refused, match="streamed"):
-            world.fleet.remove("1", "test")
+            testbed.fleet.remove("1", "test")
         await asyncio.sleep(15.0)  # the stream has ended
-        world.fleet.remove("1", "test")
-        assert world.fleet.all() == []
-        assert world.fleet.events.since()[-1].text == "Vehicle 1 was removed: test removed it"
+        testbed.fleet.remove("1", "test")
+        assert testbed.fleet.all() == []
+        assert testbed.fleet.events.since()[-1].text == "Vehicle 1 was removed: test removed it"
         with pytest.raises(UnknownVehicle):
-            world.streamer._find("1")
+            testbed.streamer._find("1")
         autopilot.alive = True
-        returned = await world.ready()
+        returned = await testbed.ready()
         assert returned is not vehicle
         await returned.offboard.start(stream_request(valid_for_s=60.0))
         assert returned.status.mode == "offboard"
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)
 
 
 def test_equal_system_ids_give_one_warning(run_simulated):
-    async def scenario(world):
-        link = world.link()
+    async def scenario(testbed):
+        link = testbed.link()
         for second in range(60):
             for n in range(MAX_WITH_SAME_ID):
                 if second > 8 * n:
                     send_heartbeat(link, 9, f"10.0.0.1:{n}")
             await asyncio.sleep(1.0)
-        assert [len(vehicle.identity.warnings) for vehicle in world.fleet.all()] == [1] * MAX_WITH_SAME_ID
+        assert [len(vehicle.identity.warnings) for vehicle in testbed.fleet.all()] == [1] * MAX_WITH_SAME_ID
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)

@@ -8,7 +8,7 @@ from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import NotInControl, Refused
 from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, TAKE_BY_FORCE, run_with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
-from tests.protocol.offboard_world import POSITION, assert_silent, mode_requests, seconds
+from tests.protocol.offboard_testbed import POSITION, assert_silent, mode_requests, seconds
 from vehicle_sim.mavlink import generated_dialect as sim
 
 HOVER = {"type": "position", "position_ned_m": [0, 0, -5]}

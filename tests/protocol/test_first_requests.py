@@ -7,7 +7,7 @@ import pytest
 
 from gcs_server.telemetry.hub import EncodedSamples
 from tests.protocol.command_numbers import REQUEST_MESSAGE
-from tests.protocol.memory_world import run_test
+from tests.protocol.memory_testbed import run_test
 from vehicle_sim.mavlink import generated_dialect as sim
 
 INFORMATION, VERSION = 280, 148
@@ -41,10 +41,10 @@ def reply_with_limits(autopilot, lost=0):
 
 
 def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(run_simulated):
-    async def scenario(world):
-        autopilot = world.autopilot(world.link())
+    async def scenario(testbed):
+        autopilot = testbed.autopilot(testbed.link())
         reply_with_limits(autopilot, lost=2)
-        vehicle = await world.ready()
+        vehicle = await testbed.ready()
         autopilot.gimbal_attitude()
         await asyncio.sleep(4)
         assert requests_for(autopilot, INFORMATION) == 3
@@ -65,10 +65,10 @@ def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(
 def test_gimbal_limits_are_requested_from_px4_always_and_from_other_autopilots_if_they_have_a_gimbal_manager(
     run_simulated, autopilot_type, gimbal, times
 ):
-    async def scenario(world):
-        autopilot = world.autopilot(world.link())
+    async def scenario(testbed):
+        autopilot = testbed.autopilot(testbed.link())
         autopilot.autopilot_type, autopilot.has_gimbal = autopilot_type, gimbal
-        await world.ready()
+        await testbed.ready()
         await asyncio.sleep(30)
         assert requests_for(autopilot, INFORMATION) == times
 
@@ -78,19 +78,19 @@ def test_gimbal_limits_are_requested_from_px4_always_and_from_other_autopilots_i
 def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_unknown_before_its_reply(
     run_simulated,
 ):
-    async def scenario(world):
-        autopilot = world.autopilot(world.link())
+    async def scenario(testbed):
+        autopilot = testbed.autopilot(testbed.link())
         autopilot.sends_version = False
         received = []
-        world.fleet.on_vehicle_added(
+        testbed.fleet.on_vehicle_added(
             lambda v: received.append((v.identity.simulated, requests_for(autopilot, VERSION)))
         )
-        vehicle = await world.ready()
+        vehicle = await testbed.ready()
         assert received[0][0] is None
         first = next(m for m in autopilot.received if m.get_type() == "COMMAND_LONG")
         assert int(first.param1) == VERSION
         assert vehicle.identity.simulated is None
-        topics = EncodedSamples(world.clock, world.fleet)
+        topics = EncodedSamples(testbed.clock, testbed.fleet)
         sent_versions = {}
         (first_json,) = topics.new_samples(vehicle, ["identity"], sent_versions)
         assert b'"simulated":null' in first_json
@@ -107,15 +107,15 @@ def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_
 
 @pytest.mark.parametrize(("autopilot_type", "simulated"), [(12, False), (3, None)])
 def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(run_simulated, autopilot_type, simulated):
-    async def scenario(world):
-        autopilot = world.autopilot(world.link(), uid=0x1122)
+    async def scenario(testbed):
+        autopilot = testbed.autopilot(testbed.link(), uid=0x1122)
         autopilot.autopilot_type = autopilot_type
         autopilot.autopilot_version = lambda: autopilot.send(
             sim.MAVLink_autopilot_version_message(
                 1, 0x011000FF, 0, 0, 56, [0] * 8, [0] * 8, [0] * 8, 0x26AC, 0x11, 0x1122, [0] * 18
             )
         )
-        vehicle = await world.ready()
+        vehicle = await testbed.ready()
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.simulated is simulated
 

@@ -7,39 +7,39 @@ import pytest
 from gcs_server.errors import InvalidRequest, Refused, UnknownLink, UnknownVehicle
 from tests.protocol.command_numbers import ARM_DISARM, REQUEST_MESSAGE, SET_MESSAGE_INTERVAL
 from tests.protocol.fake_autopilot import TAKEOFF
-from tests.protocol.memory_world import World, run_test
+from tests.protocol.memory_testbed import MemoryTestbed, run_test
 from vehicle_sim.mavlink import generated_dialect as sim
 
 HARDWARE_A, HARDWARE_B = 0x0011223344556677, 0x0011223344556688
 
 
-def ids(world):
-    return [v.id for v in world.fleet.all()]
+def ids(testbed):
+    return [v.id for v in testbed.fleet.all()]
 
 
 def test_a_simulator_is_identified_by_its_uid(run_simulated):
-    async def scenario(world):
-        autopilot = world.autopilot(world.link())
-        vehicle = await world.ready()
+    async def scenario(testbed):
+        autopilot = testbed.autopilot(testbed.link())
+        vehicle = await testbed.ready()
         assert (vehicle.identity.simulated, vehicle.identity.replayed) == (True, False)
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.uid == "4954414c44494e4f"
         assert len(autopilot.commands(REQUEST_MESSAGE)) >= 1
         with pytest.raises(UnknownVehicle):
-            world.fleet.get("9")
+            testbed.fleet.get("9")
 
     run_test(run_simulated, scenario)
 
 
 def test_several_vehicles_share_a_link(run_simulated):
-    async def scenario(world):
-        link = world.link()
-        autopilots = [world.autopilot(link, peer=f"127.0.0.1:{18570 + n}", system=n + 1) for n in range(3)]
-        await world.ready("3")
-        assert ids(world) == ["1", "2", "3"]
-        await world.fleet.get("2").command.arm()
+    async def scenario(testbed):
+        link = testbed.link()
+        autopilots = [testbed.autopilot(link, peer=f"127.0.0.1:{18570 + n}", system=n + 1) for n in range(3)]
+        await testbed.ready("3")
+        assert ids(testbed) == ["1", "2", "3"]
+        await testbed.fleet.get("2").command.arm()
         assert [p.armed for p in autopilots] == [False, True, False]
-        assert world.fleet.warnings() == []
+        assert testbed.fleet.warnings() == []
 
     run_test(run_simulated, scenario)
 
@@ -48,14 +48,14 @@ def test_several_vehicles_share_a_link(run_simulated):
     ("first", "second"), [(HARDWARE_A, HARDWARE_B), (0x4954414C44494E4F, 0x4954414C44494E4F), (0, 0)]
 )
 def test_two_peers_with_the_same_system_id_are_two_vehicles(run_simulated, first, second):
-    async def scenario(world):
-        link = world.link()
-        first_autopilot = world.autopilot(link, peer="a", uid=first)
-        await world.ready("1")
-        second_autopilot = world.autopilot(link, peer="b", uid=second, boot_s=500.0)
+    async def scenario(testbed):
+        link = testbed.link()
+        first_autopilot = testbed.autopilot(link, peer="a", uid=first)
+        await testbed.ready("1")
+        second_autopilot = testbed.autopilot(link, peer="b", uid=second, boot_s=500.0)
         second_autopilot.position[2] = 600.0
-        other = await world.ready("1~2")
-        vehicle = world.fleet.get("1")
+        other = await testbed.ready("1~2")
+        vehicle = testbed.fleet.get("1")
         for _ in range(20):
             await asyncio.sleep(0.1)
             assert vehicle.topic("global_position").value.alt_amsl_m == pytest.approx(489.0)
@@ -63,21 +63,21 @@ def test_two_peers_with_the_same_system_id_are_two_vehicles(run_simulated, first
         await other.command.arm()
         assert (first_autopilot.armed, second_autopilot.armed) == (False, True)
         assert "system id 1" in vehicle.identity.warnings[0]
-        assert {n.vehicle for n in world.fleet.warnings()} == {"1", "1~2"}
+        assert {n.vehicle for n in testbed.fleet.warnings()} == {"1", "1~2"}
 
     run_test(run_simulated, scenario)
 
 
 def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(run_simulated):
-    async def scenario(world):
-        cable, radio = world.link("cable"), world.link("radio")
-        world.autopilot(cable, uid=HARDWARE_A)
-        second = world.autopilot(radio, uid=HARDWARE_A)
-        vehicle = await world.ready()
+    async def scenario(testbed):
+        cable, radio = testbed.link("cable"), testbed.link("radio")
+        testbed.autopilot(cable, uid=HARDWARE_A)
+        second = testbed.autopilot(radio, uid=HARDWARE_A)
+        vehicle = await testbed.ready()
         await asyncio.sleep(5)
-        assert ids(world) == ["1"]
+        assert ids(testbed) == ["1"]
         assert set(vehicle.links) == {"cable", "radio"}
-        await world.router.remove_link("cable")
+        await testbed.router.remove_link("cable")
         await vehicle.command.arm()
         assert second.armed
         assert not vehicle.status.link_lost
@@ -87,72 +87,72 @@ def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(run_simulat
 
 @pytest.mark.parametrize(("other_boot_s", "expected"), [(900.2, ["1"]), (700.0, ["1", "1~2"])])
 def test_simulators_on_two_links_are_distinguished_by_their_boot_time(run_simulated, other_boot_s, expected):
-    async def scenario(world):
-        world.autopilot(world.link("gcs"))
-        await world.ready()
-        world.autopilot(world.link("api"), boot_s=other_boot_s)
+    async def scenario(testbed):
+        testbed.autopilot(testbed.link("gcs"))
+        await testbed.ready()
+        testbed.autopilot(testbed.link("api"), boot_s=other_boot_s)
         await asyncio.sleep(6)
-        assert ids(world) == expected
+        assert ids(testbed) == expected
 
     run_test(run_simulated, scenario)
 
 
 def test_one_vehicle_on_two_links_is_shown_twice_until_its_uid_is_known(run_simulated):
-    async def scenario(world):
-        first = world.autopilot(world.link("a"), uid=HARDWARE_A)
-        second = world.autopilot(world.link("b"), uid=HARDWARE_A)
+    async def scenario(testbed):
+        first = testbed.autopilot(testbed.link("a"), uid=HARDWARE_A)
+        second = testbed.autopilot(testbed.link("b"), uid=HARDWARE_A)
         for autopilot in (first, second):
             autopilot.sends_version = autopilot.has_position = False
         await asyncio.sleep(8)
-        assert ids(world) == ["1", "1~2"]
+        assert ids(testbed) == ["1", "1~2"]
         first.sends_version = second.sends_version = True
         await asyncio.sleep(65)
-        assert ids(world) == ["1"]
-        assert world.fleet.get("1").identity.warnings == ()
-        assert any(e.kind == "vehicle_removed" for e in world.fleet.events.since())
+        assert ids(testbed) == ["1"]
+        assert testbed.fleet.get("1").identity.warnings == ()
+        assert any(e.kind == "vehicle_removed" for e in testbed.fleet.events.since())
 
     run_test(run_simulated, scenario)
 
 
 def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(run_simulated):
-    async def scenario(world):
-        link = world.link()
-        first = world.autopilot(link, peer="a")
-        await world.ready()
+    async def scenario(testbed):
+        link = testbed.link()
+        first = testbed.autopilot(link, peer="a")
+        await testbed.ready()
         first.alive = False
         await asyncio.sleep(6)
-        assert world.fleet.get("1").status.link_lost
-        returned = world.autopilot(link, peer="b", boot_s=1010.0)
+        assert testbed.fleet.get("1").status.link_lost
+        returned = testbed.autopilot(link, peer="b", boot_s=1010.0)
         await asyncio.sleep(5)
-        assert ids(world) == ["1"]
-        await world.fleet.get("1").command.arm()
+        assert ids(testbed) == ["1"]
+        await testbed.fleet.get("1").command.arm()
         assert returned.armed
 
     run_test(run_simulated, scenario)
 
 
 def test_other_stations_and_companions_are_not_vehicles(run_simulated):
-    async def scenario(world):
-        link = world.link()
-        autopilot = world.autopilot(link)
-        vehicle = await world.ready()
+    async def scenario(testbed):
+        link = testbed.link()
+        autopilot = testbed.autopilot(link)
+        vehicle = await testbed.ready()
         for system, component in ((255, 190), (245, 191), (1, 191)):
             mav = sim.MAVLink(None, srcSystem=system, srcComponent=component)
             link.inject(sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "other")
             link.inject(sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "peer")
-        assert ids(world) == ["1"]
+        assert ids(testbed) == ["1"]
         assert vehicle.status.custom_mode == autopilot.mode
 
     run_test(run_simulated, scenario)
 
 
 def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_commands(run_simulated):
-    async def scenario(world):
-        world.autopilot(world.link())
-        await world.ready()
-        replay = world.link("tape", replay=True)
-        world.autopilot(replay)
-        vehicle = await world.ready("1~2")
+    async def scenario(testbed):
+        testbed.autopilot(testbed.link())
+        await testbed.ready()
+        replay = testbed.link("tape", replay=True)
+        testbed.autopilot(replay)
+        vehicle = await testbed.ready("1~2")
         assert (vehicle.identity.replayed, vehicle.identity.warnings) == (True, ())
         for call in (
             vehicle.command.arm(),
@@ -164,17 +164,17 @@ def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_command
                 await call
         assert not vehicle.send(sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
         assert replay.sent == []
-        await world.router.remove_link("tape")
-        assert ids(world) == ["1"]
+        await testbed.router.remove_link("tape")
+        assert ids(testbed) == ["1"]
 
     run_test(run_simulated, scenario)
 
 
 def test_heartbeats_are_sent_once_a_second_to_every_peer(run_simulated):
-    async def scenario(world):
-        link = world.link()
-        autopilots = [world.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
-        await world.ready("2")
+    async def scenario(testbed):
+        link = testbed.link()
+        autopilots = [testbed.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
+        await testbed.ready("2")
         before = [sum(m.get_type() == "HEARTBEAT" for m in p.received) for p in autopilots]
         await asyncio.sleep(10)
         after = [sum(m.get_type() == "HEARTBEAT" for m in p.received) for p in autopilots]
@@ -185,13 +185,13 @@ def test_heartbeats_are_sent_once_a_second_to_every_peer(run_simulated):
             seqs = [m.get_seq() for m in autopilot.received]
             assert seqs == [(seqs[0] + i) % 256 for i in range(len(seqs))]
 
-    run_test(run_simulated, scenario, lambda: World(system_id=42))
+    run_test(run_simulated, scenario, lambda: MemoryTestbed(system_id=42))
 
 
 def test_stream_rates_are_not_changed(run_simulated):
-    async def scenario(world):
-        autopilot = world.autopilot(world.link())
-        await world.ready()
+    async def scenario(testbed):
+        autopilot = testbed.autopilot(testbed.link())
+        await testbed.ready()
         await asyncio.sleep(30)
         assert autopilot.commands(SET_MESSAGE_INTERVAL) == []
         assert not [m for m in autopilot.received if m.get_type() == "REQUEST_DATA_STREAM"]
@@ -200,13 +200,13 @@ def test_stream_rates_are_not_changed(run_simulated):
 
 
 def test_another_station_gets_all_messages_and_reaches_its_target(run_simulated):
-    async def scenario(world):
-        link = world.link()
-        autopilots = [world.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
-        station = world.link("qgc", forward=True)
+    async def scenario(testbed):
+        link = testbed.link()
+        autopilots = [testbed.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
+        station = testbed.link("qgc", forward=True)
         qgc = sim.MAVLink(None, srcSystem=255, srcComponent=190)
         station.inject(sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(qgc), "qgc")
-        await world.ready("2")
+        await testbed.ready("2")
         system_ids = {system_id_of(data) for data, _ in station.sent}
         assert system_ids == {1, 2}
         before = [len(p.commands(ARM_DISARM)) for p in autopilots]
@@ -219,7 +219,7 @@ def test_another_station_gets_all_messages_and_reaches_its_target(run_simulated)
         station.inject(sim.MAVLink_ping_message(1, 2, 0, 0).pack(fake), "qgc")
         await asyncio.sleep(0.02)
         assert not [m for p in autopilots for m in p.received if m.get_type() == "PING"]
-        assert ids(world) == ["1", "2"]
+        assert ids(testbed) == ["1", "2"]
 
     run_test(run_simulated, scenario)
 
@@ -229,22 +229,22 @@ def system_id_of(data):
 
 
 def test_links_are_added_and_removed_by_name(run_simulated):
-    async def scenario(world):
-        world.link("one")
+    async def scenario(testbed):
+        testbed.link("one")
         with pytest.raises(InvalidRequest, match="already"):
-            world.link("one")
+            testbed.link("one")
         with pytest.raises(UnknownLink):
-            await world.router.remove_link("two")
-        await world.router.remove_link("one")
-        assert world.router.links() == []
+            await testbed.router.remove_link("two")
+        await testbed.router.remove_link("one")
+        assert testbed.router.links() == []
 
     run_test(run_simulated, scenario)
 
 
 def test_each_text_event_and_mode_change_is_reported_once(run_simulated):
-    async def scenario(world):
-        autopilot = world.autopilot(world.link())
-        vehicle = await world.ready()
+    async def scenario(testbed):
+        autopilot = testbed.autopilot(testbed.link())
+        vehicle = await testbed.ready()
         start = vehicle.events.last_index
         autopilot.text("A text without an event", 4)
         autopilot.text("x" * 60 + " end", 6, 9)
@@ -271,25 +271,25 @@ def test_each_text_event_and_mode_change_is_reported_once(run_simulated):
 
 
 def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(run_simulated):
-    async def scenario(world):
-        world.autopilot(world.link())
-        vehicle = await world.ready()
+    async def scenario(testbed):
+        testbed.autopilot(testbed.link())
+        vehicle = await testbed.ready()
         await asyncio.sleep(20)
-        samples = vehicle.history(("global_position",), world.clock.unix_s() - 10)
+        samples = vehicle.history(("global_position",), testbed.clock.unix_s() - 10)
         assert len(samples) == pytest.approx(40, abs=3)
         times = [s.received_unix_s for s in samples]
         assert times == sorted(times)
         await asyncio.sleep(400)
         oldest = vehicle.history(("global_position", "status"), 0)[0]
-        assert world.clock.unix_s() - oldest.received_unix_s == pytest.approx(300, abs=2)
+        assert testbed.clock.unix_s() - oldest.received_unix_s == pytest.approx(300, abs=2)
 
     run_test(run_simulated, scenario)
 
 
 def test_a_topic_is_decoded_once_for_each_message(run_simulated):
-    async def scenario(world):
-        world.autopilot(world.link())
-        vehicle = await world.ready()
+    async def scenario(testbed):
+        testbed.autopilot(testbed.link())
+        vehicle = await testbed.ready()
         assert vehicle.topic("home") is vehicle.topic("home")
         assert vehicle.topic("battery") is None
         with pytest.raises(KeyError):

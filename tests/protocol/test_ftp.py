@@ -9,7 +9,7 @@ import pytest
 from gcs_server.errors import Disconnected, NoReply
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpError, FtpFailed
-from tests.protocol.memory_world import World
+from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, PARAMETERS, crc32
 
@@ -19,23 +19,23 @@ _header = struct.Struct("<HBBBBBBI")
 
 def run_ftp(run_simulated, work, *, loss=0.0, seed=0):
     async def run():
-        world = World()
-        autopilot = SimulatedAutopilot(world.link())
+        testbed = MemoryTestbed()
+        autopilot = SimulatedAutopilot(testbed.link())
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             autopilot.loss = loss
             autopilot.random.seed(seed)
-            await work(world, FtpService(vehicle), autopilot, vehicle)
+            await work(testbed, FtpService(vehicle), autopilot, vehicle)
         finally:
             autopilot.alive = False
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
 def test_a_file_is_read_completely_at_any_packet_loss(run_simulated, loss, seed):
-    async def work(world, ftp, autopilot, _):
+    async def work(testbed, ftp, autopilot, _):
         reports = []
         content = await ftp.read(PARAMETERS, progress=lambda *p: reports.append(p))
         assert crc32(content) == crc32(BUILT_IN[PARAMETERS]())
@@ -49,7 +49,7 @@ def test_a_file_is_read_completely_at_any_packet_loss(run_simulated, loss, seed)
 
 
 def test_each_refusal_has_its_reason_and_leaves_no_session_open(run_simulated):
-    async def work(world, ftp, autopilot, _):
+    async def work(testbed, ftp, autopilot, _):
         for path, error, text in (
             ("nothing/here.txt", FtpError.FILE_NOT_FOUND, "there is no such file"),
             ("etc", FtpError.FAIL_ERRNO, "Is a directory"),
@@ -69,7 +69,7 @@ def test_each_refusal_has_its_reason_and_leaves_no_session_open(run_simulated):
 
 
 def test_a_session_left_open_by_an_earlier_run_is_closed_first(run_simulated):
-    async def work(world, ftp, autopilot, vehicle):
+    async def work(testbed, ftp, autopilot, vehicle):
         before = FtpService(vehicle)
         reading = asyncio.ensure_future(before._open(PARAMETERS))
         await reading  # the earlier server was killed after this request
@@ -81,7 +81,7 @@ def test_a_session_left_open_by_an_earlier_run_is_closed_first(run_simulated):
 def test_a_repeated_request_has_the_same_number(run_simulated):
     """By the number, the vehicle detects a repeated request, and repeats its reply instead of the action."""
 
-    async def work(world, ftp, autopilot, _):
+    async def work(testbed, ftp, autopilot, _):
         await ftp.read(PARAMETERS)
         sent = [
             _header.unpack_from(f[13:-2].ljust(12, b"\0"))
@@ -97,7 +97,7 @@ def test_a_repeated_request_has_the_same_number(run_simulated):
 
 
 def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(run_simulated):
-    async def work(world, ftp, autopilot, vehicle):
+    async def work(testbed, ftp, autopilot, vehicle):
         requests = asyncio.gather(ftp.read(PARAMETERS), ftp.list("etc/extras"))
         await asyncio.sleep(0.1)
         assert not requests.done()
@@ -105,24 +105,24 @@ def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(run_simulat
         assert content
         assert entries
         autopilot.loss = 1.0
-        began = world.loop.time()
+        began = testbed.loop.time()
         reading = asyncio.ensure_future(ftp.read(PARAMETERS))
         with pytest.raises(Disconnected):
             await reading
-        assert world.loop.time() - began < 6
+        assert testbed.loop.time() - began < 6
 
     run_ftp(run_simulated, work)
 
 
 def test_a_vehicle_that_does_not_reply_is_reported_at_the_deadline(run_simulated):
     async def run():
-        world = World()
-        world.autopilot(world.link())  # a vehicle without FTP
+        testbed = MemoryTestbed()
+        testbed.autopilot(testbed.link())  # a vehicle without FTP
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             with pytest.raises(NoReply, match="did not answer: listing"):
                 await FtpService(vehicle).list("/")
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)

@@ -11,7 +11,7 @@ from gcs_server.errors import NotTogether, Refused
 from gcs_server.streamer.groups.checks import GroupChecks
 from tests.protocol.api_calls import json_of
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
-from tests.protocol.group_world import (
+from tests.protocol.group_testbed import (
     ALL_NORTH,
     ANNA,
     BOB,
@@ -22,7 +22,7 @@ from tests.protocol.group_world import (
     setpoints_request,
     start_group,
 )
-from tests.protocol.offboard_world import POSITION, mode_requests, seconds
+from tests.protocol.offboard_testbed import POSITION, mode_requests, seconds
 
 
 def during_prediction(monkeypatch, number, work):

@@ -14,7 +14,7 @@ from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from tests.protocol.api_calls import json_of, station_of
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
-from tests.protocol.group_world import (
+from tests.protocol.group_testbed import (
     ALL_NORTH,
     ANNA,
     METRES_PER_DEGREE,
@@ -28,8 +28,8 @@ from tests.protocol.group_world import (
     start_group,
     velocity,
 )
-from tests.protocol.offboard_world import POSITION, seconds
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.offboard_testbed import POSITION, seconds
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 
 
 def test_setpoints_of_several_vehicles_change_together_and_expire_together(run_simulated):
@@ -147,7 +147,7 @@ def test_a_server_shutdown_puts_a_group_into_hold_without_findings(run_simulated
     async def scenario(rig):
         await start_group(rig, ALL_NORTH)
         await seconds(1)
-        stopped = await rig.world.streamer.stop_all()
+        stopped = await rig.testbed.streamer.stop_all()
         assert [s.error for s in stopped] == [None] * 3
         assert set(modes(rig).values()) == {HOLD}
         await seconds(0.3)
@@ -186,7 +186,7 @@ def test_the_guard_works_while_the_event_loop_stalls_and_puts_all_into_hold_afte
     async def scenario(rig):
         await start_group(rig, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(8)
-        streamer = rig.world.streamer
+        streamer = rig.testbed.streamer
         streamer.update_once = lambda: None
         await seconds(stall_s)
         del streamer.update_once
@@ -227,16 +227,16 @@ def smallest_distance_m(vehicles):
 
 def run_with_simulated_vehicles(run_simulated, scenario, count=2):
     async def run():
-        world = SimulatedWorld(count)
+        testbed = SimulatedTestbed(count)
         try:
             ids = [str(i + 1) for i in range(count)]
             async with asyncio.TaskGroup() as tasks:
-                flying = [tasks.create_task(world.take_off(v, 8.0)) for v in ids]
+                flying = [tasks.create_task(testbed.take_off(v, 8.0)) for v in ids]
             await scenario(
-                SimpleNamespace(world=world, station=station_of(world)), [f.result() for f in flying]
+                SimpleNamespace(testbed=testbed, station=station_of(testbed)), [f.result() for f in flying]
             )
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

@@ -18,8 +18,8 @@ from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Attitude, Position, Velocity
 from tests.protocol.api_calls import station_of
-from tests.protocol.group_world import ANNA, start_group
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.group_testbed import ANNA, start_group
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 
 MINIMUM_M = 4.0
 HALF_DISTANCE_M = 13.0
@@ -45,20 +45,20 @@ ENCOUNTERS = {
 }
 
 
-def true_distance_m(world):
-    positions_ned_m = world.sim.simulation.truth.position_ned_m
+def true_distance_m(testbed):
+    positions_ned_m = testbed.sim.simulation.truth.position_ned_m
     return math.dist(positions_ned_m[0], positions_ned_m[1])
 
 
 async def fly_encounter(rig, vehicles, setpoints):
     """Sends the setpoints to both vehicles without the prediction; returns the smallest true distance until
     both vehicles are in Hold or have passed each other."""
-    world = rig.world
+    testbed = rig.testbed
     for vehicle, east_m in zip(
         vehicles, (-HALF_DISTANCE_M, HALF_DISTANCE_M - 3.0), strict=True
     ):  # the vehicles took off 3 m apart
         await vehicle.offboard.start(request_of(Position((0.0, east_m, -10.0), yaw_ned_rad=0.0)))
-    await until(lambda: abs(true_distance_m(world) - 2 * HALF_DISTANCE_M) < 1.5, 60)
+    await until(lambda: abs(true_distance_m(testbed) - 2 * HALF_DISTANCE_M) < 1.5, 60)
     for vehicle in vehicles:
         await vehicle.offboard.stop()
     await asyncio.sleep(3.0)
@@ -70,13 +70,13 @@ async def fly_encounter(rig, vehicles, setpoints):
     nearest_m, hold_duration_s = math.inf, 0.0
     for _ in range(1500):
         await asyncio.sleep(0.02)
-        nearest_m = min(nearest_m, true_distance_m(world))
+        nearest_m = min(nearest_m, true_distance_m(testbed))
         in_hold = {v.status.mode for v in vehicles} == {"hold"}
         hold_duration_s = hold_duration_s + 0.02 if in_hold else 0.0
         if hold_duration_s > 6.0:
             return nearest_m
         # Attitude setpoints hold no altitude: one vehicle may pass above the other.
-        if true_distance_m(world) > 2 * HALF_DISTANCE_M + 4.0:
+        if true_distance_m(testbed) > 2 * HALF_DISTANCE_M + 4.0:
             for vehicle in vehicles:
                 await vehicle.offboard.stop()
             await asyncio.sleep(3.0)
@@ -88,17 +88,17 @@ def smallest_distances_m(run_simulated, seed, late_s, wind_m_s, names=tuple(ENCO
     """Smallest true distance of each encounter; the server's snapshots are up to `late_s` late."""
 
     async def run():
-        world = SimulatedWorld(2, parameters, seed=seed)
+        testbed = SimulatedTestbed(2, parameters, seed=seed)
         rng = random.Random(seed)
         try:
             async with asyncio.TaskGroup() as tasks:
-                flying = [tasks.create_task(world.take_off(v, 10.0)) for v in "12"]
-            rig = SimpleNamespace(world=world, station=station_of(world))
-            simulation = world.sim.simulation
+                flying = [tasks.create_task(testbed.take_off(v, 10.0)) for v in "12"]
+            rig = SimpleNamespace(testbed=testbed, station=station_of(testbed))
+            simulation = testbed.sim.simulation
             simulation.set_wind(np.array([0.0, wind_m_s, 0.0]))
             simulation.set_gusts(1.0)
             await asyncio.sleep(8.0)
-            update_once, now_s = world.streamer.update_once, world.clock.monotonic_s
+            update_once, now_s = testbed.streamer.update_once, testbed.clock.monotonic_s
             next_s = 0.0
 
             def update_late():
@@ -107,11 +107,11 @@ def smallest_distances_m(run_simulated, seed, late_s, wind_m_s, names=tuple(ENCO
                     update_once()
                     next_s = now_s() + max(SNAPSHOT_PERIOD_S, rng.uniform(0.0, late_s))
 
-            world.streamer.update_once = update_late
+            testbed.streamer.update_once = update_late
             vehicles = [f.result() for f in flying]
             return {name: await fly_encounter(rig, vehicles, ENCOUNTERS[name]) for name in names}
         finally:
-            await world.close()
+            await testbed.close()
 
     return run_simulated(run)
 

@@ -11,7 +11,7 @@ from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, Refused
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import journal_lines, json_of
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD, ON_GROUND
-from tests.protocol.group_world import (
+from tests.protocol.group_testbed import (
     ALL_NORTH,
     ANNA,
     BOB,
@@ -26,7 +26,7 @@ from tests.protocol.group_world import (
     start_group,
     start_request,
 )
-from tests.protocol.offboard_world import POSITION, mode_requests, seconds
+from tests.protocol.offboard_testbed import POSITION, mode_requests, seconds
 
 
 def test_all_vehicles_are_switched_to_offboard_first_and_start_within_one_period(run_simulated):
@@ -36,9 +36,9 @@ def test_all_vehicles_are_switched_to_offboard_first_and_start_within_one_period
         assert started["state"] == "waiting"
         assert set(modes(rig).values()) == {OFFBOARD}
         assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if m.x != 0]
-        ahead_s = started["start_unix_s"] - rig.world.clock.unix_s()
+        ahead_s = started["start_unix_s"] - rig.testbed.clock.unix_s()
         assert 0.3 < ahead_s <= 0.5
-        instant_s = rig.world.loop.time() + ahead_s
+        instant_s = rig.testbed.loop.time() + ahead_s
         await seconds(2.0)
         start_times_s = [first_setpoint_s(autopilot, 4.0) for autopilot in rig.autopilots.values()]
         assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
@@ -69,8 +69,8 @@ def test_the_start_returns_each_members_limits(run_simulated):
 
 def test_the_start_time_can_be_given(run_simulated):
     async def scenario(rig):
-        unix_s = rig.world.clock.unix_s()
-        instant_s = rig.world.loop.time() + 8.0
+        unix_s = rig.testbed.clock.unix_s()
+        instant_s = rig.testbed.loop.time() + 8.0
         started = await start_group(rig, ALL_NORTH, start_at_unix_s=unix_s + 8.0)
         assert started["start_unix_s"] == pytest.approx(unix_s + 8.0, abs=1e-3)
         await seconds(10.0)
@@ -85,7 +85,7 @@ def test_the_start_time_can_be_given(run_simulated):
 def test_an_impossible_start_time_is_refused(run_simulated, ahead_s):
     async def scenario(rig):
         with pytest.raises(InvalidRequest, match="must be 3 to 300 s ahead") as refused:
-            await start_group(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + ahead_s)
+            await start_group(rig, ALL_NORTH, start_at_unix_s=rig.testbed.clock.unix_s() + ahead_s)
         assert refused.value.field == "start_at_unix_s"
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
 
@@ -96,7 +96,7 @@ def test_with_a_start_time_before_all_are_in_offboard_none_moves(run_simulated):
     async def scenario(rig):
         rig.autopilots["3"].offboard_delay_s = 3.0
         with pytest.raises(InvalidRequest, match="still ahead when all vehicles are in Offboard"):
-            await start_group(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 3.1)
+            await start_group(rig, ALL_NORTH, start_at_unix_s=rig.testbed.clock.unix_s() + 3.1)
         await seconds(3)
         assert set(modes(rig).values()) == {HOLD}
         assert_no_vehicle_moved(rig)
@@ -221,7 +221,7 @@ def test_a_problem_before_the_common_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
         started = asyncio.ensure_future(
             group_routes.start(
-                start_request(ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0, others_go_on=True),
+                start_request(ALL_NORTH, start_at_unix_s=rig.testbed.clock.unix_s() + 6.0, others_go_on=True),
                 rig.station,
                 ANNA,
             )
@@ -238,7 +238,7 @@ def test_a_problem_before_the_common_start_prevents_all_motion(run_simulated):
 
 def test_hold_before_the_common_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
-        await start_group(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0)
+        await start_group(rig, ALL_NORTH, start_at_unix_s=rig.testbed.clock.unix_s() + 6.0)
         await group_routes.hold("1", rig.station, ANNA)
         await seconds(8)
         assert set(modes(rig).values()) == {HOLD}
@@ -270,7 +270,7 @@ def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(run_s
 
 def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
-        await start_group(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0)
+        await start_group(rig, ALL_NORTH, start_at_unix_s=rig.testbed.clock.unix_s() + 6.0)
         other = SetpointRequest.model_validate({"setpoint": position(0, 0, -6), "valid_for_s": 60})
         # Sent as the group's own setpoint: the server would refuse an operator's setpoint earlier.
         await rig.vehicles["1"].offboard.setpoint(replace(other.to_stream_request(ANNA), owner="group"))

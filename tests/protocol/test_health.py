@@ -6,7 +6,7 @@ from gcs_server.errors import NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
-from tests.protocol.memory_world import World
+from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
@@ -15,24 +15,24 @@ LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
 
 def run_with_simulated_vehicle(run_simulated, work, *, loss=0.0, seed=0, **options):
     async def run():
-        world = World()
-        autopilot = SimulatedAutopilot(world.link(), seed=seed, **options)
+        testbed = MemoryTestbed()
+        autopilot = SimulatedAutopilot(testbed.link(), seed=seed, **options)
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             autopilot.loss = loss
-            await work(world, vehicle, autopilot)
+            await work(testbed, vehicle, autopilot)
         finally:
             autopilot.alive = False
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
 
-async def until(world, condition, what, timeout_s=20.0):
-    end_s = world.loop.time() + timeout_s
+async def until(testbed, condition, what, timeout_s=20.0):
+    end_s = testbed.loop.time() + timeout_s
     while not condition():
-        assert world.loop.time() < end_s, what
-        await world.clock.sleep(0.05)
+        assert testbed.loop.time() < end_s, what
+        await testbed.clock.sleep(0.05)
 
 
 def modes(vehicle):
@@ -41,7 +41,7 @@ def modes(vehicle):
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_the_reasons_that_prevent_arming_are_known_for_each_mode_and_updated(run_simulated, loss, seed):
-    async def work(world, vehicle, autopilot):
+    async def work(testbed, vehicle, autopilot):
         events = []
         vehicle.events.subscribe(lambda e: events.append(e) if e.kind == "readiness" else None)
         health = vehicle.health
@@ -50,7 +50,7 @@ def test_the_reasons_that_prevent_arming_are_known_for_each_mode_and_updated(run
             report = autopilot.sim.autopilots[0].commander.checks.report
             return health.report is not None and health.report.can_arm == report.can_arm
 
-        await until(world, report_matches, "the first report")
+        await until(testbed, report_matches, "the first report")
         assert modes(vehicle)["hold"].can_arm
         offboard = modes(vehicle)["offboard"]
         assert not offboard.can_arm
@@ -63,12 +63,12 @@ def test_the_reasons_that_prevent_arming_are_known_for_each_mode_and_updated(run
         )
         for _ in range(200):
             vehicle.send_payload(target.get_msgId(), encode_payload(target))
-            await world.clock.sleep(0.05)
+            await testbed.clock.sleep(0.05)
         assert modes(vehicle)["offboard"].can_arm
         assert events
         assert all(e.severity == d.MAV_SEVERITY_DEBUG for e in events)
         await until(
-            world,
+            testbed,
             lambda: not modes(vehicle)["offboard"].can_arm,
             "Offboard to be unavailable without a stream",
         )
@@ -79,19 +79,19 @@ def test_the_reasons_that_prevent_arming_are_known_for_each_mode_and_updated(run
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_lost_events_are_recovered_and_reported_once(run_simulated, loss, seed):
-    async def work(world, vehicle, autopilot):
+    async def work(testbed, vehicle, autopilot):
         announcer = autopilot.sim.autopilots[0].announcer
         for n in range(12):
             announcer.event("commander_rtl" if n % 2 else "commander_takeoff_detected")
-            await world.clock.sleep(0.3)
+            await testbed.clock.sleep(0.3)
 
         def events():
             texts = [e.text for e in vehicle.events.since(0) if e.kind == "event"]
             return texts.count("Returning to launch"), texts.count("Take-off detected")
 
         # CURRENT_EVENT_SEQUENCE shows that the last event was lost.
-        await until(world, lambda: events() == (6, 6), "all events")
-        await world.clock.sleep(5.0)
+        await until(testbed, lambda: events() == (6, 6), "all events")
+        await testbed.clock.sleep(5.0)
         assert events() == (6, 6)
         if not loss:
             assert autopilot.count(d.MAVLINK_MSG_ID_REQUEST_EVENT) == 0
@@ -100,8 +100,8 @@ def test_lost_events_are_recovered_and_reported_once(run_simulated, loss, seed):
 
 
 def test_a_report_that_is_never_sent_is_requested_once(run_simulated):
-    async def work(world, vehicle, autopilot):
-        await world.clock.sleep(30)
+    async def work(testbed, vehicle, autopilot):
+        await testbed.clock.sleep(30)
         requests = autopilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)
         assert 1 <= len(requests) <= 4  # one request and its repeats
         with pytest.raises(NoReply, match="did not report its checks"):
@@ -109,19 +109,19 @@ def test_a_report_that_is_never_sent_is_requested_once(run_simulated):
         assert vehicle.health.readiness.known is False
 
     async def run():
-        world = World()
-        autopilot = world.autopilot(world.link())  # acknowledges none of these requests
+        testbed = MemoryTestbed()
+        autopilot = testbed.autopilot(testbed.link())  # acknowledges none of these requests
         try:
-            await work(world, await world.ready(), autopilot)
+            await work(testbed, await testbed.ready(), autopilot)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
 
 def test_checks_run_on_request_and_a_reboot_discards_the_report(run_simulated):
-    async def work(world, vehicle, autopilot):
-        await world.clock.sleep(15)
+    async def work(testbed, vehicle, autopilot):
+        await testbed.clock.sleep(15)
         report = await vehicle.health.check()
         assert report.known
         assert report.words == "own"
@@ -137,19 +137,19 @@ def test_checks_run_on_request_and_a_reboot_discards_the_report(run_simulated):
 
 
 def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selected(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         reports = []
         vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
         autopilot.mode = OFFBOARD
-        await world.clock.sleep(3)
+        await testbed.clock.sleep(3)
         send_readiness(autopilot, HOLD_ONLY)
-        await world.clock.sleep(3)
+        await testbed.clock.sleep(3)
         (suggestion,) = vehicle.health.readiness.offers
         assert (suggestion.code, suggestion.mode, suggestion.label) == ("choose_mode", "hold", "Hold")
         assert suggestion.text == "The vehicle is in Offboard and cannot be armed in it. Choose Hold."
         report_count = len(reports)
         autopilot.mode = HOLD
-        await world.clock.sleep(3)
+        await testbed.clock.sleep(3)
         assert vehicle.health.readiness.offers == ()
         assert len(reports) > report_count
 

@@ -6,8 +6,8 @@ from gcs_server.api import hold_routes
 from tests.protocol.api_calls import journal_lines, json_of
 from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD, MANUAL
-from tests.protocol.group_world import ALL_NORTH, ANNA, BOB, modes, run_with_vehicles, start_group
-from tests.protocol.offboard_world import mode_requests, seconds
+from tests.protocol.group_testbed import ALL_NORTH, ANNA, BOB, modes, run_with_vehicles, start_group
+from tests.protocol.offboard_testbed import mode_requests, seconds
 
 
 async def hold(rig, vehicles, client=BOB):
@@ -18,13 +18,13 @@ async def hold(rig, vehicles, client=BOB):
 def test_all_hold_at_once_without_control_and_their_streams_end(run_simulated):
     async def scenario(rig):
         await start_group(rig, ALL_NORTH, ANNA)
-        began_s = rig.world.clock.monotonic_s()
+        began_s = rig.testbed.clock.monotonic_s()
         results = await hold(rig, ("3", "1", "2", "1"))
         assert [(r["vehicle"], r["held"], r["problem"]) for r in results] == [
             (v, True, None) for v in ("3", "1", "2")
         ]
         assert (
-            rig.world.clock.monotonic_s() - began_s < 1.5
+            rig.testbed.clock.monotonic_s() - began_s < 1.5
         )  # Hold takes one heartbeat interval for all, not one for each
         assert set(modes(rig).values()) == {HOLD}
         assert [len(mode_requests(autopilot, HOLD)) for autopilot in rig.autopilots.values()] == [1, 1, 1]

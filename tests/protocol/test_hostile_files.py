@@ -14,14 +14,14 @@ SIZE = 20_000
 def read_until_error(run_simulated, text, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
     requests = {}
 
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         files = HostileFiles(autopilot, size, **behaviour)
-        began_s = world.loop.time()
+        began_s = testbed.loop.time()
         with pytest.raises(error, match=text):
             await FtpService(vehicle).read("etc/file")
         requests.update(files.requests)
         limit_s = EXTRA_TIME_S + size / MIN_BYTES_S if within_s is None else within_s
-        assert world.loop.time() - began_s <= limit_s + 10
+        assert testbed.loop.time() - began_s <= limit_s + 10
 
     run_scenario(run_simulated, scenario)
     return requests
@@ -82,12 +82,12 @@ def test_a_vehicle_that_replies_only_to_the_opening_is_an_error(run_simulated):
 
 
 def test_an_endless_directory_list_is_cancelled(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         HostileFiles(autopilot, SIZE, every_s=0.2)
-        began_s = world.loop.time()
+        began_s = testbed.loop.time()
         with pytest.raises(FtpFailed, match="not finished within"):
             await FtpService(vehicle).list("etc")
-        assert world.loop.time() - began_s < LIST_TIMEOUT_S + 1
+        assert testbed.loop.time() - began_s < LIST_TIMEOUT_S + 1
 
     run_scenario(run_simulated, scenario)
 
@@ -95,7 +95,7 @@ def test_an_endless_directory_list_is_cancelled(run_simulated):
 def test_the_event_loop_runs_between_the_pieces_of_a_burst(run_simulated):
     """All pieces of a burst are already queued when the reader runs."""
 
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         HostileFiles(
             autopilot,
             239 * 1000,
@@ -108,13 +108,13 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(run_simulated):
             last[0] = received
             max_pieces[0] = max(max_pieces[0], pieces_in_iteration[0])
 
-        run_once = world.loop._run_once
+        run_once = testbed.loop._run_once
 
         def run_iteration():
             pieces_in_iteration[0] = 0
             run_once()
 
-        world.loop._run_once = run_iteration
+        testbed.loop._run_once = run_iteration
         content = await FtpService(vehicle).read("etc/file", progress=progress)
         assert len(content) == 239 * 1000
         assert max_pieces[0] <= 64

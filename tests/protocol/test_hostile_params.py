@@ -48,15 +48,15 @@ class HostileParams:
 
 
 def check_refresh(run_simulated, replies, check, *, raises=None, **options):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         hostile = HostileParams(autopilot, replies, **options)
-        began_s = world.loop.time()
+        began_s = testbed.loop.time()
         if raises is None:
             await vehicle.params.refresh()
         else:
             with pytest.raises(NoReply, match=raises):
                 await vehicle.params.refresh()
-        assert world.loop.time() - began_s < READ_TIMEOUT_S + 60
+        assert testbed.loop.time() - began_s < READ_TIMEOUT_S + 60
         await check(vehicle, hostile)
 
     run_scenario(run_simulated, scenario)
@@ -124,12 +124,12 @@ def test_a_checksum_that_is_not_a_number_counts_as_missing(run_simulated):
 
 
 def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
         for n in range(MAX_PARAMETERS + 1000):
             hostile.value(b"P%d" % n, 65535, 1)
-        await world.clock.sleep(2)
+        await testbed.clock.sleep(2)
         assert len(vehicle.params.all()) == MAX_PARAMETERS
         viewed, max_viewed = [0], [0]
         view = param_routes._view
@@ -139,19 +139,19 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(r
             max_viewed[0] = max(max_viewed[0], viewed[0])
             return view(*arguments)
 
-        run_once = world.loop._run_once
+        run_once = testbed.loop._run_once
 
         def run_iteration():
             viewed[0] = 0
             run_once()
 
-        world.loop._run_once = run_iteration
+        testbed.loop._run_once = run_iteration
         param_routes._view = count_view
         try:
             response = await param_routes.all_params(vehicle)
         finally:
             param_routes._view = view
-            world.loop._run_once = run_once
+            testbed.loop._run_once = run_once
         assert len(json.loads(response.body)["params"]) == MAX_PARAMETERS
         assert max_viewed[0] <= param_routes.MAX_ENCODED_AT_ONCE
 
@@ -159,7 +159,7 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(r
 
 
 def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
         for kind, expected in ((INT32, True), (REAL32, False), (200, False)):

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gcs_server.vehicle.samples import TOPICS
-from tests.protocol.memory_world import run_with_vehicle
+from tests.protocol.memory_testbed import run_with_vehicle
 from vehicle_sim.mavlink import generated_dialect as sim
 
 
@@ -15,7 +15,7 @@ def send_battery(autopilot, battery_id, percent, millivolts):
 
 
 def test_the_less_charged_of_two_batteries_is_shown(run_simulated):
-    async def scenario(_world, autopilot, vehicle):
+    async def scenario(_testbed, autopilot, vehicle):
         values = set()
         for _ in range(10):
             for battery_id, percent in ((0, 80), (1, 35)):
@@ -39,7 +39,7 @@ def test_the_less_charged_of_two_batteries_is_shown(run_simulated):
 
 
 def test_the_number_of_batteries_is_limited(run_simulated):
-    async def scenario(_world, autopilot, vehicle):
+    async def scenario(_testbed, autopilot, vehicle):
         for battery_id in range(256):
             send_battery(autopilot, battery_id, 50, 16000)
             await asyncio.sleep(0.01)
@@ -50,7 +50,7 @@ def test_the_number_of_batteries_is_limited(run_simulated):
 
 
 def test_two_groups_of_outputs_are_stored_separately(run_simulated):
-    async def scenario(_world, autopilot, vehicle):
+    async def scenario(_testbed, autopilot, vehicle):
         for _ in range(5):
             for port in (1, 0):
                 autopilot.send(sim.MAVLink_servo_output_raw_message(0, port, *[1500 + port] * 4, 0, 0, 0, 0))
@@ -74,7 +74,7 @@ def send_gimbal_attitude(autopilot, component, pitch_q):
 def test_the_first_of_two_gimbals_is_shown_until_it_stops_sending(run_simulated):
     level, down = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0]
 
-    async def scenario(_world, autopilot, vehicle):
+    async def scenario(_testbed, autopilot, vehicle):
         for component, q in ((171, down), (154, level)) * 5:
             send_gimbal_attitude(autopilot, component, q)
             await asyncio.sleep(0.1)
@@ -90,7 +90,7 @@ def test_the_first_of_two_gimbals_is_shown_until_it_stops_sending(run_simulated)
 
 
 def test_a_companion_that_sends_the_same_messages_changes_nothing(run_simulated):
-    async def scenario(world, autopilot, vehicle):
+    async def scenario(testbed, autopilot, vehicle):
         companion = sim.MAVLink(None, srcSystem=1, srcComponent=191)
         before = vehicle.topic("global_position").value
         boot_at_s = vehicle.endpoints[0].boot_at_s
@@ -105,7 +105,7 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(run_simulated)
             await asyncio.sleep(0.1)
             assert (vehicle.status.armed, vehicle.status.mode) == (False, "hold")
             assert vehicle.topic("global_position").value == before
-        assert [v.id for v in world.fleet.all()] == ["1"]
+        assert [v.id for v in testbed.fleet.all()] == ["1"]
         assert vehicle.identity.component_id == 1
         assert vehicle.endpoints[0].boot_at_s == pytest.approx(boot_at_s, abs=0.5)
 
@@ -113,7 +113,7 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(run_simulated)
 
 
 def test_the_time_of_a_topic_is_that_of_its_newest_sample(run_simulated):
-    async def scenario(_world, autopilot, vehicle):
+    async def scenario(_testbed, autopilot, vehicle):
         def check_times():
             for topic in TOPICS:
                 received_s = vehicle.topic_received_s(topic)

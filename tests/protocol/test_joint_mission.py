@@ -19,8 +19,8 @@ from missions.offboard import document
 from missions.offboard.reader import read
 from tests.protocol import two_vehicles
 from tests.protocol.api_calls import ANNA, BOB, journal_lines, json_of
-from tests.protocol.offboard_world import seconds
-from tests.protocol.simulated_world import until
+from tests.protocol.offboard_testbed import seconds
+from tests.protocol.simulated_testbed import until
 
 APART_M = 20.0
 MEET, LAND = "{step: meet, meeting: up}", "{step: land}"
@@ -80,7 +80,7 @@ def test_two_vehicles_cross_at_different_altitudes_and_each_lands_at_the_start_o
         await start(rig, crossing_mission())
         await reach(rig, "done", "done", within_s=120)
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
-        east = rig.world.sim.simulation.truth.position_ned_m[:, 1]
+        east = rig.testbed.sim.simulation.truth.position_ned_m[:, 1]
         assert east == pytest.approx([APART_M, 0.0], abs=4)
         assert rig.station.groups.all() == []
         assert rig.station.missions.others_on_mission("1") == ()
@@ -139,7 +139,7 @@ def test_two_vehicles_that_come_too_near_are_put_into_hold_by_the_guard_and_thei
     async def scenario(rig):
         await start_crossing(rig, lead_m=10, left_m=13)
         min_distance_m = APART_M
-        truth = rig.world.sim.simulation.truth.position_ned_m
+        truth = rig.testbed.sim.simulation.truth.position_ned_m
         while "flying" in states(rig):
             min_distance_m = min(min_distance_m, float(np.linalg.norm(truth[0] - truth[1])))
             await seconds(0.1)
@@ -223,7 +223,7 @@ def test_a_joint_mission_starts_only_if_all_vehicles_can(run_simulated):
 
 def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(run_simulated):
     async def scenario(rig):
-        rig.world.sim.simulation.set_battery_remaining(1, 0.02)
+        rig.testbed.sim.simulation.set_battery_remaining(1, 0.02)
         await until(lambda: rig.vehicles[1].topic("health").value.ready_to_arm is False, 20)
         with pytest.raises(Refused, match="Vehicle 2 cannot be armed now, so none of the vehicles starts"):
             await start(rig, crossing_mission())

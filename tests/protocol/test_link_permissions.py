@@ -12,7 +12,7 @@ from gcs_server.api import (
 )
 from gcs_server.errors import NotInControl, Refused, UnknownLink
 from tests.protocol.api_calls import ANNA, BOB, START, TAKE_BY_FORCE, journal_lines, run_with_routes
-from tests.protocol.offboard_world import seconds
+from tests.protocol.offboard_testbed import seconds
 
 CONFIRMATION = "link memory closes, vehicle 1 in flight loses its last link"
 
@@ -62,8 +62,8 @@ def test_the_last_link_in_flight_is_closed_only_with_confirmation(run_simulated,
 
 def test_with_a_second_link_no_confirmation_is_needed(run_simulated):
     async def scenario(rig):
-        second = rig.world.link("second")
-        rig.world.offboard_autopilot(second).fly()
+        second = rig.testbed.link("second")
+        rig.testbed.offboard_autopilot(second).fly()
         await seconds(8)
         assert set(rig.vehicle.links) == {"memory", "second"}
         await close(rig, ANNA)
@@ -97,7 +97,7 @@ def test_the_link_of_a_vehicle_lost_in_flight_stays_open(run_simulated):
     async def scenario(rig):
         take = control_models.TakeControl()
         await control_routes.take("1", rig.station, ANNA, take)
-        rig.world.router.connection("memory").link.drop_peer("peer")
+        rig.testbed.router.connection("memory").link.drop_peer("peer")
         assert rig.vehicle.links == ()
         with pytest.raises(NotInControl):
             await close(rig, BOB)
@@ -114,8 +114,8 @@ def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(run_simul
         with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
             await station_routes.add_link(request, rig.station, BOB)
         assert link_names(rig) == ["memory"]
-        rig.world.link("station", forward=True)
-        rig.world.link("more")
+        rig.testbed.link("station", forward=True)
+        rig.testbed.link("more")
         with pytest.raises(NotInControl):
             await close(rig, BOB, name="station")
         await close(rig, ANNA, name="station")

@@ -11,7 +11,7 @@ from gcs_server.vehicle import metadata_files
 from gcs_server.vehicle.px4_events import TEXTS
 from gcs_server.vehicle.services.health import DESCRIPTION_TIMEOUT_S
 from gcs_server.vehicle.texts import MAX_BURST_LINES, MAX_CHUNKS, MAX_LINES_PER_S, MAX_PENDING, TextJoiner
-from tests.protocol.memory_world import World
+from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
@@ -32,12 +32,12 @@ def event_texts(vehicle, *kinds):
 def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last_report_remains(
     run_simulated,
 ):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         reports = []
         vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
         for n in range(2000):
             send_readiness(autopilot, HOLD_ONLY if n % 2 else 0, present=n)
-        await world.clock.sleep(1)
+        await testbed.clock.sleep(1)
         assert 1 <= len(reports) <= 5
         assert [m.can_arm for m in vehicle.health.readiness.modes if m.mode == "hold"] == [True]
 
@@ -46,10 +46,10 @@ def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last
 
 def test_the_first_event_without_text_triggers_a_download_of_the_metadata(run_simulated):
     async def run():
-        world = World()
-        autopilot = SimulatedAutopilot(world.link())
+        testbed = MemoryTestbed()
+        autopilot = SimulatedAutopilot(testbed.link())
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
 
             async def inline(work):
                 return work()
@@ -67,20 +67,20 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(run_si
             )
             sequence = vehicle.health._stream.expected
             vehicle.health.take_event(event_payload(event_id, sequence))
-            await world.clock.sleep(DESCRIPTION_TIMEOUT_S + 1)
+            await testbed.clock.sleep(DESCRIPTION_TIMEOUT_S + 1)
             assert event_texts(vehicle, "event")[-1] == definitions[event_id].text(bytes(40))
         finally:
             autopilot.alive = False
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
 
 def test_the_line_of_an_event_without_text_names_its_component(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         for _ in range(100):
             autopilot.event(17980399, 0x66)
-            await world.clock.sleep(1)
+            await testbed.clock.sleep(1)
         found = event_texts(vehicle, "event")
         assert set(found) == {"unknown event 17980399 from component 1 (autopilot)"}
         assert len(found) >= 95
@@ -91,26 +91,26 @@ def test_the_line_of_an_event_without_text_names_its_component(run_simulated):
 
 
 def test_a_status_text_describes_an_event_without_metadata(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         autopilot.event(99999, 0x44)
         autopilot.text("The event's text\t", 4)
-        await world.clock.sleep(2)
+        await testbed.clock.sleep(2)
         assert event_texts(vehicle, "event", "status_text") == ["The event's text"]
 
     run_scenario(run_simulated, scenario)
 
 
 def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is_shown(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         for n in range(100_000):
             vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
-        await world.clock.sleep(5)
+        await testbed.clock.sleep(5)
         texts = event_texts(vehicle, "status_text")
         assert len(texts) <= MAX_BURST_LINES + MAX_LINES_PER_S * 5
         (warning,) = [text for text in event_texts(vehicle, "warning") if "too many messages" in text]
         assert f"{100_000 - len(texts):,}" in warning
         autopilot.text("The next text", 4)
-        await world.clock.sleep(1)
+        await testbed.clock.sleep(1)
         assert event_texts(vehicle, "status_text")[-1] == "The next text"
 
     run_scenario(run_simulated, scenario)

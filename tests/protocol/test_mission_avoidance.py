@@ -7,7 +7,7 @@ import pytest
 
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.mission_flights import Missions, event_codes
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.support.offboard_missions import mission
 from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
@@ -25,10 +25,10 @@ def run_towards_the_box(run_simulated, tmp_path, scenario, avoidance):
 
     async def run():
         station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
-        world = SimulatedWorld(sim=station.sim)
-        missions = Missions(world, tmp_path)
+        testbed = SimulatedTestbed(sim=station.sim)
+        missions = Missions(testbed, tmp_path)
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await vehicle.offboard.operator_limits.set(
                 OperatorLimits(obstacle_brake=avoidance != "no brake"), by="test"
             )
@@ -37,9 +37,9 @@ def run_towards_the_box(run_simulated, tmp_path, scenario, avoidance):
             step = f"step: fly, points: [{{offset_ned_m: [10, 0, 0]}}], speed_m_s: 2, avoidance: {yaml_value}"
             missions.begin(vehicle, mission(f"- {{{step}}}\n- {{step: hold, duration_s: 1}}\n"), in_air=True)
             await missions.reach("flying", within_s=10)
-            await scenario(missions, vehicle, world.sim.simulation.truth.position_ned_m[0])
+            await scenario(missions, vehicle, testbed.sim.simulation.truth.position_ned_m[0])
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

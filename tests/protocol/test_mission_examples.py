@@ -11,7 +11,7 @@ import pytest
 from missions.offboard import samples
 from missions.offboard.reader import read
 from tests.protocol.mission_flights import Missions, event_codes
-from tests.protocol.simulated_world import SimulatedWorld
+from tests.protocol.simulated_testbed import SimulatedTestbed
 
 pytestmark = [pytest.mark.flight, pytest.mark.broad]
 
@@ -24,18 +24,18 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "missions" / "examples"
 class FlightRecorder:
     """Records a flight: estimated position, position setpoint and gimbal of each sample."""
 
-    def __init__(self, world, missions, vehicle):
-        self.world, self.missions, self.vehicle = world, missions, vehicle
+    def __init__(self, testbed, missions, vehicle):
+        self.testbed, self.missions, self.vehicle = testbed, missions, vehicle
         self.flown, self.sent, self.gimbal = [], [], []
 
     async def record(self):
         """Records until the mission ends; confirms each of its questions as the operator."""
-        flight, view = self.missions.flight, self.world.sim.autopilots[0].view
+        flight, view = self.missions.flight, self.testbed.sim.autopilots[0].view
         while not flight.over:
             status = flight.status()
             if status.question is not None:
                 flight.go_on("Alice")
-            progress = self.world.streamer._streams.state("1").progress
+            progress = self.testbed.streamer._streams.state("1").progress
             if status.state == "flying" and progress is not None and progress.position_ned_m is not None:
                 self.flown.append(tuple(view.estimate.position_ned_m))
                 self.sent.append(progress.position_ned_m)
@@ -63,18 +63,18 @@ def fly_example(run_simulated, tmp_path, name):
     """Flies an example from take-off to landing."""
 
     async def run():
-        world = SimulatedWorld(camera=True)
-        missions = Missions(world, tmp_path)
+        testbed = SimulatedTestbed(camera=True)
+        missions = Missions(testbed, tmp_path)
         try:
-            vehicle = await world.ready_to_arm()
+            vehicle = await testbed.ready_to_arm()
             missions.begin(vehicle, read((EXAMPLES / name).read_text(encoding="utf-8")))
-            recorder = FlightRecorder(world, missions, vehicle)
+            recorder = FlightRecorder(testbed, missions, vehicle)
             await recorder.record()
             assert (missions.state, vehicle.status.armed) == ("done", False), missions.flight.status()
             assert event_codes(vehicle)[-1] == "done"
             return recorder
         finally:
-            await world.close()
+            await testbed.close()
 
     return run_simulated(run)
 

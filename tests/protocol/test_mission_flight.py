@@ -2,16 +2,16 @@
 
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
-from tests.protocol.offboard_world import seconds
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.offboard_testbed import seconds
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.protocol.small_plan import plan_about
 
 
 def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(run_simulated):
     async def scenario():
-        world = SimulatedWorld()
+        testbed = SimulatedTestbed()
         try:
-            vehicle = await world.ready_to_arm()
+            vehicle = await testbed.ready_to_arm()
             home = vehicle.topic("home").value
             plan = plan_about(home.lat_deg, home.lon_deg)
             parts = {"mission": mission_items(plan), "fence": fence_items(plan), "rally": rally_items(plan)}
@@ -37,6 +37,6 @@ def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(run_simulated):
             await vehicle.mission.set_current(2)
             assert current() == 2
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(scenario)

@@ -10,8 +10,8 @@ from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import Refused
 from tests.protocol.api_calls import json_of, run_with_routes
 from tests.protocol.mission_flights import Missions, run_in_flight
-from tests.protocol.offboard_world import seconds
-from tests.protocol.simulated_world import SimulatedWorld
+from tests.protocol.offboard_testbed import seconds
+from tests.protocol.simulated_testbed import SimulatedTestbed
 from tests.support.offboard_missions import mission
 
 FLIGHT = """
@@ -33,10 +33,10 @@ async def flown_path(missions, vehicle):
 @pytest.mark.story
 def test_an_ended_mission_is_compared_with_its_plan(run_simulated, tmp_path):
     async def scenario():
-        world = SimulatedWorld()
-        missions = Missions(world, tmp_path)
+        testbed = SimulatedTestbed()
+        missions = Missions(testbed, tmp_path)
         try:
-            vehicle = await world.ready_to_arm()
+            vehicle = await testbed.ready_to_arm()
             home = vehicle.topic("home").value
             missions.begin(vehicle, mission(FLIGHT))
             await missions.reach("done")
@@ -44,7 +44,7 @@ def test_an_ended_mission_is_compared_with_its_plan(run_simulated, tmp_path):
             await seconds(5)
             assert await flown_path(missions, vehicle) == flown, "samples were recorded after the end"
         finally:
-            await world.close()
+            await testbed.close()
 
         assert flown["over"]
         # both durations exclude PX4's take-off and landing and the wait for arming

@@ -11,7 +11,7 @@ from tests.protocol.mission_squadron import (
     kinds_flown,
     run_with_squadron,
 )
-from tests.protocol.simulated_world import until
+from tests.protocol.simulated_testbed import until
 from tests.support.mission_steps import all_step_kinds
 from vehicle_sim.autopilot.modes import NavState
 
@@ -163,7 +163,7 @@ def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_f
     async def scenario(squadron):
         announced = {squadron.flights[kind].status().if_stream_stops for kind in FLOWN_BY_SETPOINTS}
         assert all("without" in text or "lands" in text for text in announced), announced
-        await squadron.world.supervisor.close()
+        await squadron.testbed.supervisor.close()
         for _ in range(300):
             squadron.sim.step(0.02)
         modes = squadron.modes()

@@ -14,15 +14,15 @@ from gcs_server.ros2.mode_executor import MODE_COMPLETED
 from gcs_server.ros2.topics import COMMAND, COMMAND_ACK
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import ANNA
-from tests.protocol.mission_modes_world import (
+from tests.protocol.mission_modes_testbed import (
     MISSION,
     Modes,
     SlowPlanWork,
     UnavailablePlanWork,
     run_with_modes,
 )
-from tests.protocol.offboard_world import seconds
-from tests.protocol.simulated_world import until
+from tests.protocol.offboard_testbed import seconds
+from tests.protocol.simulated_testbed import until
 from vehicle_sim.mavlink import generated_dialect as sim
 
 TAKE_OFF = {"step": "take_off", "height_m": 6}
@@ -39,7 +39,7 @@ def executor_commands(rig: Modes) -> list[int]:
 
 def drop_messages(rig: Modes, *topics: str) -> None:
     """Drops PX4's messages on these topics before they reach the process that sends the setpoints."""
-    vehicle_topics = rig.world.topics[0]
+    vehicle_topics = rig.testbed.topics[0]
     publish = vehicle_topics.publish
 
     def publish_others(topic: str, data: bytes) -> None:
@@ -152,9 +152,9 @@ def test_after_a_takeover_the_executor_sends_no_commands(run_simulated: Any, pha
         await rig.until_mode("hold")
         await until(lambda: rig.mission_state == "suspended", 2)
         assert rig.station.missions.status("1").executor_in_charge is False
-        before = len(rig.world.topics[0].sent)
+        before = len(rig.testbed.topics[0].sent)
         await seconds(8)
-        sent = rig.world.topics[0].sent[before:]
+        sent = rig.testbed.topics[0].sent[before:]
         assert {topic for topic, _ in sent} <= {CHECK_REPLY, COMMAND}
         commands = {
             MESSAGES["VehicleCommand"].decode(data)["command"] for topic, data in sent if topic == COMMAND
@@ -204,9 +204,9 @@ def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_cha
 def test_refused_arming_does_not_start_the_mission(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
-        rig.world.streamer._streams._record_loop_message, record = (
+        rig.testbed.streamer._streams._record_loop_message, record = (
             lambda _: None,
-            rig.world.streamer._streams._record_loop_message,
+            rig.testbed.streamer._streams._record_loop_message,
         )
         await seconds(3)
         with pytest.raises(GcsError):
@@ -214,7 +214,7 @@ def test_refused_arming_does_not_start_the_mission(run_simulated: Any) -> None:
         assert not rig.vehicle.status.armed
         assert rig.mission_state is None
         assert executor_commands(rig) == []
-        rig.world.streamer._streams._record_loop_message = record
+        rig.testbed.streamer._streams._record_loop_message = record
 
     run_with_modes(run_simulated, scenario, in_air=False)
 
@@ -315,7 +315,7 @@ def test_lost_replies_do_not_stop_the_mission(run_simulated: Any, lost_topic: st
 def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
-        topics = rig.world.topics[0]
+        topics = rig.testbed.topics[0]
         send = topics.send
         lost_commands: list[str] = []
 
@@ -346,12 +346,12 @@ def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(ru
         await register_and_select(rig)
         await arm(rig)
         await rig.until_mode("takeoff")
-        rig.world.streamer._streams.mode_ports[-1].working = False
+        rig.testbed.streamer._streams.mode_ports[-1].working = False
         await rig.until_mode("hold", 30)
         await until(lambda: any("is no longer registered" in text for text in rig.warnings()), 5)
         await seconds(3)
         assert rig.vehicle.status.mode == "hold"
         assert rig.vehicle.status.armed
-        assert COMMAND in {topic for topic, _ in rig.world.topics[0].sent}
+        assert COMMAND in {topic for topic, _ in rig.testbed.topics[0].sent}
 
     run_with_modes(run_simulated, scenario, in_air=False)

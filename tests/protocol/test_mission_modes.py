@@ -11,7 +11,7 @@ from gcs_server.errors import GcsError, NotInControl, PlanFindings, Refused
 from gcs_server.ros2.external_mode import CHECK_REPLY, COMPLETED, UNREGISTER
 from gcs_server.ros2.message_types import MESSAGES
 from tests.protocol.api_calls import ANNA, BOB, journal_lines
-from tests.protocol.mission_modes_world import (
+from tests.protocol.mission_modes_testbed import (
     DEFERRAL_S,
     LOITER,
     MISSION,
@@ -20,17 +20,17 @@ from tests.protocol.mission_modes_world import (
     UnavailablePlanWork,
     run_with_modes,
 )
-from tests.protocol.offboard_world import seconds
-from tests.protocol.simulated_world import until
+from tests.protocol.offboard_testbed import seconds
+from tests.protocol.simulated_testbed import until
 from vehicle_sim.mavlink import generated_dialect as sim
 
 
 def test_a_registered_mission_has_its_name_in_every_ground_station(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         assert NAME not in await rig.other_station.selectable_modes()
-        began_s = rig.world.loop.time()
+        began_s = rig.testbed.loop.time()
         mode = await rig.register()
-        assert rig.world.loop.time() - began_s < 1.0
+        assert rig.testbed.loop.time() - began_s < 1.0
         assert (mode["name"], mode["state"], mode["mode"], mode["mission"]) == (
             NAME, "registered", "external_1", "Line",
         )  # fmt: skip
@@ -58,9 +58,9 @@ def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: A
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
         assert [(message["result"], message["nav_state"]) for message in completed] == [(0, 23)]
         assert f"Mode {NAME}" in rig.texts()
-        before = len(rig.world.topics[0].sent)
+        before = len(rig.testbed.topics[0].sent)
         await seconds(2)
-        assert {topic for topic, _ in rig.world.topics[0].sent[before:]} == {CHECK_REPLY}
+        assert {topic for topic, _ in rig.testbed.topics[0].sent[before:]} == {CHECK_REPLY}
         assert (await rig.list_modes())["modes"][0]["state"] == "registered"
 
     run_with_modes(run_simulated, scenario)
@@ -87,9 +87,9 @@ def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(run_s
         rig.other_station.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 3)
         await rig.until_mode("hold")
         await until(lambda: rig.mission_state == "suspended", 2)
-        before = len(rig.world.topics[0].sent)
+        before = len(rig.testbed.topics[0].sent)
         await seconds(2)
-        assert {topic for topic, _ in rig.world.topics[0].sent[before:]} == {CHECK_REPLY}
+        assert {topic for topic, _ in rig.testbed.topics[0].sent[before:]} == {CHECK_REPLY}
         rig.other_station.select_mode(mode)
         await until(lambda: rig.mission_state == "flying", 5)
         await until(lambda: rig.mission_state == "done", 20)
@@ -141,10 +141,10 @@ def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected
 def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.start_in_flight()
-        rig.world.streamer._streams.mode_ports[-1].working = False
-        began_s = rig.world.loop.time()
+        rig.testbed.streamer._streams.mode_ports[-1].working = False
+        began_s = rig.testbed.loop.time()
         await rig.until_mode("rtl")
-        assert 0.8 < rig.world.loop.time() - began_s < 1.8
+        assert 0.8 < rig.testbed.loop.time() - began_s < 1.8
         await until(lambda: rig.mission_state == "suspended", 2)
         assert rig.vehicle.status.mode != mode
         await until(lambda: any("is no longer registered" in text for text in rig.warnings()), 5)
@@ -158,13 +158,13 @@ def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(r
 def test_a_stalled_event_loop_makes_px4_return(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await rig.start_in_flight()
-        streams = rig.world.streamer._streams
+        streams = rig.testbed.streamer._streams
         flight = rig.station.missions.flight("1")
         record, update = streams._record_loop_message, flight.update
         streams._record_loop_message, flight.update = lambda _: None, lambda: None
-        began_s = rig.world.loop.time()
+        began_s = rig.testbed.loop.time()
         await rig.until_mode("rtl")
-        assert 1.0 < rig.world.loop.time() - began_s < 2.5
+        assert 1.0 < rig.testbed.loop.time() - began_s < 2.5
         streams._record_loop_message, flight.update = record, update
         await until(lambda: rig.mission_state == "suspended", 2)
 
@@ -177,7 +177,7 @@ def test_a_server_that_ends_puts_the_vehicle_into_hold_and_removes_the_mode(run_
         (stopped,) = await rig.station.streamer.stop_all()
         assert stopped.error is None
         await rig.until_mode("hold")
-        rig.world.streamer._streams.close()
+        rig.testbed.streamer._streams.close()
         await seconds(1)
         assert NAME not in await rig.other_station.selectable_modes()
         assert rig.vehicle.status.mode == "hold"
@@ -265,7 +265,7 @@ def test_resuming_the_mission_selects_its_mode(run_simulated: Any) -> None:
 
 def test_with_both_links_the_arming_report_has_the_modes_name(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
-        rig.world.mavlink_on = True
+        rig.testbed.mavlink_on = True
         await until(lambda: "MAVLink" in rig.vehicle.reach.protocols, 10)
         mode = (await rig.register())["mode"]
         labels: dict[str, str] = {}
@@ -288,7 +288,7 @@ def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed
 ) -> None:
     async def scenario(rig: Modes) -> None:
         for name, value in (("NAV_DLL_ACT", 3), ("COM_DL_LOSS_T", 5)):
-            rig.world.sim.simulation.parameters[0].set(name, value)
+            rig.testbed.sim.simulation.parameters[0].set(name, value)
         mode = (await rig.register(mission=LOITER, defer_failsafes_s=deferral_s))["mode"]
         rig.other_station.select_mode(mode)
         await rig.other_station.heartbeats(4)
@@ -297,9 +297,9 @@ def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed
         if deferral_s:
             await until(lambda: rig.station.mission_modes.all("1")[0].failsafe_deferred, 12)
             assert rig.vehicle.status.mode == mode
-        began_s = rig.world.loop.time()
+        began_s = rig.testbed.loop.time()
         await until(lambda: rig.vehicle.status.mode == "hold", 12)
-        assert not deferral_s or rig.world.loop.time() - began_s == pytest.approx(deferral_s, abs=1)
+        assert not deferral_s or rig.testbed.loop.time() - began_s == pytest.approx(deferral_s, abs=1)
         await rig.until_mode("land", 12)
         assert any(warning in text for text in rig.warnings()) == bool(deferral_s)
         assert not rig.station.mission_modes.all("1")[0].failsafe_deferred

@@ -15,7 +15,7 @@ from missions.offboard.steps import Land
 from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, journal_lines, json_of, station_of
 from tests.protocol.fake_autopilot import IN_AIR
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
-from tests.protocol.offboard_world import OffboardWorld, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, seconds
 
 AT_20_M = {"value_m": 20, "reference": "home"}
 POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
@@ -35,19 +35,21 @@ OUTSIDE = {**PLAN, "items": [*PLAN["items"][:1], {"kind": "waypoint", **POSITION
 
 def run_with_rig(run_simulated, tmp_path, work, **autopilot_options):
     async def run():
-        world = OffboardWorld()
-        link = world.link()
+        testbed = OffboardTestbed()
+        link = testbed.link()
         autopilot = link.autopilots["peer"] = MissionAutopilot(link, **autopilot_options)
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await seconds(1.5)
-            station = station_of(world)
-            station.plans = PlanStore(tmp_path / "plans", world.clock)
-            await work(SimpleNamespace(world=world, vehicle=vehicle, autopilot=autopilot, station=station))
+            station = station_of(testbed)
+            station.plans = PlanStore(tmp_path / "plans", testbed.clock)
+            await work(
+                SimpleNamespace(testbed=testbed, vehicle=vehicle, autopilot=autopilot, station=station)
+            )
             station.plans.close()
         finally:
             autopilot.alive = False
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

@@ -12,7 +12,7 @@ from gcs_server.vehicle.services.mission_dialogue import PARTS
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import WireItem
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
-from tests.protocol.offboard_world import OffboardWorld, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, seconds
 
 PLAN = PlanReference("abc", 3, "Tower")
 LOSS = [(0.0, 1), (0.05, 2), (0.3, 3)]
@@ -24,20 +24,20 @@ WAYPOINT, TAKEOFF, CHANGE_SPEED, UNSUPPORTED, FENCE_VERTEX, RALLY_POINT = 16, 22
 
 def run_with_rig(run_simulated, work, *, loss=0.0, seed=0):
     async def run():
-        world = OffboardWorld()
-        link = world.link()
+        testbed = OffboardTestbed()
+        link = testbed.link()
         autopilot = link.autopilots["peer"] = MissionAutopilot(link, seed=seed)
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await seconds(1.5)
             autopilot.loss = loss
             rig = SimpleNamespace(
-                world=world, vehicle=vehicle, autopilot=autopilot, link=link, mission=vehicle.mission
+                testbed=testbed, vehicle=vehicle, autopilot=autopilot, link=link, mission=vehicle.mission
             )
             await work(rig)
         finally:
             autopilot.alive = False
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from gcs_server.ros2.external_mode import CHECK_REPLY, CHECK_REQUEST, REGISTER, UNREGISTER
 from gcs_server.ros2.message_types import MESSAGES
-from tests.protocol.ros2_world import Ros2World
-from tests.protocol.simulated_world import until
+from tests.protocol.ros2_testbed import Ros2Testbed
+from tests.protocol.simulated_testbed import until
 
 NAME = "Inspect bridge"
 
@@ -15,8 +15,8 @@ NAME = "Inspect bridge"
 class ModeProgram:
     """A program that registers a mode over ROS 2 and replies to the arming checks."""
 
-    def __init__(self, world: Ros2World) -> None:
-        self._topics = world.topics[0]
+    def __init__(self, testbed: Ros2Testbed) -> None:
+        self._topics = testbed.topics[0]
         self._publish, self._topics.publish = self._topics.publish, self._published  # type: ignore[method-assign]
 
     def _send(self, topic: str, kind: str, **fields: Any) -> None:
@@ -43,10 +43,10 @@ class ModeProgram:
 
 def test_a_mode_of_another_program_has_the_name_that_the_program_gave_it(run_simulated: Any) -> None:
     async def run() -> None:
-        world = Ros2World(mavlink=True)
-        vehicle = await world.ready_to_arm()
+        testbed = Ros2Testbed(mavlink=True)
+        vehicle = await testbed.ready_to_arm()
         await until(lambda: "MAVLink" in vehicle.reach.protocols, 10)
-        program, names = ModeProgram(world), vehicle.mode_names.announced
+        program, names = ModeProgram(testbed), vehicle.mode_names.announced
         program.register()
         await until(lambda: names == {"external_1": NAME}, 10)
         await vehicle.command.set_mode("external_1")
@@ -55,7 +55,7 @@ def test_a_mode_of_another_program_has_the_name_that_the_program_gave_it(run_sim
         await vehicle.command.set_mode("hold")
         program.unregister()
         await until(lambda: not names, 10)
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)
 
@@ -64,15 +64,15 @@ def test_a_mode_that_was_registered_before_the_server_connected_has_its_name_whe
     run_simulated: Any,
 ) -> None:
     async def run() -> None:
-        world = Ros2World(mavlink=True)
-        vehicle = await world.ready_to_arm()
+        testbed = Ros2Testbed(mavlink=True)
+        vehicle = await testbed.ready_to_arm()
         await until(lambda: "MAVLink" in vehicle.reach.protocols, 10)
-        ModeProgram(world).register()
+        ModeProgram(testbed).register()
         names = vehicle.mode_names.announced
         await until(lambda: bool(names), 10)
         names.clear()
         await vehicle.command.set_mode("external_1")
         await until(lambda: vehicle.status.mode_label == NAME, 3)
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)

@@ -13,31 +13,31 @@ from gcs_server.api.responses import history_pieces, history_view, json_response
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.samples import TOPICS
-from tests.protocol.memory_world import run_test
-from tests.protocol.offboard_world import OffboardWorld, stream_request
+from tests.protocol.memory_testbed import run_test
+from tests.protocol.offboard_testbed import OffboardTestbed, stream_request
 
 INVALID = [math.inf, -math.inf, math.nan, 1e38]
 
 
-async def two_vehicles(world) -> tuple[Any, Any]:
+async def two_vehicles(testbed) -> tuple[Any, Any]:
     """Two flying vehicles; the first will send invalid values."""
-    link = world.link()
-    invalid = world.offboard_autopilot(link, peer="a")
-    other = world.offboard_autopilot(link, peer="b", system=2)
+    link = testbed.link()
+    invalid = testbed.offboard_autopilot(link, peer="a")
+    other = testbed.offboard_autopilot(link, peer="b", system=2)
     for autopilot in (invalid, other):
         autopilot.fly()
-    await world.ready("1")
-    await world.ready("2")
+    await testbed.ready("1")
+    await testbed.ready("2")
     return invalid, other
 
 
-def vehicle_views(world) -> list[Any]:
+def vehicle_views(testbed) -> list[Any]:
     """The response of `GET /vehicles`, parsed as standard JSON."""
 
     def refuse_constant(name):
         raise AssertionError(f"{name} is not JSON")
 
-    body = json_response([vehicle_view(vehicle) for vehicle in world.fleet.all()]).body
+    body = json_response([vehicle_view(vehicle) for vehicle in testbed.fleet.all()]).body
     return json.loads(body, parse_constant=refuse_constant)
 
 
@@ -60,51 +60,51 @@ def replace_values(autopilot, kind: str, **fields: float):
 
 @pytest.mark.parametrize("roll_rad", INVALID)
 def test_an_angle_that_is_not_a_number_removes_only_the_attitude(run_simulated, roll_rad):
-    async def scenario(world):
-        invalid, _ = await two_vehicles(world)
+    async def scenario(testbed):
+        invalid, _ = await two_vehicles(testbed)
         restore = replace_values(invalid, "ATTITUDE", roll=roll_rad)
         await asyncio.sleep(0.1)
         for _ in range(20):
             await asyncio.sleep(0.02)
-            first, second = vehicle_views(world)
+            first, second = vehicle_views(testbed)
             assert "attitude" not in first["topics"]
             assert first["topics"]["local_position"]["value"]["position_ned_m"] == [0.0, 0.0, -5.0]
             assert second["topics"]["attitude"]["value"]["yaw_ned_rad"] == pytest.approx(0.5)
-        samples = world.fleet.get("1").history(tuple(TOPICS), 0.0)
-        history_response = json_response(history_view(list(history_pieces(world.fleet.get("1"), samples))))
+        samples = testbed.fleet.get("1").history(tuple(TOPICS), 0.0)
+        history_response = json_response(history_view(list(history_pieces(testbed.fleet.get("1"), samples))))
         assert len(json.loads(history_response.body)["samples"]) > 3
-        (warning,) = [w for w in world.fleet.warnings() if w.kind == "telemetry"]
+        (warning,) = [w for w in testbed.fleet.warnings() if w.kind == "telemetry"]
         assert (warning.vehicle, "attitude" in warning.text) == ("1", True)
         restore()
         await asyncio.sleep(0.1)
-        assert vehicle_views(world)[0]["topics"]["attitude"]["value"]["roll_rad"] == 0.0
-        assert not [w for w in world.fleet.warnings() if w.kind == "telemetry"]
+        assert vehicle_views(testbed)[0]["topics"]["attitude"]["value"]["roll_rad"] == 0.0
+        assert not [w for w in testbed.fleet.warnings() if w.kind == "telemetry"]
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)
 
 
 def test_after_an_invalid_home_the_last_valid_home_is_kept(run_simulated):
-    async def scenario(world):
-        invalid, _ = await two_vehicles(world)
-        vehicle = world.fleet.get("1")
+    async def scenario(testbed):
+        invalid, _ = await two_vehicles(testbed)
+        vehicle = testbed.fleet.get("1")
         replace_values(invalid, "HOME_POSITION", latitude=910_000_000)
         await asyncio.sleep(5.0)
         assert vehicle.topic("home").value.lat_deg == pytest.approx(47.397742)
-        assert any("home" in w.text for w in world.fleet.warnings())
+        assert any("home" in w.text for w in testbed.fleet.warnings())
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)
 
 
 @pytest.mark.parametrize("value", INVALID)
 def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_missing_and_other_streams_continue(
     run_simulated, value
 ):
-    async def scenario(world):
-        invalid, other = await two_vehicles(world)
-        vehicles = [world.fleet.get("1"), world.fleet.get("2")]
+    async def scenario(testbed):
+        invalid, other = await two_vehicles(testbed)
+        vehicles = [testbed.fleet.get("1"), testbed.fleet.get("2")]
         for vehicle in vehicles:
             await vehicle.offboard.start(stream_request(valid_for_s=8.0 if vehicle.id == "1" else 60.0))
-        began_s = world.loop.time()
+        began_s = testbed.loop.time()
 
         replace_values(invalid, "LOCAL_POSITION_NED", x=value, vy=value)
         await asyncio.sleep(1.0)
@@ -120,32 +120,32 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_missing_and_other_s
             "a connected vehicle without a position estimate must land when its setpoint expires"
         )
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)
 
 
 def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_continue(run_simulated):
-    async def scenario(world):
-        invalid, other = await two_vehicles(world)
-        for vehicle in world.fleet.all():
+    async def scenario(testbed):
+        invalid, other = await two_vehicles(testbed)
+        for vehicle in testbed.fleet.all():
             await vehicle.offboard.start(stream_request())
-        broken = world.fleet.get("1").offboard
+        broken = testbed.fleet.get("1").offboard
 
         def fail(_order=None):
             raise ZeroDivisionError("simulated error")
 
         broken.snapshot = fail
         await asyncio.sleep(3.0)
-        assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
-        (warning,) = [w for w in world.fleet.warnings() if w.kind == "fault"]
+        assert [v.status.mode for v in testbed.fleet.all()] == ["offboard", "offboard"]
+        (warning,) = [w for w in testbed.fleet.warnings() if w.kind == "fault"]
         assert (warning.vehicle, "snapshot" in warning.text) == ("1", True)
         invalid.mode = invalid.requested_mode = 3 << 16
         invalid.heartbeat()
         await asyncio.sleep(0.5)
-        streaming = [world.streamer._streams.state(v).phase for v in ("1", "2")]
+        streaming = [testbed.streamer._streams.state(v).phase for v in ("1", "2")]
         assert streaming == ["idle", "streaming"], "the stream did not end although the vehicle left Offboard"
-        assert other.setpoints[-1][0] > world.loop.time() - 0.05
+        assert other.setpoints[-1][0] > testbed.loop.time() - 0.05
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)
 
 
 class FakeWebSocket:
@@ -169,15 +169,15 @@ class FakeWebSocket:
 
 
 def test_a_lost_and_recovered_link_is_reported(run_simulated):
-    async def scenario(world):
-        invalid, _ = await two_vehicles(world)
-        hub, socket = Hub(world.clock, world.fleet), FakeWebSocket()
+    async def scenario(testbed):
+        invalid, _ = await two_vehicles(testbed)
+        hub, socket = Hub(testbed.clock, testbed.fleet), FakeWebSocket()
         async with asyncio.TaskGroup() as group:
             serving = group.create_task(hub.serve(socket))
             await socket.incoming.put(json.dumps({"type": "subscribe", "topics": ["status"], "rate_hz": 20}))
             await asyncio.sleep(2.0)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False
-            stopped_s, invalid.alive = world.loop.time(), False
+            stopped_s, invalid.alive = testbed.loop.time(), False
             await asyncio.sleep(6.0)
             lost_s, sample = next((at_s, s) for at_s, s in socket.statuses if s["value"]["link_lost"])
             assert 3.4 <= lost_s - stopped_s <= 3.65
@@ -192,4 +192,4 @@ def test_a_lost_and_recovered_link_is_reported(run_simulated):
             assert received_unix_s == sorted(received_unix_s), "a status is older than the previous one"
             serving.cancel()
 
-    run_test(run_simulated, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardTestbed)

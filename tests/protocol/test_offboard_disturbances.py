@@ -9,9 +9,9 @@ import pytest
 from gcs_server.errors import NoReply, Refused, Rejected
 from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
-from tests.protocol.offboard_world import (
+from tests.protocol.offboard_testbed import (
     POSITION,
-    OffboardWorld,
+    OffboardTestbed,
     assert_silent,
     mode_requests,
     offboard_event_codes,
@@ -25,13 +25,13 @@ from tests.protocol.offboard_world import (
 
 
 def test_after_a_change_of_the_local_origin_a_stream_of_positions_ends_in_hold(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(0.5)
         autopilot.ned = [80.0, -30.0, -5.0]
         await seconds(0.3)
         assert "jumped" in offboard_event_codes(vehicle)
-        far = [m for t, m in autopilot.setpoints if t > world.loop.time() - 0.1]
+        far = [m for t, m in autopilot.setpoints if t > testbed.loop.time() - 0.1]
         assert {(round(m.x), round(m.y)) for m in far} in ({(80, -30)}, set())
         await seconds(2)
         assert autopilot.mode == HOLD
@@ -42,7 +42,7 @@ def test_after_a_change_of_the_local_origin_a_stream_of_positions_ends_in_hold(r
 
 
 def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_the_stream(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
         autopilot.failsafes, autopilot.mode = 1, POSITION
@@ -62,7 +62,7 @@ def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_th
 
 
 def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
         autopilot.alive = False
@@ -76,7 +76,7 @@ def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(run_simula
 
 
 def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         autopilot.alive = False
         autopilot.silent_commands.add(DO_SET_MODE)
@@ -88,7 +88,7 @@ def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(run_simul
 
 
 def test_a_kill_in_flight_ends_the_stream(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await vehicle.command.kill()
         await assert_silent(autopilot, link, settle_s=0.2)
@@ -99,33 +99,33 @@ def test_a_kill_in_flight_ends_the_stream(run_simulated):
 
 def test_a_server_shutdown_puts_all_vehicles_into_hold_at_once_within_a_deadline(run_simulated):
     async def run():
-        world = OffboardWorld()
-        link = world.link()
+        testbed = OffboardTestbed()
+        link = testbed.link()
         autopilots = [
-            world.offboard_autopilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2, 3)
+            testbed.offboard_autopilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2, 3)
         ]
         for autopilot in autopilots:
             autopilot.fly()
         try:
-            vehicles = [await world.ready(str(i)) for i in (1, 2, 3)]
+            vehicles = [await testbed.ready(str(i)) for i in (1, 2, 3)]
             await seconds(1.5)
             await asyncio.gather(*(vehicle.offboard.start(stream_request()) for vehicle in vehicles))
             autopilots[0].silent_commands.add(DO_SET_MODE)
-            began = world.loop.time()
-            stopped = {s.vehicle: s.error for s in await world.streamer.stop_all()}
-            assert world.loop.time() - began < 3.5
+            began = testbed.loop.time()
+            stopped = {s.vehicle: s.error for s in await testbed.streamer.stop_all()}
+            assert testbed.loop.time() - began < 3.5
             assert stopped["2"] is None
             assert stopped["3"] is None
             assert isinstance(stopped["1"], NoReply)
             assert [autopilot.mode for autopilot in autopilots] == [OFFBOARD, HOLD, HOLD]
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
 
 def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
         autopilot.offboard_delay_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
@@ -150,7 +150,7 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(run_simulated):
 
 
 def test_a_refused_hold_is_reported_although_it_replaced_another_command(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.offboard_delay_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
@@ -167,16 +167,16 @@ def test_a_refused_hold_is_reported_although_it_replaced_another_command(run_sim
 
 @pytest.mark.parametrize("call", ["land", "rtl"])
 def test_the_stream_does_not_request_hold_during_another_command(run_simulated, call):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.handlers.append(lambda m: getattr(m, "command", None) == DO_SET_MODE and m.param3 == 3)
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         while vehicle.offboard.status().state != "to_hold":
             await seconds(0.01)
         await seconds(0.9)
         autopilot.handlers.append(
-            lambda m: getattr(m, "command", None) == DO_SET_MODE and world.loop.time() < late_s
+            lambda m: getattr(m, "command", None) == DO_SET_MODE and testbed.loop.time() < late_s
         )
-        late_s = world.loop.time() + 1.3
+        late_s = testbed.loop.time() + 1.3
         requests = len(mode_requests(autopilot, HOLD))
         await getattr(vehicle.command, call)()
         await seconds(2)
@@ -192,15 +192,15 @@ def test_the_stream_does_not_request_hold_during_another_command(run_simulated, 
 
 def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(run_simulated):
     async def run():
-        world = OffboardWorld()
-        link = world.link()
+        testbed = OffboardTestbed()
+        link = testbed.link()
         autopilots = [
-            world.offboard_autopilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2)
+            testbed.offboard_autopilot(link, peer=f"p{i}", system=i, boot_s=900.0 - i) for i in (1, 2)
         ]
         for autopilot in autopilots:
             autopilot.fly()
         try:
-            vehicles = [await world.ready(str(i)) for i in (1, 2)]
+            vehicles = [await testbed.ready(str(i)) for i in (1, 2)]
             await seconds(1.5)
             for number, vehicle in enumerate(vehicles, 1):
                 await vehicle.offboard.start(stream_request(position=(float(number), 0.0, -5.0)))
@@ -214,25 +214,25 @@ def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(run_simulate
             assert autopilots[1].armed
             assert not autopilots[0].armed
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
 
 def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(run_simulated):
     async def run():
-        world = OffboardWorld()
-        links = [world.link("one"), world.link("two")]
+        testbed = OffboardTestbed()
+        links = [testbed.link("one"), testbed.link("two")]
         autopilots = [
-            world.offboard_autopilot(link, uid=i + 7, boot_s=900.0 - 50 * i) for i, link in enumerate(links)
+            testbed.offboard_autopilot(link, uid=i + 7, boot_s=900.0 - 50 * i) for i, link in enumerate(links)
         ]
         for autopilot in autopilots:
             autopilot.fly()
         try:
-            await world.ready("1")
-            await world.ready("1~2")
+            await testbed.ready("1")
+            await testbed.ready("1~2")
             await seconds(1.5)
-            by_link = {world.fleet.get(i).links[0]: world.fleet.get(i) for i in ("1", "1~2")}
+            by_link = {testbed.fleet.get(i).links[0]: testbed.fleet.get(i) for i in ("1", "1~2")}
             await by_link["two"].offboard.start(stream_request())
             await by_link["two"].command.kill()
             assert autopilots[0].armed
@@ -241,7 +241,7 @@ def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(run_si
             assert not autopilots[0].commands(DO_SET_MODE)
             assert not autopilots[1].armed
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
@@ -253,9 +253,9 @@ def unreachable(data, peer):
 @pytest.mark.parametrize("how", ["silent", "write_fails"])
 def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsafe(run_simulated, how):
     async def run():
-        world = OffboardWorld()
-        first, second = world.link("one"), world.link("two")
-        autopilot = world.offboard_autopilot(first)
+        testbed = OffboardTestbed()
+        first, second = testbed.link("one"), testbed.link("two")
+        autopilot = testbed.offboard_autopilot(first)
         autopilot.fly()
         second.autopilots["peer"] = autopilot
         failed_links = []
@@ -268,7 +268,7 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
 
         autopilot.send_raw = send_on_both
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await seconds(5)
             assert set(vehicle.links) == {"one", "two"}
             await vehicle.offboard.start(stream_request())
@@ -287,6 +287,6 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
             assert autopilot.failsafes == 0
             assert vehicle.offboard.status().state == "streaming"
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)

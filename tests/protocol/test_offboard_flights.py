@@ -7,7 +7,7 @@ import pytest
 from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
 from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
-from tests.protocol.offboard_world import (
+from tests.protocol.offboard_testbed import (
     POSITION,
     assert_silent,
     mode_requests,
@@ -22,7 +22,7 @@ from tests.protocol.offboard_world import (
 
 
 def test_nothing_is_sent_after_stop(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(2)
         await vehicle.offboard.stop()
@@ -35,7 +35,7 @@ def test_nothing_is_sent_after_stop(run_simulated):
 
 
 def test_nothing_is_sent_after_the_vehicle_left_offboard(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(1)
         autopilot.mode = autopilot.requested_mode = POSITION
@@ -48,16 +48,16 @@ def test_nothing_is_sent_after_the_vehicle_left_offboard(run_simulated):
 
 @pytest.mark.parametrize("seed", range(21))
 def test_a_stream_starts_changes_and_stops_at_20_percent_loss(run_simulated, seed):
-    async def scenario(world, vehicle, autopilot, link):
-        began = world.loop.time()
+    async def scenario(testbed, vehicle, autopilot, link):
+        began = testbed.loop.time()
         await vehicle.offboard.start(stream_request())
-        assert world.loop.time() - began < 12
+        assert testbed.loop.time() - began < 12
         for north in range(5):
             await vehicle.offboard.setpoint(stream_request(position=(float(north), 0.0, -5.0)))
             await seconds(0.2)
-        began = world.loop.time()
+        began = testbed.loop.time()
         await vehicle.offboard.stop()
-        assert world.loop.time() - began < 6
+        assert testbed.loop.time() - began < 6
         assert autopilot.mode == HOLD
         assert autopilot.failsafes == 0
         await assert_silent(autopilot, link)
@@ -67,13 +67,13 @@ def test_a_stream_starts_changes_and_stops_at_20_percent_loss(run_simulated, see
 
 @pytest.mark.parametrize("seed", range(21))
 def test_each_command_ends_in_time_at_20_percent_loss(run_simulated, seed):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         command = vehicle.command
         calls = [(6, command.hold), (6, command.land), (6, command.hold), (6, command.rtl), (6, command.kill)]
         for limit_s, call in calls:
-            began = world.loop.time()
+            began = testbed.loop.time()
             await call()
-            assert world.loop.time() - began <= limit_s
+            assert testbed.loop.time() - began <= limit_s
         assert not autopilot.armed
 
     run_offboard(run_simulated, scenario, loss=0.2, seed=seed)
@@ -83,7 +83,7 @@ def test_each_command_ends_in_time_at_20_percent_loss(run_simulated, seed):
 
 
 def test_one_of_two_simultaneous_starts_flies_and_the_other_is_refused(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already has a setpoint stream"):
@@ -95,7 +95,7 @@ def test_one_of_two_simultaneous_starts_flies_and_the_other_is_refused(run_simul
 
 
 def test_a_stop_before_the_offboard_request_prevents_the_request(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.5)
         await vehicle.offboard.stop()
@@ -109,7 +109,7 @@ def test_a_stop_before_the_offboard_request_prevents_the_request(run_simulated):
 
 
 def test_a_stop_during_the_offboard_switch_ends_in_hold(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.offboard_delay_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
@@ -126,7 +126,7 @@ def test_a_stop_during_the_offboard_switch_ends_in_hold(run_simulated):
 
 
 def test_a_stopped_start_affects_no_later_start(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await seconds(0.5)
         await vehicle.offboard.stop()
@@ -142,7 +142,7 @@ def test_a_stopped_start_affects_no_later_start(run_simulated):
 
 
 def test_another_command_during_a_start_never_leaves_the_vehicle_in_offboard_without_a_stream(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.offboard_delay_s = 0.6
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
@@ -159,7 +159,7 @@ def test_another_command_during_a_start_never_leaves_the_vehicle_in_offboard_wit
 
 
 def test_a_cancelled_start_never_leaves_the_vehicle_in_offboard_without_a_stream(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.offboard_delay_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
@@ -176,7 +176,7 @@ def test_a_cancelled_start_never_leaves_the_vehicle_in_offboard_without_a_stream
 
 
 def test_a_vehicle_that_switches_to_offboard_after_the_deadline_does_not_stay_without_a_stream(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.offboard_delay_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
             await vehicle.offboard.start(stream_request())
@@ -188,7 +188,7 @@ def test_a_vehicle_that_switches_to_offboard_after_the_deadline_does_not_stay_wi
 
 
 def test_after_a_refused_switch_to_offboard_the_stream_ends_at_once(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.has_stream = lambda: False
         with pytest.raises(Rejected):
             await vehicle.offboard.start(stream_request())
@@ -199,7 +199,7 @@ def test_after_a_refused_switch_to_offboard_the_stream_ends_at_once(run_simulate
 
 
 def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.3)
         autopilot.alive = False
@@ -215,7 +215,7 @@ def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(run_simulate
 
 
 def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.params["COM_OF_LOSS_T"] = (9, 0.4)
         with pytest.raises(Refused, match="too few"):
             await vehicle.offboard.start(stream_request(), rate_hz=2.0)
@@ -226,7 +226,7 @@ def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(run_simulated):
 
 
 def test_a_stream_can_be_started_in_mission_mode(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.mode = autopilot.requested_mode = 4 << 16 | 4 << 24
         await seconds(2)
         assert vehicle.status.mode == "mission"
@@ -237,7 +237,7 @@ def test_a_stream_can_be_started_in_mission_mode(run_simulated):
 
 
 def test_a_stream_to_a_disarmed_vehicle_ends_in_hold_at_expiry(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=1.0, hold_for_s=1.0))
         await seconds(4)
         assert autopilot.mode == HOLD, "the vehicle stayed in Offboard: it would climb as soon as it is armed"
@@ -250,7 +250,7 @@ def test_a_stream_to_a_disarmed_vehicle_ends_in_hold_at_expiry(run_simulated):
 
 
 def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         async def move():
             while True:
                 await seconds(0.01)
@@ -274,7 +274,7 @@ def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(run
 
 
 def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(10.0, 0.0, 0.0), valid_for_s=1.6))
         autopilot.send_raw = lambda raw: None  # the vehicle receives, the server does not
         await seconds(2)
@@ -289,7 +289,7 @@ def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(run_simul
 
 
 def test_after_expiry_a_vehicle_that_lost_its_position_lands(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(1.0, 0.0, 0.0), valid_for_s=2.0))
         autopilot.has_estimates = False
         await seconds(3)
@@ -301,7 +301,7 @@ def test_after_expiry_a_vehicle_that_lost_its_position_lands(run_simulated):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_hold_is_requested_until_confirmed_while_the_stream_continues(run_simulated, seed):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
         await seconds(9)
         assert autopilot.mode == HOLD
@@ -312,7 +312,7 @@ def test_hold_is_requested_until_confirmed_while_the_stream_continues(run_simula
 
 
 def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
         autopilot.refusals[DO_SET_MODE] = 1
         await seconds(9)
@@ -325,7 +325,7 @@ def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(run_simulat
 
 
 def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_requested(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=1.0))
         await seconds(0.8)
         assert vehicle.offboard.status().state == "holding"
@@ -341,7 +341,7 @@ def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_req
 
 
 def test_a_start_during_expiry_is_refused(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=5.0))
         await seconds(1)
         with pytest.raises(Refused, match="already has a setpoint stream"):
@@ -351,7 +351,7 @@ def test_a_start_during_expiry_is_refused(run_simulated):
 
 
 def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, action="land"))
         autopilot.silent_commands.add(DO_SET_MODE)
         await seconds(1)
@@ -365,7 +365,7 @@ def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(run_simulat
 
 
 def test_a_stop_on_a_lost_link_is_repeated(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(hold_for_s=3600.0))
         autopilot.silent_commands.add(DO_SET_MODE)
         with pytest.raises(NoReply):
@@ -380,7 +380,7 @@ def test_a_stop_on_a_lost_link_is_repeated(run_simulated):
 
 
 def test_the_last_setpoint_of_two_clients_applies_and_each_client_may_stop(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(client="a"))
         for number in range(10):
             client = "ab"[number % 2]

@@ -14,8 +14,8 @@ from tests.protocol.api_calls import ANNA, InlinePlanWork, journal_lines, json_o
 from tests.protocol.api_calls import BOB as ROUTE_BOB
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, run_in_flight
-from tests.protocol.offboard_world import POSITION, assert_silent, mode_requests, seconds, stream_request
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.offboard_testbed import POSITION, assert_silent, mode_requests, seconds, stream_request
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.support.offboard_missions import mission
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -38,10 +38,10 @@ def hover(**actions):
 
 def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lands(run_simulated, tmp_path):
     async def scenario():
-        world = SimulatedWorld(camera=True)
-        missions = Missions(world, tmp_path)
+        testbed = SimulatedTestbed(camera=True)
+        missions = Missions(testbed, tmp_path)
         try:
-            vehicle = await world.ready_to_arm()
+            vehicle = await testbed.ready_to_arm()
             flight = missions.begin(vehicle, mission(FLIGHT))
             await missions.reach("flying")
             assert flight.status().if_stream_stops
@@ -59,7 +59,7 @@ def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lan
             assert not vehicle.status.armed
             assert event_codes(vehicle) == ["question", "answered", "done"]
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(scenario)
 
@@ -270,7 +270,7 @@ def test_a_mission_without_updates_from_the_server_holds_position_and_then_switc
 def test_a_stalled_server_leads_to_the_announced_failsafe(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         assert "Position" in missions.flight.status().if_stream_stops
-        streamer, update = missions.world.streamer, missions.offboard.update
+        streamer, update = missions.testbed.streamer, missions.offboard.update
         update_once = streamer.update_once
         streamer.update_once = missions.offboard.update = lambda: None
         await until(lambda: autopilot.mode == POSITION, 6)
@@ -284,7 +284,7 @@ def test_a_stalled_server_leads_to_the_announced_failsafe(run_simulated, tmp_pat
 
 def test_a_server_shutdown_puts_the_vehicle_of_a_mission_into_hold(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
-        await missions.world.streamer.stop_all()
+        await missions.testbed.streamer.stop_all()
         assert autopilot.mode == HOLD
         await asyncio.sleep(0.3)
         assert missions.state == "suspended"

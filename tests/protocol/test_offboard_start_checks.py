@@ -22,7 +22,7 @@ from missions.setpoints import (
 )
 from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import offboard_event_codes, run_offboard, seconds, stream_request
+from tests.protocol.offboard_testbed import offboard_event_codes, run_offboard, seconds, stream_request
 from vehicle_sim.mavlink import generated_dialect as sim
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -53,7 +53,7 @@ NEED_POSITION = {"position", "position_global", "position_body", "path", "follow
     ],
 )
 def test_the_available_setpoints_depend_on_the_vehicles_estimates(run_simulated, flags, expected):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         send_estimator_flags(autopilot, flags)
         await seconds(0.1)
         assert unavailable(vehicle) == expected
@@ -66,7 +66,7 @@ def test_the_available_setpoints_depend_on_the_vehicles_estimates(run_simulated,
 def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_before_anything_is_sent(
     run_simulated,
 ):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.has_estimates = False
         await seconds(1.5)
         for setpoint, text in (
@@ -84,7 +84,7 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
 
 
 def test_setpoints_that_are_never_available_have_a_reason(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         for setpoint, error, text in (
             (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "only yaw is controlled"),
             (Position((1.0, None, -5.0)), InvalidRequest, "north and east are needed together"),
@@ -101,7 +101,7 @@ def test_setpoints_that_are_never_available_have_a_reason(run_simulated):
 def test_after_an_attitude_setpoint_expires_without_an_estimate_the_stream_levels_the_vehicle_until_land(
     run_simulated,
 ):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.has_estimates = False
         autopilot.params["MPC_THR_HOVER"] = (9, 0.44)
         await seconds(1.5)
@@ -121,18 +121,18 @@ def test_after_an_attitude_setpoint_expires_without_an_estimate_the_stream_level
 
 
 def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_stall(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         targets = autopilot.other_targets
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
-        update_snapshots, world.streamer._streams.update_snapshots = (
-            world.streamer._streams.update_snapshots,
+        update_snapshots, testbed.streamer._streams.update_snapshots = (
+            testbed.streamer._streams.update_snapshots,
             lambda snapshots: None,
         )
         await seconds(0.4)
         assert max(b[0] - a[0] for a, b in itertools.pairwise(targets[-15:])) < 0.03
         await seconds(1.6)
-        assert world.loop.time() - targets[-1][0] > 0.3
-        world.streamer._streams.update_snapshots = update_snapshots
+        assert testbed.loop.time() - targets[-1][0] > 0.3
+        testbed.streamer._streams.update_snapshots = update_snapshots
         await seconds(0.2)
         assert "server_silent" in offboard_event_codes(vehicle)
 
@@ -140,7 +140,7 @@ def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_
 
 
 def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.params |= {
             "MPC_XY_VEL_MAX": (9, 4.0),
             "MPC_TILTMAX_AIR": (9, 30.0),
@@ -169,7 +169,7 @@ def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(run_simulated
 
 
 def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.has_estimates = False
         await vehicle.offboard.operator_limits.set(
             OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="test"
@@ -183,7 +183,7 @@ def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(ru
 
 
 def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         targets = autopilot.other_targets
         target = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
         await vehicle.offboard.start(StreamRequest(target, 60.0))
@@ -194,7 +194,7 @@ def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(run_
 
 
 def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_verified(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.ensure_parameters()
         before = vehicle.offboard.failsafe()
         assert (before.action, before.after_s, before.transmitter) == ("position", 1.0, False)
@@ -216,7 +216,7 @@ def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_v
 
 
 def test_health_reports_the_time_until_the_failsafe(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         assert vehicle.offboard.status().health.failsafe_in_s is None
         autopilot.params["COM_OF_LOSS_T"] = (9, 0.5)
         await vehicle.offboard.start(stream_request(valid_for_s=3.0))
@@ -234,7 +234,7 @@ def test_health_reports_the_time_until_the_failsafe(run_simulated):
 
 
 def test_a_limit_changed_in_flight_applies_at_once(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(9.0, 0.0, 0.0)))
         known = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
         vehicle.params.known = lambda name: SimpleNamespace(value=known[name]) if name in known else None
@@ -246,7 +246,7 @@ def test_a_limit_changed_in_flight_applies_at_once(run_simulated):
 
 
 def test_a_setpoint_after_the_end_is_refused_with_the_reason(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5, client="anna"))
         await seconds(3)
         with pytest.raises(

@@ -11,7 +11,7 @@ from gcs_server.api.offboard_stream import CLOSE_FLOOD, FLOOD_PER_S, MAX_RESPONS
 from gcs_server.control.principal import Principal
 from tests.protocol.api_calls import station_of
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import run_offboard, seconds, stream_request
+from tests.protocol.offboard_testbed import run_offboard, seconds, stream_request
 
 
 class Closed(Exception):
@@ -51,13 +51,13 @@ def north(metres, **fields):
 
 
 def run_with_socket(run_simulated, scenario, *, start=True):
-    async def fly(world, vehicle, autopilot, link):
-        station = station_of(world)
+    async def fly(testbed, vehicle, autopilot, link):
+        station = station_of(testbed)
         if start:
             await vehicle.offboard.start(stream_request())
         socket = FakeSocket()
         server = SetpointSocket(
-            world.clock, station, Principal.from_identity("pad", "pad"), vehicle.id, socket
+            testbed.clock, station, Principal.from_identity("pad", "pad"), vehicle.id, socket
         )
         serving = asyncio.ensure_future(server.serve())
         try:

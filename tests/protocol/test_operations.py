@@ -11,7 +11,7 @@ from gcs_server.errors import Disconnected, NotInControl
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import metadata_files
 from tests.protocol.api_calls import ANNA, BOB, journal_lines, json_of, station_of
-from tests.protocol.offboard_world import OffboardWorld, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, seconds
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
 WAIT = param_routes.RefreshRequest(wait=True)
@@ -27,16 +27,18 @@ async def read_inline(kind, packed, crc):
 
 def run_with_rig(run_simulated, work):
     async def run():
-        world = OffboardWorld()
-        autopilot = SimulatedAutopilot(world.link(), seed=1)
+        testbed = OffboardTestbed()
+        autopilot = SimulatedAutopilot(testbed.link(), seed=1)
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read_inline
-            station = station_of(world)
-            await work(SimpleNamespace(world=world, vehicle=vehicle, autopilot=autopilot, station=station))
+            station = station_of(testbed)
+            await work(
+                SimpleNamespace(testbed=testbed, vehicle=vehicle, autopilot=autopilot, station=station)
+            )
         finally:
             autopilot.alive = False
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

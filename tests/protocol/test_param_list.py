@@ -8,7 +8,7 @@ from gcs_server.errors import Disconnected, InvalidRequest, NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import metadata_files
-from tests.protocol.memory_world import World
+from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
 LIST, READ, SET, FTP = (
@@ -31,17 +31,17 @@ async def read_inline(kind, packed, crc):
 
 def run_with_vehicle(run_simulated, scenario, *, loss=0.0, seed=0, cache=None):
     async def run():
-        world = World()
-        autopilot = SimulatedAutopilot(world.link(), seed=seed)
+        testbed = MemoryTestbed()
+        autopilot = SimulatedAutopilot(testbed.link(), seed=seed)
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             vehicle.metadata.cache, vehicle.metadata.run_in_thread = cache, inline
             vehicle.metadata.read = read_inline
             autopilot.loss = loss
-            await scenario(world, vehicle, autopilot)
+            await scenario(testbed, vehicle, autopilot)
         finally:
             autopilot.alive = False
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
@@ -52,7 +52,7 @@ def true_values(autopilot):
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_all_parameters_have_exact_values_and_their_metadata(run_simulated, loss, seed):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         assert vehicle.params.list.state == "unknown"
         assert autopilot.count(LIST) == autopilot.count(FTP) == 0  # nothing is read without a request
         known = await vehicle.params.refresh()
@@ -73,10 +73,10 @@ def test_all_parameters_have_exact_values_and_their_metadata(run_simulated, loss
 def test_with_an_equal_checksum_nothing_is_read_again(run_simulated, tmp_path):
     cache = Cache(tmp_path)
 
-    async def first(world, vehicle, autopilot):
+    async def first(testbed, vehicle, autopilot):
         await vehicle.params.refresh()
 
-    async def second(world, vehicle, autopilot):
+    async def second(testbed, vehicle, autopilot):
         known = await vehicle.params.refresh()
         assert (known.state, known.source, known.received) == ("ready", "cache", 929)
         assert (autopilot.count(LIST), autopilot.count(READ), autopilot.count(FTP)) == (0, 1, 0)
@@ -86,7 +86,7 @@ def test_with_an_equal_checksum_nothing_is_read_again(run_simulated, tmp_path):
         assert autopilot.count(LIST) == 0
 
         autopilot.sim.set_parameter(0, "MPC_XY_CRUISE", 3.0)  # another station sets a parameter
-        await world.clock.sleep(0.5)
+        await testbed.clock.sleep(0.5)
         changed = {p.name: p.value for p in vehicle.params.all()}
         assert changed["MPC_XY_CRUISE"] == 3.0  # sent by the vehicle without a request
         assert (await vehicle.params.refresh()).source == "vehicle"
@@ -99,7 +99,7 @@ def test_with_an_equal_checksum_nothing_is_read_again(run_simulated, tmp_path):
 
 
 def test_a_value_is_checked_by_the_vehicles_metadata(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         params = vehicle.params
         await params.set("MPC_XY_CRUISE", 19.5)  # before its metadata is read: PX4 accepts any value
         await params.refresh()
@@ -118,9 +118,9 @@ def test_a_value_is_checked_by_the_vehicles_metadata(run_simulated):
 
 
 def test_a_lost_vehicle_ends_the_read_with_a_reason_and_the_read_can_be_repeated(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         reading = asyncio.ensure_future(vehicle.params.refresh())
-        await world.clock.sleep(0.4)
+        await testbed.clock.sleep(0.4)
         assert vehicle.params.list.state == "reading"
         assert 0 < vehicle.params.list.received < 929
         autopilot.loss = 1.0
@@ -130,14 +130,14 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_the_read_can_be_repeated
         assert known.state == "failed"
         assert known.problem
         autopilot.loss = 0.0
-        await world.clock.sleep(2)
+        await testbed.clock.sleep(2)
         lists = await asyncio.gather(vehicle.params.refresh(), vehicle.params.refresh())
         assert {parameter_list.state for parameter_list in lists} == {"ready"}
         assert autopilot.count(LIST) == 2  # two simultaneous requests share one read
         autopilot.loss = 1.0
-        await world.clock.sleep(5)
+        await testbed.clock.sleep(5)
         autopilot.loss = 0.0
-        await world.clock.sleep(2)
+        await testbed.clock.sleep(2)
         assert vehicle.params.list.state == "outdated"
 
     run_with_vehicle(run_simulated, scenario)
@@ -145,10 +145,10 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_the_read_can_be_repeated
 
 def test_a_vehicle_without_parameters_is_reported(run_simulated):
     async def run():
-        world = World()
-        autopilot = world.autopilot(world.link())
+        testbed = MemoryTestbed()
+        autopilot = testbed.autopilot(testbed.link())
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read_inline
             with pytest.raises(NoReply, match="did not send its parameters"):
                 await vehicle.params.refresh()
@@ -157,13 +157,13 @@ def test_a_vehicle_without_parameters_is_reported(run_simulated):
             assert (await vehicle.params.set("MPC_XY_VEL_MAX", 500)).value == 500
             assert autopilot.params["MPC_XY_VEL_MAX"][1] == 500
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
 
 def test_event_texts_come_from_the_vehicles_metadata(run_simulated, tmp_path):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         before = (await vehicle.health.check()).findings
         vehicle.health.apply_definitions(await vehicle.metadata.events())
         after = vehicle.health.readiness

@@ -13,7 +13,7 @@ from tests.protocol.one_vehicle import LOSS, run_scenario
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_parameters_are_read_and_written_bit_for_bit(run_simulated, loss, seed):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
         assert (await vehicle.params.set("MPC_XY_VEL_MAX", 9.3)).value == pytest.approx(9.3, abs=1e-6)
         for value in (-1, 0, 77, -8388607, 2**31 - 1):
@@ -25,7 +25,7 @@ def test_parameters_are_read_and_written_bit_for_bit(run_simulated, loss, seed):
 
 
 def test_refused_parameters_have_a_reason(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         with pytest.raises(NoReply, match="NO_SUCH"):
             await vehicle.params.get("NO_SUCH")
         for name in ("", "WAY_TOO_LONG_FOR_A_NAME", "SPACE D", "Ä"):
@@ -42,7 +42,7 @@ def test_refused_parameters_have_a_reason(run_simulated):
 
 
 def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         station = [255, 190]
 
         def refuse(message):
@@ -67,7 +67,7 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         with pytest.raises(Refused, match="not controlled"):
             await vehicle.gimbal.set_angles(-30, 0)
         autopilot.gimbal_control = (7, 8)
@@ -98,7 +98,7 @@ def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
 
 
 def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         for pitch, yaw in ((math.nan, 0), (-150, 0), (0, 400), (0, math.inf)):
             with pytest.raises(InvalidRequest):
                 await vehicle.gimbal.set_angles(pitch, yaw)
@@ -136,7 +136,7 @@ def simulate_turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(run_simulated, loss, seed):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         simulate_turning(autopilot, pitch_min_deg=-45.0)
         await vehicle.gimbal.take_control()
         limited = await vehicle.gimbal.set_angles(-90, 0)
@@ -149,23 +149,23 @@ def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(run_s
 
 
 def test_without_wait_a_gimbal_command_returns_at_its_acknowledgement(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         simulate_turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
-        began_s = world.loop.time()
+        began_s = testbed.loop.time()
         assert await vehicle.gimbal.set_angles(-90, 0, wait=False) is None
-        assert world.loop.time() - began_s < 0.3
+        assert testbed.loop.time() - began_s < 0.3
 
     run_scenario(run_simulated, scenario)
 
 
 def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(run_simulated):
-    async def scenario(world, vehicle, autopilot):
+    async def scenario(testbed, vehicle, autopilot):
         simulate_turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
-        began_s = world.loop.time()
+        began_s = testbed.loop.time()
         assert await vehicle.gimbal.set_angles(-90, 0) is None
-        assert world.loop.time() - began_s < 4.0
+        assert testbed.loop.time() - began_s < 4.0
         autopilot.gimbal_attitude = lambda: None
         assert await vehicle.gimbal.set_angles(0, 0) is None
 

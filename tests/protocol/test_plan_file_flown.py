@@ -11,8 +11,8 @@ from gcs_server.api import mission_models, mission_routes, plan_models, plan_rou
 from gcs_server.plans.store import PlanStore
 from missions import plan as documents
 from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, station_of
-from tests.protocol.offboard_world import seconds
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.offboard_testbed import seconds
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from vehicle_sim.mavlink import generated_dialect as sim
 
 FILE = Path(__file__).parents[1] / "data" / "plans" / "survey_gimbal_fence.plan"
@@ -32,16 +32,16 @@ COMMANDS_OF_ITEMS = (
 
 def run_with_rig(run_simulated, tmp_path, work):
     async def run():
-        world = SimulatedWorld()
+        testbed = SimulatedTestbed()
         try:
-            vehicle = await world.ready_to_arm()
-            station = station_of(world)
-            station.plans, station.plan_work = PlanStore(tmp_path / "plans", world.clock), InlinePlanWork()
+            vehicle = await testbed.ready_to_arm()
+            station = station_of(testbed)
+            station.plans, station.plan_work = PlanStore(tmp_path / "plans", testbed.clock), InlinePlanWork()
             station.waypoint_flights.start()
-            await work(SimpleNamespace(world=world, vehicle=vehicle, station=station))
+            await work(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
             station.plans.close()
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
@@ -87,7 +87,7 @@ async def compare_with_vehicle(rig, plan):
 async def flown_commands(rig):
     """Flies the plan to its end; returns the numbers of the items that PX4 executed as commands."""
     executed = []
-    rig.world.sim.autopilots[0].own_commands.add_listener(executed.append)
+    rig.testbed.sim.autopilots[0].own_commands.add_listener(executed.append)
     body = mission_models.StartRequest.model_validate({"item": 0})
     await mission_routes.start("1", rig.station, ANNA, body)
     await until(lambda: not rig.vehicle.status.armed, 180)
@@ -106,7 +106,7 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
         stored = await import_file(rig)
         _, document = await rig.station.plans.get(stored.id, None)
         plan = documents.read(document)
-        rig.world.loss = loss
+        rig.testbed.loss = loss
         uploading = mission_models.UploadRequest.model_validate({"plan_id": stored.id, "wait": True})
         result = json_of(await mission_routes.upload("1", uploading, rig.station, ANNA))["result"]
         assert result == {"items": {"mission": 19, "fence": 9, "rally": 2}, "not_kept": []}

@@ -20,8 +20,8 @@ from missions.offboard import document
 from missions.offboard.reader import read
 from tests.protocol import two_vehicles
 from tests.protocol.api_calls import ANNA, json_of
-from tests.protocol.offboard_world import seconds
-from tests.protocol.simulated_world import until
+from tests.protocol.offboard_testbed import seconds
+from tests.protocol.simulated_testbed import until
 
 ORIGIN = LocalOrigin(47.397742, 8.545594, 488.0)
 APART_M = 40.0

@@ -11,9 +11,9 @@ from gcs_server.errors import Rejected
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
 from missions.setpoints import Position
-from tests.protocol.offboard_world import seconds
-from tests.protocol.ros2_world import request_of
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.offboard_testbed import seconds
+from tests.protocol.ros2_testbed import request_of
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.protocol.small_plan import plan_about
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -28,14 +28,14 @@ ALTITUDE_CRUISE = 0x000B0000
 class Px4V117Converter:
     """Converts the messages between the link and a simulated v1.16 vehicle to those of v1.17."""
 
-    def __init__(self, world: SimulatedWorld) -> None:
-        self._sim = world.sim
+    def __init__(self, testbed: SimulatedTestbed) -> None:
+        self._sim = testbed.sim
         self._parser, self._received = sim.MAVLink(None), sim.MAVLink(None)
         self._packers: dict[tuple[int, int], Any] = {}
         self._replies: list[bytes] = []
         self.in_altitude_cruise = False
-        self._frames, self._feed = world.sim.frames, world.sim.feed
-        world.sim.frames, world.sim.feed = self.frames, self.feed  # type: ignore[method-assign]
+        self._frames, self._feed = testbed.sim.frames, testbed.sim.feed
+        testbed.sim.frames, testbed.sim.feed = self.frames, self.feed  # type: ignore[method-assign]
 
     def feed(self, row: int, link: str, data: bytes) -> None:
         """Passes messages to the vehicle, except those that v1.17 refuses."""
@@ -98,10 +98,10 @@ class Px4V117Converter:
 @pytest.mark.story
 def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(run_simulated: Any) -> None:
     async def scenario() -> None:
-        world = SimulatedWorld()
-        converter = Px4V117Converter(world)
+        testbed = SimulatedTestbed()
+        converter = Px4V117Converter(testbed)
         try:
-            vehicle = await world.ready_to_arm()
+            vehicle = await testbed.ready_to_arm()
             await until(lambda: vehicle.identity.firmware == "1.17.0", 5)
             assert vehicle.topic("hud").value.airspeed_m_s is None
             assert vehicle.topic("mission").value.count == 0
@@ -129,10 +129,10 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(run
             converter.in_altitude_cruise = False
             await until(lambda: vehicle.status.mode != "altitude_cruise", 3)
             await seconds(1)
-            (link,) = (connection.info() for connection in world.router.connections())
+            (link,) = (connection.info() for connection in testbed.router.connections())
             assert (link.frames_lost, link.crc_errors, link.bytes_skipped) == (0, 0, 0)
             assert link.frames_unknown > 40
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(scenario)

@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from tests.protocol.memory_world import World
+from tests.protocol.memory_testbed import MemoryTestbed
 from vehicle_sim.mavlink import generated_dialect as sim
 
 LOGS = [
@@ -43,13 +43,13 @@ def test_the_api_shows_the_values_of_the_log(shared, run_simulated, name):
     path = shared / "px4" / "tlogs" / name
 
     async def scenario():
-        world = World()
-        link = world.link("tape", replay=True)
+        testbed = MemoryTestbed()
+        link = testbed.link("tape", replay=True)
         reference_decoder, newest, vehicle, compared = sim.MAVLink(None), {}, None, 0
         last_us = None
         try:
             for count, (time_us, raw) in enumerate(records(path)):
-                world.loop.now_s += 0 if last_us is None else (time_us - last_us) / 1e6
+                testbed.loop.now_s += 0 if last_us is None else (time_us - last_us) / 1e6
                 last_us = time_us
                 link.inject(raw, "log")
                 msg_id = raw[7] | raw[8] << 8 | raw[9] << 16
@@ -58,15 +58,15 @@ def test_the_api_shows_the_values_of_the_log(shared, run_simulated, name):
                     newest["mode"] = newest[msg_id].custom_mode if msg_id in (0, 436) else newest.get("mode")
                 if count % COMPARED_EVERY or len(newest) < 6:
                     continue
-                (vehicle,) = world.fleet.all()
+                (vehicle,) = testbed.fleet.all()
                 compared += compare(vehicle, newest)
             await asyncio.sleep(0)
             assert compared > 20
             assert vehicle.identity.replayed
             assert link.sent == []
-            assert world.router.connection("tape").counts()["log"].bytes_skipped == 0
+            assert testbed.router.connection("tape").counts()["log"].bytes_skipped == 0
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(scenario)
 

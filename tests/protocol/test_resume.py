@@ -13,8 +13,8 @@ from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, json_of, station_o
 from tests.protocol.command_numbers import DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST
 from tests.protocol.fake_autopilot import HOLD, IN_AIR, ON_GROUND, RTL
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
-from tests.protocol.offboard_world import OffboardWorld, seconds
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 
 LAT, LON = 47.397742, 8.545594
 DEG_PER_M = 1 / 111_195
@@ -49,19 +49,19 @@ def run_with_rig(run_simulated, tmp_path, work):
     """Runs a test with a scripted vehicle, which has the simulator's mission service."""
 
     async def run():
-        world = OffboardWorld()
-        link = world.link()
+        testbed = OffboardTestbed()
+        link = testbed.link()
         autopilot = link.autopilots["peer"] = MissionAutopilot(link)
-        rig = SimpleNamespace(world=world, autopilot=autopilot, folder=tmp_path)
+        rig = SimpleNamespace(testbed=testbed, autopilot=autopilot, folder=tmp_path)
         try:
-            rig.vehicle = await world.ready()
+            rig.vehicle = await testbed.ready()
             await seconds(1.5)
             await start_server(rig)
             await work(rig)
             rig.progress.close()
         finally:
             autopilot.alive = False
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
@@ -70,8 +70,8 @@ async def start_server(rig):
     """Starts a server on the data folder of the test."""
     rig.progress = ProgressStore(Records(rig.folder / "flights"))
     await rig.progress.load()
-    rig.station = station_of(rig.world, rig.progress)
-    rig.station.plans = PlanStore(rig.folder / "plans", rig.world.clock)
+    rig.station = station_of(rig.testbed, rig.progress)
+    rig.station.plans = PlanStore(rig.folder / "plans", rig.testbed.clock)
     rig.flights = rig.station.waypoint_flights
 
 
@@ -130,7 +130,7 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_
         rig.autopilot.alive, rig.autopilot.flight.current = True, 0
         await monitor_for(rig, 3)
         offer = (await mission_view(rig))["resume"]
-        landed_s = rig.world.clock.unix_s() - offer["interrupted_unix_s"]
+        landed_s = rig.testbed.clock.unix_s() - offer["interrupted_unix_s"]
         assert 17 < landed_s < 22, "interrupted_unix_s is not the time at which the vehicle began to return"
         assert (offer["item"], offer["count"], offer["title"], offer["interrupted_item"]) == (
             1,
@@ -291,31 +291,31 @@ def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_al
     run_simulated, tmp_path
 ):
     async def run():
-        world = SimulatedWorld(parameters=QUICK_RETURN)
-        rig = SimpleNamespace(world=world, folder=tmp_path)
+        testbed = SimulatedTestbed(parameters=QUICK_RETURN)
+        rig = SimpleNamespace(testbed=testbed, folder=tmp_path)
         try:
-            rig.vehicle = await world.ready_to_arm()
+            rig.vehicle = await testbed.ready_to_arm()
             await start_server(rig)
             rig.flights.start()
-            mission = world.sim.autopilots[0].navigator.mission
+            mission = testbed.sim.autopilots[0].navigator.mission
             await upload(rig, SHORT)
             await start(rig, item=0)
             await until(lambda: mission.current == 4, 40)
             await seconds(4)
-            world.sim.simulation.set_battery_remaining(0, 0.06)
+            testbed.sim.simulation.set_battery_remaining(0, 0.06)
             await until(lambda: rig.vehicle.status.mode == "rtl", 15)
             await until(lambda: not rig.vehicle.status.armed, 60)
-            world.sim.simulation.set_battery_remaining(0, 1.0)
-            world.sim.set_link_up(0, "gcs", False)
+            testbed.sim.simulation.set_battery_remaining(0, 1.0)
+            testbed.sim.set_link_up(0, "gcs", False)
             await seconds(12)
-            world.sim.set_link_up(0, "gcs", True)
+            testbed.sim.set_link_up(0, "gcs", True)
             await until(lambda: not rig.vehicle.status.link_lost, 10)
             await seconds(3)
-            await world.ready_to_arm()
+            await testbed.ready_to_arm()
             offer = (await mission_view(rig))["resume"]
             assert (offer["item"], offer["interrupted_item"], offer["cautions"]) == (2, 4, [])
             sent = []
-            world.sim.autopilots[0].own_commands.add_listener(lambda command: sent.append(command.number))
+            testbed.sim.autopilots[0].own_commands.add_listener(lambda command: sent.append(command.number))
             await start(rig, item=offer["item"], mission_id=offer["mission_id"])
             await until(lambda: mission.current == 4, 40)
             assert [number for number in sent if number in RESTORED] == RESTORED, (
@@ -328,6 +328,6 @@ def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_al
             assert (await mission_view(rig))["no_resume"] == "Vehicle 1 has flown the plan to its end."
             rig.progress.close()
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)

@@ -30,8 +30,8 @@ from missions.setpoints import (
     ThrustTorque,
     Velocity,
 )
-from tests.protocol.ros2_world import Ros2World, request_of, value_of
-from tests.protocol.simulated_world import until
+from tests.protocol.ros2_testbed import Ros2Testbed, request_of, value_of
+from tests.protocol.simulated_testbed import until
 
 ALTITUDE_M = 20.0
 HOVER_NED_M = (0.0, 0.0, -ALTITUDE_M)
@@ -158,17 +158,17 @@ LEVELS = [
 @pytest.mark.story
 def test_the_seven_control_levels_are_flown_in_one_flight(run_simulated: Any) -> None:
     async def run() -> None:
-        world = Ros2World()
-        vehicle = await world.take_off(alt_home_m=ALTITUDE_M)
+        testbed = Ros2Testbed()
+        vehicle = await testbed.take_off(alt_home_m=ALTITUDE_M)
         await vehicle.offboard.start(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
         for level in LEVELS:
             await hover(vehicle)
-            await fly(world, vehicle, level)
+            await fly(testbed, vehicle, level)
         await hover(vehicle)
         await vehicle.command.land()
         await until(lambda: not vehicle.status.armed, 60)
         assert not vehicle.offboard.status().streaming
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)
 
@@ -188,9 +188,9 @@ async def hover(vehicle: Vehicle) -> None:
     await until(hovers, 30)
 
 
-async def fly(world: Ros2World, vehicle: Vehicle, level: Level) -> None:
+async def fly(testbed: Ros2Testbed, vehicle: Vehicle, level: Level) -> None:
     """Flies a control level; checks the messages and the motion."""
-    sent = world.topics[0].sent
+    sent = testbed.topics[0].sent
     before = len(sent)
     await vehicle.offboard.setpoint(request_of(level.setpoint))
     await asyncio.sleep(SWITCHED_S)

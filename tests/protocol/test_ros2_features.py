@@ -16,8 +16,8 @@ from gcs_server.errors import GcsError, Refused
 from gcs_server.vehicle.reach import FEATURES, NEEDS_MAVLINK
 from missions.plan import Plan, write
 from tests.protocol.api_calls import json_of, station_of
-from tests.protocol.ros2_world import Ros2World
-from tests.protocol.simulated_world import until
+from tests.protocol.ros2_testbed import Ros2Testbed
+from tests.protocol.simulated_testbed import until
 
 ANNA = Principal.from_identity("anna", "anna's tab")
 REQUESTS: dict[str, Callable[[Any], Any]] = {
@@ -36,27 +36,27 @@ def test_each_feature_has_a_request_that_is_refused() -> None:
 
 def test_over_ros_2_only_a_request_that_needs_mavlink_is_refused_at_once(run_simulated: Any) -> None:
     async def run() -> None:
-        world = Ros2World()
-        vehicle = await world.ready_to_arm()
+        testbed = Ros2Testbed()
+        vehicle = await testbed.ready_to_arm()
         assert vehicle.reach.missing == FEATURES
-        sent = len(world.topics[0].sent)
+        sent = len(testbed.topics[0].sent)
         for feature, request in REQUESTS.items():
-            began_s = world.loop.time()
+            began_s = testbed.loop.time()
             with pytest.raises(Refused, match=f"carries no {NEEDS_MAVLINK[feature]}") as refused:
                 await request(vehicle)
             assert "needs a MAVLink link" in (refused.value.remedy or "")
-            assert world.loop.time() == began_s
-        assert len(world.topics[0].sent) == sent
-        await world.close()
+            assert testbed.loop.time() == began_s
+        assert len(testbed.topics[0].sent) == sent
+        await testbed.close()
 
     run_simulated(run)
 
 
 def test_routes_refuse_before_they_start_an_operation(run_simulated: Any) -> None:
     async def run() -> None:
-        world = Ros2World()
-        vehicle = await world.ready_to_arm()
-        station = station_of(world)
+        testbed = Ros2Testbed()
+        vehicle = await testbed.ready_to_arm()
+        station = station_of(testbed)
         plan = mission_models.UploadRequest.model_validate({"plan": json.loads(write(Plan()))})
         for call in (
             lambda: upload("1", plan, station, ANNA),
@@ -75,29 +75,29 @@ def test_routes_refuse_before_they_start_an_operation(run_simulated: Any) -> Non
             "setpoints": "ROS 2",
             "missing": list(FEATURES),
         }
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)
 
 
 def test_with_both_protocols_commands_use_mavlink_and_setpoints_ros_2(run_simulated: Any) -> None:
     async def run() -> None:
-        world = Ros2World(mavlink=True)
-        vehicle = await world.ready_to_arm()
+        testbed = Ros2Testbed(mavlink=True)
+        vehicle = await testbed.ready_to_arm()
         await until(lambda: len(vehicle.reach.protocols) == 2, 10)
         reach = vehicle.reach
         assert (reach.telemetry, reach.commands, reach.setpoints) == ("MAVLink", "MAVLink", "ROS 2")
         assert reach.missing == ()
         await vehicle.params.get("MPC_XY_VEL_MAX")
 
-        world.mavlink_on = False
+        testbed.mavlink_on = False
         await asyncio.sleep(4.0)
         assert (vehicle.reach.protocols, vehicle.reach.commands) == (("ROS 2",), "ROS 2")
         with pytest.raises(GcsError, match="vehicle 1 sends nothing on its MAVLink link mavlink"):
             await vehicle.params.get("MPC_XY_VEL_MAX")
 
-        world.mavlink_on = True
+        testbed.mavlink_on = True
         await until(lambda: not vehicle.reach.missing, 5)
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)

@@ -16,11 +16,11 @@ from gcs_server.vehicle.vehicle import Vehicle
 from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
 from tests.protocol.api_calls import ANNA, station_of
-from tests.protocol.group_world import setpoints_request, start_group, velocity
+from tests.protocol.group_testbed import setpoints_request, start_group, velocity
 from tests.protocol.mission_flights import Missions, event_codes
-from tests.protocol.mission_modes_world import OtherStation
-from tests.protocol.ros2_world import Ros2World, request_of, value_of
-from tests.protocol.simulated_world import until
+from tests.protocol.mission_modes_testbed import OtherStation
+from tests.protocol.ros2_testbed import Ros2Testbed, request_of, value_of
+from tests.protocol.simulated_testbed import until
 from tests.support.offboard_missions import mission
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -34,9 +34,9 @@ MISSION = """
 @pytest.mark.story
 def test_an_offboard_mission_takes_off_flies_and_lands(run_simulated: Any, tmp_path: Path) -> None:
     async def run() -> None:
-        world = Ros2World()
-        missions = Missions(world, tmp_path)
-        vehicle = await world.ready_to_arm()
+        testbed = Ros2Testbed()
+        missions = Missions(testbed, tmp_path)
+        vehicle = await testbed.ready_to_arm()
         flight = missions.begin(vehicle, mission(MISSION))
         await missions.reach("flying")
         deviation_max_m = 0.0
@@ -47,7 +47,7 @@ def test_an_offboard_mission_takes_off_flies_and_lands(run_simulated: Any, tmp_p
         assert deviation_max_m < 3.0
         assert not vehicle.status.armed
         assert event_codes(vehicle) == ["done"]
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)
 
@@ -56,14 +56,14 @@ def test_a_mission_with_a_picture_is_flown_and_reports_that_ros2_carries_no_came
     run_simulated: Any, tmp_path: Path
 ) -> None:
     async def run() -> None:
-        world = Ros2World()
-        missions = Missions(world, tmp_path)
-        vehicle = await world.ready_to_arm()
+        testbed = Ros2Testbed()
+        missions = Missions(testbed, tmp_path)
+        vehicle = await testbed.ready_to_arm()
         missions.begin(vehicle, mission("- {step: take_off, height_m: 4}\n- {step: photo}\n- {step: land}\n"))
         await missions.reach("done")
         texts = [event.text for event in vehicle.events.since()]
         assert any("carries no camera commands" in text for text in texts), texts
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)
 
@@ -71,9 +71,9 @@ def test_a_mission_with_a_picture_is_flown_and_reports_that_ros2_carries_no_came
 @pytest.mark.story
 def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: Any) -> None:
     async def run() -> None:
-        world = Ros2World(2)
-        vehicles = [await world.take_off(v, alt_home_m=10.0) for v in ("1", "2")]
-        rig = SimpleNamespace(world=world, station=station_of(world))
+        testbed = Ros2Testbed(2)
+        vehicles = [await testbed.take_off(v, alt_home_m=10.0) for v in ("1", "2")]
+        rig = SimpleNamespace(testbed=testbed, station=station_of(testbed))
         await fly_apart(vehicles[1])
 
         goals: dict[str, Vector3] = {}
@@ -92,7 +92,7 @@ def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: An
             await group_routes.setpoints("1", crossing, rig.station, ANNA)
         await group_routes.hold("1", rig.station, ANNA)
         await until(lambda: all(v.status.mode == "hold" for v in vehicles), 5)
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)
 
@@ -113,17 +113,17 @@ def distance_m(vehicle: Vehicle, position_ned_m: Vector3) -> float:
 
 def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_over_ros2(run_simulated: Any) -> None:
     async def run() -> None:
-        world = Ros2World(mavlink=True)
-        world.mavlink_on = False
-        vehicle = await world.ready_to_arm()
+        testbed = Ros2Testbed(mavlink=True)
+        testbed.mavlink_on = False
+        vehicle = await testbed.ready_to_arm()
         position = value_of(vehicle, "global_position")
         home = (position.lat_deg, position.lon_deg, position.alt_amsl_m - 30.0)
-        OtherStation(world).command(sim.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, *home)
+        OtherStation(testbed).command(sim.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, *home)
         await until(lambda: value_of(vehicle, "home").alt_amsl_m < position.alt_amsl_m - 29, 5)
         with pytest.raises(InvalidRequest, match="is not above vehicle 1") as caught:
             await vehicle.command.takeoff(10)
         assert caught.value.field == "alt_home_m"
         assert not vehicle.status.armed
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)

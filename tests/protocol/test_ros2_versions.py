@@ -16,20 +16,20 @@ from gcs_server.ros2.versions import TopicVersions
 from gcs_server.streamer.transport.ros2 import CONTROL_MODE, SETPOINT_TOPICS
 from missions.setpoints import Attitude, Position
 from tests.protocol.mission_flights import Missions
-from tests.protocol.mission_modes_world import Modes, run_with_modes
-from tests.protocol.ros2_world import Ros2World, request_of
-from tests.protocol.simulated_world import until
+from tests.protocol.mission_modes_testbed import Modes, run_with_modes
+from tests.protocol.ros2_testbed import Ros2Testbed, request_of
+from tests.protocol.simulated_testbed import until
 from tests.support.offboard_missions import mission
 
 TRAJECTORY = SETPOINT_TOPICS["TrajectorySetpoint"]
 ABOVE_HOME = Position((0.0, 0.0, -3.0))
 
 
-def set_other_version(world: Ros2World, topic: str, row: int = 0) -> None:
+def set_other_version(testbed: Ros2Testbed, topic: str, row: int = 0) -> None:
     """Gives the vehicle only version 7 of this topic."""
     namespace, versions = f"px4_{row}", TopicVersions()
     versions.add_topic(wire_name(f"{topic}_v7", namespace), publishes=False)
-    world.ros2.unusable[namespace] = versions.unusable(namespace)
+    testbed.ros2.unusable[namespace] = versions.unusable(namespace)
 
 
 @pytest.mark.parametrize("topic", [TRAJECTORY, CONTROL_MODE])
@@ -37,28 +37,28 @@ def test_a_stream_is_refused_and_other_vehicles_and_setpoint_types_fly(
     run_simulated: Any, topic: str
 ) -> None:
     async def run() -> None:
-        world = Ros2World(2)
-        vehicle, other = await world.ready_to_arm("1"), await world.ready_to_arm("2")
-        set_other_version(world, topic)
-        sent = len(world.topics[0].sent)
+        testbed = Ros2Testbed(2)
+        vehicle, other = await testbed.ready_to_arm("1"), await testbed.ready_to_arm("2")
+        set_other_version(testbed, topic)
+        sent = len(testbed.topics[0].sent)
         with pytest.raises(
             Refused, match=rf"{topic}_v7 has version 7, but this server knows version 0"
         ) as refused:
-            await world.streamer.offboard("1").start(request_of(ABOVE_HOME))
+            await testbed.streamer.offboard("1").start(request_of(ABOVE_HOME))
         assert "connect the vehicle over MAVLink" in (refused.value.remedy or "")
-        assert len(world.topics[0].sent) == sent
-        available = world.streamer.offboard("1").available()
+        assert len(testbed.topics[0].sent) == sent
+        available = testbed.streamer.offboard("1").available()
         assert not available["position"].can
         assert f"{topic}_v7" in (available["position_global"].why_not or "")
         assert available["attitude"].can is (topic == TRAJECTORY)
-        await world.streamer.offboard("2").start(request_of(ABOVE_HOME))
+        await testbed.streamer.offboard("2").start(request_of(ABOVE_HOME))
         assert other.status.mode == "offboard"
         if topic == TRAJECTORY:
-            await world.streamer.offboard("1").start(request_of(Attitude((1.0, 0.0, 0.0, 0.0), 0.1)))
+            await testbed.streamer.offboard("1").start(request_of(Attitude((1.0, 0.0, 0.0, 0.0), 0.1)))
             assert vehicle.status.mode == "offboard"
             with pytest.raises(Refused, match="has version 7"):
-                await world.streamer.offboard("1").setpoint(request_of(ABOVE_HOME))
-        await world.close()
+                await testbed.streamer.offboard("1").setpoint(request_of(ABOVE_HOME))
+        await testbed.close()
 
     run_simulated(run)
 
@@ -67,32 +67,32 @@ def test_with_a_mavlink_link_setpoints_are_sent_over_mavlink_while_it_is_connect
     run_simulated: Any,
 ) -> None:
     async def run() -> None:
-        world = Ros2World(mavlink=True)
-        vehicle = await world.ready_to_arm()
-        offboard = world.streamer.offboard(vehicle.id)
+        testbed = Ros2Testbed(mavlink=True)
+        vehicle = await testbed.ready_to_arm()
+        offboard = testbed.streamer.offboard(vehicle.id)
         await until(lambda: vehicle.reach.setpoints == "ROS 2", 10.0)
-        set_other_version(world, TRAJECTORY)
+        set_other_version(testbed, TRAJECTORY)
         assert vehicle.reach.setpoints == "MAVLink"
-        sent = len(world.topics[0].sent)
+        sent = len(testbed.topics[0].sent)
         await offboard.start(request_of(ABOVE_HOME))
         assert vehicle.status.mode == "offboard"
-        assert len(world.topics[0].sent) == sent
+        assert len(testbed.topics[0].sent) == sent
         await offboard.stop()
-        world.mavlink_on = False
+        testbed.mavlink_on = False
         await asyncio.sleep(2.0)
         with pytest.raises(Refused, match="has version 7"):
             await offboard.start(request_of(ABOVE_HOME))
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)
 
 
 def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path) -> None:
     async def run() -> None:
-        world = Ros2World()
-        missions = Missions(world, tmp_path)
-        vehicle = await world.ready_to_arm()
-        set_other_version(world, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
+        testbed = Ros2Testbed()
+        missions = Missions(testbed, tmp_path)
+        vehicle = await testbed.ready_to_arm()
+        set_other_version(testbed, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
         attitude = "{step: attitude, roll_rad: 0.1, thrust: 0.5, duration_s: 1}"
         with pytest.raises(Refused, match="Not available: attitude setpoints"):
             missions.begin(
@@ -100,7 +100,7 @@ def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path
             )
         await asyncio.sleep(2.0)
         assert not vehicle.status.armed
-        await world.close()
+        await testbed.close()
 
     run_simulated(run)
 
@@ -108,12 +108,12 @@ def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path
 @pytest.mark.parametrize("topic", [REGISTER, TRAJECTORY])
 def test_the_registration_of_a_mode_is_refused_at_once(run_simulated: Any, topic: str) -> None:
     async def scenario(modes: Modes) -> None:
-        world = modes.world
-        set_other_version(world, topic)
-        began_s = world.loop.time()
+        testbed = modes.testbed
+        set_other_version(testbed, topic)
+        began_s = testbed.loop.time()
         with pytest.raises(Refused, match=f"{topic}_v7 has version 7"):
             await modes.register()
-        assert world.loop.time() - began_s < 1.0
+        assert testbed.loop.time() - began_s < 1.0
         assert not modes.sent(REGISTER)
 
     run_with_modes(run_simulated, scenario)

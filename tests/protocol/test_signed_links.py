@@ -23,14 +23,14 @@ from gcs_server.mavlink.signing import (
 )
 from gcs_server.replay.records import read_tlog
 from tests.protocol.fake_autopilot import FakeAutopilot
-from tests.protocol.memory_world import World
+from tests.protocol.memory_testbed import MemoryTestbed
 
 KEY = bytes(range(100, 132))
 OTHER_KEY = bytes(range(32))
 HEARTBEAT = b"\0\0\0\0\x02\x0c\x51\x04\x03"
 
 
-class SignedWorld(World):
+class SignedTestbed(MemoryTestbed):
     def __init__(self, tmp_path, **settings):
         keys = KeyStore(tmp_path / "signing")
         if not keys.names():
@@ -67,28 +67,28 @@ class SignedWorld(World):
 
 def run_with_signed_links(run_simulated, scenario, tmp_path, **settings):
     async def run():
-        world = SignedWorld(tmp_path, **settings)
+        testbed = SignedTestbed(tmp_path, **settings)
         try:
-            await scenario(world)
+            await scenario(testbed)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
 
 @pytest.mark.parametrize("required", [True, False])
 def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(run_simulated, tmp_path, required):
-    async def scenario(world):
-        autopilot = world.signed_autopilot(world.signed_link(required=required))
-        vehicle = await world.ready()
+    async def scenario(testbed):
+        autopilot = testbed.signed_autopilot(testbed.signed_link(required=required))
+        vehicle = await testbed.ready()
         await vehicle.command.arm()
         assert autopilot.armed
-        assert len(world.sent) > 5
-        assert all(is_signed(data) for data, _ in world.sent)
+        assert len(testbed.sent) > 5
+        assert all(is_signed(data) for data, _ in testbed.sent)
         signing = autopilot.parser.signing
-        assert signing.goodsig_count == len(world.sent)
+        assert signing.goodsig_count == len(testbed.sent)
         assert (signing.badsig_count, signing.unsigned_count, signing.reject_count) == (0, 0, 0)
-        info = world.info()
+        info = testbed.info()
         assert (info.frames_refused, info.signing.key, info.signing.link_id) == (0, "field", 0)
         assert info.frames_received > 20
 
@@ -96,52 +96,54 @@ def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(run_simulat
 
 
 def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(run_simulated, tmp_path):
-    async def scenario(world):
-        world.signed_autopilot(world.signed_link(), timestamp=0)
-        await world.ready()
-        report = world.info().signing
+    async def scenario(testbed):
+        testbed.signed_autopilot(testbed.signed_link(), timestamp=0)
+        await testbed.ready()
+        report = testbed.info().signing
         assert report.too_old > 0
         assert report.wrong_signature == report.unsigned == report.replayed == 0
 
     run_with_signed_links(run_simulated, scenario, tmp_path)
 
 
-def intruder_frames(world):
+def intruder_frames(testbed):
     """Frames with the vehicle's id that an attacker without the key can build: unsigned, and forged."""
     unsigned = encode_frame(0, HEARTBEAT, 0, 1, 1)
     forged = encode_frame(
-        0, HEARTBEAT, 0, 1, 1, FrameSigner(SecretKey(OTHER_KEY), 2, SigningClock(world.clock.unix_s))
+        0, HEARTBEAT, 0, 1, 1, FrameSigner(SecretKey(OTHER_KEY), 2, SigningClock(testbed.clock.unix_s))
     )
     return unsigned, forged
 
 
 def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(run_simulated, tmp_path):
-    async def scenario(world):
-        link = world.signed_link()
-        autopilot = world.signed_autopilot(link)
-        station = world.link("station", forward=True)
+    async def scenario(testbed):
+        link = testbed.signed_link()
+        autopilot = testbed.signed_autopilot(link)
+        station = testbed.link("station", forward=True)
         station.inject(encode_frame(0, HEARTBEAT, 0, 254, 1), "qgc")
         received = []
         link_bytes = autopilot.link.inject
         autopilot.link.inject = lambda data, peer: (received.append(data), link_bytes(data, peer))
-        vehicle = await world.ready()
+        vehicle = await testbed.ready()
         recorded = received[-1]
         for _ in range(20):
-            for raw in (*intruder_frames(world), recorded):
+            for raw in (*intruder_frames(testbed), recorded):
                 link.inject(raw, "intruder")
             await asyncio.sleep(0.05)
-        assert [v.id for v in world.fleet.all()] == ["1"]
+        assert [v.id for v in testbed.fleet.all()] == ["1"]
         assert {e.peer.name for e in vehicle.endpoints} == {"peer"}
         assert vehicle.identity.warnings == ()
-        report = world.info().signing
+        report = testbed.info().signing
         assert (report.unsigned, report.wrong_signature) == (20, 20)
         assert report.replayed >= 20
         assert {data for data, _ in station.sent} <= set(received)
-        texts = [text for kind, name, text in world.router.warnings() if (kind, name) == ("signing", "radio")]
+        texts = [
+            text for kind, name, text in testbed.router.warnings() if (kind, name) == ("signing", "radio")
+        ]
         assert len(texts) == 3
         assert "signing=allowed" in texts[0]
         await vehicle.command.arm()
-        world.router._recorder.flush()
+        testbed.router._recorder.flush()
 
     folder = tmp_path / "recordings"
     run_with_signed_links(run_simulated, scenario, tmp_path, recording_dir=folder)
@@ -156,36 +158,36 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(run_simula
 
 
 def test_a_vehicle_with_another_key_is_not_flown_and_a_warning_names_it(run_simulated, tmp_path):
-    async def scenario(world):
-        link = world.signed_link()
-        autopilot = world.signed_autopilot(link, key=OTHER_KEY, system=6)
+    async def scenario(testbed):
+        link = testbed.signed_link()
+        autopilot = testbed.signed_autopilot(link, key=OTHER_KEY, system=6)
         autopilot.receive = lambda _data: None
         await asyncio.sleep(3)
-        assert world.fleet.all() == []
-        (warning,) = [text for kind, _, text in world.router.warnings() if kind == "signing"]
+        assert testbed.fleet.all() == []
+        (warning,) = [text for kind, _, text in testbed.router.warnings() if kind == "signing"]
         assert warning.startswith("System 6 sends frames with a wrong signature")
 
     run_with_signed_links(run_simulated, scenario, tmp_path)
 
 
 def test_a_link_whose_key_is_missing_is_not_opened_unsigned(run_simulated, tmp_path):
-    async def scenario(world):
+    async def scenario(testbed):
         with pytest.raises(InvalidRequest, match="There is no signing key 'none'; known: field") as error:
-            world.router.add_link("udpin://127.0.0.1:0?key=none", "radio")
+            testbed.router.add_link("udpin://127.0.0.1:0?key=none", "radio")
         assert error.value.field == "url"
-        assert world.router.links() == []
+        assert testbed.router.links() == []
 
     run_with_signed_links(run_simulated, scenario, tmp_path)
 
 
 def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(run_simulated, tmp_path):
-    async def scenario(world):
-        link = world.link("plain")
-        autopilot = world.signed_autopilot(link)
+    async def scenario(testbed):
+        link = testbed.link("plain")
+        autopilot = testbed.signed_autopilot(link)
         autopilot.mav.signing.secret_key = OTHER_KEY
         await asyncio.sleep(3)
-        assert [v.id for v in world.fleet.all()] == ["1"]
-        assert world.info("plain").frames_unverified > 10
-        assert world.info("plain").signing is None
+        assert [v.id for v in testbed.fleet.all()] == ["1"]
+        assert testbed.info("plain").frames_unverified > 10
+        assert testbed.info("plain").signing is None
 
     run_with_signed_links(run_simulated, scenario, tmp_path)

@@ -18,8 +18,8 @@ from tests.protocol.command_numbers import (
     TAKEOFF_COMMAND,
 )
 from tests.protocol.fake_autopilot import HOLD, ON_GROUND
-from tests.protocol.group_world import ANNA, position, run_with_vehicles, start_group
-from tests.protocol.offboard_world import run_offboard, seconds, stream_request
+from tests.protocol.group_testbed import ANNA, position, run_with_vehicles, start_group
+from tests.protocol.offboard_testbed import run_offboard, seconds, stream_request
 from tests.protocol.one_vehicle import LOSS
 
 GOTO = {"lat_deg": 47.398, "lon_deg": 8.546, "alt_home_m": 12}
@@ -65,7 +65,7 @@ def ignore_kill(autopilot, for_s):
 
 @pytest.mark.parametrize("name", list(CALLS))
 def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(run_simulated, name):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         times = ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill(by="anna"))
         await seconds(1.0)
@@ -83,7 +83,7 @@ def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(r
 
 
 def test_stop_motors_ends_pending_commands(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.silent_commands.add(DO_SET_MODE)
         hold = asyncio.ensure_future(vehicle.command.hold())
         await seconds(0.2)
@@ -99,7 +99,7 @@ def test_stop_motors_ends_pending_commands(run_simulated):
 
 
 def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=2.0, hold_for_s=0.5))
         ignore_kill(autopilot, 5.0)
         mode_requests = len(autopilot.commands(DO_SET_MODE))
@@ -113,7 +113,7 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(run_simulated):
 
 
 def test_a_stop_of_the_stream_waits_for_stop_motors(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         mode_requests = len(autopilot.commands(DO_SET_MODE))
         ignore_kill(autopilot, 2.0)
@@ -138,8 +138,8 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(run_simula
         mode_requests = len(rig.autopilots["1"].commands(DO_SET_MODE))
         kill = asyncio.ensure_future(rig.vehicles["1"].command.kill())
         await seconds(0.3)
-        rig.world.streamer._streams.force_hold("1", "the guard's finding")
-        await rig.world.streamer.groups.hold("1", ANNA)
+        rig.testbed.streamer._streams.force_hold("1", "the guard's finding")
+        await rig.testbed.streamer.groups.hold("1", ANNA)
         await kill
         assert not rig.autopilots["1"].armed
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
@@ -152,12 +152,12 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(run_simula
 
 
 def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         results = itertools.cycle([2, 0, 4, 5])
-        began_s = world.loop.time()
+        began_s = testbed.loop.time()
 
         def acknowledge(message):
-            if not is_kill(message) or world.loop.time() - began_s > 5.0:
+            if not is_kill(message) or testbed.loop.time() - began_s > 5.0:
                 return False
             autopilot.ack(ARM_DISARM, next(results))
             return True
@@ -175,7 +175,7 @@ def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(run_simu
 
 
 def test_stop_motors_continues_after_its_caller_is_cancelled(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.5)
@@ -191,16 +191,16 @@ def test_stop_motors_continues_after_its_caller_is_cancelled(run_simulated):
 
 
 def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         send_raw = autopilot.send_raw
         autopilot.send_raw = lambda raw: None
         times = ignore_kill(autopilot, 100.0)
         await seconds(1.0)  # no messages for 3.5 s, so it is lost during the command
-        began_s = world.loop.time()
+        began_s = testbed.loop.time()
         with pytest.raises(NoReply):
             await vehicle.command.kill()
         assert vehicle.status.link_lost
-        assert world.loop.time() - began_s == pytest.approx(6.0, abs=0.1)
+        assert testbed.loop.time() - began_s == pytest.approx(6.0, abs=0.1)
         assert times[-1] - times[0] > 5.5
         autopilot.send_raw = send_raw
 
@@ -208,7 +208,7 @@ def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(run_simulated)
 
 
 def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         autopilot.armed, autopilot.landed_state = False, ON_GROUND
         await seconds(2.0)
         late = []
@@ -217,7 +217,7 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
             # The arm command is executed half a second late, after a heartbeat that shows disarmed.
             if getattr(message, "command", None) == ARM_DISARM and message.param1 == 1.0 and not late:
                 late.append(message)
-                world.loop.call_later(0.5, lambda: setattr(autopilot, "armed", True))
+                testbed.loop.call_later(0.5, lambda: setattr(autopilot, "armed", True))
                 return True
             return is_kill(message) and not autopilot.armed
 
@@ -254,11 +254,11 @@ def test_on_expiry_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
 
 
 def test_a_server_shutdown_waits_for_stop_motors(run_simulated):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.1)
-        assert await world.streamer.stop_all() == []
+        assert await testbed.streamer.stop_all() == []
         assert not autopilot.armed
         await kill
 
@@ -267,7 +267,7 @@ def test_a_server_shutdown_waits_for_stop_motors(run_simulated):
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, *((0.2, seed) for seed in range(20, 40))])
 def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simulated, loss, seed):
-    async def scenario(world, vehicle, autopilot, link):
+    async def scenario(testbed, vehicle, autopilot, link):
         rng = random.Random(seed)
         if rng.random() < 0.5:
             await vehicle.offboard.start(stream_request(valid_for_s=rng.uniform(0.5, 4.0), hold_for_s=0.2))

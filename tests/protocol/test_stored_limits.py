@@ -21,7 +21,7 @@ from gcs_server.streamer.values.limit_values import OperatorLimits
 from missions.fence import CircleFence, PolygonFence
 from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.api_calls import station_of
-from tests.protocol.offboard_world import OffboardWorld, offboard_event_codes, seconds, stream_request
+from tests.protocol.offboard_testbed import OffboardTestbed, offboard_event_codes, seconds, stream_request
 
 SITL_UID = 0x4954414C44494E4F
 START = StartRequest.model_validate({"setpoint": {"type": "velocity", "velocity_ned_m_s": [9, 0, 0]}})
@@ -42,36 +42,36 @@ def run_server(run_simulated, folder, scenario, *, uid=7, version=True, twin_uid
     """
 
     async def run():
-        world = OffboardWorld()
+        testbed = OffboardTestbed()
         store = LimitStore(Records(folder), parse)
         await store.load()
-        await world.supervisor.close()  # ends the world's streamer, which does not use this store
-        world.streamer = Streamer(world.clock, InLoopScheduler(world.clock), store)
-        world.fleet._on_added.clear()
-        world.fleet.on_vehicle_added(world.streamer.attach)
-        world.supervisor.repeat("beat", world.streamer.update_once, SNAPSHOT_PERIOD_S)
-        world.supervisor.start("scheduler", world._run_scheduler)
-        world.router.start()
-        world.fleet.start()
-        autopilot = world.offboard_autopilot(world.link(), uid=uid)
+        await testbed.supervisor.close()  # ends the testbed's streamer, which does not use this store
+        testbed.streamer = Streamer(testbed.clock, InLoopScheduler(testbed.clock), store)
+        testbed.fleet._on_added.clear()
+        testbed.fleet.on_vehicle_added(testbed.streamer.attach)
+        testbed.supervisor.repeat("beat", testbed.streamer.update_once, SNAPSHOT_PERIOD_S)
+        testbed.supervisor.start("scheduler", testbed._run_scheduler)
+        testbed.router.start()
+        testbed.fleet.start()
+        autopilot = testbed.offboard_autopilot(testbed.link(), uid=uid)
         autopilot.sends_version = version
         autopilot.fly()
         if twin_uid is not None:
-            twin = world.offboard_autopilot(world.link("two"), uid=twin_uid, boot_s=500.0)
+            twin = testbed.offboard_autopilot(testbed.link("two"), uid=twin_uid, boot_s=500.0)
             twin.fly()
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await seconds(1.5)
-            await scenario(world, vehicle, store)
+            await scenario(testbed, vehicle, store)
         finally:
-            await world.close()
+            await testbed.close()
             store.close()
 
     run_simulated(run)
 
 
 def set_limits(run_simulated, folder, **options):
-    async def scenario(world, vehicle, store):
+    async def scenario(testbed, vehicle, store):
         await vehicle.offboard.operator_limits.set(LIMITS, by="anna")
         assert vehicle.offboard.operator_limits.origin().kept
 
@@ -82,7 +82,7 @@ def set_limits(run_simulated, folder, **options):
 def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_path, uid, known_by):
     set_limits(run_simulated, tmp_path, uid=uid)
 
-    async def check(world, vehicle, store):
+    async def check(testbed, vehicle, store):
         origin = vehicle.offboard.status().limits_origin
         assert vehicle.offboard.limits().operator == LIMITS
         assert (origin.active, origin.restored, origin.kept) == (True, True, True)
@@ -91,7 +91,9 @@ def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_pat
         assert "restored after a restart, set by anna" in origin.text
         assert offboard_event_codes(vehicle) == ["limits_restored"]
         response = json.loads(
-            (await offboard_routes.start("1", START, station_of(world), Principal.from_identity("bob"))).body
+            (
+                await offboard_routes.start("1", START, station_of(testbed), Principal.from_identity("bob"))
+            ).body
         )
         assert response["limits"]["operator"]["speed_max_m_s"] == 4.0
         origin_view = response["limits"]["origin"]
@@ -115,7 +117,7 @@ def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(
 ):
     set_limits(run_simulated, tmp_path, uid=before)
 
-    async def scenario(world, vehicle, store):
+    async def scenario(testbed, vehicle, store):
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert not vehicle.offboard.status().limits_origin.active
         assert offboard_event_codes(vehicle) == []
@@ -126,16 +128,16 @@ def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(
 def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(run_simulated, tmp_path):
     set_limits(run_simulated, tmp_path, uid=7)
 
-    async def different_uids(world, vehicle, store):
-        twins = {v.identity.uid: v for v in world.fleet.all()}
+    async def different_uids(testbed, vehicle, store):
+        twins = {v.identity.uid: v for v in testbed.fleet.all()}
         assert len(twins) == 2
         assert twins[f"{7:016x}"].offboard.limits().operator == LIMITS
         assert twins[f"{8:016x}"].offboard.limits().operator == OperatorLimits()
 
     run_server(run_simulated, tmp_path, different_uids, uid=7, twin_uid=8)
 
-    async def equal_uids(world, vehicle, store):
-        first, second = world.fleet.all()
+    async def equal_uids(testbed, vehicle, store):
+        first, second = testbed.fleet.all()
         await first.offboard.operator_limits.set(LIMITS, by="anna")
         await second.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
         assert first.offboard.operator_limits.origin().kept
@@ -149,9 +151,9 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(run_simulated, t
 def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(run_simulated, tmp_path):
     set_limits(run_simulated, tmp_path, uid=7)
 
-    async def scenario(world, vehicle, store):
+    async def scenario(testbed, vehicle, store):
         assert vehicle.offboard.limits().operator == LIMITS
-        autopilot = next(iter(world.router._connections.values())).link.autopilots["peer"]
+        autopilot = next(iter(testbed.router._connections.values())).link.autopilots["peer"]
         autopilot.uid = 8
         autopilot.autopilot_version()
         await seconds(0.3)
@@ -164,7 +166,7 @@ def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(run_simul
 def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing(run_simulated, tmp_path):
     set_limits(run_simulated, tmp_path, uid=7)
 
-    async def scenario(world, vehicle, store):
+    async def scenario(testbed, vehicle, store):
         await vehicle.offboard.start(stream_request())
         origin = vehicle.offboard.status().limits_origin
         assert "has not sent its identity" in origin.warning
@@ -178,12 +180,12 @@ def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing
 def test_removed_limits_are_not_restored_after_a_restart(run_simulated, tmp_path):
     set_limits(run_simulated, tmp_path)
 
-    async def clear(world, vehicle, store):
+    async def clear(testbed, vehicle, store):
         await vehicle.offboard.operator_limits.set(OperatorLimits(), by="bob")
 
     run_server(run_simulated, tmp_path, clear)
 
-    async def scenario(world, vehicle, store):
+    async def scenario(testbed, vehicle, store):
         assert not vehicle.offboard.status().limits_origin.active
         assert offboard_event_codes(vehicle) == []
 
@@ -217,7 +219,7 @@ def test_an_unreadable_file_causes_a_warning_and_no_error(run_simulated, tmp_pat
     path = tmp_path / f"uid-{7:016x}.json"
     path.write_bytes(CORRUPTIONS[name](stored_record(tmp_path)))
 
-    async def scenario(world, vehicle, store):
+    async def scenario(testbed, vehicle, store):
         origin = vehicle.offboard.status().limits_origin
         assert not origin.active
         assert "not in force" in origin.warning
@@ -237,7 +239,7 @@ def test_a_named_pipe_or_folder_instead_of_a_file_does_not_block(run_simulated, 
     os.mkfifo(tmp_path / f"uid-{7:016x}.json")
     (tmp_path / f"uid-{8:016x}.json").mkdir()
 
-    async def scenario(world, vehicle, store):
+    async def scenario(testbed, vehicle, store):
         assert "not a file" in vehicle.offboard.status().limits_origin.warning
 
     run_server(run_simulated, tmp_path, scenario)
@@ -247,7 +249,7 @@ def test_an_unreadable_folder_is_reported_for_every_vehicle(run_simulated, tmp_p
     folder = tmp_path / "limits"
     folder.write_text("a file")
 
-    async def scenario(world, vehicle, store):
+    async def scenario(testbed, vehicle, store):
         assert "cannot be read" in vehicle.offboard.status().limits_origin.warning
         await vehicle.offboard.operator_limits.set(LIMITS, by="anna")
         assert vehicle.offboard.limits().operator == LIMITS  # applied, not stored

@@ -22,8 +22,8 @@ from tests.protocol.command_numbers import (
 )
 from tests.protocol.fake_autopilot import IN_AIR
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
-from tests.protocol.offboard_world import OffboardWorld, seconds
-from tests.protocol.simulated_world import SimulatedWorld, until
+from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.simulated_testbed import SimulatedTestbed, until
 
 LAT, LON = 47.397742, 8.545594
 DEG_PER_M = 1 / 111_195
@@ -89,14 +89,14 @@ def run_with_simulated_vehicle(run_simulated, monkeypatch, work):
     monkeypatch.setattr(dry_runs, "run_process", simulate_in_process)
 
     async def run():
-        world = SimulatedWorld()
+        testbed = SimulatedTestbed()
         try:
-            vehicle = await world.ready_to_arm()
-            station = station_of(world)
+            vehicle = await testbed.ready_to_arm()
+            station = station_of(testbed)
             station.waypoint_flights.start()
-            await work(SimpleNamespace(world=world, vehicle=vehicle, station=station))
+            await work(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
@@ -126,7 +126,7 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         assert on_leg["outside_corridor_m"] == 0
         assert on_leg["remaining_s"] < started["remaining_s"] - 5
 
-        rig.world.sim.simulation.set_wind(WIND_M_S)
+        rig.testbed.sim.simulation.set_wind(WIND_M_S)
         await until(lambda: "corridor_left" in event_codes(rig), 8)
         outside = await flight_view(rig)
         assert outside["outside_corridor_m"] > 0
@@ -134,7 +134,7 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         assert rig.vehicle.status.mode == "mission", (
             "the vehicle left Mission mode: outside the corridor the server must only warn"
         )
-        rig.world.sim.simulation.set_wind((0.0, 0.0, 0.0))
+        rig.testbed.sim.simulation.set_wind((0.0, 0.0, 0.0))
         await until(lambda: "corridor_back" in event_codes(rig), 12)
 
         await until(lambda: not rig.vehicle.status.armed, 60)
@@ -163,19 +163,19 @@ def run_with_scripted_vehicle(run_simulated, work):
     """Runs a test with a scripted vehicle, which has the simulator's mission service and no position."""
 
     async def run():
-        world = OffboardWorld()
-        link = world.link()
+        testbed = OffboardTestbed()
+        link = testbed.link()
         autopilot = link.autopilots["peer"] = MissionAutopilot(link)
-        rig = SimpleNamespace(world=world, autopilot=autopilot)
+        rig = SimpleNamespace(testbed=testbed, autopilot=autopilot)
         try:
-            rig.vehicle = await world.ready()
+            rig.vehicle = await testbed.ready()
             await seconds(1.5)
-            rig.station = station_of(world)
+            rig.station = station_of(testbed)
             rig.station.waypoint_flights.start()
             await work(rig)
         finally:
             autopilot.alive = False
-            await rig.world.close()
+            await rig.testbed.close()
 
     run_simulated(run)
 
@@ -246,13 +246,13 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
     cache = ItemsCache(Cache(tmp_path), inline)
 
     async def restart(rig):
-        await rig.world.close()
-        rig.world = OffboardWorld()
-        rig.autopilot.link = rig.link = rig.world.link()
+        await rig.testbed.close()
+        rig.testbed = OffboardTestbed()
+        rig.autopilot.link = rig.link = rig.testbed.link()
         rig.link.autopilots["peer"] = rig.autopilot
-        rig.world.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(cache))
-        rig.vehicle = await rig.world.ready()
-        rig.station = station_of(rig.world)
+        rig.testbed.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(cache))
+        rig.vehicle = await rig.testbed.ready()
+        rig.station = station_of(rig.testbed)
         rig.station.waypoint_flights.start()
         rig.autopilot.received.clear()
         await seconds(4)

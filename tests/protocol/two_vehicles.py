@@ -4,7 +4,7 @@ import functools
 from types import SimpleNamespace
 
 from tests.protocol.api_calls import InlinePlanWork, station_of
-from tests.protocol.simulated_world import SimulatedWorld
+from tests.protocol.simulated_testbed import SimulatedTestbed
 from tests.support.ready_fleet import ready_in_a_row
 from tests.support.snapshot import snapshot
 
@@ -15,10 +15,10 @@ def run_with_two_vehicles(run_simulated, scenario, apart_m):
     """Runs a test with vehicle 2 this far east of vehicle 1; both can be armed."""
 
     async def run():
-        world = SimulatedWorld(2, sim=snapshot(ready(2, apart_m)))
+        testbed = SimulatedTestbed(2, sim=snapshot(ready(2, apart_m)))
         try:
-            vehicles = [await world.ready_to_arm(vehicle_id) for vehicle_id in ("1", "2")]
-            station = station_of(world)
+            vehicles = [await testbed.ready_to_arm(vehicle_id) for vehicle_id in ("1", "2")]
+            station = station_of(testbed)
             station.plan_work = InlinePlanWork()
             for vehicle in vehicles:
                 station.missions.attach(vehicle)
@@ -27,9 +27,11 @@ def run_with_two_vehicles(run_simulated, scenario, apart_m):
             station.authority.start()
             first, second = vehicles
             await scenario(
-                SimpleNamespace(world=world, station=station, vehicles=vehicles, first=first, second=second)
+                SimpleNamespace(
+                    testbed=testbed, station=station, vehicles=vehicles, first=first, second=second
+                )
             )
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)

@@ -12,7 +12,7 @@ from gcs_server.replay.playback import ReplayClock, condense, state_at
 from gcs_server.replay.records import Batch, Cursor, open_log, read_batch
 from gcs_server.vehicle import mode_cause
 from gcs_server.vehicle.samples import TOPICS
-from tests.protocol.memory_world import World
+from tests.protocol.memory_testbed import MemoryTestbed
 from tests.unit.gcs_server.replay.generated_logs import flight, log_bytes
 
 
@@ -44,19 +44,19 @@ def fleet_after(records, until_us, begin_us, *, ticks):
     """The state of each vehicle after these records."""
 
     async def scenario():
-        world = World()
+        testbed = MemoryTestbed()
         link = FakeReplayLink(begin_us)
-        world.router.add(link)
+        testbed.router.add(link)
         tick_us = begin_us
         for record in records:
             while ticks and record.time_us - tick_us > 250_000:
                 tick_us += 250_000
-                world.fleet.tick()
+                testbed.fleet.tick()
             link.feed(record)
         link.clock.time_us = until_us
-        world.fleet.tick()
-        states = {vehicle.id: state_of(vehicle) for vehicle in world.fleet.all()}
-        await world.close()
+        testbed.fleet.tick()
+        states = {vehicle.id: state_of(vehicle) for vehicle in testbed.fleet.all()}
+        await testbed.close()
         return states
 
     return asyncio.run(scenario())

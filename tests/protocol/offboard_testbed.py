@@ -15,7 +15,7 @@ from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
 from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.fake_autopilot import IN_AIR, OFFBOARD, ON_GROUND, FakeAutopilot
-from tests.protocol.memory_world import World
+from tests.protocol.memory_testbed import MemoryTestbed
 from vehicle_sim.mavlink import generated_dialect as sim
 
 POSITION = 3 << 16
@@ -107,8 +107,8 @@ class OffboardAutopilot(FakeAutopilot):
         self.current_mode()
 
 
-class OffboardWorld(World):
-    """A world with a stream for every vehicle."""
+class OffboardTestbed(MemoryTestbed):
+    """A testbed with a stream for every vehicle."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -147,20 +147,20 @@ async def seconds(duration_s: float) -> None:
 
 
 def run_offboard(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
-    """Runs a scenario with a world, the server's vehicle, the scripted autopilot and the link."""
+    """Runs a scenario with a testbed, the server's vehicle, the scripted autopilot and the link."""
 
     async def run():
-        world = OffboardWorld()
-        link = world.link()
-        autopilot = world.offboard_autopilot(link, loss=loss, seed=seed)
+        testbed = OffboardTestbed()
+        link = testbed.link()
+        autopilot = testbed.offboard_autopilot(link, loss=loss, seed=seed)
         if flying:
             autopilot.fly()
         try:
-            vehicle = await world.ready()
+            vehicle = await testbed.ready()
             await seconds(1.5)
-            await scenario(world, vehicle, autopilot, link)
+            await scenario(testbed, vehicle, autopilot, link)
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from gcs_server.api import group_models, group_routes
 from gcs_server.control.principal import Principal
 from tests.protocol.api_calls import json_of, station_of
-from tests.protocol.offboard_world import OffboardWorld, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, seconds
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
 METRES_PER_DEGREE = math.radians(1) * 6_371_000.0
@@ -17,11 +17,11 @@ def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
     """Runs a test with vehicles 1, 2, … in flight, in a row to the east; each has its own local origin."""
 
     async def run():
-        world = OffboardWorld()
+        testbed = OffboardTestbed()
         autopilots = {}
         for index in range(count):
-            autopilot = world.offboard_autopilot(
-                world.link(f"link{index}"), peer=f"peer{index}", system=index + 1, uid=index + 1, seed=index
+            autopilot = testbed.offboard_autopilot(
+                testbed.link(f"link{index}"), peer=f"peer{index}", system=index + 1, uid=index + 1, seed=index
             )
             autopilot.home = (
                 47.0,
@@ -32,18 +32,18 @@ def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
             autopilot.fly()
             autopilots[str(index + 1)] = autopilot
         group_changes = []
-        world.streamer.groups.on_change = lambda text, status, warning: group_changes.append(
+        testbed.streamer.groups.on_change = lambda text, status, warning: group_changes.append(
             (text, status.state, warning)
         )
         try:
             for vehicle_id in autopilots:
-                await world.ready(vehicle_id)
+                await testbed.ready(vehicle_id)
             await seconds(2.5)
-            station = station_of(world)
-            vehicles = {v: world.fleet.get(v) for v in autopilots}
+            station = station_of(testbed)
+            vehicles = {v: testbed.fleet.get(v) for v in autopilots}
             await scenario(
                 SimpleNamespace(
-                    world=world,
+                    testbed=testbed,
                     station=station,
                     autopilots=autopilots,
                     vehicles=vehicles,
@@ -51,7 +51,7 @@ def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
                 )
             )
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 

@@ -8,15 +8,15 @@ from typing import Any
 
 from gcs_server.links.memory import MemoryLink
 from gcs_server.vehicle.vehicle import Vehicle
-from tests.protocol.memory_world import World
-from tests.protocol.offboard_world import OffboardWorld
+from tests.protocol.memory_testbed import MemoryTestbed
+from tests.protocol.offboard_testbed import OffboardTestbed
 from vehicle_sim.fleet import VehicleSim
 
 TICK_S = 0.02
 
 
-class SimulatedVehicles(World):
-    """A world with simulated vehicles that can fly."""
+class SimulatedVehicles(MemoryTestbed):
+    """A testbed with simulated vehicles that can fly."""
 
     async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
         """Waits until the vehicle can be armed; returns it."""
@@ -32,7 +32,7 @@ class SimulatedVehicles(World):
         return vehicle
 
 
-class SimulatedWorld(OffboardWorld, SimulatedVehicles):
+class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
     """Vehicles "1", "2", … in a row to the east, 3 m apart.
 
     Args:

@@ -12,7 +12,7 @@ from gcs_server.vehicle.fleet import Fleet
 from tests.protocol.fake_autopilot import FakeAutopilot
 
 
-class World:
+class MemoryTestbed:
     """The server's MAVLink and vehicle layers, started on simulated time."""
 
     def __init__(self, **settings: Any) -> None:
@@ -73,16 +73,16 @@ class World:
 def run_test(
     run_simulated: Any,
     scenario: Callable[[Any], Awaitable[None]],
-    new_world: Callable[[], World] = World,
+    new_testbed: Callable[[], MemoryTestbed] = MemoryTestbed,
 ) -> Any:
-    """Runs a scenario in a new world on simulated time."""
+    """Runs a scenario in a new testbed on simulated time."""
 
     async def run() -> None:
-        world = new_world()
+        testbed = new_testbed()
         try:
-            await scenario(world)
+            await scenario(testbed)
         finally:
-            await world.close()
+            await testbed.close()
 
     return run_simulated(run)
 
@@ -90,12 +90,12 @@ def run_test(
 def run_with_vehicle(
     run_simulated: Any,
     scenario: Callable[..., Awaitable[None]],
-    new_world: Callable[[], World] = World,
+    new_testbed: Callable[[], MemoryTestbed] = MemoryTestbed,
 ) -> Any:
-    """Runs a scenario with a new world, a connected autopilot, and the server's object for the vehicle."""
+    """Runs a scenario with a new testbed, a connected autopilot, and the server's object for the vehicle."""
 
-    async def connected(world: World) -> None:
-        autopilot = world.autopilot(world.link())
-        await scenario(world, autopilot, await world.ready())
+    async def connected(testbed: MemoryTestbed) -> None:
+        autopilot = testbed.autopilot(testbed.link())
+        await scenario(testbed, autopilot, await testbed.ready())
 
-    return run_test(run_simulated, connected, new_world)
+    return run_test(run_simulated, connected, new_testbed)

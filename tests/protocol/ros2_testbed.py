@@ -18,7 +18,7 @@ from gcs_server.vehicle.endpoint import ROS2
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Setpoint
 from tests.in_loop_scheduler import InLoopScheduler
-from tests.protocol.simulated_world import TICK_S, SimulatedVehicles
+from tests.protocol.simulated_testbed import TICK_S, SimulatedVehicles
 from vehicle_sim.fleet import VehicleSim
 
 PARAMETERS = {"UXRCE_DDS_SYNCT": 0}
@@ -129,7 +129,7 @@ class MemoryRos2Link(MemoryLink):
         return self.unusable.get(peer.name, {})
 
 
-class Ros2World(SimulatedVehicles):
+class Ros2Testbed(SimulatedVehicles):
     """Vehicles "1", "2", … in a row to the east, 3 m apart, on one `ros2://` link.
 
     Args:

@@ -9,9 +9,9 @@ from gcs_server.api import mission_mode_models, mission_mode_routes
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
 from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, station_of
-from tests.protocol.offboard_world import seconds
-from tests.protocol.ros2_world import Ros2World
-from tests.protocol.simulated_world import until
+from tests.protocol.offboard_testbed import seconds
+from tests.protocol.ros2_testbed import Ros2Testbed
+from tests.protocol.simulated_testbed import until
 from tests.support.line_mission import MISSION, NAME
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -22,8 +22,8 @@ LOITER: dict[str, Any] = {**MISSION, "steps": [{"step": "hold", "duration_s": 60
 class OtherStation:
     """Another ground station, which commands the vehicle over its own MAVLink link."""
 
-    def __init__(self, world: Ros2World) -> None:
-        self._sim = world.sim
+    def __init__(self, testbed: Ros2Testbed) -> None:
+        self._sim = testbed.sim
         self._pack = sim.MAVLink(None, srcSystem=254, srcComponent=190)
 
     def command(self, command: int, *params: float) -> None:
@@ -55,9 +55,9 @@ class OtherStation:
 class Modes:
     """The server's routes for vehicle 1, which is connected over ROS 2."""
 
-    def __init__(self, world: Ros2World, vehicle: Any) -> None:
-        self.world, self.vehicle, self.other_station = world, vehicle, OtherStation(world)
-        self.station = station_of(world)
+    def __init__(self, testbed: Ros2Testbed, vehicle: Any) -> None:
+        self.testbed, self.vehicle, self.other_station = testbed, vehicle, OtherStation(testbed)
+        self.station = station_of(testbed)
         self.station.plan_work = InlinePlanWork()
         self.station.missions.attach(vehicle)
         self.station.missions.start()
@@ -88,7 +88,7 @@ class Modes:
         return "\n".join(event.text for event in self.vehicle.events.since())
 
     def sent(self, topic: str) -> list[bytes]:
-        return [data for name, data in self.world.topics[0].sent if name == topic]
+        return [data for name, data in self.testbed.topics[0].sent if name == topic]
 
     def north_m(self) -> float:
         return self.vehicle.topic("local_position").value.position_ned_m[0]
@@ -113,13 +113,13 @@ Scenario = Callable[[Modes], Awaitable[None]]
 
 def run_with_modes(run_simulated: Any, scenario: Scenario, *, in_air: bool = True) -> None:
     async def run() -> None:
-        world = Ros2World(mavlink=True)
-        world.mavlink_on = False
+        testbed = Ros2Testbed(mavlink=True)
+        testbed.mavlink_on = False
         try:
-            vehicle = await (world.take_off() if in_air else world.ready_to_arm())
-            await scenario(Modes(world, vehicle))
+            vehicle = await (testbed.take_off() if in_air else testbed.ready_to_arm())
+            await scenario(Modes(testbed, vehicle))
         finally:
-            await world.close()
+            await testbed.close()
 
     run_simulated(run)
 
