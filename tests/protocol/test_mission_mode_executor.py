@@ -63,7 +63,8 @@ async def register_and_select(rig: Modes, mission: dict[str, Any] = TAKE_OFF_MIS
     await rig.until_mode(MISSION_MODE)
 
 
-def height_m(rig: Modes) -> float:
+def altitude_m(rig: Modes) -> float:
+    """Altitude above the local origin."""
     return -rig.vehicle.topic("local_position").value.position_ned_m[2]
 
 
@@ -75,7 +76,7 @@ def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(r
         assert not rig.vehicle.status.armed
         assert rig.mission_state is None
         assert executor_commands(rig) == []
-        ground_m, start_north_m = height_m(rig), rig.north_m()
+        ground_m, start_north_m = altitude_m(rig), rig.north_m()
         await arm(rig)
         await rig.until_mode("takeoff")
         assert rig.mission_state == "taking_off"
@@ -83,7 +84,7 @@ def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(r
         assert rig.station.missions.status("1").executor_in_charge is True
         assert "holds after a take-off" in rig.station.missions.status("1").if_stream_stops
         await rig.until_mode(MISSION_MODE, 30)
-        assert height_m(rig) - ground_m == pytest.approx(6, abs=1)
+        assert altitude_m(rig) - ground_m == pytest.approx(6, abs=1)
         await until(lambda: rig.north_m() > start_north_m + 7, 20)
         await rig.until_mode("land", 15)
         await until(lambda: not rig.vehicle.status.armed, 40)

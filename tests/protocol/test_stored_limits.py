@@ -289,7 +289,7 @@ def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
 
 
 speeds = st.none() | st.floats(0.1, 20)
-heights = st.none() | st.floats(-1000, 4000)
+altitudes = st.none() | st.floats(-1000, 4000)
 corners = st.tuples(st.floats(-90, 90), st.floats(-180, 180))
 fences = (
     st.none()
@@ -305,7 +305,7 @@ fences = (
         speed_max_m_s=speeds,
         climb_max_m_s=speeds,
         sink_max_m_s=speeds,
-        height_min_m=heights,
+        height_min_m=altitudes,
         distance_max_m=st.none() | st.floats(5, 10_000),
         fence=fences,
     )
