@@ -22,19 +22,18 @@ export const NO_FLIGHT: FlightClock = {
   updated_unix_s: 0,
 };
 
+/**
+ * Whether a landed state means that the vehicle is not landed. PX4 reports `taking_off` from the moment at which its land
+ * detector no longer reports "landed" until the take-off altitude is reached.
+ */
+export function isAirborne(landedState: string): boolean {
+  return landedState === 'taking_off' || landedState === 'in_air' || landedState === 'landing';
+}
+
 /** Whether the vehicle is flying; null: the status does not tell. */
 function isFlying(status: Status): boolean | null {
-  switch (status.landed_state) {
-    case 'in_air':
-    case 'landing':
-      return true;
-    case 'taking_off':
-      return null; // neither the start nor the end of a flight: the clock starts when the state changes to in_air
-    case 'on_ground':
-      return false;
-    default:
-      return status.armed ? null : false;
-  }
+  if (isAirborne(status.landed_state)) return true;
+  return status.landed_state === 'on_ground' || !status.armed ? false : null;
 }
 
 /** The clock after one more status sample; samples older than the newest sample are ignored. */

@@ -2,6 +2,7 @@
 
 import { readOffboard, type OffboardStatus } from './offboard';
 import { groundDistance_m } from './geo';
+import { isAirborne } from '../live/flight-time';
 import type { Attitude, Battery, Component, Gimbal, GlobalPosition, Gps, Health, Home, Hud, LocalPosition, Status } from '../live/topics';
 import type { Reading, VehicleState } from '../live/vehicle-state';
 import { readControl, type Control } from './control';
@@ -19,6 +20,7 @@ export interface VehicleFacts {
   /** Null until it is known whether the vehicle is simulated. */
   simulated: boolean | null;
   replayed: boolean;
+  /** Not landed, as the server counts it: also while the vehicle takes off or lands. */
   inAir: boolean;
   status: Reading<Status> | null;
   attitude: Reading<Attitude> | null;
@@ -48,7 +50,6 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connecte
   const home = vehicle.read('home', now_unix_s);
   const stream = vehicle.readAs<unknown>('offboard', now_unix_s);
   const offboard = stream === null ? null : readOffboard(stream.value);
-  const landedState = status?.value.landed_state;
   return {
     id: vehicle.id,
     name: vehicleName(vehicle.id, vehicle.identity),
@@ -57,7 +58,7 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connecte
     offline: !connected,
     simulated: vehicle.identity.simulated,
     replayed: vehicle.identity.replayed,
-    inAir: landedState === 'in_air' || landedState === 'landing',
+    inAir: status !== null && isAirborne(status.value.landed_state),
     status,
     global,
     home,

@@ -5,9 +5,9 @@ import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
 import { holdText, matchingRows, canRemove, rowOf, stateLabel, rowAfterKey } from './fleet';
 import { list } from './list.svelte';
 
-function facts(id: string, more: Partial<VehicleFacts> = {}): VehicleFacts {
+function facts(id: string, more: Partial<VehicleFacts> = {}, landedState = 'on_ground'): VehicleFacts {
   const store = new TelemetryStore(() => 100);
-  const value = { armed: false, mode: 'hold', mode_label: 'Hold', landed_state: 'on_ground', link_lost: false };
+  const value = { armed: false, mode: 'hold', mode_label: 'Hold', landed_state: landedState, link_lost: false };
   store.apply({ type: 'samples', samples: [{ vehicle: id, topic: 'status', value, received_unix_s: 100, vehicle_time_boot_s: null }] });
   return { ...vehicleFacts(store.vehicle(id), 100, true), ...more };
 }
@@ -31,6 +31,11 @@ describe('list of vehicles', () => {
     expect(ids('9')).toEqual([]);
     expect(ids('dis')).toEqual(['1', '12']);
     expect(ids('armed')).toEqual([]); // the text must be the beginning of a word
+  });
+
+  it('counts a vehicle that takes off or lands as flying, so that "Hold all flying" includes it', () => {
+    const states = ['unknown', 'on_ground', 'taking_off', 'in_air', 'landing'];
+    expect(states.filter((state) => rowOf(facts('1', {}, state)).flying)).toEqual(['taking_off', 'in_air', 'landing']);
   });
 
   it('moves the selection with the arrow keys, up to the ends of the list', () => {
