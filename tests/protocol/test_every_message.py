@@ -29,6 +29,7 @@ from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_testbed import OffboardTestbed, stream_request
+from tests.simulated_time import run_in_simulated_time
 
 FLOATS = [math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38, 1e15, 0.0, 1e-45, -1.0]
 DECODED = sorted(

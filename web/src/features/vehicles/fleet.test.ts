@@ -35,7 +35,7 @@ describe('list of vehicles', () => {
 
   it('counts a vehicle that takes off or lands as flying, so that "Hold all flying" includes it', () => {
     const states = ['unknown', 'on_ground', 'taking_off', 'in_air', 'landing'];
-    expect(states.filter((state) => rowOf(facts('1', {}, state)).flying)).toEqual(['taking_off', 'in_air', 'landing']);
+    expect(states.filter((state) => rowOf(facts('1', {}, state), 0).flying)).toEqual(['taking_off', 'in_air', 'landing']);
   });
 
   it('moves the selection with the arrow keys, up to the ends of the list', () => {
