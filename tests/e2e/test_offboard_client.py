@@ -1,4 +1,4 @@
-"""The Python client with real processes: `with` blocks, streamed setpoints, a path, limits."""
+"""The Python client with real processes: offboard blocks, streamed setpoints, a path, limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two vehicles on one page: selection, a refusal to arm, a connection that is lost and restored."""
+"""Two vehicles on one page: selection, a refused arming, a connection that is lost and restored."""
 
 from __future__ import annotations
 

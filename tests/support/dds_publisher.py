@@ -1,4 +1,4 @@
-"""Publishes ROS 2 topics on real DDS as a vehicle does. Needs `cyclonedds`."""
+"""Publishes a vehicle's ROS 2 topics on real DDS. Needs `cyclonedds`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from gcs_server.ros2.topics import wire_name
 from tests.support.dds_samples import recorded
 
 STATUS = "/fmu/out/vehicle_status_v1"
-TRANSIENT = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+PX4_QOS = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+"""Quality of service with which PX4 publishes its topics."""
 
 
 def status(**changes: object) -> bytes:
@@ -25,7 +26,7 @@ def status(**changes: object) -> bytes:
 
 
 class Publisher:
-    """A participant that publishes as a vehicle does."""
+    """A DDS participant that publishes a vehicle's topics in a namespace."""
 
     def __init__(self, domain_id: int, namespace: str) -> None:
         self._namespace = namespace
@@ -37,10 +38,10 @@ class Publisher:
         if topic not in self._writers:
             kind = idl_type(SHOWN[message])
             dds_topic = Topic(self.participant, wire_name(topic, self._namespace), kind)
-            self._writers[topic] = kind, DataWriter(self.participant, dds_topic, qos=TRANSIENT)
+            self._writers[topic] = kind, DataWriter(self.participant, dds_topic, qos=PX4_QOS)
         return self._writers[topic]
 
     def send(self, topic: str, data: bytes, message: str = "VehicleStatus") -> None:
-        """Sends the bytes of a message."""
+        """Publishes these bytes of a message."""
         kind, writer = self.prepare(topic, message)
         writer.write(kind.from_cdr(data))

@@ -1,4 +1,4 @@
-"""One recorded message of a real PX4 for each ROS 2 topic."""
+"""Messages that a real PX4 published, one for each ROS 2 topic."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ _FILE = Path(__file__).parents[1] / "data" / "px4_dds_samples.jsonl"
 
 
 def recorded() -> dict[str, bytes]:
-    """The newest recorded bytes of each topic."""
+    """The CDR bytes of the last recorded message of each topic."""
     lines = map(json.loads, _FILE.read_text().splitlines())
     return {line["topic"]: bytes.fromhex(line["cdr_hex"]) for line in lines}

@@ -23,7 +23,7 @@ Memo = dict[int, Any]
 
 
 def snapshot(original: T) -> T:
-    """An independent copy: neither the copy nor the original affects the other."""
+    """A copy that is independent of the original: a change of one does not affect the other."""
     memo: Memo = {}
     for name, module in list(sys.modules.items()):
         if name.split(".")[0] == "vehicle_sim":

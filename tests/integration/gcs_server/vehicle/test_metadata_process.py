@@ -48,7 +48,7 @@ def test_a_file_is_read_completely_in_another_process(monkeypatch):
 
 
 @pytest.mark.parametrize("work", ["bytes(10**9)", "[0 for _ in iter(int, 1)]"])
-def test_the_process_ends_at_its_limits_of_memory_and_computing_time(work):
+def test_the_process_ends_at_its_limits_of_memory_and_cpu_time(work):
     code = (
         "from gcs_server.vehicle import metadata_files, metadata_process as process\n"
         f"metadata_files.encode_document = lambda *_: {work}\n"
@@ -60,7 +60,7 @@ def test_the_process_ends_at_its_limits_of_memory_and_computing_time(work):
     assert not result.stdout
 
 
-def test_a_process_that_ends_without_a_result_is_an_error_with_text(monkeypatch):
+def test_a_process_that_ends_without_a_result_raises_an_error_with_the_reason(monkeypatch):
     monkeypatch.setattr(metadata_process, "__name__", "gcs_server.vehicle.no_such_module")
     with pytest.raises(ValueError, match="more memory or time than"):
         in_a_process(PARAMETERS, b"{}")
