@@ -77,7 +77,7 @@ class OtherStation:
                 yield from self._mavlink.parse_buffer(self._socket.recv(65536)) or []
 
 
-class ModesVehicle:
+class VehicleWithMissionModes:
     """The server's API for a vehicle with mission modes, and the other ground station."""
 
     def __init__(self, url: str, process: subprocess.Popen[bytes], other_station: OtherStation) -> None:
@@ -183,7 +183,7 @@ class ModesVehicle:
 
 
 @contextlib.contextmanager
-def modes_vehicle() -> Iterator[ModesVehicle]:
+def vehicle_with_mission_modes() -> Iterator[VehicleWithMissionModes]:
     """Runs the simulator and a server that is connected to it over ROS 2 only."""
     port = station.free_port()
     ports = ["--tcp-port", str(port), "--gcs-remote-port", "0", "--no-api", "--no-log"]
@@ -191,7 +191,7 @@ def modes_vehicle() -> Iterator[ModesVehicle]:
         station.running([*SIMULATOR, *ports, *DISARM_LATE]),
         station.server([LINK]) as (url, process),
     ):
-        yield ModesVehicle(url, process, OtherStation(port))
+        yield VehicleWithMissionModes(url, process, OtherStation(port))
 
 
 def stream_process_pid(server_pid: int) -> int:

@@ -26,9 +26,9 @@ from tests.e2e.mission_modes import (
     MISSION,
     MODE_NAME,
     NAMESPACE,
-    ModesVehicle,
-    modes_vehicle,
+    VehicleWithMissionModes,
     stream_process_pid,
+    vehicle_with_mission_modes,
 )
 from vehicle_sim.mavlink import generated_dialect as mavlink
 
@@ -82,8 +82,8 @@ class Px4Topics:
 
 
 @pytest.fixture
-def vehicle() -> Iterator[ModesVehicle]:
-    with modes_vehicle() as running:
+def vehicle() -> Iterator[VehicleWithMissionModes]:
+    with vehicle_with_mission_modes() as running:
         yield running
 
 
@@ -92,7 +92,7 @@ def px4() -> Px4Topics:
     return Px4Topics()
 
 
-def start_mission(vehicle: ModesVehicle, px4: Px4Topics, *, executor: bool) -> int:
+def start_mission(vehicle: VehicleWithMissionModes, px4: Px4Topics, *, executor: bool) -> int:
     """Starts the mission and waits until it flies north; returns the mission's nav_state."""
     if executor:
         mode = vehicle.start_on_ground(TAKE_OFF_FAR_MISSION)
@@ -135,13 +135,17 @@ def is_running(pid: int) -> bool:
 
 @with_and_without_executor
 def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_selected(
-    vehicle: ModesVehicle, px4: Px4Topics, executor: bool
+    vehicle: VehicleWithMissionModes, px4: Px4Topics, executor: bool
 ) -> None:
     mission_state = start_mission(vehicle, px4, executor=executor)
     killed_s = kill_together(vehicle.process.pid, stream_process_pid(vehicle.process.pid))
-    left = px4.until(lambda each: each.nav_state != mission_state, "the end of the mode", 5.0)
+    after_mode = px4.until(lambda each: each.nav_state != mission_state, "the end of the mode", 5.0)
     assert RETURN_DELAY_S[0] < time.monotonic() - killed_s < RETURN_DELAY_S[1]
-    assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, mission_state, True)
+    assert (after_mode.nav_state, after_mode.nav_state_user_intention, after_mode.failsafe) == (
+        RTL,
+        mission_state,
+        True,
+    )
     px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
     time.sleep(1.5)
     status = px4.status
@@ -157,18 +161,24 @@ def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_
 
 @with_and_without_executor
 def test_the_mode_of_a_killed_server_is_removed_and_the_next_server_can_register_it_again(
-    vehicle: ModesVehicle, px4: Px4Topics, executor: bool
+    vehicle: VehicleWithMissionModes, px4: Px4Topics, executor: bool
 ) -> None:
     mission_state = start_mission(vehicle, px4, executor=executor)
     streams = stream_process_pid(vehicle.process.pid)
     vehicle.process.kill()
-    left = px4.until(lambda each: each.nav_state != mission_state, "the end of the mode", RETURN_DELAY_S[1])
-    assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, mission_state, True)
+    after_mode = px4.until(
+        lambda each: each.nav_state != mission_state, "the end of the mode", RETURN_DELAY_S[1]
+    )
+    assert (after_mode.nav_state, after_mode.nav_state_user_intention, after_mode.failsafe) == (
+        RTL,
+        mission_state,
+        True,
+    )
     px4.until(lambda each: not selectable(each, mission_state), "the removal of the mode", 1.0)
     px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
     station.wait_until(lambda: not is_running(streams), "the end of the stream process", 5.0)
     with station.server([LINK]) as (url, process):
-        restarted = ModesVehicle(url, process, vehicle.other_station)
+        restarted = VehicleWithMissionModes(url, process, vehicle.other_station)
         station.wait_until(lambda: restarted.status.get("mode") == "rtl", "the vehicle's return", 20.0)
         assert (restarted.modes()["modes"], restarted.mission()) == ([], None)
         restarted.call("mode", {"mode": "hold"})
@@ -185,7 +195,7 @@ def test_the_mode_of_a_killed_server_is_removed_and_the_next_server_can_register
 
 
 def test_when_server_and_streams_die_during_the_executors_take_off_px4_completes_it_and_holds(
-    vehicle: ModesVehicle, px4: Px4Topics
+    vehicle: VehicleWithMissionModes, px4: Px4Topics
 ) -> None:
     mission_state = nav_state(vehicle.start_on_ground(TAKE_OFF_FAR_MISSION))
     taking_off = px4.until(lambda each: each.nav_state == TAKEOFF, "the take-off", 5.0)
@@ -202,7 +212,7 @@ def test_when_server_and_streams_die_during_the_executors_take_off_px4_completes
 
 @with_and_without_executor
 def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_informed(
-    vehicle: ModesVehicle, px4: Px4Topics, executor: bool
+    vehicle: VehicleWithMissionModes, px4: Px4Topics, executor: bool
 ) -> None:
     start_mission(vehicle, px4, executor=executor)
     os.kill(stream_process_pid(vehicle.process.pid), signal.SIGKILL)

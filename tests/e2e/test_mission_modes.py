@@ -13,20 +13,26 @@ pytest.importorskip("cyclonedds")
 
 from tests import station
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, open_page, violations_in_both_themes
-from tests.e2e.mission_modes import MISSION, MODE_NAME, TAKE_OFF_MISSION, ModesVehicle, modes_vehicle
+from tests.e2e.mission_modes import (
+    MISSION,
+    MODE_NAME,
+    TAKE_OFF_MISSION,
+    VehicleWithMissionModes,
+    vehicle_with_mission_modes,
+)
 from tests.e2e.plan_page import open_plan_view
 from tools import build_page
 
 
 @pytest.fixture
-def vehicle() -> Iterator[ModesVehicle]:
-    with modes_vehicle() as running:
+def vehicle() -> Iterator[VehicleWithMissionModes]:
+    with vehicle_with_mission_modes() as running:
         yield running
 
 
 @pytest.mark.realtime
 def test_a_registered_mission_is_listed_by_another_station_and_started_by_both_stations(
-    vehicle: ModesVehicle,
+    vehicle: VehicleWithMissionModes,
 ) -> None:
     mode = vehicle.register_and_take_off()
     assert MODE_NAME in vehicle.other_station.mode_names()
@@ -49,7 +55,7 @@ def test_a_registered_mission_is_listed_by_another_station_and_started_by_both_s
 
 @pytest.mark.realtime
 def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_over_to_hold(
-    vehicle: ModesVehicle,
+    vehicle: VehicleWithMissionModes,
 ) -> None:
     station.wait_until(vehicle.ready, "readiness", 60.0)
     body = {"mission": TAKE_OFF_MISSION, "name": MODE_NAME}
@@ -74,7 +80,9 @@ def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_o
 
 @pytest.mark.realtime
 @pytest.mark.browser
-def test_in_the_plan_view_a_mission_is_registered_started_and_removed(vehicle: ModesVehicle) -> None:
+def test_in_the_plan_view_a_mission_is_registered_started_and_removed(
+    vehicle: VehicleWithMissionModes,
+) -> None:
     build_page.build(REPOSITORY)
     vehicle.take_off()
     file = {"name": "line.json", "mimeType": "application/json", "buffer": json.dumps(MISSION).encode()}

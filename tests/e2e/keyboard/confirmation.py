@@ -12,8 +12,8 @@ from tests.station import wait_until
 
 KEY_HELD_MS = 150
 
-FOCUSED_STOP = """
-() => document.activeElement.dataset.stop ??= String(window.stops = (window.stops ?? 0) + 1)
+FOCUSED_ID = """
+() => document.activeElement.dataset.focusId ??= String(window.focusIds = (window.focusIds ?? 0) + 1)
 """
 HAS_FOCUS = "(dialog) => dialog.contains(document.activeElement)"
 CONTROLS = """
@@ -126,7 +126,7 @@ class Confirmation:
                 assert self.dialog.evaluate(HAS_FOCUS), (
                     f"{self.title}: {key} moves the focus out of the dialog"
                 )
-                reached.add(self.page.evaluate(FOCUSED_STOP))
+                reached.add(self.page.evaluate(FOCUSED_ID))
             assert len(reached) == controls, f"{self.title}: {key} does not cycle within the dialog"
         self.open()
         self.page.evaluate(FOCUS_OUTSIDE)

@@ -37,7 +37,7 @@ def item_at(kind, north_m, east_m, alt_m, **more):
     }
 
 
-def line(*, east_m=0.0, alt_m=20.0, hold_s=0.0, north=False, land=True):
+def line_items(*, east_m=0.0, alt_m=20.0, hold_s=0.0, north=False, land=True):
     """A straight path of 200 m: east from home or, with `north`, north at `east_m`.
 
     The vehicle holds for `hold_s` above its take-off, which delays the flight.
@@ -57,7 +57,9 @@ def predicted_path(items, vehicle="1", *, frame=ORIGIN, **more):
 
 
 def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_item_time_and_distance():
-    found = first_conflict(predicted_path(line(), "2"), predicted_path(line(east_m=100.0, north=True)))
+    found = first_conflict(
+        predicted_path(line_items(), "2"), predicted_path(line_items(east_m=100.0, north=True))
+    )
     assert (found.vehicle, found.other, found.place, found.other_place) == ("2", "1", "item 3", "item 3")
     assert found.along_m == pytest.approx(20 + 100, abs=25)
     assert found.after_s == pytest.approx(20 / 1.5 + 20, abs=6)
@@ -69,48 +71,50 @@ def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_item_time_and
 
 
 def test_paths_that_cross_at_different_times_are_no_conflict_beyond_the_accuracy_of_the_times():
-    other = predicted_path(line(east_m=100.0, north=True))
-    assert first_conflict(predicted_path(line(hold_s=20), "2"), other) is not None, (
+    other = predicted_path(line_items(east_m=100.0, north=True))
+    assert first_conflict(predicted_path(line_items(hold_s=20), "2"), other) is not None, (
         "the times may differ by that much"
     )
-    assert first_conflict(predicted_path(line(hold_s=90), "2"), other) is None
+    assert first_conflict(predicted_path(line_items(hold_s=90), "2"), other) is None
 
 
 def test_a_vehicle_may_follow_another_on_the_same_path_if_it_starts_late_enough():
     ahead = {"index": 2, "t_s": 20 / 1.5 + 42}
     assert (
-        first_conflict(predicted_path(line(), "2"), predicted_path(line(), index=2, t_s=20 / 1.5 + 8))
+        first_conflict(
+            predicted_path(line_items(), "2"), predicted_path(line_items(), index=2, t_s=20 / 1.5 + 8)
+        )
         is not None
     )
-    assert first_conflict(predicted_path(line(), "2"), predicted_path(line(), **ahead)) is None
-    assert first_conflict(predicted_path(line(), "2"), predicted_path(line())) is not None, (
+    assert first_conflict(predicted_path(line_items(), "2"), predicted_path(line_items(), **ahead)) is None
+    assert first_conflict(predicted_path(line_items(), "2"), predicted_path(line_items())) is not None, (
         "both start at the same position"
     )
 
 
 def test_two_crossing_paths_may_be_separated_by_altitude():
-    other = predicted_path(line(east_m=100.0, north=True))
-    assert first_conflict(predicted_path(line(alt_m=20 + REQUIRED_M + 0.5), "2"), other) is None
-    found = first_conflict(predicted_path(line(alt_m=20 + REQUIRED_M - 0.5), "2"), other)
+    other = predicted_path(line_items(east_m=100.0, north=True))
+    assert first_conflict(predicted_path(line_items(alt_m=20 + REQUIRED_M + 0.5), "2"), other) is None
+    found = first_conflict(predicted_path(line_items(alt_m=20 + REQUIRED_M - 0.5), "2"), other)
     assert found.distance_m == pytest.approx(REQUIRED_M - 0.5, abs=0.1)
 
 
 def test_a_vehicle_that_has_already_landed_causes_no_conflict():
     short = [item_at("takeoff", 0, 100, 20), item_at("land", 0, 100, 0)]
-    assert first_conflict(predicted_path(line(hold_s=90), "2"), predicted_path(short)) is None
-    assert first_conflict(predicted_path(line(hold_s=90), "2"), predicted_path(short[:1])) is not None, (
-        "the other vehicle stays in the air"
-    )
+    assert first_conflict(predicted_path(line_items(hold_s=90), "2"), predicted_path(short)) is None
+    assert (
+        first_conflict(predicted_path(line_items(hold_s=90), "2"), predicted_path(short[:1])) is not None
+    ), "the other vehicle stays in the air"
 
 
 def test_a_vehicle_that_hovers_on_the_path_is_a_conflict_at_any_time():
     found = first_conflict(
-        predicted_path(line(hold_s=600), "2"), stationary_path("1", ORIGIN, (0, 100, -20), "Hold")
+        predicted_path(line_items(hold_s=600), "2"), stationary_path("1", ORIGIN, (0, 100, -20), "Hold")
     )
     assert (found.other_place, found.time_uncertainty_s) == ("Hold", None)
     assert "at this position is not known" in found.text
     assert (
-        first_conflict(predicted_path(line(), "2"), stationary_path("1", ORIGIN, (0, 100, -60), "Hold"))
+        first_conflict(predicted_path(line_items(), "2"), stationary_path("1", ORIGIN, (0, 100, -60), "Hold"))
         is None
     )
 
@@ -142,31 +146,38 @@ def test_a_conflict_is_found_exactly_if_a_comparison_of_all_pairs_finds_a_confli
 def test_paths_in_different_local_frames_are_compared():
     frame = LocalOrigin(47.001, 8.002, 480.0)
     found = first_conflict(
-        predicted_path(line(), "2"), predicted_path(line(east_m=100.0, north=True), frame=frame)
+        predicted_path(line_items(), "2"), predicted_path(line_items(east_m=100.0, north=True), frame=frame)
     )
-    same = first_conflict(predicted_path(line(), "2"), predicted_path(line(east_m=100.0, north=True)))
+    same = first_conflict(
+        predicted_path(line_items(), "2"), predicted_path(line_items(east_m=100.0, north=True))
+    )
     assert found.distance_m == pytest.approx(same.distance_m, abs=0.5)
     assert found.after_s == pytest.approx(same.after_s, abs=1.0)
 
 
 def test_the_flown_part_of_a_path_is_not_compared():
-    crossing = predicted_path(line(east_m=100.0, north=True), index=3, t_s=60.0)
-    assert first_conflict(predicted_path(line(), "2"), crossing) is None
+    crossing = predicted_path(line_items(east_m=100.0, north=True), index=3, t_s=60.0)
+    assert first_conflict(predicted_path(line_items(), "2"), crossing) is None
 
 
 def test_a_vehicle_off_its_path_is_expected_to_fly_straight_to_its_item():
     approach = {"index": 2, "t_s": 0.0, "current_position_ned_m": (0.0, 180.0, -20.0)}
     path = predicted_path(
-        line(east_m=190.0, north=True), "2", **{**approach, "current_position_ned_m": (-60.0, 190.0, -20.0)}
+        line_items(east_m=190.0, north=True),
+        "2",
+        **{**approach, "current_position_ned_m": (-60.0, 190.0, -20.0)},
     )
-    found = first_conflict(path, predicted_path(line(), **approach))
+    found = first_conflict(path, predicted_path(line_items(), **approach))
     assert found.place == "item 3"
     assert 30 < found.along_m < 75
 
 
 def test_the_items_of_a_plan_that_repeats_without_end_may_be_flown_at_any_time():
-    items = [*line(north=True, east_m=100.0, land=False), {"kind": "jump", "target_index": 1, "repeat": -1}]
-    assert first_conflict(predicted_path(line(hold_s=900), "2"), predicted_path(items)) is not None
+    items = [
+        *line_items(north=True, east_m=100.0, land=False),
+        {"kind": "jump", "target_index": 1, "repeat": -1},
+    ]
+    assert first_conflict(predicted_path(line_items(hold_s=900), "2"), predicted_path(items)) is not None
 
 
 def test_conflicts_with_several_vehicles_are_sorted_by_time():
@@ -174,7 +185,7 @@ def test_conflicts_with_several_vehicles_are_sorted_by_time():
         stationary_path("3", ORIGIN, (0, 150, -20), "Hold"),
         stationary_path("1", ORIGIN, (0, 50, -20), "Hold"),
     )
-    found = conflicts(predicted_path(line(), "2"), [late, early])
+    found = conflicts(predicted_path(line_items(), "2"), [late, early])
     assert [each.other for each in found] == ["1", "3"]
 
 
@@ -186,7 +197,7 @@ def mission(*steps):
 
 TAKE_OFF, LAND = "{step: take_off, height_m: 20}", "{step: land}"
 ACROSS = "{step: fly, points: [{position_ned_m: [0, 200, -20]}]}"
-CROSSING = line(east_m=100.0, north=True, hold_s=10)
+CROSSING = line_items(east_m=100.0, north=True, hold_s=10)
 
 
 def test_an_offboard_mission_is_compared_along_its_timeline():
@@ -200,7 +211,7 @@ def test_an_offboard_mission_is_compared_along_its_timeline():
 
 
 def test_after_a_wait_for_a_person_a_mission_is_expected_at_any_later_time():
-    path = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
+    path = predicted_path(line_items(east_m=100.0, north=True, hold_s=600), "2")
     waiting_steps = (TAKE_OFF, "{step: wait, until: person, timeout_s: 900}", ACROSS)
     for steps, expected in (((TAKE_OFF, ACROSS, LAND), False), (waiting_steps, True)):
         mission_path = predict_mission("1", ORIGIN, mission(*steps), (0.0, 0.0, 0.0))
@@ -211,5 +222,5 @@ def test_after_a_wait_for_a_person_a_mission_is_expected_at_any_later_time():
 def test_a_paused_mission_is_expected_at_any_later_time():
     flight = mission(TAKE_OFF, ACROSS, LAND)
     flight.paused = True
-    path = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
+    path = predicted_path(line_items(east_m=100.0, north=True, hold_s=600), "2")
     assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))) is not None
