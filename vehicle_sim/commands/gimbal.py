@@ -78,11 +78,11 @@ class GimbalCommands:
             return None
         mode = _to_int(command.p7)
         if mode in (MOUNT_RETRACT, MOUNT_NEUTRAL):
-            self._gimbal.mount_default(centred=True)
+            self._gimbal.lock_roll_and_pitch(centred=True)
         elif mode == MOUNT_RC:
-            self._gimbal.mount_default(centred=False)
+            self._gimbal.lock_roll_and_pitch(centred=False)
         elif mode == MOUNT_MAVLINK:
-            self._gimbal.set_mount(command.p1, command.p2, command.p3)
+            self._gimbal.set_mount_angles(command.p1, command.p2, command.p3)
         elif mode == MOUNT_GPS:
             self._gimbal.point_at(command.p5, command.p6, command.p4)
         return ACCEPTED

@@ -166,7 +166,7 @@ class Gimbal:
             yaw_rate * math.radians(parameter("MNT_RATE_YAW")),
         )
 
-    def set_mount(self, pitch_deg: float, roll_deg: float, yaw_deg: float) -> None:
+    def set_mount_angles(self, pitch_deg: float, roll_deg: float, yaw_deg: float) -> None:
         """Handles DO_MOUNT_CONTROL with angles."""
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         self._clear_targets()
@@ -202,9 +202,11 @@ class Gimbal:
         self._waypoint_offsets = Angles(*offsets)
         self.flags |= Flag.YAW_LOCK
 
-    def mount_default(self, *, centred: bool) -> None:
-        """Handles DO_MOUNT_CONTROL without angles: locks roll and pitch to the horizon, and points ahead if
-        `centred`."""
+    def lock_roll_and_pitch(self, *, centred: bool) -> None:
+        """Handles DO_MOUNT_CONTROL without angles: locks roll and pitch to the horizon.
+
+        With `centred` the gimbal also points ahead.
+        """
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         if centred:
             self.centre()
