@@ -37,7 +37,7 @@ MODE_NEEDS: dict[int, Check] = {
     ),
     17154777: Check("check_modes_mission", "there is no mission to fly", "Upload a mission."),
     19865031: Check(
-        "check_modes_offboard_signal", "no offboard setpoints arrive",
+        "check_modes_offboard_signal", "no offboard setpoints received",
         "Start an offboard stream here: it sends setpoints before it requests the mode.",
     ),
     30612409: Check("check_modes_local_pos", "no valid position estimate", SKY),

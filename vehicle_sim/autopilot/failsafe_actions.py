@@ -55,7 +55,7 @@ class Conditions(NamedTuple):
     flight_time_over: bool = False
     attitude_failure: bool = False
     just_armed: bool = False
-    """Within `monitors.EARLY_TAKEOFF_S` after spool-up."""
+    """Within COM_LKDOWN_TKO after spool-up: an attitude failure disarms the vehicle."""
     offboard_loss_action: int = 0
     position_loss_lands: bool = False
     """COM_POSCTL_NAVL: land instead of Altitude mode with sticks."""

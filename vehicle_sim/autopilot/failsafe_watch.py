@@ -8,7 +8,7 @@ from vehicle_sim.autopilot.failsafe import Action, ActionOptions, Cause, Decisio
 from vehicle_sim.autopilot.failsafe_actions import RC_IN_DISABLED, Conditions, flight_actions, ground_actions
 from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.modes import MODES, NavState
-from vehicle_sim.autopilot.monitors import EARLY_TAKEOFF_S, TERMINATION_DISABLED, Monitors
+from vehicle_sim.autopilot.monitors import TERMINATION_DISABLED, Monitors
 from vehicle_sim.autopilot.offboard import Offboard, SetpointKind
 from vehicle_sim.external_modes.registry import is_external
 from vehicle_sim.external_modes.slots import Overrides
@@ -52,7 +52,8 @@ class FailsafeWatch:
 
     def in_early_takeoff(self, armed_for_s: float) -> bool:
         """Whether an attitude failure disarms the vehicle, because it has just been armed."""
-        return armed_for_s < self._view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S
+        parameter = self._view.parameter
+        return armed_for_s < parameter("COM_SPOOLUP_TIME") + parameter("COM_LKDOWN_TKO")
 
     def reset(self) -> None:
         """Clears the failsafe; called at disarming."""

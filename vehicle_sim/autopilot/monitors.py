@@ -17,8 +17,6 @@ from vehicle_sim.vehicle_view import VehicleView
 
 TERMINATION_DISABLED = 121212
 """Value of CBRK_FLIGHTTERM that disables flight termination."""
-EARLY_TAKEOFF_S = 3.0
-"""Default of COM_LKDOWN_TKO: within this time after spool-up, an attitude failure disarms the vehicle."""
 WIND_TIME_CONSTANT_S = 4.0
 WIND_WARNING_EVERY_S = 60.0
 AIR_DENSITY_KG_M3 = 1.225

@@ -118,6 +118,16 @@ def test_each_condition_triggers_the_action_of_its_parameter(conditions, action,
     assert (worst.action, worst.cause) == (action, cause)
 
 
+def test_com_lkdown_tko_sets_how_long_an_attitude_failure_disarms_after_spool_up() -> None:
+    station = PlanStation()
+    watch = station.sim.autopilots[0].commander.failsafe_watch
+    for name, value in (("COM_SPOOLUP_TIME", 1.0), ("COM_LKDOWN_TKO", 3.0)):
+        station.sim.set_parameter(0, name, value)
+    assert [watch.in_early_takeoff(armed_for_s) for armed_for_s in (3.9, 4.1)] == [True, False]
+    station.sim.set_parameter(0, "COM_LKDOWN_TKO", 5.0)
+    assert watch.in_early_takeoff(4.1)
+
+
 def test_after_a_lost_position_a_vehicle_with_sticks_switches_to_altitude_mode() -> None:
     lost = {"mode": NavState.POSITION, "position_lost": True}
     assert flight_actions(Conditions(**lost, sticks=True))[0].action is Action.FALLBACK_ALTITUDE

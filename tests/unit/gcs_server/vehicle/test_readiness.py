@@ -28,7 +28,7 @@ GPS = "no valid global position"
 POSITION = "no valid position estimate"
 STICKS = "no RC transmitter or joystick"
 MISSION = "there is no mission to fly"
-SIGNAL = "no offboard setpoints arrive"
+SIGNAL = "no offboard setpoints received"
 GROUND = "this mode cannot take off from the ground"
 
 
