@@ -12,7 +12,7 @@ from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, station_of
 from tests.protocol.offboard_testbed import seconds
 from tests.protocol.ros2_testbed import Ros2Testbed
 from tests.protocol.simulated_testbed import until
-from tests.support.line_mission import MISSION, NAME
+from tests.support.line_mission import MISSION, MODE_NAME
 from vehicle_sim.mavlink import generated_dialect as sim
 
 DEFERRAL_S = 6
@@ -65,10 +65,12 @@ class Modes:
         self.station.authority.start()
 
     async def register(self, *, by: Principal = ANNA, **body: Any) -> dict[str, Any]:
-        request = mission_mode_models.RegisterMode.model_validate({"mission": MISSION, "name": NAME, **body})
+        request = mission_mode_models.RegisterMode.model_validate(
+            {"mission": MISSION, "name": MODE_NAME, **body}
+        )
         return json_of(await mission_mode_routes.register("1", request, self.station, by))["modes"][-1]
 
-    async def unregister(self, name: str = NAME, *, by: Principal = ANNA) -> list[dict[str, Any]]:
+    async def unregister(self, name: str = MODE_NAME, *, by: Principal = ANNA) -> list[dict[str, Any]]:
         request = mission_mode_models.UnregisterMode(name=name)
         return json_of(await mission_mode_routes.unregister("1", request, self.station, by))["modes"]
 

@@ -15,7 +15,7 @@ from tests.protocol.mission_modes_testbed import (
     DEFERRAL_S,
     LOITER,
     MISSION,
-    NAME,
+    MODE_NAME,
     Modes,
     UnavailablePlanWork,
     run_with_modes,
@@ -27,19 +27,19 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 def test_a_registered_mission_has_its_name_in_every_ground_station(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
-        assert NAME not in await rig.other_station.selectable_modes()
+        assert MODE_NAME not in await rig.other_station.selectable_modes()
         began_s = rig.testbed.loop.time()
         mode = await rig.register()
         assert rig.testbed.loop.time() - began_s < 1.0
         assert (mode["name"], mode["state"], mode["mode"], mode["mission"]) == (
-            NAME, "registered", "external_1", "Line",
+            MODE_NAME, "registered", "external_1", "Line",
         )  # fmt: skip
-        assert NAME in await rig.other_station.selectable_modes()
+        assert MODE_NAME in await rig.other_station.selectable_modes()
         assert await rig.list_modes() == {"vehicle": "1", "possible": True, "modes": [mode]}
         assert journal_lines(rig.station)[-1] == ("anna", "mission_modes/register", "1", "ok")
         assert await rig.unregister() == []
         await seconds(1)
-        assert NAME not in await rig.other_station.selectable_modes()
+        assert MODE_NAME not in await rig.other_station.selectable_modes()
         assert not rig.warnings()
 
     run_with_modes(run_simulated, scenario, in_air=False)
@@ -48,7 +48,7 @@ def test_a_registered_mission_has_its_name_in_every_ground_station(run_simulated
 def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.start_in_flight()
-        assert rig.vehicle.status.mode_label == NAME
+        assert rig.vehicle.status.mode_label == MODE_NAME
         assert rig.station.missions.status("1").mode == mode
         assert rig.station.missions.status("1").executor_in_charge is None
         assert (await rig.list_modes())["modes"][0]["takes_off"] is False
@@ -57,7 +57,7 @@ def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: A
         await rig.until_mode("hold")
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
         assert [(message["result"], message["nav_state"]) for message in completed] == [(0, 23)]
-        assert f"Mode {NAME}" in rig.texts()
+        assert f"Mode {MODE_NAME}" in rig.texts()
         before = len(rig.testbed.topics[0].sent)
         await seconds(2)
         assert {topic for topic, _ in rig.testbed.topics[0].sent[before:]} == {CHECK_REPLY}
@@ -179,7 +179,7 @@ def test_a_server_that_ends_puts_the_vehicle_into_hold_and_removes_the_mode(run_
         await rig.until_mode("hold")
         rig.testbed.streamer._streams.close()
         await seconds(1)
-        assert NAME not in await rig.other_station.selectable_modes()
+        assert MODE_NAME not in await rig.other_station.selectable_modes()
         assert rig.vehicle.status.mode == "hold"
 
     run_with_modes(run_simulated, scenario)
@@ -223,7 +223,7 @@ def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(ru
             await rig.unregister(by=BOB)
         with pytest.raises(Refused, match="has no mode 'Other'") as unknown:
             await rig.unregister("Other")
-        assert NAME in (unknown.value.remedy or "")
+        assert MODE_NAME in (unknown.value.remedy or "")
         with_take_off = {**MISSION, "steps": [{"step": "take_off", "height_m": 5}]}
         with pytest.raises(PlanFindings):
             await rig.register(name="Errors", mission=with_take_off)
@@ -275,7 +275,7 @@ def test_with_both_links_the_arming_report_has_the_modes_name(run_simulated: Any
             return mode in labels
 
         await until(has_label, 15)
-        assert labels[mode] == NAME
+        assert labels[mode] == MODE_NAME
         assert labels["hold"] == "Hold"
 
     run_with_modes(run_simulated, scenario, in_air=False)
