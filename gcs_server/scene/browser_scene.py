@@ -199,9 +199,7 @@ class BrowserScene:
         elif view.preview.handles and view.preview.serial != self._last_framed_serial:
             self._last_framed_serial = view.preview.serial
             self._move_camera_to_handles(_sum(origin, position_enu_m), pose.position_enu_m)
-        self._preview.update(
-            view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=world_is_fixed
-        )
+        self._preview.update(view.preview, origin, pose, handles=world_is_fixed)
 
     def _show_dry_run(self, view: View, start_m: Vector3 | None) -> VehiclePose | None:
         """Draws paths and vehicles of the dry run if the page shows one.

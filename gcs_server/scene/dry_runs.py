@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd
 from gcs_server.scene.model import Mesh, Points
 from gcs_server.scene.pose import VehiclePose
-from gcs_server.scene.texts import height_text
+from gcs_server.scene.texts import metres_text
 from missions.frames import IDENTITY, Vector3, conjugate, multiply, normalized, q_from_euler
 
 MAX_POINTS = 600
@@ -167,7 +167,7 @@ def pose_at(path: DryRunPath, t_s: float, origin_enu_m: Vector3) -> VehiclePose:
         motors=None,
         target=None,
         lost=False,
-        label=f"{path.role or 'dry run'} · {height_text(up_m)} above home",
+        label=f"{path.role or 'dry run'} · {metres_text(up_m)} above the start",
         note=f"{int(t_s) // 60:02d}:{int(t_s) % 60:02d}",
     )
 

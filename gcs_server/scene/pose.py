@@ -9,7 +9,7 @@ from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd, q_ne
 from gcs_server.scene.measured_points import measured_points
 from gcs_server.scene.placement import VehiclePlace
 from gcs_server.scene.ports import OffboardTarget, SceneVehicle, value_of
-from gcs_server.scene.texts import height_text
+from gcs_server.scene.texts import altitude_text
 from gcs_server.vehicle.samples import Attitude, Gimbal, Motors, Status, TargetLocal
 from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, normalized
 
@@ -150,17 +150,15 @@ def _complete_vector(v: tuple[float | None, float | None, float | None]) -> Vect
 def _label(vehicle_id: str, place: VehiclePlace) -> str:
     if not place.position_known:
         return vehicle_id
-    reference = "home" if place.home_enu_m is not None else "origin"
-    return f"{vehicle_id} · {height_text(place.height_m)} above {reference}"
+    return f"{vehicle_id} · {altitude_text(place.height_m, above_home=place.home_enu_m is not None)}"
 
 
 def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:
     notes = (
-        (lost, "lost"),
+        (lost, "connection lost"),
         (not place.position_known, "no position"),
         (vehicle.identity.simulated is True, "simulated"),
-        # A vehicle that has not reported whether it is simulated may be real, so the label says neither.
-        (vehicle.identity.simulated is None, "simulated?"),
+        (vehicle.identity.simulated is None, "may be real"),
         (vehicle.identity.replayed, "replayed"),
     )
     return ", ".join(text for applies, text in notes if applies)

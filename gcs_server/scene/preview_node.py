@@ -17,8 +17,9 @@ from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE
 from gcs_server.scene.labels import Label
 from gcs_server.scene.model import q_along
 from gcs_server.scene.palette import Palette, tone_corrected
+from gcs_server.scene.pose import VehiclePose
 from gcs_server.scene.shapes import Shapes
-from gcs_server.scene.texts import height_text
+from gcs_server.scene.texts import altitude_text
 from gcs_server.scene.views import Preview
 from missions.frames import IDENTITY, Quaternion, Vector3, q_from_yaw
 
@@ -29,12 +30,9 @@ LABEL_BELOW_M = 0.14
 """The label is drawn this much below the preview [m]."""
 
 
-def drag_label(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3, ground_z_m: float) -> str:
-    """Distance to the vehicle, altitude above home, and yaw as text."""
-    parts = [
-        f"{math.dist(position_enu_m, vehicle_enu_m):.1f} m away",
-        f"{height_text(position_enu_m[2] - ground_z_m)} above home",
-    ]
+def drag_label(preview: Preview, distance_m: float, altitude: str) -> str:
+    """Distance to the vehicle, altitude, and yaw as text."""
+    parts = [f"{distance_m:.1f} m away", altitude]
     if preview.yaw_ned_rad is not None:
         parts.append(f"yaw {round(math.degrees(preview.yaw_ned_rad)) % 360:03d}°")
     return " · ".join(parts)
@@ -64,8 +62,7 @@ class PreviewNode:
         self,
         preview: Preview,
         origin_enu_m: Vector3,
-        vehicle_enu_m: Vector3,
-        ground_z_m: float,
+        vehicle: VehiclePose,
         *,
         handles: bool,
     ) -> None:
@@ -81,8 +78,12 @@ class PreviewNode:
         q = q_from_yaw(yaw_enu_from_ned(yaw)) if yaw is not None else IDENTITY
         self._ghost.position, self._ghost.wxyz = position_enu_m, q
         self.label.move((position_enu_m[0], position_enu_m[1], position_enu_m[2] - LABEL_BELOW_M))
-        self.label.note = drag_label(preview, position_enu_m, vehicle_enu_m, ground_z_m)
-        self._draw_line(vehicle_enu_m, position_enu_m)
+        self.label.note = drag_label(
+            preview,
+            math.dist(position_enu_m, vehicle.position_enu_m),
+            altitude_text(position_enu_m[2] - vehicle.ground_z_m, above_home=vehicle.home_enu_m is not None),
+        )
+        self._draw_line(vehicle.position_enu_m, position_enu_m)
         if not (handles and preview.handles):
             self._remove_handles()
         elif self._handles is None or preview.serial != self._serial:

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 
-def height_text(height_m: float) -> str:
-    """A height or an altitude as text, without "-0.0", which would show estimator noise."""
-    return f"{height_m if abs(height_m) >= 0.05 else 0.0:.1f} m".replace("-", "\N{MINUS SIGN}")
+def metres_text(length_m: float) -> str:
+    """A length with its unit, without "-0.0", which would show estimator noise."""
+    return f"{length_m if abs(length_m) >= 0.05 else 0.0:.1f} m".replace("-", "\N{MINUS SIGN}")
+
+
+def altitude_text(altitude_m: float, *, above_home: bool) -> str:
+    """An altitude above home, or else above the local origin."""
+    return f"{metres_text(altitude_m)} above {'home' if above_home else 'local origin'}"

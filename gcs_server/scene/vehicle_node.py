@@ -16,6 +16,7 @@ from gcs_server.scene.palette import Palette, tone_corrected
 from gcs_server.scene.pose import Target, VehiclePose
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.texts import altitude_text
 from gcs_server.scene.trail import Trail
 from missions.frames import IDENTITY, Quaternion, Vector3, multiply, q_from_yaw
 
@@ -167,8 +168,10 @@ class VehicleNode:
             x, y, z = target.position_enu_m
             self._target_label.move((x, y, z - LABEL_BELOW_M))
         self._draw_target_line(pose, target)
-        height_m = target.position_enu_m[2] - pose.ground_z_m
-        self._target_label.text = "velocity" if target.is_velocity else f"target {height_m:.1f} m"
+        altitude = altitude_text(
+            target.position_enu_m[2] - pose.ground_z_m, above_home=pose.home_enu_m is not None
+        )
+        self._target_label.text = "velocity setpoint" if target.is_velocity else f"target {altitude}"
 
     def _show_measured_points(self, pose: VehiclePose) -> None:
         if self._measured_points is None and pose.measured_points_enu_m:

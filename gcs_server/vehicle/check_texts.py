@@ -33,7 +33,7 @@ MANUAL_CONTROL_ID = 17231145
 MODE_NEEDS: dict[int, Check] = {
     MANUAL_CONTROL_ID: Check(
         "check_modes_manual_control", "no RC transmitter or joystick",
-        "Switch the RC transmitter on or use a gamepad, or choose a mode that needs no pilot.",
+        "Switch the RC transmitter on, or choose a mode that needs no pilot.",
     ),
     17154777: Check("check_modes_mission", "there is no mission to fly", "Upload a mission."),
     19865031: Check(
@@ -81,13 +81,13 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
         "check_failure_detector_imbalanced_prop", "a propeller is out of balance", "Change the propeller."
     ),
     21826980: Check("check_battery_low", "the battery is low", CHARGE),
-    19404811: Check("check_battery_critical", "the battery is nearly empty", CHARGE),
-    28121863: Check("check_battery_emergency", "the battery is empty", CHARGE),
+    19404811: Check("check_battery_critical", "the battery level is critical", CHARGE),
+    28121863: Check("check_battery_emergency", "the battery level is an emergency", CHARGE),
     19005802: Check("check_battery_rem_flight_time_low", "the remaining flight time is too short", CHARGE),
     27095490: Check("check_battery_missing", "a battery is missing", "Connect all batteries."),
     25576769: Check("check_battery_disconnected", "a battery is disconnected", "Connect all batteries."),
-    30121562: Check("check_battery_unhealthy", "a battery is not healthy", CHARGE),
-    32379714: Check("check_battery_fault", "a battery reports a fault", CHARGE),
+    30121562: Check("check_battery_unhealthy", "a battery is not healthy", "Replace the battery."),
+    32379714: Check("check_battery_fault", "a battery reports a fault", "Replace the battery."),
     28274646: Check("check_estimator_gps_vert_pos_drift_too_high", "the GPS altitude still drifts", SKY),
     22494412: Check("check_estimator_gps_hor_pos_drift_too_high", "the GPS position still drifts", SKY),
     17826492: Check("check_estimator_gps_hor_pos_err_too_high", "the GPS position is too uncertain", SKY),
@@ -148,10 +148,10 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     25968665: Check("check_escs_telem_missing", "a motor controller sends no reports", WIRING),
     23725705: Check("check_escs_fault", "a motor controller reports a fault", "Check the motor."),
     24685549: Check("check_avionics_power_missing", "the power module is not connected", WIRING),
-    18447583: Check("check_avionics_power_low", "the supply voltage is too low", CHARGE),
-    32067059: Check("check_avionics_power_high", "the supply voltage is too high", "Check the power module."),
+    18447583: Check("check_avionics_power_low", "the avionics supply voltage is too low", "Check the power module."),
+    32067059: Check("check_avionics_power_high", "the avionics supply voltage is too high", "Check the power module."),
     16920235: Check("check_gf_violation_custom_gf", "the vehicle is outside the geofence", BACK_INSIDE),
-    30700832: Check("check_gf_violation_max_alt", "the vehicle is above the maximum altitude", BACK_INSIDE),
+    30700832: Check("check_gf_violation_max_alt", "the vehicle is above the geofence's maximum altitude", BACK_INSIDE),
     20842799: Check(
         "check_gf_violation_max_hor_dist", "the vehicle is too far from home (geofence)", BACK_INSIDE
     ),

@@ -12,6 +12,7 @@ import pytest
 from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, MAX_DRAG_DISTANCE_M, Drag, apply_drag
 from gcs_server.scene.preview_node import drag_label
 from gcs_server.scene.proxy import parse_message
+from gcs_server.scene.texts import altitude_text
 from gcs_server.scene.views import HANDLES_DISTANCE_M, HANDLES_MAX_OFFSET_RAD, Preview, camera_for_handles
 from missions.frames import q_from_yaw
 from tests.integration.gcs_server.scene.scene_server import DRAG_MESSAGE, open_stream, wait_until
@@ -49,7 +50,7 @@ def test_a_release_keeps_the_position():
 
 def test_the_label_shows_distance_altitude_and_yaw():
     assert (
-        drag_label(PREVIEW, (0.0, 10.0, 5.0), (0.0, 0.0, 5.0), 1.0)
+        drag_label(PREVIEW, 10.0, altitude_text(4.0, above_home=True))
         == "10.0 m away · 4.0 m above home · yaw 000°"
     )
 

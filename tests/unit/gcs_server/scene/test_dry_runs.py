@@ -47,7 +47,7 @@ def test_the_position_in_a_dry_run_is_interpolated_and_stays_at_the_ends_of_its_
     at_15_s = pose_at(path(), 15.0, START_ENU_M)
     assert at_15_s.position_enu_m == pytest.approx((120.0, 200.0, 15.0))
     assert yaw_from_q(at_15_s.q_enu_flu) == pytest.approx(0.0)
-    assert (at_15_s.label, at_15_s.note) == ("dry run · 10.0 m above home", "00:15")
+    assert (at_15_s.label, at_15_s.note) == ("dry run · 10.0 m above the start", "00:15")
     assert pose_at(path(), 99.0, START_ENU_M).position_enu_m == pytest.approx((140.0, 200.0, 15.0))
     assert pose_at(path(), 0.0, START_ENU_M).position_enu_m == pytest.approx(START_ENU_M)
 
@@ -99,7 +99,7 @@ def test_each_of_several_vehicles_has_a_path_labelled_with_its_role():
     together = {"roles": flights, "monte_carlo": None}
     found = paths_of({"nominal": RESULT["nominal"], "monte_carlo": None, "together": together})
     assert [each.role for each in found] == ["lead", "right"]
-    assert pose_at(found[1], 15.0, START_ENU_M).label == "right · 10.0 m above home"
+    assert pose_at(found[1], 15.0, START_ENU_M).label == "right · 10.0 m above the start"
 
 
 def dry_run_after(scene, **request):

@@ -129,7 +129,7 @@ def test_a_lost_vehicle_is_labelled_and_has_no_target():
     pose = drawn_pose(vehicle, OffboardTarget((0.0, 0.0, -5.0)))
     assert pose.lost
     assert pose.target is None
-    assert pose.note == "lost, simulated"
+    assert pose.note == "connection lost, simulated"
 
 
 def test_a_vehicle_without_telemetry_has_a_label_without_altitude():

@@ -91,7 +91,7 @@ ARMING = {
         "altitude": {STICKS}, "land": {POSITION}, "takeoff": {POSITION},
     },
     "nogps_setmode_rtl": {"rtl": {POSITION, GPS, GROUND}, "land": {GROUND, POSITION}},
-    "lowbat_armed_wait": {"hold": {"the battery is nearly empty"}},
+    "lowbat_armed_wait": {"hold": {"the battery level is critical"}},
     "arm_in_mode_land": {"land": {GROUND}, "hold": set(), "position": {STICKS}, "offboard": {SIGNAL}},
     "param_arm_arm_mis_req": {"hold": {MISSION}, "position": {MISSION, STICKS}},
     "param_arm_two_mags_required": {"hold": {"too few compasses were found"}},
