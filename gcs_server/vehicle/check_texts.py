@@ -27,6 +27,7 @@ CALIBRATE = "Calibrate it."
 WIRING = "Check that it is connected, and restart the vehicle."
 GYRO = "Check that the gyro is connected, and restart the vehicle."
 CHARGE = "Insert a charged battery."
+POWER = "Check the power module."
 BACK_INSIDE = "Bring the vehicle back inside the geofence, or change the geofence."
 
 MANUAL_CONTROL_ID = 17231145
@@ -148,10 +149,12 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     25968665: Check("check_escs_telem_missing", "a motor controller sends no reports", WIRING),
     23725705: Check("check_escs_fault", "a motor controller reports a fault", "Check the motor."),
     24685549: Check("check_avionics_power_missing", "the power module is not connected", WIRING),
-    18447583: Check("check_avionics_power_low", "the avionics supply voltage is too low", "Check the power module."),
-    32067059: Check("check_avionics_power_high", "the avionics supply voltage is too high", "Check the power module."),
+    18447583: Check("check_avionics_power_low", "the avionics supply voltage is too low", POWER),
+    32067059: Check("check_avionics_power_high", "the avionics supply voltage is too high", POWER),
     16920235: Check("check_gf_violation_custom_gf", "the vehicle is outside the geofence", BACK_INSIDE),
-    30700832: Check("check_gf_violation_max_alt", "the vehicle is above the geofence's maximum altitude", BACK_INSIDE),
+    30700832: Check(
+        "check_gf_violation_max_alt", "the vehicle is above the maximum altitude (geofence)", BACK_INSIDE
+    ),
     20842799: Check(
         "check_gf_violation_max_hor_dist", "the vehicle is too far from home (geofence)", BACK_INSIDE
     ),

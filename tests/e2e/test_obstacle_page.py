@@ -115,7 +115,7 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_with_avoidance_flies_over_th
         fly_to(page, view, GOAL_NORTH_M, "Send")
         page.keyboard.press("p")
         card = page.get_by_label("Offboard", exact=True)
-        avoid = card.get_by_label("Fly over obstacles")
+        avoid = card.get_by_label("Avoid obstacles")
         expect(avoid).not_to_be_checked()
         position.until(lambda north_m, _: north_m > 1.5, "the flight towards the box")
         wait_until(lambda: lidar_ahead_m(drone) < 1.5 and is_slow(drone), "the stop")

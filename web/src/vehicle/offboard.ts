@@ -125,7 +125,7 @@ function readAvoidance(raw: Raw | null): Avoidance {
 const STATES: Readonly<Record<string, string>> = {
   idle: 'no stream',
   starting: 'Starting',
-  undoing: 'Start failed: stopping',
+  undoing: 'Start failed: the server stops the stream',
   holding: 'Expired: holding position',
   to_hold: 'Expired: switching to Hold',
   landing: 'Expired: landing',

@@ -77,7 +77,7 @@ function group(field: string, title: string, list: readonly Axis[], more: Partia
   return { field, title, axes: list, nullable: false, optional: false, ...more };
 }
 
-const THRUST = group('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });
+const THRUST = group('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust (0 to 1)', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });
 
 const POSITION = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP_TO_DOWN));
 const VELOCITY = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP_TO_DOWN));

@@ -122,6 +122,9 @@ const LABELS: Readonly<Record<string, string>> = {
 };
 /** Fields that the grid does not offer: bit masks, ids and quaternions. */
 const HIDDEN_FIELDS = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
+const COUNT_FIELDS = new Set(['satellites', 'fix_type', 'current', 'count', 'reached']);
+/** Mission items: the vehicle counts from 0, the page from 1. */
+const ITEM_FIELDS = new Set(['mission.current', 'mission.reached']);
 const LAT_LON = /^(lat|lon)_deg$/;
 
 function unitOf(field: string): { unit: string; factor: number; decimals: number; label: string } {
@@ -139,7 +142,8 @@ function plainText(value: unknown, factor: number, decimals: number): string {
 function fieldQuantity(topic: string, field: string, index: number | null, label: string): Quantity {
   const { unit, factor, decimals } = unitOf(field);
   const isLatLon = LAT_LON.test(field);
-  const isCount = index === null && (field === 'satellites' || field === 'fix_type');
+  const isCount = index === null && COUNT_FIELDS.has(field);
+  const first = ITEM_FIELDS.has(`${topic}.${field}`) ? 1 : 0;
   return {
     id: index === null ? `${topic}.${field}` : `${topic}.${field}.${index}`,
     label,
@@ -152,7 +156,9 @@ function fieldQuantity(topic: string, field: string, index: number | null, label
       const value = index === null ? fieldValue : Array.isArray(fieldValue) ? (fieldValue as unknown[])[index] : null;
       // A float always shows all its decimals, because a number that changes its width is hard to read.
       const text =
-        typeof value === 'number' && !isCount ? fixed(value * factor, isLatLon ? 6 : unit === '' ? 2 : decimals) : plainText(value, factor, decimals);
+        typeof value === 'number' && !isCount
+          ? fixed(value * factor, isLatLon ? 6 : unit === '' ? 2 : decimals)
+          : plainText(typeof value === 'number' ? value + first : value, factor, decimals);
       return { text, unit, stale: reading?.stale ?? false, age_s: reading?.age_s ?? null };
     },
   };

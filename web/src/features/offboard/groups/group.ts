@@ -81,7 +81,7 @@ const STREAMS: Readonly<Record<string, string>> = {
   holding: 'expired: holds its position',
   to_hold: 'switches to Hold',
   landing: 'expired: lands',
-  undoing: 'start failed: stopping',
+  undoing: 'start failed: the server stops the stream',
 };
 
 /** Label of a member: the state of its stream and its reported mode. */

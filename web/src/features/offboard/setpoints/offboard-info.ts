@@ -74,8 +74,12 @@ export function limitsText(limits: OffboardLimits | null): string {
   return parts.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : parts.join(', ');
 }
 
-/** The vehicle's own limit as placeholder of the field, without the unit: "vehicle: 5.0". */
+/**
+ * The vehicle's own limit as placeholder of the field, without the unit: "vehicle: 5.0". The server does not tell whether a missing
+ * limit is off or unknown.
+ */
 export function vehicleLimitText(limits: OffboardLimits | null, field: LimitField): string {
-  const limit = field.vehicleLimit === null ? null : limits?.vehicle[field.vehicleLimit];
-  return limit == null ? 'no limit' : `vehicle: ${fixed(limit / field.scale, 1)}`;
+  if (field.vehicleLimit === null) return 'no limit';
+  const limit = limits?.vehicle[field.vehicleLimit];
+  return limit == null ? 'none known' : `vehicle: ${fixed(limit / field.scale, 1)}`;
 }

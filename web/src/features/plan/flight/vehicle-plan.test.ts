@@ -152,6 +152,8 @@ describe('the plan on the vehicle', () => {
     expect(differenceText(difference)).toBe('Item 2 of the mission, altitude: 35.0 m in the plan, 20.0 m on the vehicle.');
     expect(differenceText({ ...difference, field: 'x', planned: 473977420, held: 473977421 })).toContain('latitude: 47.3977420° in the plan');
     expect(differenceText({ ...difference, field: 'y', planned: 1, held: 0 })).toContain('parameter 6: 1 in the plan, 0 on');
+    expect(differenceText({ ...difference, field: 'frame', planned: 3, held: 0 })).toContain('altitude reference: above home in the plan, AMSL on the vehicle');
+    expect(differenceText({ ...difference, field: 'frame', planned: 3, held: 7 })).toContain('MAV_FRAME 7 on the vehicle');
     expect(differenceText({ ...difference, field: 'param2', planned: null, held: 0 })).toContain('parameter 2: not set in the plan');
     expect(differenceText({ ...difference, part: 'fence', seq: null, field: 'count' })).toBe('The geofence: 35 items in the plan, 20 on the vehicle.');
     expect(comparisonText('1 Quad', comparison({}))).toContain('is identical to this plan');

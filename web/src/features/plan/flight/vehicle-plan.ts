@@ -14,9 +14,20 @@ export type Difference = Comparison['differences'][number];
 const PARTS = { mission: 'mission', fence: 'geofence', rally: 'rally points' } as const;
 const FIELDS: Readonly<Record<string, string>> = {
   command: 'command (MAV_CMD)',
-  frame: 'frame (MAV_FRAME)',
+  frame: 'altitude reference',
   z: 'altitude',
   autocontinue: 'autocontinue',
+};
+
+/** Altitude references of the values of MAV_FRAME that plans use. */
+const ALTITUDE_REFERENCES: Readonly<Record<number, string>> = {
+  0: 'AMSL',
+  2: 'no position',
+  3: 'above home',
+  5: 'AMSL',
+  6: 'above home',
+  10: 'above terrain',
+  11: 'above terrain',
 };
 
 /** Sentence about the plan on the vehicle. */
@@ -68,6 +79,7 @@ function isCoordinate(field: string, value: number | null): boolean {
 
 function valueText(field: string, value: number | null): string {
   if (value === null) return 'not set';
+  if (field === 'frame') return ALTITUDE_REFERENCES[value] ?? `MAV_FRAME ${value}`;
   if (isCoordinate(field, value)) return `${fixed(value / 1e7, 7)}°`;
   return field === 'z' ? `${fixed(value, 1)} m` : String(Number(value.toFixed(4)));
 }

@@ -138,7 +138,7 @@ const heading: Spec = (step, context) => {
     },
   ];
   if (current === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Yaw from north', ANGLE));
-  if (current === 'look_at') rows.push(...position('look_at', 'Heading towards')(step, context));
+  if (current === 'look_at') rows.push(...position('look_at', 'Point to face')(step, context));
   return rows;
 };
 
@@ -299,7 +299,10 @@ const nameChoice =
   };
 
 const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
-  take_off: [number('height_m', 'Height above the ground', { min: 0.5, max: 500 }), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '60' })],
+  take_off: [
+    number('height_m', 'Height above the take-off position', { min: 0.5, max: 500 }),
+    number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '60' }),
+  ],
   fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_FIELDS],
   hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE)],
   orbit: [...CIRCLE_FIELDS, ...PATH_FIELDS],

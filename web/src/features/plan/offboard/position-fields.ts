@@ -14,7 +14,7 @@ const ALTITUDE_LABELS: Readonly<Record<PositionFrame, string>> = {
   offset: 'Altitude above start',
   home: 'Altitude above home',
   amsl: 'Altitude AMSL',
-  local: 'Altitude above origin',
+  local: 'Altitude above local origin',
 };
 
 /**

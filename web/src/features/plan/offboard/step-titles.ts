@@ -41,7 +41,7 @@ export const VALUES: Readonly<Record<string, readonly [string, string]>> = {
   ground_speed_m_s: ['ground speed', 'm/s'],
   distance_m: ['distance sensor', 'm'],
   satellites: ['satellites', ''],
-  horizontal_error_m: ['horizontal position accuracy', 'm'],
+  horizontal_error_m: ['estimated horizontal position error', 'm'],
 };
 /** Fractions are shown in per cent. */
 export const PER_CENT = 100;
@@ -75,7 +75,7 @@ export function detailOf(step: Step): string {
   };
   switch (step.step) {
     case 'take_off':
-      add('height_m', '# m above the ground');
+      add('height_m', '# m above the take-off position');
       break;
     case 'fly':
       parts.push(`${step.points?.length ?? 0} ${step.points?.length === 1 ? 'point' : 'points'}`);

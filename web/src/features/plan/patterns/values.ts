@@ -127,7 +127,7 @@ const SPECS: Readonly<Record<ValueName, Spec>> = {
   crosshatch: { label: 'Second set of lines at right angles', type: 'switch' },
   speed_m_s: number('Speed', 'm/s', 0.1, 100, { placeholder: 'default', step: 0.5 }),
   width_m: number('Width', 'm', 0.1, 10_000),
-  offset_m: number('Distance from the edge', 'm', -10_000, 10_000),
+  offset_m: number('Distance outside the edge (negative: inside)', 'm', -10_000, 10_000),
   rounds: number('Rounds', '', 1, 100, { decimals: 0 }),
   radius_m: number('Radius', 'm', 1, 10_000),
   direction: choice('Direction', options({ clockwise: 'clockwise', counterclockwise: 'counterclockwise' })),
