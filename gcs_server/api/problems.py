@@ -64,7 +64,7 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (FtpFailed, 409, "The vehicle's file could not be read"),
     (MetadataMissing, 409, "No component metadata"),
     (NoReply, 504, "No answer"),
-    (Disconnected, 503, "Link lost"),
+    (Disconnected, 503, "No connection to the vehicle"),
     (LinkError, 409, "Link unusable"),
 )
 

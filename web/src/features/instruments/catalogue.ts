@@ -177,7 +177,14 @@ function topicQuantities(topic: string, fields: Readonly<Record<string, string>>
   return Object.entries(fields).flatMap(([field, kind]): Quantity[] => {
     if (HIDDEN_FIELDS.test(field)) return [];
     const { label } = unitOf(field);
-    const prefixed = topic.startsWith('target') ? `Target ${label.toLowerCase()}` : topic === 'home' ? `Home ${label.toLowerCase()}` : label;
+    const prefixed =
+      topic === 'wind' && kind === 'vector3'
+        ? 'Wind towards'
+        : topic.startsWith('target')
+          ? `Target ${label.toLowerCase()}`
+          : topic === 'home'
+            ? `Home ${label.toLowerCase()}`
+            : label;
     if (kind === 'vector3') {
       const axes = field.includes('_frd') ? AXES_FRD : AXES_NED;
       return axes.map((axis, i) => fieldQuantity(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${prefixed} ${axis}`));

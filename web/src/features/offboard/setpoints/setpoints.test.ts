@@ -77,7 +77,7 @@ describe('forms', () => {
   it('report the invalid field, and leave fields of unknown values empty', () => {
     expect(errorsOf(withField(formFromCurrentState('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
     expect(errorsOf(withField(formFromCurrentState('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust (0 to 1): at most 1.' });
-    expect(errorsOf(formFromCurrentState('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: enter a number.' });
+    expect(errorsOf(formFromCurrentState('attitude', FACTS, null))).toEqual({ thrust: 'Thrust (0 to 1): enter a number.' });
     expect(errorsOf(formFromCurrentState('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
     expect(parseTyped(' 1e400 ')).toBeNull();
   });
