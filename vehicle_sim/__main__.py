@@ -14,8 +14,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs until the process receives a stop signal; returns 1 if no port could be opened."""
     argv = sys.argv[1:] if argv is None else argv
     arguments = parse(argv)
-    parts = split_fleet(arguments.instances, arguments.processes or process_count(arguments.instances))
-    return run_shard(argv, parts[0]) if len(parts) == 1 else run_workers(run_shard, argv, parts)
+    shards = split_fleet(arguments.instances, arguments.processes or process_count(arguments.instances))
+    return run_shard(argv, shards[0]) if len(shards) == 1 else run_workers(run_shard, argv, shards)
 
 
 if __name__ == "__main__":

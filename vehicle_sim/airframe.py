@@ -1,4 +1,4 @@
-"""Mass, geometry and motors of the simulated aircraft: PX4's SIH quadrotor (airframe 10040), read from SIH_*.
+"""Mass, inertia, rotors and drag of the simulated aircraft, PX4's SIH quadrotor (airframe 10040).
 
 Rotor order and geometry are PX4's quad X: 1 front right, 2 rear left, 3 front left, 4 rear right;
 1 and 2 turn counter-clockwise seen from above.
@@ -33,17 +33,17 @@ class Airframe:
     inertia_kg_m2: FloatArray
     """(3, 3) about the body axes, SIH_IXX…SIH_IYZ."""
     rotor_thrust_max_n: float
-    """SIH_T_MAX, one rotor at full signal."""
+    """SIH_T_MAX, thrust of one rotor at full signal."""
     rotor_torque_max_nm: float
-    """SIH_Q_MAX."""
+    """SIH_Q_MAX, reaction moment of one rotor at full signal."""
     arm_roll_m: float
     """SIH_L_ROLL."""
     arm_pitch_m: float
     """SIH_L_PITCH."""
     drag_n_per_m_s: float
-    """SIH_KDV, linear."""
+    """SIH_KDV, drag proportional to the velocity."""
     drag_nm_per_rad_s: float
-    """SIH_KDW, linear."""
+    """SIH_KDW, drag moment proportional to the angular velocity."""
     rotor_time_constant_s: float
     """SIH_T_TAU."""
 
@@ -77,13 +77,13 @@ class Airframe:
         )
 
     def wrench_table(self) -> FloatArray:
-        """(4, 4) matrix from rotor thrusts (0..1) to thrust [N] and roll, pitch, yaw moments [Nm]."""
-        thrust = self.rotor_thrust_max_n
+        """(4, 4): one row per rotor at full signal; columns: thrust [N], roll, pitch and yaw moments [Nm]."""
+        thrust_max_n = self.rotor_thrust_max_n
         return np.stack(
             [
-                np.full(ROTOR_COUNT, thrust),
-                self.arm_roll_m * thrust * ROLL_SIGN,
-                self.arm_pitch_m * thrust * PITCH_SIGN,
+                np.full(ROTOR_COUNT, thrust_max_n),
+                self.arm_roll_m * thrust_max_n * ROLL_SIGN,
+                self.arm_pitch_m * thrust_max_n * PITCH_SIGN,
                 self.rotor_torque_max_nm * YAW_SIGN,
             ],
             axis=1,

@@ -1,7 +1,7 @@
-"""Status texts and events of a vehicle; each link sends them in the order of their publication.
+"""Status texts and events of a vehicle; each link sends them in the order in which they are published.
 
 Event ids, names and log levels are those of PX4's build. If PX4 sends a status text together with an event,
-the text ends with a tab.
+the text ends with a tab, so that a ground station can ignore the text and show the event.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ EVENTS: Final[dict[str, tuple[int, int]]] = {
 }
 
 EVENT_QUEUE_LENGTH: Final = 20
-"""Number of events kept for repeated requests (PX4's buffer)."""
+"""Number of events that PX4 keeps for repeated requests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,10 +171,12 @@ class Event:
     log_levels: int
     time_boot_ms: int
     arguments: bytes
+    """ARGUMENTS_LENGTH bytes, filled up with zeros."""
 
 
-FIRST_SEQUENCE = 0xFFFF - 9
-"""First sequence number of PX4's events; it wraps to 0 soon after boot."""
+ARGUMENTS_LENGTH: Final = 40
+FIRST_SEQUENCE: Final = 0xFFFF - 9
+"""First sequence number of PX4's events; the number wraps to 0 after ten events."""
 
 
 class Announcer:
@@ -186,6 +188,7 @@ class Announcer:
         self._text_id = 0
         self.sequence = FIRST_SEQUENCE - 1
         self.recent: deque[Event] = deque(maxlen=EVENT_QUEUE_LENGTH)
+        """The newest events, for repeated requests."""
         self._queued: list[StatusText | Event] | None = None
 
     def add_listener(self, listener: Callable[[StatusText | Event], None]) -> None:
@@ -199,17 +202,16 @@ class Announcer:
 
     def event(self, name: str, argument_format: str = "", *arguments: float) -> None:
         """Sends an event; arguments are packed little-endian with `argument_format`."""
-        self._send(name, *EVENTS[name], struct.pack("<" + argument_format, *arguments))
+        self._publish_event(name, *EVENTS[name], struct.pack("<" + argument_format, *arguments))
 
     def external_event(self, event_id: int, log_levels: int, arguments: bytes) -> None:
         """Sends an event of an external component; the simulator knows no name for the event."""
-        self._send("", event_id, log_levels, arguments)
+        self._publish_event("", event_id, log_levels, arguments)
 
-    def _send(self, name: str, event_id: int, log_levels: int, arguments: bytes) -> None:
+    def _publish_event(self, name: str, event_id: int, log_levels: int, arguments: bytes) -> None:
         self.sequence = (self.sequence + 1) & 0xFFFF
-        event = Event(
-            self.sequence, name, event_id, log_levels, self._time_boot_ms(), arguments.ljust(40, b"\0")
-        )
+        arguments = arguments.ljust(ARGUMENTS_LENGTH, b"\0")
+        event = Event(self.sequence, name, event_id, log_levels, self._time_boot_ms(), arguments)
         self.recent.append(event)
         self._publish(event)
 
@@ -221,7 +223,7 @@ class Announcer:
         self.event(name, argument_format, *arguments)
 
     def pause(self) -> None:
-        """Queues texts and events until `resume`, so that an acknowledgement is sent before them."""
+        """Queues texts and events until `resume`, so that a command's acknowledgement is sent first."""
         self._queued = []
 
     def resume(self) -> None:

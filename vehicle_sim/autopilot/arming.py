@@ -12,8 +12,8 @@ from vehicle_sim.autopilot.tasks.manual import ATTITUDE_RATE_MODES, STICK_MODES
 from vehicle_sim.vehicle_view import VehicleView
 
 THROTTLE_ABOVE_CENTRE, THROTTLE_LOW = 0.2, -0.8
-"""Throttle stick (-1..1) above which the vehicle would climb when armed, and below which thrust is zero."""
-_LOW_WORD = 0xFFFFFFFF
+"""Throttle stick (-1..1) above which the vehicle would climb, and below which the thrust is zero."""
+_LOW_32_BITS = 0xFFFFFFFF
 
 
 class Reason(IntEnum):
@@ -37,13 +37,13 @@ REASONS = {
     Reason.FAILSAFE: "failsafe",
     Reason.KILL: "kill-switch",
 }
-"""The reasons in PX4's status texts."""
+"""Names of the reasons in PX4's status texts."""
 
 
 def arming_denial(
     report: CheckResults, mode: NavState, sticks: Sticks, *, calibrating: bool
 ) -> tuple[str, str] | None:
-    """The reason why arming is denied in this mode: text and suffix of the event name; None: allowed."""
+    """Why arming is denied in this mode (text, and suffix of the event name); None: arming is allowed."""
     if calibrating:
         return "calibrating", "calibrating"
     if mode in STICK_MODES and sticks.valid:
@@ -64,10 +64,10 @@ def auto_disarm_after_s(view: VehicleView, *, took_off: bool) -> float:
         took_off: whether the vehicle has taken off since arming; then the time counts from the landing,
             otherwise from arming.
     """
-    wait_s = view.parameter("COM_DISARM_LAND" if took_off else "COM_DISARM_PRFLT")
-    if wait_s <= 0.0:
+    delay_s = view.parameter("COM_DISARM_LAND" if took_off else "COM_DISARM_PRFLT")
+    if delay_s <= 0.0:
         return math.inf
-    return wait_s if took_off else wait_s + view.parameter("COM_SPOOLUP_TIME")
+    return delay_s if took_off else delay_s + view.parameter("COM_SPOOLUP_TIME")
 
 
 class FlightStatistics:
@@ -78,19 +78,19 @@ class FlightStatistics:
         self._took_off_at_s = math.nan
 
     def on_takeoff(self) -> None:
-        """Called at a take-off; only the first take-off after arming counts."""
+        """Stores the time of the first take-off after arming; called at each take-off."""
         if math.isnan(self._took_off_at_s):
             self._took_off_at_s = self._view.time_s
 
     def on_disarming(self) -> None:
-        """Called at disarming, also without a flight."""
+        """Stores the statistics; called at each disarming, even without a flight."""
         parameters = self._view.parameters
         parameters.store_statistic("COM_FLIGHT_UUID", int(parameters.get("COM_FLIGHT_UUID")) + 1)
         if math.isnan(self._took_off_at_s):
             return
         high, low = int(parameters.get("LND_FLIGHT_T_HI")), int(parameters.get("LND_FLIGHT_T_LO"))
         flight_time_us = round(1e6 * (self._view.time_s - self._took_off_at_s))
-        total_us = (high << 32 | low & _LOW_WORD) + flight_time_us
+        total_us = (high << 32 | low & _LOW_32_BITS) + flight_time_us
         parameters.store_statistic("LND_FLIGHT_T_HI", total_us >> 32)
-        parameters.store_statistic("LND_FLIGHT_T_LO", total_us & _LOW_WORD)
+        parameters.store_statistic("LND_FLIGHT_T_LO", total_us & _LOW_32_BITS)
         self._took_off_at_s = math.nan

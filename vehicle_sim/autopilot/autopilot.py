@@ -1,4 +1,4 @@
-"""One vehicle's autopilot: commander, navigator, take-off state and land detector in their fixed order."""
+"""One vehicle's autopilot: runs commander, navigator, take-off ramp and land detector in PX4's order."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from vehicle_sim.home import Home
 from vehicle_sim.payload.gimbal import Gimbal
 from vehicle_sim.vehicle_view import VehicleView
 
-AUTO_DESCENT_MARGIN = 1.2
-"""Factor on MPC_Z_V_AUTO_DN: descent rate that the position controller may use in automatic modes."""
+AUTO_DESCENT_FACTOR = 1.2
+"""The position controller may descend at this factor times MPC_Z_V_AUTO_DN in automatic modes."""
 
 
 class Autopilot:
@@ -63,20 +63,20 @@ class Autopilot:
         self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
         self._goto = GotoControl(view, self._setpoints)
-        # Memory views, because NumPy takes three times as long; the last two contain all vehicles.
+        # Memory views, because NumPy takes three times as long; those of the thrusts contain all vehicles.
         self._motion = float_view(arrays.motion[view.row])
         self._thrusts = float_view(view.simulation.target.thrust)
         self._hover_thrusts = float_view(view.simulation.target.hover_thrust)
         self.offboard.on_setpoint = self._apply_immediately
-        self._landing_limits: LandingThresholds | None = None
+        self._cached_thresholds: LandingThresholds | None = None
         self.steady = False
         """Whether the next tick may run in the compiled loops (`SteadyTicks`)."""
         self.ran_full_tick = True
         """Whether the last tick was a full tick, not a tick of the compiled loops."""
-        self._steady_state: tuple[object, ...] = ()
+        self._state_at_steady_start: tuple[object, ...] = ()
         self.steady_limits = SteadyLimits.for_vehicle(view)
         self._steady_limits_revision = view.parameter_changes
-        view.parameters.add_listener(self._discard_limits)
+        view.parameters.add_listener(self._discard_thresholds)
 
     def update(self) -> None:
         """Runs one tick."""
@@ -86,7 +86,7 @@ class Autopilot:
         self.update_after_detection()
 
     def update_after_detection(self) -> None:
-        """Runs the part of a tick after the land detector."""
+        """Runs the part of a tick that follows the land detector."""
         self._setpoints.set_in_air(not self.land_detector.landed)
         self.commander.update(landed=self.land_detector.landed)
         self._run_flight_tasks()
@@ -111,7 +111,7 @@ class Autopilot:
 
     def stays_steady(self) -> bool:
         """Whether the flight is steady, and no command or parameter has changed since the last tick."""
-        if self.steady and self._commanded_state() != self._steady_state:
+        if self.steady and self._commanded_state() != self._state_at_steady_start:
             self.steady = False
         return self.steady
 
@@ -121,7 +121,7 @@ class Autopilot:
         task = self._steady_task()
         self.steady = task is not None
         if task is not None:
-            self._steady_state = self._commanded_state()
+            self._state_at_steady_start = self._commanded_state()
             if self._steady_limits_revision != self.view.parameter_changes:
                 self._steady_limits_revision = self.view.parameter_changes
                 self.steady_limits = SteadyLimits.for_vehicle(self.view)
@@ -191,9 +191,10 @@ class Autopilot:
         return commander.armed and commander.active is NavState.OFFBOARD and is_attitude
 
     def _detect_landing(self) -> None:
-        estimate, i, direct = self.view.estimate, self.view.row, self._setpoints.below_trajectory
-        thrust = self._thrusts[i] if self.takeoff.ramp_started or direct else 0.0
-        estimates_hover = self.takeoff.flying and not direct and self.view.choice("MPC_USE_HTE") != 0
+        estimate, i = self.view.estimate, self.view.row
+        controls_trajectory = not self._setpoints.below_trajectory
+        thrust = self._thrusts[i] if self.takeoff.ramp_started or not controls_trajectory else 0.0
+        estimates_hover = self.takeoff.flying and controls_trajectory and self.view.choice("MPC_USE_HTE") != 0
         # An unknown horizontal velocity does not prevent the detection of a landing.
         vn, ve, vd = estimate.velocity_ned_m_s
         previous_down_m, down_m = self._motion[DOWN], estimate.position_ned_m[2]
@@ -208,18 +209,18 @@ class Autopilot:
             estimate.valid_altitude,
             estimate.rates_frd_rad_s,
             estimate.height_above_ground_m,
-            not direct,
+            controls_trajectory,
             self._motion[SETPOINT_DOWN],
         )
-        self.land_detector.update(self.view.time_s, inputs, self._limits())
+        self.land_detector.update(self.view.time_s, inputs, self._landing_thresholds())
 
-    def _limits(self) -> LandingThresholds:
-        if self._landing_limits is None:
-            self._landing_limits = LandingThresholds.for_vehicle(self.view)
-        return self._landing_limits
+    def _landing_thresholds(self) -> LandingThresholds:
+        if self._cached_thresholds is None:
+            self._cached_thresholds = LandingThresholds.for_vehicle(self.view)
+        return self._cached_thresholds
 
-    def _discard_limits(self, _name: str, _value: float) -> None:
-        self._landing_limits = None
+    def _discard_thresholds(self, _name: str, _value: float) -> None:
+        self._cached_thresholds = None
 
     @property
     def _flies_by_sticks(self) -> bool:
@@ -239,17 +240,17 @@ class Autopilot:
             return
         parameter, active = self.view.parameter, self.commander.active
         if self._flies_by_sticks:
-            climbs = self._stick_tasks.wants_to_climb()
+            wants_to_climb = self._stick_tasks.wants_to_climb()
         elif self.follows_external_setpoints:
-            climbs = self.offboard.wants_to_climb(self.view.estimate.position_ned_m[2])
+            wants_to_climb = self.offboard.wants_to_climb(self.view.estimate.position_ned_m[2])
         else:
-            climbs = self.navigator.wants_to_climb(active)
+            wants_to_climb = self.navigator.wants_to_climb(active)
         self.takeoff.update(
             self.view.time_s,
             TICK_S,
             armed=self.commander.armed,
             landed=self.land_detector.landed,
-            wants_to_climb=climbs,
+            wants_to_climb=wants_to_climb,
             spoolup_s=parameter("COM_SPOOLUP_TIME"),
             ramp_s=parameter("MPC_TKO_RAMP_T"),
             speed_m_s=parameter("MPC_Z_VEL_MAX_UP"),
@@ -262,7 +263,7 @@ class Autopilot:
             self._setpoints.disable_controllers()
             return
         uses_external, level = self.follows_external_setpoints, self._publish_level()
-        direct = uses_external and level is not ControlLevel.TRAJECTORY
+        external_below_trajectory = uses_external and level is not ControlLevel.TRAJECTORY
         on_ground = not takeoff.ramp_started or (takeoff.flying and self.land_detector.ground_contact)
         self._setpoints.set_limits(
             ramping=takeoff.state is TakeoffState.RAMPUP,
@@ -276,11 +277,11 @@ class Autopilot:
             self._motion[SETPOINT_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
         if self._flies_by_sticks and commander.active in ATTITUDE_RATE_MODES:
             self._stick_tasks.run(commander.active)
-        elif direct:
+        elif external_below_trajectory:
             if self.offboard.level is not ControlLevel.TRAJECTORY:
                 self._write_offboard_setpoint()
         elif on_ground:
-            # PX4 presses the vehicle down before the take-off ramp and after ground contact.
+            # Before the take-off ramp and after ground contact PX4 sets a downward acceleration for minimum thrust.
             self._setpoints.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
         elif self._flies_by_sticks:
             self._stick_tasks.run(commander.active)
@@ -297,24 +298,24 @@ class Autopilot:
             self.navigator.path.stay_at_vehicle()
 
     def _publish_level(self) -> ControlLevel:
-        commander = self.commander
-        key = (commander.armed, commander.active, commander.failsafe.action, commander.external.config_count)
-        return self._control_mode.update(self.view.time_s, self.offboard.level, key)
+        commander, external = self.commander, self.commander.external
+        state = (commander.armed, commander.active, commander.failsafe.action, external.config_count)
+        return self._control_mode.update(self.view.time_s, self.offboard.level, state)
 
     def _descent_limit_m_s(self) -> float:
-        """Maximum descent speed: in automatic modes faster than the trajectory, so that a vehicle that lags
-        reaches the trajectory again; NaN: the controllers use MPC_Z_VEL_MAX_DN."""
+        """Maximum descent speed; NaN: the controllers use MPC_Z_VEL_MAX_DN. In automatic modes the maximum exceeds
+        the trajectory's speed, so that a vehicle above the trajectory can reach the trajectory again."""
         if self.commander.active not in MODES_WITH_WAYPOINT:
             return math.nan
         parameter = self.view.parameter
-        return max(parameter("MPC_Z_VEL_MAX_DN"), AUTO_DESCENT_MARGIN * parameter("MPC_Z_V_AUTO_DN"))
+        return max(parameter("MPC_Z_VEL_MAX_DN"), AUTO_DESCENT_FACTOR * parameter("MPC_Z_V_AUTO_DN"))
 
     def apply_topic_setpoint(self, setpoint: Setpoint) -> None:
         """Applies a setpoint of a uORB topic in any mode: the controllers use the newest setpoint.
 
-        A mode with its own setpoints overwrites this setpoint within a tick; motors, thrust and torque within
-        4 ms. In PX4 a mode runs directly before the position controller, so a trajectory setpoint that is
-        received between two runs has no effect.
+        A mode with its own setpoints overwrites a trajectory, attitude or rate setpoint within a tick; the
+        controllers overwrite motor signals, thrust and torque within 4 ms. In PX4 a mode runs directly before
+        the position controller, so a trajectory setpoint that is received between two runs has no effect.
         """
         self.offboard.store_topic_setpoint(setpoint)
         commander, level = self.commander, setpoint.kind.level
@@ -334,7 +335,7 @@ class Autopilot:
             self._write_trajectory(setpoint)
 
     def receive_goto(self, goto: Goto) -> None:
-        """Handles GotoSetpoint, which overrides every mode that controls the position."""
+        """Handles GotoSetpoint, which overrides the setpoints of every mode that controls the position."""
         self._goto.receive(goto)
 
     def _run_goto(self) -> None:
@@ -343,17 +344,17 @@ class Autopilot:
             self._goto.fly()
 
     def _tilt_limit_rad(self) -> float:
-        """MPC_TILTMAX_LND until the end of the take-off ramp, then slowly increasing; NaN: MPC_TILTMAX_AIR.
+        """Tilt limit: MPC_TILTMAX_LND during the take-off, then slowly increasing; NaN: MPC_TILTMAX_AIR.
 
         Without this limit a vehicle with a horizontal setpoint would tip over before lift-off.
         """
-        parameter = self.view.parameter
-        low, high = math.radians(parameter("MPC_TILTMAX_LND")), math.radians(parameter("MPC_TILTMAX_AIR"))
+        landing_rad = math.radians(self.view.parameter("MPC_TILTMAX_LND"))
+        air_rad = math.radians(self.view.parameter("MPC_TILTMAX_AIR"))
         if not self.takeoff.flying:
-            self._motion[TILT] = low
+            self._motion[TILT] = landing_rad
         else:
             self._motion[TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
-        return self._motion[TILT] if self._motion[TILT] < high else math.nan
+        return self._motion[TILT] if self._motion[TILT] < air_rad else math.nan
 
     def _apply_immediately(self) -> None:
         """Applies an attitude, rate or motor setpoint at once, even if the position controller is active."""
@@ -383,18 +384,15 @@ class Autopilot:
             self._write_trajectory(setpoint)
 
     def _keep_outputs(self) -> None:
-        """Keeps the last outputs of the outer controllers until a setpoint of this level is received."""
+        """Keeps the last outputs until a setpoint of this level is received; only motor signals need this."""
         if self.offboard.level is ControlLevel.MOTORS:
             self._setpoints.freeze_motors()
 
     def _write_trajectory(self, setpoint: Setpoint) -> None:
         if setpoint.is_complete:
             self._setpoints.trajectory(
-                setpoint.position_ned_m,
-                setpoint.velocity_ned_m_s,
-                setpoint.acceleration_ned_m_s2,
-                setpoint.yaw_ned_rad,
-                setpoint.yaw_rate_ned_rad_s,
-            )
+                setpoint.position_ned_m, setpoint.velocity_ned_m_s, setpoint.acceleration_ned_m_s2,
+                setpoint.yaw_ned_rad, setpoint.yaw_rate_ned_rad_s,
+            )  # fmt: skip
         else:
             self._setpoints.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))

@@ -4,8 +4,8 @@
 
 - the values that are compared here,
 - commands, parameters and the commander's state; a change of these ends the steady flight,
-- time, but only in some conditions: a sensor sends no data, the position was lost, a link was ever connected.
-  In these conditions no check is skipped.
+- time, but only if a sensor sends no data, the position was lost, or a link has been connected since boot. In
+  these conditions no check is skipped.
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ class CheckSkipper:
 
     def store_inputs(self, armed_at_s: float) -> None:
         """Stores the inputs of the checks that have just run in a steady tick."""
-        self._inputs = self._read(armed_at_s)
+        self._inputs = self._read_inputs(armed_at_s)
 
     def skip_if_unchanged(self, armed_at_s: float) -> bool:
-        """Whether the checks would give the same result; if so, this call replaces them."""
-        if self._inputs is None or self._read(armed_at_s) != self._inputs:
+        """Whether the inputs are unchanged; True: this call replaces the checks."""
+        if self._inputs is None or self._read_inputs(armed_at_s) != self._inputs:
             self._inputs = None
             return False
         self._checks.sensors.note_fresh_data()
         return True
 
-    def _read(self, armed_at_s: float) -> tuple[object, ...] | None:
-        """The inputs; None: the result also depends on time."""
+    def _read_inputs(self, armed_at_s: float) -> tuple[object, ...] | None:
+        """The inputs of the checks; None: the result also depends on time."""
         checks, simulation, row = self._checks, self._simulation, self._row
         estimate, now_s = simulation.estimates[row], simulation.time_s
         if (
-            checks.ever_connected
+            checks.has_been_connected
             or checks.has_unreported_change
             or not estimate.valid_position
             or now_s < checks.position_usable_at_s

@@ -24,7 +24,7 @@ GCS_TIMEOUT_S = 2.5
 COMPANION_TIMEOUT_S = 3.0
 """An onboard computer counts as connected for this long after a heartbeat; then COM_OBC_LOSS_T starts."""
 REPORT_EVERY_S = 2.05
-"""Minimum interval between reports of changes, except for a failsafe or on request."""
+"""Minimum interval between reports; a failsafe or a command sends a report earlier."""
 BATTERY_TEXTS = {
     "check_battery_low": "Low battery",
     "check_battery_critical": "Critical battery",
@@ -33,8 +33,9 @@ BATTERY_TEXTS = {
 CALIBRATIONS = (
     ("accel", "CAL_ACC0_ID", 1310988), ("gyro", "CAL_GYRO0_ID", 1310988), ("mag", "CAL_MAG0_ID", 197388),
 )  # fmt: skip
-"""Parameter with the sensor id of a calibration, and the id of the installed sensor."""
+"""Sensor, parameter with the id of the calibrated sensor, and id of the installed sensor."""
 EMERGENCY = 3
+"""`battery_warning` at the emergency level."""
 _BATTERY_LEVELS = ((EMERGENCY, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT_LOW_THR"))
 
 
@@ -57,8 +58,9 @@ class Checks:
         self.external = external
         self.has_mission = False
         self.logging = True
-        """Whether a log is being written, set by the logger. True also if no log is required."""
+        """Whether a log is written, or no log is required; set by the logger."""
         self.fence: frozenset[Breach] = frozenset()
+        """The violated parts of the geofence."""
         self.monitors = monitors
         self.sensors = SensorWatch(view, announcer)
         self._had_position = False
@@ -71,8 +73,8 @@ class Checks:
         self._companion_was_lost = False
         self._was_emergency = False
         self._battery_levels: tuple[tuple[int, float], ...] = ()
-        self._settings: tuple[object, ...] = ()
-        self._settings_revision = -1
+        self._parameter_values: tuple[object, ...] = ()
+        self._parameters_revision = -1
         """`parameter_changes` at which the parameters were read."""
         self._inputs: tuple[object, ...] = ()
         self.report = self.current_report(NavState.HOLD, armed=False, terminated=False)
@@ -82,10 +84,11 @@ class Checks:
         """Whether a change has not been reported yet."""
 
     def _read_inputs(self, mode: NavState, *, armed: bool, terminated: bool) -> tuple[object, ...]:
-        """The inputs that can change in flight, in the order of `health.CheckInputs`, for this mode."""
+        """The first inputs in the order of `health.CheckInputs`: those that can change in flight."""
         view, estimate, monitors, sensors = self._view, self._view.estimate, self.monitors, self.sensors
         position_usable = self.position_usable
-        windy = monitors.wind_too_high
+        wind_too_high = monitors.wind_too_high
+        distance_sensors = 2 if view.simulation.world.lidars.forward else 1
         return (
             mode,
             armed,
@@ -94,30 +97,30 @@ class Checks:
             position_usable and self._home.valid,
             self.has_mission,
             self.offboard.has_signal(),
-            self.manual_control(),
+            self.has_manual_control(),
             view.choice("NAV_DLL_ACT") > 0 and not self.gcs_connected(),
             self.battery_warning,
             terminated,
             self.fence,
             monitors.roll_failure,
             monitors.pitch_failure,
-            windy,
-            round(monitors.wind_m_s, 1) if windy else 0.0,
+            wind_too_high,
+            round(monitors.wind_m_s, 1) if wind_too_high else 0.0,
             monitors.flight_time_over,
             self.logging,
             sensors.timed_out("baro"),
             sensors.timed_out("mag"),
             view.simulation.fusion.gnss_pos.item(view.row),
             "" if armed else sensors.gps_problem(),
-            2 if view.simulation.world.lidars.forward else 1,
+            distance_sensors,
             self.external.health(),
         )
 
     def _read_parameters(self) -> None:
-        """Reads the parameters of `health.CheckInputs`, in the same order, and the battery thresholds."""
+        """Reads the last inputs in the order of `health.CheckInputs`, and the battery thresholds."""
         view = self._view
-        self._settings_revision = view.parameter_changes
-        self._settings = (
+        self._parameters_revision = view.parameter_changes
+        self._parameter_values = (
             bool(view.choice("COM_ARM_MIS_REQ")),
             tuple(sensor for sensor, name, device_id in CALIBRATIONS if view.choice(name) != device_id),
             view.choice("SYS_HAS_MAG"),
@@ -143,13 +146,13 @@ class Checks:
             self.position_usable_at_s = view.time_s + POSITION_RECOVERY_S
         self.sensors.update(armed=armed)
 
-    def manual_control(self) -> bool:
+    def has_manual_control(self) -> bool:
         """Whether stick input was received recently."""
         return self._view.time_s - self.manual_control_at_s < self._view.parameter("COM_RC_LOSS_T")
 
     @property
-    def ever_connected(self) -> bool:
-        """Whether sticks, a ground station or an onboard computer have ever been connected."""
+    def has_been_connected(self) -> bool:
+        """Whether sticks, a ground station or an onboard computer have been connected since boot."""
         never = -math.inf
         return (
             self.manual_control_at_s != never
@@ -168,8 +171,8 @@ class Checks:
         return math.isfinite(self.gcs_heartbeat_at_s) and not self.gcs_connected()
 
     def report_losses(self, *, armed: bool) -> None:
-        """Reports loss and recovery of sensors, manual control, onboard computer and ground station, and the
-        battery level."""
+        """Reports loss and recovery of sensors, manual control, onboard computer and ground station, and a
+        battery emergency."""
         self._watch_sensors(armed)
         self._watch_battery()
         self._watch_sticks()
@@ -184,8 +187,7 @@ class Checks:
             self._announcer.announce(6, "GCS connection regained", "commander_dl_regained")
 
     def _watch_battery(self) -> None:
-        """Reports the battery warning; in an emergency PX4 requests a shutdown, which the simulated board
-        refuses."""
+        """Reports that the board refuses the shutdown which PX4 requests in a battery emergency."""
         emergency = self.battery_warning >= EMERGENCY
         if emergency and not self._was_emergency:
             self._announcer.announce(
@@ -206,7 +208,7 @@ class Checks:
             self._announcer.announce(6, "Onboard controller regained", "commander_onboard_ctrl_regained")
 
     def _watch_sticks(self) -> None:
-        lost = math.isfinite(self.manual_control_at_s) and not self.manual_control()
+        lost = math.isfinite(self.manual_control_at_s) and not self.has_manual_control()
         if lost and self._sticks_lost_at_s is None:
             self._sticks_lost_at_s = self._view.time_s
             self._announcer.event("commander_rc_lost")
@@ -217,7 +219,7 @@ class Checks:
     @property
     def battery_warning(self) -> int:
         """0 normal, 1 low, 2 critical, 3 emergency."""
-        if self._settings_revision != self._view.parameter_changes:
+        if self._parameters_revision != self._view.parameter_changes:
             self._read_parameters()
         remaining = self._view.simulation.battery.remaining.item(self._view.row)
         for level, threshold in self._battery_levels:
@@ -226,15 +228,15 @@ class Checks:
         return 0
 
     def current_report(self, mode: NavState, *, armed: bool, terminated: bool) -> health.CheckResults:
-        """The current report, without announcing it; it is computed only if an input has changed."""
+        """Returns the current report without sending it; runs the checks only if an input has changed."""
         inputs = self._read_inputs(mode, armed=armed, terminated=terminated)
         if inputs != self._inputs:
             self._inputs = inputs
-            self._current = health.run_checks(health.CheckInputs._make((*inputs, *self._settings)))
+            self._current = health.run_checks(health.CheckInputs._make((*inputs, *self._parameter_values)))
         return self._current
 
     def run(self, mode: NavState, *, armed: bool, terminated: bool) -> None:
-        """Runs the checks and announces changes."""
+        """Runs the checks, and sends a changed report at most every REPORT_EVERY_S."""
         report = self.current_report(mode, armed=armed, terminated=terminated)
         if report is not self.report and report != self.report:
             self.has_unreported_change = True
@@ -243,20 +245,21 @@ class Checks:
             self.announce()
 
     def announce_changes(self) -> None:
-        """Sends a changed report now, without texts; called before a failsafe is announced."""
+        """Sends a changed report immediately; called before a failsafe is announced."""
         if self.has_unreported_change:
             self.announce(texts=False)
 
     def announce(self, *, texts: bool = True) -> None:
-        """Sends the report after FIRST_REPORT_AFTER_S; with `texts` also status texts for new findings."""
+        """Sends the report, but not before FIRST_REPORT_AFTER_S.
+
+        Args:
+            texts: whether to send the status texts of a new battery level and of a missing ground station.
+        """
         before = self._announced
         if self._view.time_s <= FIRST_REPORT_AFTER_S:
             return
-        self._announced, self._announced_at_s, self.has_unreported_change = (
-            self.report,
-            self._view.time_s,
-            False,
-        )
+        self._announced, self._announced_at_s = self.report, self._view.time_s
+        self.has_unreported_change = False
         health.send_report(self.report, self._announcer)
         if not texts:
             return

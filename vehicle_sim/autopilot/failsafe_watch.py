@@ -102,7 +102,7 @@ class FailsafeWatch:
         view, checks, monitors = self._view, self._checks, self._monitors
         if self._settings_revision != view.parameter_changes:
             self._read_parameters()
-        sticks = checks.manual_control()
+        sticks = checks.has_manual_control()
         self._had_sticks = self._had_sticks or sticks
         sticks_enabled = view.choice("COM_RC_IN_MODE") != RC_IN_DISABLED
         return (
