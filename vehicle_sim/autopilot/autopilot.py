@@ -281,7 +281,7 @@ class Autopilot:
             if self.offboard.level is not ControlLevel.TRAJECTORY:
                 self._write_offboard_setpoint()
         elif on_ground:
-            # Before the take-off ramp and after ground contact PX4 sets a downward acceleration for minimum thrust.
+            # Before the take-off ramp and after ground contact PX4 accelerates downwards (minimum thrust).
             self._setpoints.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
         elif self._flies_by_sticks:
             self._stick_tasks.run(commander.active)
@@ -303,8 +303,8 @@ class Autopilot:
         return self._control_mode.update(self.view.time_s, self.offboard.level, state)
 
     def _descent_limit_m_s(self) -> float:
-        """Maximum descent speed; NaN: the controllers use MPC_Z_VEL_MAX_DN. In automatic modes the maximum exceeds
-        the trajectory's speed, so that a vehicle above the trajectory can reach the trajectory again."""
+        """Maximum descent speed; NaN: the controllers use MPC_Z_VEL_MAX_DN. In automatic modes the maximum
+        exceeds the speed of the trajectory, so that a vehicle above the trajectory can return to it."""
         if self.commander.active not in MODES_WITH_WAYPOINT:
             return math.nan
         parameter = self.view.parameter

@@ -68,6 +68,6 @@ class CheckSkipper:
             return None
         return (
             checks.report, estimate.valid_velocity, estimate.valid_attitude, checks.offboard.has_signal(),
-            checks.battery_warning, self._gnss_used[row], self._fence.breached, checks.logging,
+            checks.battery_warning, self._gnss_used[row], self._fence.breaches, checks.logging,
             checks.external.health(),
         )  # fmt: skip

@@ -23,7 +23,7 @@ from vehicle_sim.home import HomeUpdater
 from vehicle_sim.vehicle_view import VehicleView
 
 CHECK_EVERY_TICKS = 5
-"""Interval of the checks: 10 Hz as in PX4, and additionally when the commander's state changes."""
+"""Interval of the checks: 10 Hz as in PX4; a change of the commander's state also makes them due."""
 
 
 class Commander:
@@ -56,7 +56,7 @@ class Commander:
         """The mode that a command or a failsafe has selected; an external mode can replace it in `active`."""
         self.landed = True
         self.terminated = self.calibrating = False
-        self._mode_was_chosen = False
+        self._mode_was_selected = False
         self.refusals = ModeRefusals(view, announcer)
         self.failsafe_watch = FailsafeWatch(
             view, announcer, self.checks, offboard, navigator.fence, self.monitors
@@ -81,9 +81,10 @@ class Commander:
         if self.armed:
             return True
         self._check()
-        denied = arming_denial(self.report, self.intended, self._sticks, calibrating=self.calibrating)
-        if denied is not None:
-            self._announcer.announce(2, f"Arming denied: {denied[0]}", f"commander_arm_denied_{denied[1]}")
+        denial = arming_denial(self.report, self.intended, self._sticks, calibrating=self.calibrating)
+        if denial is not None:
+            text, event_suffix = denial
+            self._announcer.announce(2, f"Arming denied: {text}", f"commander_arm_denied_{event_suffix}")
             return False
         self.armed = True
         self.armed_at_s = self._view.time_s
@@ -96,7 +97,7 @@ class Commander:
         return True
 
     def disarm(self, reason: Reason = Reason.EXTERNAL_COMMAND, *, force: bool = False) -> bool:
-        """Disarms; in the air only with `force`."""
+        """Disarms; a vehicle in the air disarms only with `force`."""
         if not self.armed:
             return True
         if not self.landed and not force:
@@ -113,17 +114,17 @@ class Commander:
         return True
 
     def set_mode(self, mode: NavState) -> bool:
-        """Changes the intended mode; while armed only to a mode that can run."""
-        self._load_plans()
+        """Changes the intended mode; an armed vehicle changes only to a mode that can run."""
+        self._load_mission()
         if self.armed and not self._can_switch(mode):
             return False
-        self._mode_was_chosen = True
+        self._mode_was_selected = True
         self._change_mode(mode)
         return True
 
     def on_stick_input(self) -> None:
-        """Called at stick input; if no mode was selected yet, a disarmed vehicle switches to Position."""
-        if not self.armed and not self._mode_was_chosen:
+        """Called at stick input: a disarmed vehicle switches to Position if no mode has been selected yet."""
+        if not self.armed and not self._mode_was_selected:
             self.set_mode(NavState.POSITION)
 
     def _change_mode(self, mode: NavState) -> None:
@@ -147,12 +148,12 @@ class Commander:
         return self.set_mode(NavState.RTL)
 
     def start_mission(self, first_item: float) -> bool | None:
-        """MISSION_START: switches to Mission and arms; None: no valid mission, or no item with this index.
+        """Handles MISSION_START: switches to Mission and arms; None: no valid mission, or no such item.
 
         Args:
             first_item: index from 0; -1 continues at the current item.
         """
-        self._load_plans()
+        self._load_mission()
         if not self.checks.has_mission:
             self._announcer.announce(
                 2, "Mission start denied! No valid mission", "commander_mission_start_denied_no_mission"
@@ -171,10 +172,11 @@ class Commander:
         self.return_to_launch()
 
     def _handle_set_home(self, parameters: tuple[float, ...]) -> None:
-        if parameters[0] == 1.0:
+        use_current, _, _, yaw_deg, lat_deg, lon_deg, alt_amsl_m = parameters
+        if use_current == 1.0:
             self.home.set_to_current_position()
-        elif abs(parameters[4]) <= 90.0 and abs(parameters[5]) <= 180.0:
-            self.home.set(parameters[4], parameters[5], parameters[6], parameters[3])
+        elif abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0:
+            self.home.set(lat_deg, lon_deg, alt_amsl_m, yaw_deg)
 
     def _can_switch(self, mode: NavState) -> bool:
         if self.terminated:
@@ -184,7 +186,7 @@ class Commander:
         return mode is self.active or report.runnable(mode)
 
     def terminate(self) -> bool:
-        """Terminates the flight: motors off permanently. Only while armed."""
+        """Terminates the flight: stops the motors permanently; has no effect while disarmed."""
         if not self.armed:
             return False
         self.intended = self._mode_after_disarming = NavState.TERMINATION
@@ -196,7 +198,7 @@ class Commander:
         return True
 
     def run_checks(self) -> None:
-        """RUN_PREARM_CHECKS: runs the checks and reports them."""
+        """Handles RUN_PREARM_CHECKS: runs the checks, and sends their report."""
         self._check()
         self.checks.announce()
 
@@ -209,7 +211,7 @@ class Commander:
         if not self.armed:
             self.home.update_disarmed()
         self._navigator.check_fence_and_rally_points()
-        self._load_plans()
+        self._load_mission()
         self.monitors.update(armed=self.armed, landed=landed)
         if self._check_is_due():
             self._run_checks()
@@ -218,7 +220,7 @@ class Commander:
         self._update_mode(landed)
 
     def update_steady(self) -> bool:
-        """Runs a tick of a steady flight; False: the geofence or a check has changed the vehicle's state."""
+        """Runs a tick of a steady flight; False: a check has changed the vehicle's state."""
         self._navigator.fence.check()
         self._ticks += 1
         if self._ticks % CHECK_EVERY_TICKS != 0 or self._check_skipper.skip_if_unchanged(self.armed_at_s):
@@ -232,17 +234,17 @@ class Commander:
 
     @property
     def settled(self) -> bool:
-        """Whether the vehicle is armed, no failsafe acts, and the state is unchanged since the last check."""
+        """Whether the vehicle is armed, no failsafe acts, no monitor needs updates and no check is due."""
         if not self.armed or self.terminated or self.failsafe.action is not Action.NONE:
             return False
         return self.monitors.needs_no_update and self._checked_state == self._state()
 
     def _state(self) -> tuple[object, ...]:
-        """The state that is checked again as soon as it changes."""
+        """The state whose change makes the checks due."""
         return self.armed, self.intended, self.active, self.landed, self.checks.has_mission
 
     def _run_checks(self) -> None:
-        self.checks.fence = self._navigator.fence.breached
+        self.checks.fence = self._navigator.fence.breaches
         self.checks.report_losses(armed=self.armed)
         self._check()
         self._run_failsafe()
@@ -254,15 +256,15 @@ class Commander:
         self._auto_disarm()
 
     def _check_is_due(self) -> bool:
-        """Whether a check is due: at 10 Hz, after a change of the commander's state, and during a failsafe
-        delay."""
+        """Whether the checks are due: at 10 Hz, after a change of the commander's state, and at each tick of
+        a failsafe."""
         self._ticks += 1
         state = self._state()
         changed, self._checked_state = state != self._checked_state, state
         return changed or self._ticks % CHECK_EVERY_TICKS == 0 or self.failsafe.action is not Action.NONE
 
-    def _load_plans(self) -> None:
-        """Loads a changed mission; called at each tick, and before a command that may start it."""
+    def _load_mission(self) -> None:
+        """Loads a changed mission; called at each tick, and before a command that may start the mission."""
         mission = self._navigator.mission
         mission.load_plan(armed=self.armed)
         self.checks.has_mission = mission.valid(landed=self.landed)
@@ -289,9 +291,8 @@ class Commander:
         if landed == self.landed or self.terminated:
             return
         self.landed = landed
-        now_s = self._view.time_s
         if landed:
-            self.landed_at_s = now_s
+            self.landed_at_s = self._view.time_s
             if self.armed:
                 self._announcer.announce(6, "Landing detected", "commander_landing_detected")
         elif self.armed:
@@ -377,12 +378,12 @@ class Commander:
             return
         now_s = self._view.time_s
         if self.external.overrides(self.active).disable_auto_disarm:
-            self.landed_at_s = now_s
+            self.landed_at_s = now_s  # the delay starts again
             return
         if self.took_off and self.active is NavState.MISSION and not self._navigator.mission.finished:
             return
-        since_s = self.landed_at_s if self.took_off else self.armed_at_s
-        if now_s - since_s >= auto_disarm_after_s(self._view, took_off=self.took_off):
+        delay_start_s = self.landed_at_s if self.took_off else self.armed_at_s
+        if now_s - delay_start_s >= auto_disarm_after_s(self._view, took_off=self.took_off):
             self.disarm(Reason.LANDING if self.took_off else Reason.PREFLIGHT)
 
     def landed_state(self) -> LandedState:

@@ -1,4 +1,4 @@
-"""PX4's failsafe state machine: selects one action from those of all failure conditions; time is an input."""
+"""PX4's failsafe state machine: selects the most severe action that the failure conditions require."""
 
 from __future__ import annotations
 
@@ -65,11 +65,11 @@ class ActionOptions:
     action: Action
     cause: Cause = Cause.GENERIC
     clear: ClearCondition = ClearCondition.WHEN_CONDITION_CLEARS
+    """When the action ends."""
     takeover: UserTakeover = UserTakeover.AUTO
     deferrable: bool = False
     """Whether an external mode or executor may defer the action. Recorded on PX4 for a lost ground station;
-    in PX4's source also lost manual control and a low battery, but no geofence, wind, flight time or
-    attitude failure."""
+    PX4's source also defers actions for lost manual control and for the battery, and no others."""
 
 
 ACTION_MODES: dict[Action, NavState] = {
@@ -84,9 +84,8 @@ ACTION_MODES: dict[Action, NavState] = {
 }
 _NOT_DELAYED = (Action.HOLD, Action.DISARM, Action.TERMINATE)
 _FALLBACK_ORDER = (Action.HOLD, Action.RTL, Action.LAND, Action.DESCEND)
-"""An action that cannot run is replaced by the next action that can."""
-_NO_NAMES: frozenset[str] = frozenset()
-_LANDING = (NavState.LAND, NavState.PRECISION_LAND)
+"""An action that cannot run is replaced by the next action in this order that can run."""
+_LANDING_MODES = (NavState.LAND, NavState.PRECISION_LAND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,16 +106,20 @@ DEFERRAL_DISABLED, DEFERRAL_ENABLED, FAILSAFE_DEFERRED = 0, 1, 2
 
 
 class Failsafe:
-    """The failsafe state of one vehicle: active conditions, takeover by the operator, delay."""
+    """The failsafe state of one vehicle: required actions, takeover by the operator, delay, deferral."""
 
     def __init__(self) -> None:
-        self._active: dict[str, ActionOptions] = {}
-        self._current_names: frozenset[str] = frozenset()
+        self._actions: dict[str, ActionOptions] = {}
+        """Actions by name of the failure condition; an action can outlast its condition (`ClearCondition`)."""
+        self._existing_conditions: frozenset[str] = frozenset()
+        """Names of the conditions that existed at the last check."""
         self._taken_over = False
+        """Whether the operator has ended the action by a mode change."""
         self._acts_at_s: float | None = None
+        """End of the delay before the action; None: no action."""
         self._decision = Decision()
         self._defers = False
-        self._defer_s = math.inf
+        self._defer_limit_s = math.inf
         self._deferred_since_s: float | None = None
 
     @property
@@ -136,25 +139,25 @@ class Failsafe:
         if enabled and self._decision.action > Action.WARN:
             return
         self._defers = enabled
-        self._defer_s = math.inf if timeout_s < 0 else timeout_s or DEFER_DEFAULT_S
+        self._defer_limit_s = math.inf if timeout_s < 0 else timeout_s or DEFER_DEFAULT_S
 
     def reset(self) -> None:
-        """Clears everything; called at disarming."""
-        self._active.clear()
-        self._current_names = frozenset()
+        """Clears all actions, but not the deferral; called at arming and disarming."""
+        self._actions.clear()
+        self._existing_conditions = frozenset()
         self._taken_over, self._acts_at_s, self._decision = False, None, Decision()
 
     def on_mode_change(self) -> None:
-        """Called when the operator changes the mode; ends an action that allows a takeover."""
-        worst = self._most_severe()
+        """Called when the operator changes the mode; ends the actions that a mode change can end."""
+        worst = self._worst()
         if worst.action > Action.WARN and worst.takeover is not UserTakeover.NEVER:
             self._taken_over = True
         ended = [
-            name for name, options in self._active.items()
-            if name not in self._current_names and options.clear is ClearCondition.ON_MODE_CHANGE
+            name for name, options in self._actions.items()
+            if name not in self._existing_conditions and options.clear is ClearCondition.ON_MODE_CHANGE
         ]  # fmt: skip
         for name in ended:
-            del self._active[name]
+            del self._actions[name]
 
     def update(
         self,
@@ -166,49 +169,45 @@ class Failsafe:
         delay_s: float,
     ) -> Decision:
         """Updates the decision; call it at each check while armed (10 Hz; 50 Hz while a failsafe acts)."""
-        if not actions and not self._active:  # the usual case
-            self._deferred_since_s = None
-            self._taken_over, self._current_names, self._acts_at_s, self._decision = (
-                False,
-                _NO_NAMES,
-                None,
-                NO_FAILSAFE,
-            )
+        if not actions and not self._actions:  # the usual case
+            self._deferred_since_s, self._acts_at_s = None, None
+            self._taken_over, self._decision = False, NO_FAILSAFE
+            self._existing_conditions = frozenset()
             return NO_FAILSAFE
-        self._update_active(actions)
+        self._update_actions(actions)
         self._update_deferral(now_s)
-        worst = self._most_severe()
+        worst = self._worst()
         if self._taken_over and worst.action > Action.WARN and worst.takeover is not UserTakeover.NEVER:
             worst = ActionOptions("taken over", Action.NONE)
         self._decision = self._decide(now_s, worst, intended, can_run, delay_s)
         return self._decision
 
-    def _update_active(self, actions: Sequence[ActionOptions]) -> None:
-        now = {options.name: options for options in actions if options.action is not Action.NONE}
-        for name, options in now.items():
-            before = self._active[name].action if name in self._current_names else Action.NONE
-            if options.action > max(before, Action.WARN):
+    def _update_actions(self, actions: Sequence[ActionOptions]) -> None:
+        required = {options.name: options for options in actions if options.action is not Action.NONE}
+        for name, options in required.items():
+            previous = self._actions[name].action if name in self._existing_conditions else Action.NONE
+            if options.action > max(previous, Action.WARN):
                 self._taken_over = False
-            self._active[name] = options
-        for name in [name for name in self._active if name not in now]:
-            if self._active[name].clear is ClearCondition.WHEN_CONDITION_CLEARS:
-                del self._active[name]
-        if not self._active:
+            self._actions[name] = options
+        for name in [name for name in self._actions if name not in required]:
+            if self._actions[name].clear is ClearCondition.WHEN_CONDITION_CLEARS:
+                del self._actions[name]
+        if not self._actions:
             self._taken_over = False
-        self._current_names = frozenset(now)
+        self._existing_conditions = frozenset(required)
 
     def _update_deferral(self, now_s: float) -> None:
         since_s = self._deferred_since_s
-        if self._defers and since_s is not None and now_s - since_s > self._defer_s:
+        if self._defers and since_s is not None and now_s - since_s > self._defer_limit_s:
             self._defers = False
-        needed = any(each.deferrable and each.action > Action.WARN for each in self._active.values())
-        if not (self._defers and needed):
+        has_deferrable = any(each.deferrable and each.action > Action.WARN for each in self._actions.values())
+        if not (self._defers and has_deferrable):
             self._deferred_since_s = None
         elif since_s is None:
             self._deferred_since_s = now_s
 
-    def _most_severe(self) -> ActionOptions:
-        acting = [each for each in self._active.values() if not (self._defers and each.deferrable)]
+    def _worst(self) -> ActionOptions:
+        acting = [each for each in self._actions.values() if not (self._defers and each.deferrable)]
         return max(acting, key=lambda options: options.action, default=ActionOptions("none", Action.NONE))
 
     def _decide(
@@ -226,15 +225,16 @@ class Failsafe:
         if self._acts_at_s is None:
             self._acts_at_s = now_s + max(0.0, delay_s)
         waits = now_s < self._acts_at_s and worst.takeover is UserTakeover.AUTO and action not in _NOT_DELAYED
-        chosen = _runnable(Action.HOLD if waits else action, can_run)
-        if intended in _LANDING and chosen in (Action.HOLD, Action.RTL) and can_run(intended):
+        chosen = _first_runnable(Action.HOLD if waits else action, can_run)
+        if intended in _LANDING_MODES and chosen in (Action.HOLD, Action.RTL) and can_run(intended):
             return Decision(Action.WARN, worst.cause)
         if intended is NavState.RTL and chosen in (Action.HOLD, Action.RTL) and can_run(intended):
             return Decision(Action.WARN, worst.cause)
         return Decision(chosen, worst.cause, action if waits else Action.NONE)
 
 
-def _runnable(action: Action, can_run: Callable[[NavState], bool]) -> Action:
+def _first_runnable(action: Action, can_run: Callable[[NavState], bool]) -> Action:
+    """The action if it can run, otherwise the next action of `_FALLBACK_ORDER` that can."""
     if action not in _FALLBACK_ORDER:
         return action
     for each in _FALLBACK_ORDER[_FALLBACK_ORDER.index(action) :]:

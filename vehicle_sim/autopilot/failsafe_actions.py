@@ -1,4 +1,4 @@
-"""Failsafe action for each failure condition, from PX4's parameters; one pure function per condition."""
+"""The failsafe action that each failure condition requires, from PX4's parameters."""
 
 from __future__ import annotations
 
@@ -7,28 +7,30 @@ from typing import NamedTuple
 from vehicle_sim.autopilot.failsafe import Action, ActionOptions, Cause, ClearCondition, UserTakeover
 from vehicle_sim.autopilot.modes import NavState
 
-_LINK_LOSS = {1: Action.HOLD, 2: Action.RTL, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
-"""NAV_DLL_ACT and NAV_RCL_ACT."""
-_FENCE = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
-"""GF_ACTION."""
-_WIND = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
-"""COM_WIND_MAX_ACT."""
-_BATTERY = {
+_LINK_LOSS_ACTIONS = {1: Action.HOLD, 2: Action.RTL, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
+"""By value of NAV_DLL_ACT and NAV_RCL_ACT."""
+_FENCE_ACTIONS = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
+"""By value of GF_ACTION."""
+_WIND_ACTIONS = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
+"""By value of COM_WIND_MAX_ACT."""
+_BATTERY_ACTIONS = {
     1: (Action.RTL, Action.RTL), 2: (Action.LAND, Action.LAND), 3: (Action.RTL, Action.LAND),
 }  # fmt: skip
-"""COM_LOW_BAT_ACT: actions for a critical battery and for an emergency; 0: warning only."""
-_OFFBOARD = {
+"""By value of COM_LOW_BAT_ACT: actions at the critical and the emergency level; 0: only a warning."""
+_OFFBOARD_LOSS_ACTIONS = {
     0: Action.FALLBACK_POSITION, 1: Action.FALLBACK_ALTITUDE, 2: Action.FALLBACK_STABILIZED, 3: Action.RTL,
     4: Action.LAND, 5: Action.HOLD, 6: Action.TERMINATE, 7: Action.DISARM,
 }  # fmt: skip
-"""COM_OBL_RC_ACT."""
+"""By value of COM_OBL_RC_ACT."""
 _EXCEPT_MISSION, _EXCEPT_HOLD, _EXCEPT_OFFBOARD = 1, 2, 4
 """Bits of COM_RCL_EXCEPT and COM_DLL_EXCEPT."""
-_HOLD_LIKE = frozenset(
+_HOLD_MODES = frozenset(
     {NavState.HOLD, NavState.TAKEOFF, NavState.LAND, NavState.RTL, NavState.DESCEND, NavState.FOLLOW,
      NavState.PRECISION_LAND, NavState.ORBIT}
 )  # fmt: skip
+"""Modes to which the bit `_EXCEPT_HOLD` applies."""
 RC_IN_DISABLED = 4
+"""Value of COM_RC_IN_MODE that disables stick input."""
 
 
 class Conditions(NamedTuple):
@@ -55,14 +57,16 @@ class Conditions(NamedTuple):
     flight_time_over: bool = False
     attitude_failure: bool = False
     just_armed: bool = False
-    """Within COM_LKDOWN_TKO after spool-up: an attitude failure disarms the vehicle."""
+    """The time since spool-up is below COM_LKDOWN_TKO; an attitude failure then disarms the vehicle."""
     offboard_loss_action: int = 0
     position_loss_lands: bool = False
-    """COM_POSCTL_NAVL: land instead of Altitude mode with sticks."""
+    """COM_POSCTL_NAVL: a pilot who loses the position in Position mode gets a descent, not Altitude mode."""
     manual_loss_action: int = 0
     manual_loss_except: int = 0
+    """COM_RCL_EXCEPT, bit mask of the modes in which the action does not apply."""
     gcs_loss_action: int = 0
     gcs_loss_except: int = 0
+    """COM_DLL_EXCEPT."""
     low_battery_action: int = 0
     fence_action: int = 0
     wind_action: int = 0
@@ -73,10 +77,10 @@ class Conditions(NamedTuple):
 def flight_actions(conditions: Conditions) -> list[ActionOptions]:
     """The actions that the current failure conditions require in flight."""
     actions = [
-        *_links(conditions),
-        *_limits(conditions),
+        *_link_actions(conditions),
+        *_limit_actions(conditions),
         *battery_actions(conditions),
-        *_failures(conditions),
+        *_attitude_actions(conditions),
     ]
     fallback = _mode_fallback(conditions)
     if fallback is not Action.NONE:
@@ -87,8 +91,8 @@ def flight_actions(conditions: Conditions) -> list[ActionOptions]:
 def _latched(
     name: str, action: Action, cause: Cause = Cause.GENERIC, *, deferrable: bool = False
 ) -> ActionOptions:
-    """An action that lasts until the operator changes the mode. A termination lasts forever; a warning and a
-    disarming last while their condition exists."""
+    """An action that lasts until the operator changes the mode. A termination never ends; a warning or a
+    disarming ends with its condition."""
     if action is Action.TERMINATE:
         return ActionOptions(name, action, cause, ClearCondition.NEVER, UserTakeover.NEVER)
     if action is Action.DISARM:
@@ -102,39 +106,39 @@ def _excepted(mode: NavState, bits: int) -> bool:
         return bool(bits & _EXCEPT_MISSION)
     if mode is NavState.OFFBOARD:
         return bool(bits & _EXCEPT_OFFBOARD)
-    return mode in _HOLD_LIKE and bool(bits & _EXCEPT_HOLD)
+    return mode in _HOLD_MODES and bool(bits & _EXCEPT_HOLD)
 
 
-def _links(conditions: Conditions) -> list[ActionOptions]:
+def _link_actions(conditions: Conditions) -> list[ActionOptions]:
     actions: list[ActionOptions] = []
     if (
         conditions.manual_lost
-        and conditions.manual_loss_action in _LINK_LOSS
+        and conditions.manual_loss_action in _LINK_LOSS_ACTIONS
         and not _excepted(conditions.mode, conditions.manual_loss_except)
     ):
         actions.append(
             _latched(
                 "manual",
-                _LINK_LOSS[conditions.manual_loss_action],
+                _LINK_LOSS_ACTIONS[conditions.manual_loss_action],
                 Cause.MANUAL_CONTROL_LOSS,
                 deferrable=True,
             )
         )
     landing = conditions.mode in (NavState.LAND, NavState.PRECISION_LAND)
-    gcs_counts = not landing and not _excepted(conditions.mode, conditions.gcs_loss_except)
-    if conditions.gcs_lost and gcs_counts and conditions.gcs_loss_action in _LINK_LOSS:
+    gcs_loss_counts = not landing and not _excepted(conditions.mode, conditions.gcs_loss_except)
+    if conditions.gcs_lost and gcs_loss_counts and conditions.gcs_loss_action in _LINK_LOSS_ACTIONS:
         actions.append(
-            _latched("gcs", _LINK_LOSS[conditions.gcs_loss_action], Cause.GCS_LOSS, deferrable=True)
+            _latched("gcs", _LINK_LOSS_ACTIONS[conditions.gcs_loss_action], Cause.GCS_LOSS, deferrable=True)
         )
     return actions
 
 
-def _limits(conditions: Conditions) -> list[ActionOptions]:
+def _limit_actions(conditions: Conditions) -> list[ActionOptions]:
     actions: list[ActionOptions] = []
-    if conditions.fence_breached and conditions.fence_action in _FENCE:
-        actions.append(_latched("fence", _FENCE[conditions.fence_action]))
-    if conditions.wind_too_high and conditions.wind_action in _WIND:
-        actions.append(_latched("wind", _WIND[conditions.wind_action]))
+    if conditions.fence_breached and conditions.fence_action in _FENCE_ACTIONS:
+        actions.append(_latched("fence", _FENCE_ACTIONS[conditions.fence_action]))
+    if conditions.wind_too_high and conditions.wind_action in _WIND_ACTIONS:
+        actions.append(_latched("wind", _WIND_ACTIONS[conditions.wind_action]))
     if conditions.flight_time_over:
         actions.append(ActionOptions("flight time", Action.RTL))
     return actions
@@ -154,13 +158,13 @@ def battery_actions(conditions: Conditions) -> list[ActionOptions]:
         return []
     if conditions.battery_warning == 1:
         return [ActionOptions("battery", Action.WARN, Cause.BATTERY_LOW)]
-    critical, emergency = _BATTERY.get(conditions.low_battery_action, (Action.WARN, Action.WARN))
+    critical, emergency = _BATTERY_ACTIONS.get(conditions.low_battery_action, (Action.WARN, Action.WARN))
     if conditions.battery_warning == 2:
         return [ActionOptions("battery", critical, Cause.BATTERY_CRITICAL, deferrable=True)]
     return [ActionOptions("battery", emergency, Cause.BATTERY_EMERGENCY, deferrable=True)]
 
 
-def _failures(conditions: Conditions) -> list[ActionOptions]:
+def _attitude_actions(conditions: Conditions) -> list[ActionOptions]:
     if not conditions.attitude_failure:
         return []
     action = Action.TERMINATE if conditions.may_terminate else Action.WARN
@@ -170,7 +174,7 @@ def _failures(conditions: Conditions) -> list[ActionOptions]:
 def _mode_fallback(conditions: Conditions) -> Action:
     if conditions.mode is NavState.OFFBOARD and (conditions.offboard_lost or conditions.position_lost):
         # Without a valid position, Offboard counts as lost, and Altitude mode replaces Position mode.
-        action = _OFFBOARD.get(conditions.offboard_loss_action, Action.FALLBACK_POSITION)
+        action = _OFFBOARD_LOSS_ACTIONS.get(conditions.offboard_loss_action, Action.FALLBACK_POSITION)
         if action is Action.FALLBACK_POSITION and conditions.position_lost:
             return Action.FALLBACK_ALTITUDE
         return action

@@ -1,4 +1,4 @@
-"""Computes the failsafe decision from the vehicle's state, and sends PX4's texts about it."""
+"""Computes the failsafe decision from the vehicle's state, and sends PX4's texts about the decision."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vehicle_sim.external_modes.registry import is_external
 from vehicle_sim.external_modes.slots import Overrides
 from vehicle_sim.vehicle_view import VehicleView
 
-_WARNINGS = {
+_WARNING_EVENTS = {
     Cause.BATTERY_LOW: "commander_failsafe_enter_low_bat",
     Cause.BATTERY_CRITICAL: "commander_failsafe_enter_crit_bat_warn",
     Cause.BATTERY_EMERGENCY: "commander_failsafe_enter_crit_low_bat_warn",
@@ -37,9 +37,9 @@ class FailsafeWatch:
         self._offboard, self._fence, self._monitors = offboard, fence, monitors
         self._failsafe = Failsafe()
         self._had_sticks = False
-        self._settings: tuple[int, ...] = ()
-        self._settings_revision = -1
-        """`parameter_changes` at which the settings were read."""
+        self._parameter_values: tuple[int, ...] = ()
+        self._parameters_revision = -1
+        """`parameter_changes` at which the parameters were read."""
         self._condition_values: tuple[object, ...] = ()
         self._conditions = Conditions(NavState.HOLD)
         self._flight_actions: list[ActionOptions] = []
@@ -51,12 +51,12 @@ class FailsafeWatch:
         return self._failsafe.deferral
 
     def in_early_takeoff(self, armed_for_s: float) -> bool:
-        """Whether an attitude failure disarms the vehicle, because it has just been armed."""
+        """Whether the vehicle was armed so recently that an attitude failure disarms the vehicle."""
         parameter = self._view.parameter
         return armed_for_s < parameter("COM_SPOOLUP_TIME") + parameter("COM_LKDOWN_TKO")
 
     def reset(self) -> None:
-        """Clears the failsafe; called at disarming."""
+        """Clears the failsafe; called at arming and disarming."""
         self._failsafe.reset()
         self._had_sticks = False
         self.decision = Decision()
@@ -71,21 +71,23 @@ class FailsafeWatch:
         """Updates the decision, and reports changes.
 
         Args:
-            overrides: settings of the active external mode and of the executor in charge.
-            may_act: whether all actions are allowed, because the vehicle flies or has flown; on the ground
+            intended: the intended mode.
+            armed_for_s: time since arming.
+            may_act: whether all actions are allowed, because the vehicle flies or has flown; before that
                 PX4 acts only on the battery and on a lost position.
+            overrides: settings of the active external mode and of the executor in charge.
         """
         values = self._read_conditions(intended, armed_for_s)
         if values != self._condition_values:
             self._condition_values = values
-            self._conditions = Conditions._make((*values, *self._settings))
+            self._conditions = Conditions._make((*values, *self._parameter_values))
             self._flight_actions = flight_actions(self._conditions)
-        active = self._flight_actions if may_act else ground_actions(self._conditions)
+        actions = self._flight_actions if may_act else ground_actions(self._conditions)
         before = self.decision
         self._failsafe.defer(overrides.defer_failsafes, overrides.defer_timeout_s)
         self.decision = self._failsafe.update(
             self._view.time_s,
-            active,
+            actions,
             intended=intended,
             can_run=self._can_run,
             delay_s=self._view.parameter("COM_FAIL_ACT_T"),
@@ -100,21 +102,21 @@ class FailsafeWatch:
     def _read_conditions(self, mode: NavState, armed_for_s: float) -> tuple[object, ...]:
         """The failure conditions, in the order of `Conditions`."""
         view, checks, monitors = self._view, self._checks, self._monitors
-        if self._settings_revision != view.parameter_changes:
+        if self._parameters_revision != view.parameter_changes:
             self._read_parameters()
-        sticks = checks.has_manual_control()
-        self._had_sticks = self._had_sticks or sticks
+        has_sticks = checks.has_manual_control()
+        self._had_sticks = self._had_sticks or has_sticks
         sticks_enabled = view.choice("COM_RC_IN_MODE") != RC_IN_DISABLED
         return (
             mode,
             not self._offboard.has_signal(),
             self._needs_position(mode) and not checks.position_usable,
             is_external(mode) and not checks.report.runnable(mode),
-            sticks,
-            self._had_sticks and not sticks and sticks_enabled,
+            has_sticks,
+            self._had_sticks and not has_sticks and sticks_enabled,
             checks.gcs_lost(),
             checks.battery_warning,
-            bool(self._fence.breached),
+            bool(self._fence.breaches),
             monitors.wind_too_high,
             monitors.flight_time_over,
             monitors.attitude_failure,
@@ -124,8 +126,8 @@ class FailsafeWatch:
     def _read_parameters(self) -> None:
         """Reads the parameters, in the order of `Conditions`."""
         choice = self._view.choice
-        self._settings_revision = self._view.parameter_changes
-        self._settings = (
+        self._parameters_revision = self._view.parameter_changes
+        self._parameter_values = (
             choice("COM_OBL_RC_ACT"),
             choice("COM_POSCTL_NAVL") == 1,
             choice("NAV_RCL_ACT"),
@@ -148,19 +150,19 @@ class FailsafeWatch:
             )
         return MODES[mode].needs_position
 
-    def _announce(self, before: Decision, now: Decision, intended: NavState) -> None:
-        custom, delay_s = MODES[intended].custom_mode, self._view.parameter("COM_FAIL_ACT_T")
-        announcer = self._announcer
-        if now.action is Action.NONE or (now.pending and before.pending):
+    def _announce(self, before: Decision, decision: Decision, intended: NavState) -> None:
+        custom_mode, delay_s = MODES[intended].custom_mode, self._view.parameter("COM_FAIL_ACT_T")
+        announcer, action, cause = self._announcer, decision.action, decision.cause
+        if action is Action.NONE or (decision.pending and before.pending):
             return
         self._checks.announce_changes()
-        if now.action is Action.WARN:
+        if action is Action.WARN:
             if before.action <= Action.WARN:
-                self._warn(now.cause, custom)
+                self._warn(cause, custom_mode)
             return
-        if now.pending:
+        if decision.pending:
             text = f"Failsafe activated: entering Hold for {delay_s:.0f} seconds"
-            if now.cause is Cause.GENERIC:
+            if cause is Cause.GENERIC:
                 name, argument_format, values = (
                     "commander_failsafe_enter_generic_hold",
                     "IBH",
@@ -170,28 +172,28 @@ class FailsafeWatch:
                 name, argument_format, values = (
                     "commander_failsafe_enter_hold",
                     "IBHB",
-                    (int(delay_s), now.cause),
+                    (int(delay_s), cause),
                 )
-            announcer.announce(2, text, name, argument_format, custom, now.pending, *values)
+            announcer.announce(2, text, name, argument_format, custom_mode, decision.pending, *values)
             return
-        if now.action == before.action and not before.pending:
+        if action == before.action and not before.pending:
             return
-        if now.cause is not Cause.GENERIC:
+        if cause is not Cause.GENERIC:
             announcer.announce(
-                2, "Failsafe activated", "commander_failsafe_enter", "IBB", custom, now.action, now.cause
+                2, "Failsafe activated", "commander_failsafe_enter", "IBB", custom_mode, action, cause
             )
             return
         name = "commander_failsafe_enter_generic"
-        if now.action in (Action.FALLBACK_ALTITUDE, Action.FALLBACK_STABILIZED, Action.DESCEND):
+        if action in (Action.FALLBACK_ALTITUDE, Action.FALLBACK_STABILIZED, Action.DESCEND):
             name = "commander_failsafe_enter_autopilot_disengaged"
-        announcer.announce(2, "Failsafe activated", name, "IB", custom, now.action)
+        announcer.announce(2, "Failsafe activated", name, "IB", custom_mode, action)
 
-    def _warn(self, cause: Cause, custom: int) -> None:
-        if cause in _WARNINGS:
-            self._announcer.announce(2, "Failsafe activated", _WARNINGS[cause])
+    def _warn(self, cause: Cause, custom_mode: int) -> None:
+        if cause in _WARNING_EVENTS:
+            self._announcer.announce(2, "Failsafe activated", _WARNING_EVENTS[cause])
         elif cause is Cause.GENERIC:
             name = "commander_failsafe_enter_generic_warn"
-            self._announcer.announce(2, "Failsafe activated", name, "I", custom)
+            self._announcer.announce(2, "Failsafe activated", name, "I", custom_mode)
         else:
             name = "commander_failsafe_enter_warn"
-            self._announcer.announce(2, "Failsafe activated", name, "IB", custom, cause)
+            self._announcer.announce(2, "Failsafe activated", name, "IB", custom_mode, cause)

@@ -11,7 +11,7 @@ from vehicle_sim.geodesy import to_global
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
-INTERVAL_S = 0.2
+CHECK_EVERY_S = 0.2
 
 
 class FenceWatch:
@@ -20,7 +20,8 @@ class FenceWatch:
     def __init__(self, view: VehicleView, announcer: Announcer, home: Home, plans: Plans) -> None:
         self._view, self._announcer, self._home, self._plans = view, announcer, home, plans
         self.zones: tuple[Zone, ...] = ()
-        self.breached: frozenset[Breach] = frozenset()
+        self.breaches: frozenset[Breach] = frozenset()
+        """The parts of the fence that the vehicle violates."""
         self._revision = 0
         self.checked_at_s = -math.inf
 
@@ -31,7 +32,7 @@ class FenceWatch:
         return Cylinder(home.lat_deg, home.lon_deg, home.alt_amsl_m, radius, height)
 
     def limits(self) -> tuple[float, float]:
-        """GF_MAX_HOR_DIST and GF_MAX_VER_DIST."""
+        """GF_MAX_HOR_DIST and GF_MAX_VER_DIST [m]; 0: no limit."""
         return self._view.parameter("GF_MAX_HOR_DIST"), self._view.parameter("GF_MAX_VER_DIST")
 
     @property
@@ -40,7 +41,7 @@ class FenceWatch:
         return self._view.choice("GF_ACTION") != 0
 
     def allows(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
-        """Whether a command may have this position as its target."""
+        """Whether the fence allows this position as the target of a command."""
         return not self.enabled or not breaches(self.zones, self.cylinder(), lat_deg, lon_deg, alt_amsl_m)
 
     def update(self) -> None:
@@ -52,18 +53,18 @@ class FenceWatch:
         self.check()
 
     def check(self) -> None:
-        """Checks the position if INTERVAL_S has passed; a changed fence is read only by `update`."""
+        """Checks the position if CHECK_EVERY_S has passed; only `update` reads a changed fence."""
         now_s = self._view.time_s
-        if now_s - self.checked_at_s < INTERVAL_S:
+        if now_s - self.checked_at_s < CHECK_EVERY_S:
             return
         self.checked_at_s, estimate = now_s, self._view.estimate
         if not estimate.valid_position or not math.isfinite(estimate.lat_deg):
             return
         if not self.enabled or not (self.zones or any(self.limits())):
-            self.breached = frozenset()
+            self.breaches = frozenset()
             return
         lat, lon, alt = self._position_to_check()
-        self.breached = breaches(self.zones, self.cylinder(), lat, lon, alt)
+        self.breaches = breaches(self.zones, self.cylinder(), lat, lon, alt)
 
     def _position_to_check(self) -> tuple[float, float, float]:
         """The current position, or with GF_PREDICT the predicted stopping position."""
@@ -73,10 +74,10 @@ class FenceWatch:
         vn, ve, _ = estimate.velocity_ned_m_s
         speed = math.hypot(vn, ve)
         acceleration, jerk = self._view.parameter("MPC_ACC_HOR"), self._view.parameter("MPC_JERK_AUTO")
-        ahead_s = speed / (2.0 * max(acceleration, 0.1)) + acceleration / max(jerk, 0.1)
+        prediction_s = speed / (2.0 * max(acceleration, 0.1)) + acceleration / max(jerk, 0.1)
         origin_lat, origin_lon, _ = self._view.origin
         north, east, _ = estimate.position_ned_m
-        lat, lon = to_global(north + vn * ahead_s, east + ve * ahead_s, origin_lat, origin_lon)  # type: ignore[arg-type]
+        lat, lon = to_global(north + vn * prediction_s, east + ve * prediction_s, origin_lat, origin_lon)  # type: ignore[arg-type]
         return float(lat), float(lon), estimate.alt_amsl_m
 
     def _check_against_home(self) -> None:

@@ -1,4 +1,4 @@
-"""The geofence: uploaded polygons and circles, and the cylinder around home, with PX4's rules."""
+"""PX4's geofence: uploaded polygons and circles (zones), and the cylinder around home."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from vehicle_sim.autopilot.mission.items import Item
 from vehicle_sim.geodesy import to_local
 
 POLYGON_INCLUSION, POLYGON_EXCLUSION, CIRCLE_INCLUSION, CIRCLE_EXCLUSION = 5001, 5002, 5003, 5004
+"""MAV_CMD_NAV_FENCE_*."""
 
 
 class Breach(Enum):
@@ -72,7 +73,7 @@ def inside(zones: Sequence[Zone], lat_deg: float, lon_deg: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """GF_MAX_HOR_DIST and GF_MAX_VER_DIST around home; 0: no limit."""
+    """GF_MAX_HOR_DIST and GF_MAX_VER_DIST around home; 0: no limit. NaN latitude: home unknown, no limits."""
 
     home_lat_deg: float
     home_lon_deg: float
@@ -105,6 +106,7 @@ def distance_m(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_d
 
 
 def _in_polygon(corners: Sequence[tuple[float, float]], lat_deg: float, lon_deg: float) -> bool:
+    """Counts the edges that a ray from the position crosses: an odd number means inside."""
     is_inside = False
     lat_b, lon_b = corners[-1]
     for lat_a, lon_a in corners:

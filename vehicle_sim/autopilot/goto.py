@@ -1,4 +1,4 @@
-"""GotoSetpoint: smooth flight to a position in any mode, as PX4's position controller does."""
+"""GotoSetpoint: PX4's position controller flies a smooth trajectory to a position, in any mode."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
-EXPIRES_S = 0.5
-"""The goto ends this long after the last message."""
+TIMEOUT_S = 0.5
+"""The flight to the position ends this long after the last message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Goto:
-    """One message. NaN heading: the heading does not change; NaN speed: the limit of the parameters."""
+    """A GotoSetpoint message; NaN heading: unchanged; NaN speed: only the parameters limit the speed."""
 
     position_ned_m: Vector
     heading_ned_rad: float = math.nan
@@ -40,11 +40,11 @@ class GotoControl:
             self.goal, self._received_at_s = goal, self._view.time_s
 
     def fly(self) -> None:
-        """Runs one tick: overrides the active mode's setpoints while messages are received."""
+        """Runs one tick: overwrites the active mode's setpoints while messages are received."""
         goal = self.goal
         if goal is None:
             return
-        if self._view.time_s - self._received_at_s > EXPIRES_S:
+        if self._view.time_s - self._received_at_s > TIMEOUT_S:
             self.goal, self._active = None, False
             return
         path = self._path
