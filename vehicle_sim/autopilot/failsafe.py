@@ -110,7 +110,7 @@ class Failsafe:
 
     def __init__(self) -> None:
         self._actions: dict[str, ActionOptions] = {}
-        """Actions by name of the failure condition; an action can outlast its condition (`ClearCondition`)."""
+        """Actions by name of the failure condition; an action can last longer (`ClearCondition`)."""
         self._existing_conditions: frozenset[str] = frozenset()
         """Names of the conditions that existed at the last check."""
         self._taken_over = False

@@ -1,4 +1,4 @@
-"""Arming checks: the modes that can run, the modes that allow arming, and PX4's report about them."""
+"""Arming checks: the modes that can run, the modes that allow arming, and PX4's report of the findings."""
 
 from __future__ import annotations
 
@@ -45,24 +45,24 @@ HEALTH_EVENTS = frozenset(
     }
 )
 """Events that PX4 counts as failures of a component in the health summary, not as failed arming checks."""
-COMPASSES = 1
+COMPASS_COUNT = 1
 """Number of compasses of the airframe."""
 
-PRESENT = 0x38021C0A
-"""Health components that are present on a simulated PX4, from its recorded health summary."""
+PRESENT_COMPONENTS = 0x38021C0A
+"""Bit mask of the health components of a simulated PX4, recorded from its health summary."""
 GPS_PRESENT = 0x08
-"""Bit of PRESENT that is set only while GNSS is fused."""
+"""Bit of PRESENT_COMPONENTS that is set only while GNSS is fused."""
 MAG_PRESENT = 1 << COMPONENT_MAGNETOMETER
-"""Bit of PRESENT that is set only while the magnetometer sends data."""
+"""Bit of PRESENT_COMPONENTS that is set only while the magnetometer sends data."""
 LOGGING_PRESENT = 0x400
-"""Bit of PRESENT that is set only while a log is written."""
+"""Bit of PRESENT_COMPONENTS that is set only while a log is written."""
 REMOTE_PRESENT = 1 << COMPONENT_REMOTE
 
 
 class CheckInputs(NamedTuple):
-    """Inputs of the checks, compared at each check: first values that change in flight, then parameters.
+    """Inputs of the checks: first the values that can change in flight, then the parameters.
 
-    `Checks` reads the values at each check, and the parameters when one of them changes.
+    `Checks` reads and compares the values at each check, and reads the parameters when one of them changes.
     """
 
     mode: NavState
@@ -78,7 +78,7 @@ class CheckInputs(NamedTuple):
     battery_warning: int
     """0 normal, 1 low, 2 critical, 3 emergency."""
     terminated: bool
-    fence: frozenset[Breach] = frozenset()
+    fence_breaches: frozenset[Breach] = frozenset()
     roll_failure: bool = False
     pitch_failure: bool = False
     wind_too_high: bool = False
@@ -115,18 +115,18 @@ class Finding:
 
     event: str
     modes: int
-    """Bit mask by `NavState` of the modes that the finding concerns; the next two masks are also by mode."""
+    """Bit mask of the modes that the finding concerns; in all masks of modes `NavState` is the bit number."""
     component: int
     blocks_arming: int = 0
-    """Modes in which the finding prevents arming."""
+    """Bit mask of the modes in which the finding prevents arming."""
     blocks_running: int = 0
-    """Modes that cannot run."""
+    """Bit mask of the modes that cannot run because of the finding."""
     text: str = ""
     severity: int = 2
-    argument: float | None = None
-    """Argument of the event; None: the event has no float argument."""
-    counts: tuple[int, ...] = ()
-    """Further arguments: small integers."""
+    float_argument: float | None = None
+    """None: the event has no float argument."""
+    byte_arguments: tuple[int, ...] = ()
+    """Arguments of the event, 0..255 each."""
     warns: bool = False
     """Whether the finding is a warning, not an error."""
     external: ExternalEvent | None = None
@@ -142,7 +142,7 @@ class CheckResults:
     """Bit mask of the modes that allow arming."""
     can_run: int
     """Bit mask of the modes that can run."""
-    present: int = PRESENT
+    present: int = PRESENT_COMPONENTS
     """Bit mask of the present health components."""
     requirements: Requirements = BUILT_IN_REQUIREMENTS
 
@@ -158,20 +158,21 @@ class CheckResults:
 def run_checks(inputs: CheckInputs) -> CheckResults:
     """Runs all checks; the findings are in PX4's order."""
     findings: list[Finding] = []
-    needs = inputs.external.requirements
+    requirements = inputs.external.requirements
 
     def add(event: str, modes: int, component: int, arming: int | None = None, running: int | None = None,
             text: str = "") -> None:  # fmt: skip
+        """Adds a finding; `arming` and `running` are the blocked modes, None: all of `modes`."""
         findings.append(
             Finding(event, modes, component, modes if arming is None else arming,
                     modes if running is None else running, text)
         )  # fmt: skip
 
-    def add_uncalibrated(sensor: str, component: int, text: str) -> None:
+    def add_uncalibrated(sensor: str, component: int, label: str) -> None:
         if sensor in inputs.uncalibrated:
             findings.append(
                 Finding(f"check_{sensor}_not_calibrated", EVERY_MODE, component, EVERY_MODE, 0,
-                        f"Preflight Fail: {text} 0 uncalibrated", counts=(0,))
+                        f"Preflight Fail: {label} 0 uncalibrated", byte_arguments=(0,))
             )  # fmt: skip
 
     add_uncalibrated("accel", COMPONENT_ACCELEROMETER, "Accel")
@@ -179,17 +180,17 @@ def run_checks(inputs: CheckInputs) -> CheckResults:
         text = f"Preflight Fail: distance sensor {number} missing"
         findings.append(
             Finding("check_distance_sensor_missing", EVERY_MODE, COMPONENT_DISTANCE_SENSOR, EVERY_MODE, 0,
-                    text, counts=(number,))
+                    text, byte_arguments=(number,))
         )  # fmt: skip
     add_uncalibrated("gyro", COMPONENT_GYRO, "Gyro")
     if inputs.compasses_required:
         add_uncalibrated("mag", COMPONENT_MAGNETOMETER, "Compass")
-    if inputs.compasses_required > COMPASSES:
-        counts = COMPASSES, inputs.compasses_required
-        text = f"Preflight Fail: Found {counts[0]} compass (required: {counts[1]})"
+    if inputs.compasses_required > COMPASS_COUNT:
+        required = inputs.compasses_required
+        text = f"Preflight Fail: Found {COMPASS_COUNT} compass (required: {required})"
         findings.append(
             Finding("check_mag_sys_has_mag_missing", EVERY_MODE, COMPONENT_MAGNETOMETER, EVERY_MODE, 0, text,
-                    counts=counts)
+                    byte_arguments=(COMPASS_COUNT, required))
         )  # fmt: skip
     if inputs.optical_flow_required:
         add("check_optical_sensor_missing", EVERY_MODE, COMPONENT_OPTICAL_FLOW, running=0,
@@ -198,55 +199,57 @@ def run_checks(inputs: CheckInputs) -> CheckResults:
         text = "Preflight Fail: No valid data from Baro 0"
         findings.append(
             Finding("check_baro_no_data", EVERY_MODE, COMPONENT_ABSOLUTE_PRESSURE, EVERY_MODE, 0, text,
-                    counts=(0,))
+                    byte_arguments=(0,))
         )  # fmt: skip
     if inputs.gps_problem:
         event, text = GPS_PROBLEMS[inputs.gps_problem]
         findings.append(
-            Finding(event, _local_position(needs), COMPONENT_GPS, 0, 0, text, WARNING, warns=True)
-        )
-    findings += _detected_failures(inputs)
-    findings += _external(inputs)
-    if needs.prevent_arming >> inputs.mode & 1 and not inputs.armed and not inputs.terminated:
-        add("check_modes_cannot_takeoff", needs.prevent_arming, COMPONENT_SYSTEM, running=0)
+            Finding(event, _local_position_modes(requirements), COMPONENT_GPS, 0, 0, text, WARNING,
+                    warns=True)
+        )  # fmt: skip
+    findings += _failure_findings(inputs)
+    findings += _external_findings(inputs)
+    if requirements.prevent_arming >> inputs.mode & 1 and not inputs.armed and not inputs.terminated:
+        add("check_modes_cannot_takeoff", requirements.prevent_arming, COMPONENT_SYSTEM, running=0)
     if is_external(inputs.mode) and not inputs.external.registered >> inputs.mode & 1:
         add("check_external_modes_unavailable", 1 << inputs.mode, COMPONENT_SYSTEM)
     if not inputs.valid_local_position:
-        add("check_modes_local_pos", _local_position(needs), COMPONENT_LOCAL_POSITION)
+        add("check_modes_local_pos", _local_position_modes(requirements), COMPONENT_LOCAL_POSITION)
     if not inputs.valid_global_position:
-        add("check_modes_global_pos", needs.global_position | needs.home_position, COMPONENT_GLOBAL_POSITION)
+        add("check_modes_global_pos", requirements.global_position | requirements.home_position,
+            COMPONENT_GLOBAL_POSITION)  # fmt: skip
     if not inputs.has_mission:
-        add("check_modes_mission", EVERY_MODE if inputs.mission_required else needs.mission,
-            COMPONENT_SYSTEM, running=needs.mission)  # fmt: skip
+        add("check_modes_mission", EVERY_MODE if inputs.mission_required else requirements.mission,
+            COMPONENT_SYSTEM, running=requirements.mission)  # fmt: skip
     if not inputs.offboard_signal:
         add("check_modes_offboard_signal", 1 << NavState.OFFBOARD, COMPONENT_SYSTEM)
     if not inputs.manual_control:
-        add("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, needs.manual_control,
-            needs.manual_control)  # fmt: skip
+        add("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, requirements.manual_control,
+            requirements.manual_control)  # fmt: skip
     if inputs.terminated:
         add("check_system_flight_term_active", EVERY_MODE, COMPONENT_SYSTEM, running=0,
             text="Preflight Fail: Flight termination active")  # fmt: skip
     if inputs.gcs_missing:
         add("check_rc_dl_no_dllink", EVERY_MODE, COMPONENT_REMOTE_LINK, running=0)
     if inputs.open_drone_id:
-        required = inputs.open_drone_id >= 2
-        modes, severity = (EVERY_MODE, 2) if required else (0, 4)
+        prevents_arming = inputs.open_drone_id >= 2
+        modes, severity = (EVERY_MODE, 2) if prevents_arming else (0, 4)
         text = "Preflight Fail: Open Drone ID system missing"
         findings.append(
             Finding("check_open_drone_id_missing", modes, COMPONENT_OPEN_DRONE_ID, modes, 0, text, severity,
-                    warns=not required)
+                    warns=not prevents_arming)
         )  # fmt: skip
     if inputs.parachute_required:
         add("check_parachute_missing", EVERY_MODE, COMPONENT_PARACHUTE, running=0,
             text="Preflight Fail: parachute system missing")  # fmt: skip
-    findings += _limits(inputs)
+    findings += _limit_findings(inputs)
     if inputs.battery_warning == 1:
         add("check_battery_low", EVERY_MODE, COMPONENT_BATTERY, 0, 0)
     elif inputs.battery_warning == 2:
         add("check_battery_critical", EVERY_MODE, COMPONENT_BATTERY, running=0)
     elif inputs.battery_warning >= 3:
         add("check_battery_emergency", EVERY_MODE, COMPONENT_BATTERY, running=0)
-    can_arm = can_run = EVERY_MODE & ~needs.other
+    can_arm = can_run = EVERY_MODE & ~requirements.other
     can_arm &= ~inputs.external.not_armable
     for finding in findings:
         can_arm &= ~finding.blocks_arming
@@ -254,22 +257,22 @@ def run_checks(inputs: CheckInputs) -> CheckResults:
     if not inputs.valid_attitude:
         can_arm = 0
         # External modes that need an attitude cannot run either.
-        can_run &= ~((needs.attitude | needs.angular_velocity) & BUILT_IN_REQUIREMENTS.other)
-    present = PRESENT | (REMOTE_PRESENT if inputs.manual_control else 0)
+        can_run &= ~((requirements.attitude | requirements.angular_velocity) & BUILT_IN_REQUIREMENTS.other)
+    present = PRESENT_COMPONENTS | (REMOTE_PRESENT if inputs.manual_control else 0)
     if not inputs.gnss_used:
         present &= ~GPS_PRESENT
     if inputs.mag_timeout:
         present &= ~MAG_PRESENT
     if not inputs.logging:
         present &= ~LOGGING_PRESENT
-    return CheckResults(tuple(findings), can_arm, can_run, present, needs)
+    return CheckResults(tuple(findings), can_arm, can_run, present, requirements)
 
 
-def _local_position(needs: Requirements) -> int:
-    return needs.local_position | needs.local_position_relaxed
+def _local_position_modes(requirements: Requirements) -> int:
+    return requirements.local_position | requirements.local_position_relaxed
 
 
-def _external(inputs: CheckInputs) -> list[Finding]:
+def _external_findings(inputs: CheckInputs) -> list[Finding]:
     """Findings about external components."""
     external = inputs.external
     findings = [
@@ -294,12 +297,12 @@ FENCE_EVENTS = {
 }  # fmt: skip
 
 
-def _no_arming(event: str, component: int, text: str) -> Finding:
-    """A finding that prevents arming in every mode, but does not affect a mode that is active."""
+def _arming_blocker(event: str, component: int, text: str) -> Finding:
+    """A finding that prevents arming in every mode, but lets all modes run."""
     return Finding(event, EVERY_MODE, component, EVERY_MODE, 0, text)
 
 
-def _detected_failures(inputs: CheckInputs) -> list[Finding]:
+def _failure_findings(inputs: CheckInputs) -> list[Finding]:
     """Findings of the failure detector."""
     failures: list[tuple[str, int, str]] = []
     if inputs.roll_failure:
@@ -308,23 +311,22 @@ def _detected_failures(inputs: CheckInputs) -> list[Finding]:
     if inputs.pitch_failure:
         text = "Preflight Fail: Attitude failure (pitch)"
         failures.append(("check_failure_detector_pitch", COMPONENT_SYSTEM, text))
-    return [_no_arming(*each) for each in failures]
+    return [_arming_blocker(*each) for each in failures]
 
 
-def _limits(inputs: CheckInputs) -> list[Finding]:
+def _limit_findings(inputs: CheckInputs) -> list[Finding]:
     """Findings about exceeded limits: fence, flight time, wind."""
-    findings = [_no_arming(FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1])
-              for breach in Breach if breach in inputs.fence]  # fmt: skip
+    findings = [_arming_blocker(FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1])
+              for breach in Breach if breach in inputs.fence_breaches]  # fmt: skip
     if inputs.flight_time_over:
         findings.append(
-            _no_arming("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached")
+            _arming_blocker("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached")
         )
     if inputs.wind_too_high:
         findings.append(
-            Finding(
-                "check_wind_too_high", EVERY_MODE, COMPONENT_SYSTEM, EVERY_MODE, 0, argument=inputs.wind_m_s
-            )
-        )
+            Finding("check_wind_too_high", EVERY_MODE, COMPONENT_SYSTEM, EVERY_MODE, 0,
+                    float_argument=inputs.wind_m_s)
+        )  # fmt: skip
     return findings
 
 
@@ -351,9 +353,9 @@ def send_report(report: CheckResults, announcer: Announcer) -> None:
         if finding.external is not None:
             event_id, log_levels, arguments = finding.external
             announcer.external_event(event_id, log_levels, struct.pack("<I", modes) + arguments[4:])
-        elif finding.argument is None:
-            layout = "IB" + "B" * len(finding.counts)
-            announcer.event(finding.event, layout, modes, finding.component, *finding.counts)
+        elif finding.float_argument is None:
+            argument_format = "IB" + "B" * len(finding.byte_arguments)
+            announcer.event(finding.event, argument_format, modes, finding.component, *finding.byte_arguments)
         else:
-            announcer.event(finding.event, "IBf", modes, finding.component, finding.argument)
+            announcer.event(finding.event, "IBf", modes, finding.component, finding.float_argument)
     announcer.event("commander_health_summary", "BIII", 0, report.present, unhealthy, 0)

@@ -1,8 +1,8 @@
 """PX4's multicopter land detector, from estimate, thrust and setpoints.
 
-It has three stages, each after a third of LNDMC_TRIG_TIME: ground contact (descent setpoint, no motion, low
-thrust), maybe landed (minimum thrust, no rotation), landed. If the range finder does not measure the ground,
-each stage takes three times as long.
+The detector has three stages, each after a third of LNDMC_TRIG_TIME: ground contact (descent setpoint, no
+motion, low thrust), maybe landed (minimum thrust, no rotation), landed. If the range finder has measured the
+ground, but does not measure it now, each stage takes three times as long.
 """
 
 from __future__ import annotations
@@ -29,15 +29,16 @@ class LandedState(IntEnum):
     LANDING = 4
 
 
-LOW_THRUST = 0.3
-"""Limit of low thrust, as a fraction between minimum thrust and hover thrust (MPC_THR_HOVER)."""
-LOW_THRUST_KNOWN_HOVER = 0.6
-"""The same fraction if the hover thrust is estimated."""
-MINIMUM_THRUST = 0.1
-LANDED_SLACK = 2.5
-"""Factor on the allowed motion and rotation after landing."""
-DESCENT_MARGIN = 1.1
-"""A setpoint faster than this factor times LNDMC_Z_VEL_MAX counts as a descent."""
+LOW_THRUST_FRACTION = 0.3
+"""Limit of low thrust: 0 is the minimum thrust MPC_THR_MIN, 1 the hover thrust MPC_THR_HOVER."""
+LOW_THRUST_FRACTION_ESTIMATED = 0.6
+"""Limit of low thrust if the hover thrust is estimated."""
+MIN_THRUST_FRACTION = 0.1
+"""Limit of minimum thrust, on the same scale."""
+LANDED_FACTOR = 2.5
+"""Factor on the limits of vertical speed and rotation after a landing."""
+DESCENT_FACTOR = 1.1
+"""A setpoint with more than this factor times LNDMC_Z_VEL_MAX downwards counts as a descent."""
 NEAR_GROUND_M = 1.0
 """A larger height above ground prevents ground contact."""
 NO_RANGE_FACTOR = 3.0
@@ -60,10 +61,12 @@ class DetectorInputs(NamedTuple):
     """Derivative of the estimated position (PX4's z_deriv): noisier, but without the bias of the velocity
     estimate."""
     vertical_known: bool
+    """Whether the altitude estimate is valid."""
     rates_frd_rad_s: tuple[float, float, float]
     height_above_ground_m: float
-    """Range finder's height; NaN: no measurement."""
+    """Height that the range finder measures; NaN: no measurement."""
     climb_rate_controlled: bool
+    """Whether the position controller is active."""
     setpoint_down_m_s: float
     """Vertical velocity of the newest trajectory setpoint; NaN: none."""
 
@@ -93,10 +96,9 @@ class LandingThresholds:
         )
 
 
-CONTACT, MAYBE, LANDED, _AT_MIN_THRUST, _HAD_RANGE = 0, 2, 4, 6, 8
-"""Indices of the state. Each condition has two numbers: 1 if it has been true for long enough, and the time
-since which it is true [s]. The last number is 1 after the first range measurement; a missing range slows the
-detection only after that."""
+CONTACT, MAYBE_LANDED, LANDED, _AT_MIN_THRUST, _HAD_RANGE = 0, 2, 4, 6, 8
+"""Indices of the state array. Each condition has two numbers: 1 if the condition has been true for long
+enough, and the time since which the condition is true [s]. _HAD_RANGE: 1 after the first range measurement."""
 _CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _MANUAL_THRUST_MIN = range(6)
 LIMIT_COUNT = 6
 
@@ -116,43 +118,43 @@ class LandDetector:
 
     def __init__(self, state: Column | None = None, limits: Column | None = None) -> None:
         self._state = new_state() if state is None else state
-        self._numbers = self._state.data.cast("B").cast("d")
-        self._limits: LandingThresholds | None = None
-        self._limit_numbers = np.zeros(LIMIT_COUNT) if limits is None else limits
+        self._state_view = self._state.data.cast("B").cast("d")
+        self._thresholds: LandingThresholds | None = None
+        self._limit_row = np.zeros(LIMIT_COUNT) if limits is None else limits
 
     @property
     def ground_contact(self) -> bool:
         """Whether the vehicle is supported by a surface."""
-        return self._numbers[CONTACT] != 0.0
+        return self._state_view[CONTACT] != 0.0
 
     @property
     def maybe_landed(self) -> bool:
         """Whether the vehicle has ground contact, minimum thrust and no rotation."""
-        return self._numbers[MAYBE] != 0.0
+        return self._state_view[MAYBE_LANDED] != 0.0
 
     @property
     def landed(self) -> bool:
         """Whether `maybe_landed` has been true for the whole stage."""
-        return self._numbers[LANDED] != 0.0
+        return self._state_view[LANDED] != 0.0
 
     @property
     def stages(self) -> float:
         """The three stages as one number, 0 in flight: 1 ground contact + 2 maybe landed + 4 landed."""
-        numbers = self._numbers
-        return numbers[CONTACT] + 2.0 * numbers[MAYBE] + 4.0 * numbers[LANDED]
+        state = self._state_view
+        return state[CONTACT] + 2.0 * state[MAYBE_LANDED] + 4.0 * state[LANDED]
 
-    def update(self, now_s: float, inputs: DetectorInputs, limits: LandingThresholds) -> None:
+    def update(self, now_s: float, inputs: DetectorInputs, thresholds: LandingThresholds) -> None:
         """Updates the state; call at 50 Hz."""
-        if limits is not self._limits:
-            self._limits = limits
-            self._limit_numbers[:] = (
-                limits.climb_max_m_s, limits.horizontal_max_m_s, limits.rotation_max_rad_s, limits.trigger_s,
-                limits.thrust_min, limits.manual_thrust_min,
+        if thresholds is not self._thresholds:
+            self._thresholds = thresholds
+            self._limit_row[:] = (
+                thresholds.climb_max_m_s, thresholds.horizontal_max_m_s, thresholds.rotation_max_rad_s,
+                thresholds.trigger_s, thresholds.thrust_min, thresholds.manual_thrust_min,
             )  # fmt: skip
         vn, ve, vd = inputs.velocity_ned_m_s
         roll_rate, pitch_rate, _ = inputs.rates_frd_rad_s
         detect(
-            self._state, self._limit_numbers, now_s, inputs.armed, inputs.thrust, inputs.hover_thrust,
+            self._state, self._limit_row, now_s, inputs.armed, inputs.thrust, inputs.hover_thrust,
             inputs.hover_thrust_known, vn, ve, vd, inputs.down_by_position_m_s, inputs.vertical_known,
             roll_rate, pitch_rate, inputs.height_above_ground_m, inputs.climb_rate_controlled,
             inputs.setpoint_down_m_s,
@@ -162,7 +164,7 @@ class LandDetector:
 @formula
 def landing_stages(state: Column) -> float:
     """`LandDetector.stages`."""
-    return state[CONTACT] + 2.0 * state[MAYBE] + 4.0 * state[LANDED]
+    return state[CONTACT] + 2.0 * state[MAYBE_LANDED] + 4.0 * state[LANDED]
 
 
 @formula
@@ -187,36 +189,36 @@ def detect(
     hover_known: bool, vn: float, ve: float, vd: float, down_by_position: float, vertical_known: bool,
     roll_rate: float, pitch_rate: float, height_m: float, climb_rate_controlled: bool, setpoint_down: float,
 ) -> None:  # fmt: skip
-    """One tick of one vehicle's detector; the arguments are those of `DetectorInputs`."""
-    no_range = math.isnan(height_m)
-    if not no_range:
+    """Updates one vehicle's state by one tick; the arguments are those of `DetectorInputs`."""
+    range_missing = math.isnan(height_m)
+    if not range_missing:
         state[_HAD_RANGE] = 1.0
-    factor = NO_RANGE_FACTOR if no_range and state[_HAD_RANGE] != 0.0 else 1.0
+    factor = NO_RANGE_FACTOR if range_missing and state[_HAD_RANGE] != 0.0 else 1.0
     stage_s = limits[_TRIGGER] / 3.0 * factor
-    slack = LANDED_SLACK if state[LANDED] != 0.0 else 1.0
+    landed_factor = LANDED_FACTOR if state[LANDED] != 0.0 else 1.0
 
     vertical_m_s = min(abs(vd), abs(down_by_position))
-    moves = (
+    is_moving = (
         not vertical_known
-        or vertical_m_s >= limits[_CLIMB_MAX] * slack
+        or vertical_m_s >= limits[_CLIMB_MAX] * landed_factor
         or math.hypot(vn, ve) > limits[_HORIZONTAL_MAX]
     )
-    fraction = LOW_THRUST_KNOWN_HOVER if hover_known else LOW_THRUST
+    fraction = LOW_THRUST_FRACTION_ESTIMATED if hover_known else LOW_THRUST_FRACTION
     low_thrust = thrust <= _thrust_level(limits[_THRUST_MIN], hover_thrust, fraction)
-    descends = setpoint_down >= DESCENT_MARGIN * limits[_CLIMB_MAX]
-    descent_intended = not climb_rate_controlled or descends or state[MAYBE] != 0.0 or state[LANDED] != 0.0
-    near = not height_m >= NEAR_GROUND_M
-    _debounce(
-        state, CONTACT, now_s, not armed or (near and low_thrust and descent_intended and not moves), stage_s
-    )
+    wants_descent = not climb_rate_controlled or setpoint_down >= DESCENT_FACTOR * limits[_CLIMB_MAX]
+    may_descend = wants_descent or state[MAYBE_LANDED] != 0.0 or state[LANDED] != 0.0
+    near_ground = not height_m >= NEAR_GROUND_M
+    in_contact = near_ground and low_thrust and may_descend and not is_moving
+    _debounce(state, CONTACT, now_s, not armed or in_contact, stage_s)
 
     min_thrust = limits[_MANUAL_THRUST_MIN] + 0.01
     if climb_rate_controlled:
-        min_thrust = _thrust_level(limits[_THRUST_MIN], hover_thrust, MINIMUM_THRUST)
+        min_thrust = _thrust_level(limits[_THRUST_MIN], hover_thrust, MIN_THRUST_FRACTION)
     at_min_thrust = thrust <= min_thrust
     if armed:
         _debounce(state, _AT_MIN_THRUST, now_s, at_min_thrust, NO_ALTITUDE_S)
-    rotates = math.hypot(roll_rate, pitch_rate) > limits[_ROTATION_MAX] * slack
+    is_rotating = math.hypot(roll_rate, pitch_rate) > limits[_ROTATION_MAX] * landed_factor
     supported = state[CONTACT] != 0.0 if vertical_known else state[_AT_MIN_THRUST] != 0.0
-    _debounce(state, MAYBE, now_s, not armed or (at_min_thrust and not rotates and supported), stage_s)
-    _debounce(state, LANDED, now_s, not armed or state[MAYBE] != 0.0, stage_s)
+    at_rest = at_min_thrust and not is_rotating and supported
+    _debounce(state, MAYBE_LANDED, now_s, not armed or at_rest, stage_s)
+    _debounce(state, LANDED, now_s, not armed or state[MAYBE_LANDED] != 0.0, stage_s)

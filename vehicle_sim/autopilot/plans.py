@@ -1,11 +1,11 @@
-"""The plans of a vehicle (mission, fence, rally points), shared by mission protocol and navigator."""
+"""The plans of a vehicle (mission, fence, rally points); mission protocol and navigator share them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from vehicle_sim.autopilot.mission.items import Item, read
+from vehicle_sim.autopilot.mission.items import Item, read_item
 
 MISSION, FENCE, RALLY = 0, 1, 2
 """MAV_MISSION_TYPE."""
@@ -23,13 +23,13 @@ class Plans:
         """The mission item that the newest upload marked as current."""
 
     def store(self, kind: int, items: Sequence[Mapping[str, Any]]) -> None:
-        """Replaces a plan; `items` are fields of MISSION_ITEM_INT."""
-        self._items[kind] = tuple(read(fields) for fields in items)
+        """Replaces the plan of type `kind` (MAV_MISSION_TYPE); `items` are fields of MISSION_ITEM_INT."""
+        self._items[kind] = tuple(read_item(fields) for fields in items)
         self._revisions[kind] += 1
         self.changes += 1
         if kind == MISSION:
-            marked = [seq for seq, fields in enumerate(items) if fields["current"]]
-            self.start_seq = marked[-1] if marked else 0
+            marked_seqs = [seq for seq, fields in enumerate(items) if fields["current"]]
+            self.start_seq = marked_seqs[-1] if marked_seqs else 0
 
     def items(self, kind: int) -> tuple[Item, ...]:
         """The plan's items."""

@@ -1,4 +1,4 @@
-"""PX4's feasibility checks of a mission, after an upload and when home or geofence change."""
+"""PX4's feasibility checks of a mission; they run after an upload, and when home or geofence change."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from vehicle_sim.autopilot.mission.items import (
 
 @dataclass(frozen=True, slots=True)
 class FeasibilityInputs:
-    """Home, fence and parameters that a mission is checked against."""
+    """State, fence and parameters on which the feasibility of a mission depends."""
 
     home_valid: bool
     home_alt_amsl_m: float
@@ -32,16 +32,15 @@ class FeasibilityInputs:
     zones: tuple[Zone, ...]
     cylinder: Cylinder
     landed: bool
-    required: int
-    """MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 both or none, 5 like 4, but in the air only a
-    landing."""
+    required_items: int
+    """MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 both or none, 5 as 4, but in the air a landing."""
     fence_active: bool
     """GF_ACTION is not 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """An event about a mission, and whether PX4 rejects the mission for it."""
+    """An event about a mission, and whether PX4 rejects the mission because of this finding."""
 
     event: str
     argument_format: str = ""
@@ -53,15 +52,15 @@ def check(items: Sequence[Item], inputs: FeasibilityInputs) -> tuple[Finding, ..
     """All findings about a mission, in PX4's order."""
     findings: list[Finding] = []
     for seq, item in enumerate(items):
-        findings += _item(seq, item, inputs)
-    findings += _takeoff(items, inputs)
-    findings += _vtol(items)
-    findings += _required(items, inputs)
-    findings += _fence(items, inputs)
+        findings += _item_findings(seq, item, inputs)
+    findings += _takeoff_findings(items, inputs)
+    findings += _vtol_findings(items)
+    findings += _missing_item_findings(items, inputs)
+    findings += _fence_findings(items, inputs)
     return tuple(findings)
 
 
-def _item(seq: int, item: Item, inputs: FeasibilityInputs) -> list[Finding]:
+def _item_findings(seq: int, item: Item, inputs: FeasibilityInputs) -> list[Finding]:
     if item.command not in SUPPORTED:
         return [Finding("navigator_mis_unsup_cmd", "HH", (seq + 1, item.command))]
     if item.is_position and item.relative and not inputs.home_valid:
@@ -69,7 +68,7 @@ def _item(seq: int, item: Item, inputs: FeasibilityInputs) -> list[Finding]:
     return []
 
 
-def _takeoff(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
+def _takeoff_findings(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
     findings: list[Finding] = []
     for seq, item in enumerate(items):
         if item.command not in (TAKEOFF, VTOL_TAKEOFF):
@@ -78,38 +77,38 @@ def _takeoff(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
         min_height_m = inputs.altitude_acceptance_m + 1.0
         if inputs.home_valid and height_m < min_height_m:
             findings.append(Finding("navigator_mis_takeoff_too_low", "f", (min_height_m,)))
-        before = items[:seq]
-        if any(each.is_position or each.command in (DELAY, JUMP, GATE) for each in before):
+        previous_items = items[:seq]
+        if any(each.is_position or each.command in (DELAY, JUMP, GATE) for each in previous_items):
             findings.append(Finding("navigator_mis_takeoff_not_first"))
     return findings
 
 
-def _vtol(items: Sequence[Item]) -> list[Finding]:
+def _vtol_findings(items: Sequence[Item]) -> list[Finding]:
     if any(item.command in (VTOL_TAKEOFF, VTOL_LAND, VTOL_TRANSITION) for item in items):
         return [Finding("navigator_mis_vtol_items")]
     return []
 
 
-def _required(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
-    takeoff = any(item.command == TAKEOFF for item in items)
-    landing = any(item.command == LAND for item in items)
-    match inputs.required:
-        case 1 if not takeoff:
+def _missing_item_findings(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
+    has_takeoff = any(item.command == TAKEOFF for item in items)
+    has_landing = any(item.command == LAND for item in items)
+    match inputs.required_items:
+        case 1 if not has_takeoff:
             return [Finding("navigator_mis_takeoff_missing")]
-        case 2 if not landing:
+        case 2 if not has_landing:
             return [Finding("navigator_mis_land_missing")]
-        case 3 if not (takeoff and landing):
+        case 3 if not (has_takeoff and has_landing):
             return [Finding("navigator_mis_takeoff_or_land_missing")]
         case 5 if not inputs.landed:
-            return [] if landing else [Finding("feasibility_mis_in_air_landing_req")]
-        case 4 | 5 if takeoff != landing:
-            name = "navigator_mis_add_land_or_rm_to" if takeoff else "navigator_mis_add_to_or_rm_land"
+            return [] if has_landing else [Finding("feasibility_mis_in_air_landing_req")]
+        case 4 | 5 if has_takeoff != has_landing:
+            name = "navigator_mis_add_land_or_rm_to" if has_takeoff else "navigator_mis_add_to_or_rm_land"
             return [Finding(name)]
         case _:
             return []
 
 
-def _fence(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
+def _fence_findings(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
     if not inputs.fence_active:
         return []
     if not inputs.home_valid and max(inputs.cylinder.radius_m, inputs.cylinder.height_m) > 0.0:

@@ -1,4 +1,4 @@
-"""The heading in a mission: the item's yaw, a region of interest, otherwise MPC_YAW_MODE."""
+"""The heading in a mission: a region of interest, otherwise the item's yaw, otherwise MPC_YAW_MODE."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from vehicle_sim.vehicle_view import Vector, VehicleView
 
 TOWARDS_WAYPOINT, TOWARDS_HOME, AWAY_FROM_HOME, ALONG_TRAJECTORY, YAW_FIRST, FIXED = range(6)
 """MPC_YAW_MODE."""
-OLD_ROI_NEXT, OLD_ROI_LOCATION = 1, 3
-"""MAV_ROI of DO_SET_ROI's first parameter."""
+MAV_ROI_LOCATION = 3
+"""First parameter of DO_SET_ROI for a position."""
+_MIN_ROI_DISTANCE_M = 0.5
+_MIN_TRAJECTORY_SPEED_M_S = 0.5
 
 
 class Heading:
@@ -36,17 +38,17 @@ class Heading:
             item: the item.
             command_parameters: the parameters of its command, with latitude and longitude in degrees.
         """
-        if item.command == ROI_LOCATION or (item.command == ROI and item.parameters[0] == OLD_ROI_LOCATION):
+        if item.command == ROI_LOCATION or (item.command == ROI and item.parameters[0] == MAV_ROI_LOCATION):
             self.look_at(command_parameters[4], command_parameters[5])
         elif item.command in (ROI_NONE, ROI_NEXT_WAYPOINT, ROI):
             self._roi_ne_m = None
 
     def look_at(self, lat_deg: float, lon_deg: float) -> None:
-        """Points the nose at a position."""
+        """Sets the region of interest, to which the nose then points; ignores an invalid position."""
         if is_position(lat_deg, lon_deg):
             origin_lat, origin_lon, _ = self._view.origin
-            n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
-            self._roi_ne_m = (float(n), float(e))
+            north_m, east_m = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
+            self._roi_ne_m = (float(north_m), float(east_m))
 
     @property
     def has_roi(self) -> bool:
@@ -54,33 +56,35 @@ class Heading:
         return self._roi_ne_m is not None
 
     def setpoint_rad(self, target_ned_m: Vector, acceptance_m: float) -> float:
-        """The heading setpoint [rad, NED]; the last one if neither item nor parameters define it."""
-        x, y, _ = self._path.position_ned_m
+        """The heading setpoint [rad, NED]; unchanged if neither item nor parameters define a heading."""
+        north, east, _ = self._path.position_ned_m
         if self._roi_ne_m is not None:
-            return self._towards(self._roi_ne_m[0] - x, self._roi_ne_m[1] - y, 0.5)
+            roi_n, roi_e = self._roi_ne_m
+            return self._direction_rad(roi_n - north, roi_e - east, _MIN_ROI_DISTANCE_M)
         if math.isfinite(self.item_yaw_rad):
             return self.item_yaw_rad
         mode = self._view.choice("MPC_YAW_MODE")
         home_n, home_e, _ = self._home.position_ned_m
         if mode in (TOWARDS_WAYPOINT, YAW_FIRST):
-            return self._towards(target_ned_m[0] - x, target_ned_m[1] - y, acceptance_m)
+            return self._direction_rad(target_ned_m[0] - north, target_ned_m[1] - east, acceptance_m)
         if mode == TOWARDS_HOME:
-            return self._towards(home_n - x, home_e - y, acceptance_m)
+            return self._direction_rad(home_n - north, home_e - east, acceptance_m)
         if mode == AWAY_FROM_HOME:
-            return self._towards(x - home_n, y - home_e, acceptance_m)
+            return self._direction_rad(north - home_n, east - home_e, acceptance_m)
         if mode == ALONG_TRAJECTORY:
-            return self._towards(self._path.x.velocity_m_s, self._path.y.velocity_m_s, 0.5)
+            vn, ve = self._path.x.velocity_m_s, self._path.y.velocity_m_s
+            return self._direction_rad(vn, ve, _MIN_TRAJECTORY_SPEED_M_S)
         return self._path.yaw_target_rad
 
     def fixed_target(self, target_ned_m: Vector, acceptance_m: float) -> tuple[float, float, float] | None:
-        """The fixed point that the nose faces: north [m], east [m], minimum distance [m].
+        """The fixed point that the nose points to: north [m], east [m], minimum distance [m].
 
-        Closer than the minimum distance, the vehicle keeps its heading (infinite: it always keeps it). None:
-        the heading depends on the motion, so no fixed point exists.
+        The heading is constant within the minimum distance, and always if this distance is infinite. None: no
+        fixed point, because the heading depends on the motion.
         """
         mode = self._view.choice("MPC_YAW_MODE")
         if self._roi_ne_m is not None:
-            return (*self._roi_ne_m, 0.5)
+            return (*self._roi_ne_m, _MIN_ROI_DISTANCE_M)
         if math.isfinite(self.item_yaw_rad):
             return (0.0, 0.0, math.inf)
         if mode in (TOWARDS_WAYPOINT, YAW_FIRST):
@@ -89,7 +93,8 @@ class Heading:
             return (*self._home.position_ned_m[:2], acceptance_m)
         return None if mode in (AWAY_FROM_HOME, ALONG_TRAJECTORY) else (0.0, 0.0, math.inf)
 
-    def _towards(self, north: float, east: float, min_distance_m: float) -> float:
-        if math.hypot(north, east) <= min_distance_m:
+    def _direction_rad(self, north: float, east: float, min_length: float) -> float:
+        """Direction of a vector; the present target heading if the vector is not longer than `min_length`."""
+        if math.hypot(north, east) <= min_length:
             return self._path.yaw_target_rad
         return math.atan2(east, north)

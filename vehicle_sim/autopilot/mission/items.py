@@ -17,7 +17,7 @@ CAMERA_MODE, PICTURES_START, PICTURES_STOP = 530, 2000, 2001
 MOUNT_CONFIGURE, MOUNT_CONTROL, GIMBAL_PITCH_YAW, GIMBAL_CONFIGURE = 204, 205, 1000, 1001
 RALLY_POINT = 5100
 
-POSITIONS = frozenset(
+POSITION_ITEMS = frozenset(
     {WAYPOINT, LOITER_UNLIMITED, LOITER_TIME, LAND, TAKEOFF, LOITER_TO_ALTITUDE, VTOL_TAKEOFF, VTOL_LAND}
 )
 """Items with a position to which the vehicle flies."""
@@ -26,20 +26,23 @@ GIMBAL_ITEMS = frozenset(
      ROI_NONE}
 )  # fmt: skip
 TRIGGER_ITEMS = frozenset({CAMERA_TRIGGER_DISTANCE, CAMERA_TRIGGER_INTERVAL, TRIGGER_CONTROL})
-SUPPORTED = POSITIONS | GIMBAL_ITEMS | TRIGGER_ITEMS | frozenset(
+# Without a name here: 183 servo, 200 video control, 203 digital camera, 211 gripper, 260 oblique survey,
+# 531 zoom, 532 focus, 2500 and 2501 video start and stop, 42600 winch.
+SUPPORTED = POSITION_ITEMS | GIMBAL_ITEMS | TRIGGER_ITEMS | frozenset(
     {RETURN, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE, LAND_START, 183, SET_ACTUATOR, 200, 203, 211, 260,
      CAMERA_MODE, 531, 532, PICTURES_START, PICTURES_STOP, 2500, 2501, VTOL_TRANSITION, 42600}
 )  # fmt: skip
 """Items that the feasibility check accepts for a multicopter. PX4 rejects all other items, either at the
 upload or in the feasibility check."""
 
-GLOBAL_FRAMES = frozenset({0, 5})
+AMSL_FRAMES = frozenset({0, 5})
 RELATIVE_FRAMES = frozenset({3, 6})
+"""MAV_FRAME of global positions with an altitude AMSL, and relative to home."""
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One item; angles in degrees, lengths in metres."""
+    """One item; degrees and metres; the altitude is AMSL or relative to home."""
 
     frame: int
     command: int
@@ -53,7 +56,7 @@ class Item:
     @property
     def is_position(self) -> bool:
         """Whether the vehicle flies to the item's position."""
-        return self.command in POSITIONS
+        return self.command in POSITION_ITEMS
 
     @property
     def relative(self) -> bool:
@@ -65,23 +68,26 @@ class Item:
         return self.alt_m + home_alt_amsl_m if self.relative else self.alt_m
 
     def command_parameters(self, home_alt_amsl_m: float) -> tuple[float, ...]:
-        """The seven parameters of the command that the autopilot sends for this item."""
-        if self.frame not in GLOBAL_FRAMES | RELATIVE_FRAMES:
+        """The seven parameters of the command that the autopilot sends for this item.
+
+        In frames without a global position, parameters 5 and 6 are the uploaded integers.
+        """
+        if self.frame not in AMSL_FRAMES | RELATIVE_FRAMES:
             return (*self.parameters, self.lat_deg * 1e7, self.lon_deg * 1e7, self.alt_m)
         return (*self.parameters, self.lat_deg, self.lon_deg, self.alt_amsl_m(home_alt_amsl_m))
 
     def hold_time_s(self) -> float:
         """Hold time (param1 of waypoints, timed loiters and delays)."""
-        wait = self.parameters[0]
-        return wait if self.command in (WAYPOINT, LOITER_TIME, DELAY) and math.isfinite(wait) else 0.0
+        hold_s = self.parameters[0]
+        return hold_s if self.command in (WAYPOINT, LOITER_TIME, DELAY) and math.isfinite(hold_s) else 0.0
 
     def yaw_rad(self) -> float:
         """The heading (param4); NaN: none."""
         return math.radians(self.parameters[3]) if self.is_position else math.nan
 
 
-def read(fields: Mapping[str, Any]) -> Item:
-    """An item from MISSION_ITEM_INT fields (x and y in 1e7 degrees)."""
+def read_item(fields: Mapping[str, Any]) -> Item:
+    """An item from MISSION_ITEM_INT fields (x and y in 1e-7 degrees)."""
     return Item(
         frame=int(fields["frame"]),
         command=int(fields["command"]),
@@ -96,15 +102,15 @@ def read(fields: Mapping[str, Any]) -> Item:
     )  # fmt: skip
 
 
-def next_position(items: Sequence[Item], seq: int, jumps: Mapping[int, int]) -> Item | None:
+def next_position(items: Sequence[Item], seq: int, jump_counts: Mapping[int, int]) -> Item | None:
     """The next position item after item `seq`; None: the vehicle stops at item `seq`.
 
     Args:
         items: the mission's items.
         seq: index of the current item.
-        jumps: how often each jump was executed, by index.
+        jump_counts: how often each jump was executed, by index of the jump.
     """
-    counts = dict(jumps)
+    new_counts = dict(jump_counts)
     for _ in range(len(items)):
         seq += 1
         if seq >= len(items):
@@ -112,8 +118,8 @@ def next_position(items: Sequence[Item], seq: int, jumps: Mapping[int, int]) -> 
         item = items[seq]
         if item.command == JUMP:
             target, repeats = int(item.parameters[0]), int(item.parameters[1])
-            if 0 <= target < len(items) and (repeats < 0 or counts.get(seq, 0) < repeats):
-                counts[seq] = counts.get(seq, 0) + 1
+            if 0 <= target < len(items) and (repeats < 0 or new_counts.get(seq, 0) < repeats):
+                new_counts[seq] = new_counts.get(seq, 0) + 1
                 seq = target - 1
             continue
         if item.command in (DELAY, RETURN):

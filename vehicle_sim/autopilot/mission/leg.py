@@ -10,7 +10,7 @@ from vehicle_sim.vehicle_view import Vector
 
 
 class Leg:
-    """From `previous` to `target`; `next` determines the speed at the target. All NED metres."""
+    """One leg of one vehicle; the next waypoint determines the speed at the target."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -18,7 +18,7 @@ class Leg:
 
     @property
     def triplet(self) -> WaypointTriplet:
-        """Previous, target and next waypoint of the leg."""
+        """Previous, target and next waypoint of the leg [m, NED]."""
         return self._triplet
 
     @property
@@ -32,7 +32,7 @@ class Leg:
         return self._triplet.acceptance_m
 
     def set(self, target_ned_m: Vector, next_ned_m: Vector | None, acceptance_m: float) -> None:
-        """Starts a leg from the last target to a new target, where the vehicle stops if there is no next."""
+        """Starts a leg from the last to a new target; the vehicle stops there if `next_ned_m` is None."""
         self._triplet = WaypointTriplet(self._triplet.target_ned_m, target_ned_m, next_ned_m, acceptance_m)
         self._path.target_ned_m = target_ned_m
 
@@ -42,19 +42,20 @@ class Leg:
         self._triplet = WaypointTriplet(position_ned_m, position_ned_m, None, self._triplet.acceptance_m)
 
     def steady_task(self, heading: Heading, arrived_at_s: float | None, hold_s: float) -> SteadyTask | None:
-        """The leg until arrival, or after arrival until the end of the wait; None: the heading depends on the
-        motion."""
-        path, (north_m, east_m, _) = self._path, self.target_ned_m
-        point = heading.fixed_target(self.target_ned_m, self.acceptance_m)
-        if point is None or not path.follows(self._triplet):
+        """The motion until arrival, or after arrival until the hold time ends; None: the heading depends on
+        the motion, or the trajectory does not follow the leg yet."""
+        path, (target_n, target_e, _) = self._path, self.target_ned_m
+        faced = heading.fixed_target(self.target_ned_m, self.acceptance_m)
+        if faced is None or not path.follows(self._triplet):
             return None
+        face_n, face_e, min_distance_m = faced
         task = SteadyTask(
             Motion.LEG, path.cruise_m_s, path.climb_m_s, path.descent_m_s,
-            face_north_m=point[0], face_east_m=point[1], face_min_distance_m=point[2],
+            face_north_m=face_n, face_east_m=face_e, face_min_distance_m=min_distance_m,
         )  # fmt: skip
         if arrived_at_s is not None:
             return task._replace(wait_start_s=arrived_at_s, wait_duration_s=hold_s)
-        return task._replace(end_north_m=north_m, end_east_m=east_m, end_radius_m=self.acceptance_m)
+        return task._replace(end_north_m=target_n, end_east_m=target_e, end_radius_m=self.acceptance_m)
 
     def fly(self) -> None:
         """Runs one tick along the leg."""

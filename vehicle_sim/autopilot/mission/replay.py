@@ -1,7 +1,7 @@
 """Settings of earlier items that PX4 repeats when a mission is started at an item, or continued.
 
-The settings are read from the mission, so PX4 repeats them also after a reboot. It repeats no other items,
-not even a region of interest.
+The settings are read from the mission, so PX4 also repeats them after a reboot. PX4 does not repeat other
+items, for example a region of interest.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from vehicle_sim.autopilot.mission.items import (
     Item,
 )
 
-TRIGGERS = frozenset({CAMERA_TRIGGER_DISTANCE, TRIGGER_CONTROL, PICTURES_START, PICTURES_STOP})
+CAMERA_TRIGGERS = frozenset({CAMERA_TRIGGER_DISTANCE, TRIGGER_CONTROL, PICTURES_START, PICTURES_STOP})
 
 
 class Replay:
-    """The settings that one vehicle repeats.
+    """The earlier items whose settings one vehicle repeats.
 
     Args:
         issue: sends the command of an item.
@@ -32,10 +32,10 @@ class Replay:
 
     def __init__(self, issue: Callable[[Item], None]) -> None:
         self._issue = issue
-        self._gimbal: list[Item] = []
+        self._gimbal_items: list[Item] = []
         self._at_first_item: list[Item] = []
         """Items to repeat when the first item is reached."""
-        self._start = 0
+        self._start_seq = 0
         """Index of the item at which the mission was started."""
         self.left_at_seq: int | None = None
         """Index of the current item when the mission was left; None: the current item has changed since."""
@@ -47,38 +47,43 @@ class Replay:
             Index of the item to fly: usually `current`. If the camera was triggering when the vehicle left
             the mission: the last position item before `left_at_seq`, so that no picture of this leg is lost.
         """
-        earlier, left_at_seq = items[:current], self.left_at_seq
+        earlier_items, left_at_seq = items[:current], self.left_at_seq
         self.left_at_seq = None
-        trigger, speed = _last(earlier, *TRIGGERS), _last(earlier, CHANGE_SPEED)
-        pictures = [trigger] if trigger is not None and takes_pictures(trigger) else []
-        immediate = [] if speed is None else [speed]
-        self._at_first_item = pictures
-        if pictures and left_at_seq is not None:
+        trigger, speed = _last_item(earlier_items, *CAMERA_TRIGGERS), _last_item(earlier_items, CHANGE_SPEED)
+        trigger_items = [trigger] if trigger is not None and takes_pictures(trigger) else []
+        immediate_items = [] if speed is None else [speed]
+        self._at_first_item = trigger_items
+        if trigger_items and left_at_seq is not None:
             previous = next((seq for seq in range(left_at_seq - 1, -1, -1) if items[seq].is_position), None)
             if previous is not None:
-                current, self._at_first_item, immediate = previous, immediate + pictures, []
-        self._gimbal = _without_none(_last(earlier, GIMBAL_CONFIGURE), _last(earlier, GIMBAL_PITCH_YAW))
-        self._start = current
-        for item in immediate + _without_none(_last(earlier, CAMERA_MODE)):
+                current, self._at_first_item, immediate_items = previous, immediate_items + trigger_items, []
+        configure = _last_item(earlier_items, GIMBAL_CONFIGURE)
+        self._gimbal_items = _without_none(configure, _last_item(earlier_items, GIMBAL_PITCH_YAW))
+        self._start_seq = current
+        for item in immediate_items + _without_none(_last_item(earlier_items, CAMERA_MODE)):
             self._issue(item)
         return current
 
     def after_climb(self) -> None:
         """Repeats the gimbal's settings; called when the climb before the first item has ended."""
-        gimbal, self._gimbal = self._gimbal, []
-        for item in gimbal:
+        gimbal_items, self._gimbal_items = self._gimbal_items, []
+        for item in gimbal_items:
             self._issue(item)
 
     def reached(self, current: int) -> None:
-        """Repeats the remaining settings when the first item is reached."""
-        if self._at_first_item and current > self._start:
+        """Repeats the remaining settings when the first item has been reached.
+
+        Args:
+            current: index of the item that is now the current item.
+        """
+        if self._at_first_item and current > self._start_seq:
             settings, self._at_first_item = self._at_first_item, []
             for item in settings:
                 self._issue(item)
 
 
 def takes_pictures(item: Item) -> bool:
-    """Whether the camera triggers after this item, one of `TRIGGERS`."""
+    """Whether the camera triggers after this item, one of `CAMERA_TRIGGERS`."""
     if item.command == CAMERA_TRIGGER_DISTANCE:
         return item.parameters[0] > 0.0
     if item.command == TRIGGER_CONTROL:
@@ -86,7 +91,7 @@ def takes_pictures(item: Item) -> bool:
     return item.command == PICTURES_START
 
 
-def _last(items: Sequence[Item], *commands: int) -> Item | None:
+def _last_item(items: Sequence[Item], *commands: int) -> Item | None:
     return next((item for item in reversed(items) if item.command in commands), None)
 
 
