@@ -326,7 +326,7 @@ class Autopilot:
             if level is not ControlLevel.TRAJECTORY:
                 self._write_offboard_setpoint()
         elif setpoint.kind in (SetpointKind.ATTITUDE, SetpointKind.RATES):
-            self._setpoints.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
+            self._setpoints.override_attitude(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
         elif setpoint.kind in (SetpointKind.THRUST_TORQUE, SetpointKind.ACTUATORS):
             self._setpoints.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
         elif (
@@ -364,7 +364,7 @@ class Autopilot:
         if self._control_mode.level is not ControlLevel.TRAJECTORY:
             self._write_offboard_setpoint()
         elif setpoint.kind in (SetpointKind.ATTITUDE, SetpointKind.RATES) and self.takeoff.flying:
-            self._setpoints.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
+            self._setpoints.override_attitude(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
 
     def _write_offboard_setpoint(self) -> None:
         setpoint = self.offboard.setpoint

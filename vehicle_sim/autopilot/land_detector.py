@@ -98,7 +98,7 @@ class LandingThresholds:
 
 CONTACT, MAYBE_LANDED, LANDED, _AT_MIN_THRUST, _HAD_RANGE = 0, 2, 4, 6, 8
 """Indices of the state array. Each condition has two numbers: 1 if the condition has been true for long
-enough, and the time since which the condition is true [s]. _HAD_RANGE: 1 after the first range measurement."""
+enough, and the time since which the condition is true [s]. _HAD_RANGE: 1 after the first measured range."""
 _CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _MANUAL_THRUST_MIN = range(6)
 LIMIT_COUNT = 6
 

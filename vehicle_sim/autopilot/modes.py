@@ -39,40 +39,44 @@ class NavState(IntEnum):
 
 MAIN_AUTO = 4
 MAIN_POSITION = 3
+"""Main modes that have sub modes."""
+CUSTOM_MODE, AUTO, GUIDED, MANUAL_INPUT = 1, 4, 8, 64
+"""Bits of MAV_MODE_FLAG."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """PX4's data of one mode, and its requirements."""
+    """Numbers, names and requirements of one mode."""
 
     state: NavState
-    main: int
-    sub: int
+    main_mode: int
+    sub_mode: int
     name: str
     """Name in PX4's texts."""
     listed_name: str
     """Name in AVAILABLE_MODES; empty for standard modes."""
     standard_mode: int
+    """MAV_STANDARD_MODE."""
     properties: int
+    """MAV_MODE_PROPERTY."""
     index: int
     """Index in AVAILABLE_MODES, from 1; 0: not listed."""
     needs_sticks: bool = False
     needs_position: bool = False
-    needs_global: bool = False
     auto: bool = False
 
     @property
     def custom_mode(self) -> int:
         """HEARTBEAT.custom_mode."""
-        return self.main << 16 | self.sub << 24
+        return self.main_mode << 16 | self.sub_mode << 24
 
     @property
     def base_flags(self) -> int:
         """HEARTBEAT.base_mode without armed and stabilise bits."""
-        return 1 | (64 if self.needs_sticks else 0) | (12 if self.auto else 0)
+        return CUSTOM_MODE | (MANUAL_INPUT if self.needs_sticks else 0) | (GUIDED | AUTO if self.auto else 0)
 
 
-_S = NavState
+_S = NavState  # short, for the tables
 _UNAVAILABLE = "(Mode not available)"
 
 MODES: dict[NavState, Mode] = {
@@ -81,9 +85,9 @@ MODES: dict[NavState, Mode] = {
         Mode(_S.MANUAL, 1, 0, "Manual", "Manual", 0, 1, 1, needs_sticks=True),
         Mode(_S.ALTITUDE, 2, 0, "Altitude", "", 4, 0, 2, needs_sticks=True),
         Mode(_S.POSITION, 3, 0, "Position", "", 1, 0, 3, needs_sticks=True, needs_position=True),
-        Mode(_S.MISSION, 4, 4, "Mission", "", 6, 1, 4, needs_position=True, needs_global=True, auto=True),
-        Mode(_S.HOLD, 4, 3, "Hold", "Hold", 0, 1, 5, needs_position=True, needs_global=True, auto=True),
-        Mode(_S.RTL, 4, 5, "Return", "", 5, 1, 6, needs_position=True, needs_global=True, auto=True),
+        Mode(_S.MISSION, 4, 4, "Mission", "", 6, 1, 4, needs_position=True, auto=True),
+        Mode(_S.HOLD, 4, 3, "Hold", "Hold", 0, 1, 5, needs_position=True, auto=True),
+        Mode(_S.RTL, 4, 5, "Return", "", 5, 1, 6, needs_position=True, auto=True),
         Mode(
             _S.POSITION_SLOW, 3, 2, "Position Slow", "Position Slow", 0, 1, 7,
             needs_sticks=True, needs_position=True,
@@ -108,7 +112,7 @@ MODES: dict[NavState, Mode] = {
         ),
     )
 }  # fmt: skip
-"""Every mode; AVAILABLE_MODES has the numbers that were recorded on PX4."""
+"""All modes; their numbers in AVAILABLE_MODES were recorded on PX4."""
 
 LISTED_MODES: tuple[Mode, ...] = tuple(
     sorted((mode for mode in MODES.values() if mode.index), key=lambda mode: mode.index)
@@ -117,16 +121,16 @@ LISTED_MODES: tuple[Mode, ...] = tuple(
 CANNOT_TAKE_OFF = frozenset(
     {_S.RTL, _S.DESCEND, _S.TERMINATION, _S.LAND, _S.FOLLOW, _S.PRECISION_LAND, _S.ORBIT}
 )
-"""Modes that do not allow arming."""
+"""Modes in which the vehicle cannot take off, and which therefore do not allow arming."""
 
-_MODE_ORDER = (
+_EVENT_ORDER = (
     _S.MANUAL, _S.ALTITUDE, _S.POSITION, _S.MISSION, _S.HOLD, _S.RTL,
     _S.ACRO, _S.OFFBOARD, _S.STABILIZED, _S.POSITION_SLOW, _S.TAKEOFF,
     _S.LAND, _S.FOLLOW, _S.PRECISION_LAND, _S.ORBIT, _S.VTOL_TAKEOFF,
     *(NavState(_S.EXTERNAL1 + n) for n in range(8)),
 )  # fmt: skip
-_EVENT_NUMBERS = {state: number for number, state in enumerate(_MODE_ORDER)}
-_NO_NUMBER = 255
+_EVENT_NUMBERS = {state: number for number, state in enumerate(_EVENT_ORDER)}
+_NO_EVENT_NUMBER = 255
 
 STANDARD_MODES: dict[int, NavState] = {
     1: _S.POSITION,
@@ -139,10 +143,10 @@ STANDARD_MODES: dict[int, NavState] = {
 }
 """Modes by MAV_STANDARD_MODE, for DO_SET_STANDARD_MODE."""
 
-_MAIN = {1: _S.MANUAL, 2: _S.ALTITUDE, 5: _S.ACRO, 6: _S.OFFBOARD, 7: _S.STABILIZED}
-_POSITION_SUB = {0: _S.POSITION, 2: _S.POSITION_SLOW}
-"""Without sub mode 1 (Orbit): only DO_ORBIT starts it, and PX4 changes such a mode request to Position."""
-_AUTO_SUB = {
+_WITHOUT_SUB_MODE = {1: _S.MANUAL, 2: _S.ALTITUDE, 5: _S.ACRO, 6: _S.OFFBOARD, 7: _S.STABILIZED}
+_POSITION_SUB_MODES = {0: _S.POSITION, 2: _S.POSITION_SLOW}
+"""Without sub mode 1 (Orbit): only DO_ORBIT starts Orbit; PX4 treats a request for Orbit as Position."""
+_AUTO_SUB_MODES = {
     0: _S.MISSION,
     2: _S.TAKEOFF,
     3: _S.HOLD,
@@ -156,25 +160,25 @@ _AUTO_SUB = {
 
 
 class UnsupportedAutoMode(Exception):
-    """PX4 does not have this auto sub mode, or only for other vehicle types."""
+    """PX4 does not have this sub mode of the automatic modes, or only for other vehicle types."""
 
 
-def from_numbers(main: int, sub: int) -> NavState | None:
-    """The mode of a main and sub mode; None: PX4 accepts the request without a mode change.
+def from_numbers(main_mode: int, sub_mode: int) -> NavState | None:
+    """The mode with these PX4 mode numbers; None: PX4 accepts the request without a mode change.
 
     Raises:
-        UnsupportedAutoMode: an auto sub mode that does not exist.
+        UnsupportedAutoMode: an automatic sub mode that does not exist.
     """
-    if main == MAIN_POSITION:
-        return _POSITION_SUB.get(sub, _S.POSITION)
-    if main == MAIN_AUTO:
+    if main_mode == MAIN_POSITION:
+        return _POSITION_SUB_MODES.get(sub_mode, _S.POSITION)
+    if main_mode == MAIN_AUTO:
         try:
-            return _AUTO_SUB[sub]
+            return _AUTO_SUB_MODES[sub_mode]
         except KeyError:
-            raise UnsupportedAutoMode(sub) from None
-    return _MAIN.get(main)
+            raise UnsupportedAutoMode(sub_mode) from None
+    return _WITHOUT_SUB_MODE.get(main_mode)
 
 
 def event_number(state: NavState) -> int:
     """Number of the mode in events; 255: none."""
-    return _EVENT_NUMBERS.get(state, _NO_NUMBER)
+    return _EVENT_NUMBERS.get(state, _NO_EVENT_NUMBER)

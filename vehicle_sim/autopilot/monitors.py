@@ -1,7 +1,7 @@
-"""Monitors of the commander in flight: wind, flight time and attitude.
+"""The commander's monitors of wind, flight time and attitude.
 
-A stopped motor is detected only by the attitude failure that it causes. PX4 can also detect it by ESC
-telemetry (FD_ACT_EN), but neither the simulated nor the recorded vehicle has ESC telemetry.
+A stopped motor is detected only by the attitude failure that follows. PX4 can also detect a stopped motor by
+ESC telemetry (FD_ACT_EN), but neither the simulated nor the recorded vehicle has ESC telemetry.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ AIR_DENSITY_KG_M3 = 1.225
 MIN_TILT_COSINE = 0.1
 """Cosine of the largest tilt at which the horizontal wind can be estimated from the body axes."""
 TIME_WARNINGS_S = (120, 60, 30, 10)
+"""Remaining flight times at which the operator is warned."""
 
 
 class Monitors:
@@ -35,22 +36,24 @@ class Monitors:
         self.wind_m_s = math.nan
         """Wind speed estimated from the drag (EKF2_DRAG_CTRL); NaN: not estimated."""
         self._tilted_since_s: dict[str, float] = {}
-        self._wind_ned: tuple[float, float] | None = None
+        """Start of the excessive tilt, by the parameter of the limit."""
+        self._wind_ne_m_s: tuple[float, float] | None = None
         self._wind_warned_at_s = -math.inf
         self._took_off_at_s = math.nan
-        self._warned_s = math.inf
+        self._last_warning_s = math.inf
+        """Remaining flight time of the last warning."""
 
     def update(self, *, armed: bool, landed: bool) -> None:
         """Updates all monitors."""
         if not armed:
             self._reset()
-        self._attitude()
-        self._flight_time(armed=armed, landed=landed)
-        self._wind(landed)
+        self._check_attitude()
+        self._check_flight_time(armed=armed, landed=landed)
+        self._check_wind(landed)
 
     @property
     def needs_no_update(self) -> bool:
-        """Whether the attitude is within its limits, and neither flight time nor wind is monitored."""
+        """Whether roll and pitch are within their limits, and neither flight time nor wind is monitored."""
         return (
             not self._tilted_since_s
             and self._view.choice("COM_FLT_TIME_MAX") <= 0
@@ -59,16 +62,16 @@ class Monitors:
 
     def _reset(self) -> None:
         self.flight_time_over = False
-        self._took_off_at_s, self._warned_s = math.nan, math.inf
+        self._took_off_at_s, self._last_warning_s = math.nan, math.inf
 
-    def _attitude(self) -> None:
+    def _check_attitude(self) -> None:
         estimate = self._view.estimate
         roll_deg, pitch_deg = math.degrees(estimate.roll_rad), math.degrees(estimate.pitch_rad)
-        self.roll_failure = self._tilted("FD_FAIL_R", roll_deg)
-        self.pitch_failure = self._tilted("FD_FAIL_P", pitch_deg)
+        self.roll_failure = self._exceeds_tilt("FD_FAIL_R", roll_deg)
+        self.pitch_failure = self._exceeds_tilt("FD_FAIL_P", pitch_deg)
         self.attitude_failure = self.roll_failure or self.pitch_failure
 
-    def _tilted(self, name: str, angle_deg: float) -> bool:
+    def _exceeds_tilt(self, name: str, angle_deg: float) -> bool:
         limit_deg = self._view.parameter(name)
         if limit_deg <= 0.0 or abs(angle_deg) <= limit_deg:
             if self._tilted_since_s:
@@ -77,9 +80,9 @@ class Monitors:
         since_s = self._tilted_since_s.setdefault(name, self._view.time_s)
         return self._view.time_s - since_s >= self._view.parameter(name + "_TTRI")
 
-    # --- limits ----------------------------------------------------------------------------------------
+    # --- flight time and wind --------------------------------------------------------------------------
 
-    def _flight_time(self, *, armed: bool, landed: bool) -> None:
+    def _check_flight_time(self, *, armed: bool, landed: bool) -> None:
         limit_s = self._view.choice("COM_FLT_TIME_MAX")
         if not armed or landed:
             self._took_off_at_s = math.nan
@@ -90,8 +93,8 @@ class Monitors:
         remaining_s = limit_s - (self._view.time_s - self._took_off_at_s)
         self.flight_time_over = remaining_s <= 0.0
         for warning_s in TIME_WARNINGS_S:
-            if 0.0 < remaining_s <= warning_s < min(self._warned_s, limit_s):
-                self._warned_s = warning_s
+            if 0.0 < remaining_s <= warning_s < min(self._last_warning_s, limit_s):
+                self._last_warning_s = warning_s
                 self._warn_of_flight_time(warning_s)
 
     def _warn_of_flight_time(self, seconds: int) -> None:
@@ -112,21 +115,21 @@ class Monitors:
         """Whether the wind is above COM_WIND_MAX."""
         return math.isfinite(self.wind_m_s) and 0.0 < self._view.parameter("COM_WIND_MAX") < self.wind_m_s
 
-    def _wind(self, landed: bool) -> None:
+    def _check_wind(self, landed: bool) -> None:
         if self._view.choice("EKF2_DRAG_CTRL") != 1 or landed:
-            self._wind_ned, self.wind_m_s = None, math.nan
+            self._wind_ne_m_s, self.wind_m_s = None, math.nan
             return
-        measured = self._wind_by_drag()
-        if self._wind_ned is None:
-            self._wind_ned = (0.0, 0.0)
-        blend = TICK_S / WIND_TIME_CONSTANT_S
-        north, east = self._wind_ned
-        self._wind_ned = (north + blend * (measured[0] - north), east + blend * (measured[1] - east))
-        self.wind_m_s = math.hypot(*self._wind_ned)
-        warn_above = self._view.parameter("COM_WIND_WARN")
+        wind_ne_m_s = self._wind_by_drag()
+        if self._wind_ne_m_s is None:
+            self._wind_ne_m_s = (0.0, 0.0)
+        weight = TICK_S / WIND_TIME_CONSTANT_S
+        (north, east), (new_n, new_e) = self._wind_ne_m_s, wind_ne_m_s
+        self._wind_ne_m_s = (north + weight * (new_n - north), east + weight * (new_e - east))
+        self.wind_m_s = math.hypot(*self._wind_ne_m_s)
+        warning_m_s = self._view.parameter("COM_WIND_WARN")
         now_s = self._view.time_s
         due = now_s - self._wind_warned_at_s > WIND_WARNING_EVERY_S
-        if due and 0.0 < warn_above < self.wind_m_s:
+        if due and 0.0 < warning_m_s < self.wind_m_s:
             self._wind_warned_at_s = now_s
             text = f"High wind speed detected ({self.wind_m_s:.1f} m/s), landing advised"
             self._announcer.announce(4, text, "check_high_wind_warning", "f", self.wind_m_s)
@@ -139,16 +142,17 @@ class Monitors:
         """
         view, estimate = self._view, self._view.estimate
         ax, ay, _ = view.simulation.sensors.accel_frd_m_s2[view.row].tolist()
-        momentum = view.parameter("EKF2_MCOEF")
-        forward = _air_speed(-ax, momentum, view.parameter("EKF2_BCOEF_X"))
-        right = _air_speed(-ay, momentum, view.parameter("EKF2_BCOEF_Y"))
+        momentum_per_s = view.parameter("EKF2_MCOEF")
+        airspeed_x = _air_speed(-ax, momentum_per_s, view.parameter("EKF2_BCOEF_X"))
+        airspeed_y = _air_speed(-ay, momentum_per_s, view.parameter("EKF2_BCOEF_Y"))
         matrix = rotation_matrix(np.array([estimate.q_ned_frd]))[0]
         (nx, ny, _), (ex, ey, _), (dx, dy, _) = matrix.tolist()
         vn, ve, vd = estimate.velocity_ned_m_s
-        forward, right = forward - dx * vd, right - dy * vd
+        # The parts of the airspeed that horizontal motion causes.
+        forward, right = airspeed_x - dx * vd, airspeed_y - dy * vd
         tilt_cosine = nx * ey - ny * ex
         if abs(tilt_cosine) < MIN_TILT_COSINE:
-            return self._wind_ned or (0.0, 0.0)
+            return self._wind_ne_m_s or (0.0, 0.0)
         wind_n = vn - (forward * ey - right * ex) / tilt_cosine
         return wind_n, ve - (right * nx - forward * ny) / tilt_cosine
 
@@ -164,8 +168,8 @@ def _air_speed(drag_m_s2: float, momentum_per_s: float, ballistic_kg_m2: float) 
     """
     square_per_m = 0.5 * AIR_DENSITY_KG_M3 / ballistic_kg_m2 if ballistic_kg_m2 > 1.0 else 0.0
     linear_per_s = momentum_per_s if momentum_per_s > 1e-3 else 0.0
-    size = abs(drag_m_s2)
-    root = math.sqrt(linear_per_s**2 + 4.0 * square_per_m * size)
+    drag_size_m_s2 = abs(drag_m_s2)
+    root = math.sqrt(linear_per_s**2 + 4.0 * square_per_m * drag_size_m_s2)
     # Form of the quadratic root that is also valid if one of the two terms is missing.
-    speed = 2.0 * size / (linear_per_s + root) if linear_per_s + root > 0.0 else 0.0
+    speed = 2.0 * drag_size_m_s2 / (linear_per_s + root) if linear_per_s + root > 0.0 else 0.0
     return math.copysign(speed, drag_m_s2)

@@ -1,4 +1,4 @@
-"""Runs the flight task of the active mode, and flies to the targets of DO_REPOSITION."""
+"""Runs the flight task of the active mode, and handles commands that change the target or the speed."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Navigator:
     def orbit(
         self, lat_lon_alt: tuple[float, float, float], radius_m: float, speed_m_s: float, yaw_behaviour: float
     ) -> None:
-        """Handles DO_ORBIT; NaN: the vehicle's position, or the default value."""
+        """Handles DO_ORBIT; NaN position: the vehicle's position; other NaN values: the default values."""
         self._orbit.request(lat_lon_alt, radius_m, speed_m_s, yaw_behaviour)
 
     @property
@@ -85,10 +85,10 @@ class Navigator:
         return self._orbit.circle
 
     def goto(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_ned_rad: float) -> None:
-        """Handles DO_REPOSITION. NaN position: the position of the current target; NaN altitude: the current
-        one.
+        """Handles DO_REPOSITION.
 
-        If all values are NaN, the vehicle stops.
+        NaN position: the target position does not change; NaN altitude: the vehicle's altitude becomes the
+        target; NaN yaw: the nose points to the target. If all values are NaN, the vehicle stops.
         """
         if not (is_position(lat_deg, lon_deg) or math.isfinite(alt_amsl_m) or math.isfinite(yaw_ned_rad)):
             self.stop_at(math.nan)
@@ -116,16 +116,16 @@ class Navigator:
             down = -(alt_amsl_m - self._view.origin[2])
         self.path.target_ned_m, self.path.face_target = (north, east, down), True
 
-    def change_speed(self, kind: float, speed_m_s: float) -> None:
-        """Handles DO_CHANGE_SPEED; an invalid speed restores the parameter's speed."""
-        value = speed_m_s if math.isfinite(speed_m_s) and speed_m_s > 0.0 else math.nan
-        speed_type = int(kind) if math.isfinite(kind) else 0
-        if speed_type in (0, 1):  # airspeed, ground speed
-            self.path.cruise_m_s = value
-        elif speed_type == 2:  # climb
-            self.path.climb_m_s = value
-        elif speed_type == 3:  # descent
-            self.path.descent_m_s = value
+    def change_speed(self, speed_type: float, speed_m_s: float) -> None:
+        """Handles DO_CHANGE_SPEED; an invalid speed restores the speed of the parameters."""
+        valid_m_s = speed_m_s if math.isfinite(speed_m_s) and speed_m_s > 0.0 else math.nan
+        number = int(speed_type) if math.isfinite(speed_type) else 0
+        if number in (0, 1):  # airspeed, ground speed
+            self.path.cruise_m_s = valid_m_s
+        elif number == 2:  # climb
+            self.path.climb_m_s = valid_m_s
+        elif number == 3:  # descent
+            self.path.descent_m_s = valid_m_s
 
     # --- modes -----------------------------------------------------------------------------------------
 
@@ -158,7 +158,7 @@ class Navigator:
             self.mission.enter()
 
     def update_mode(self, mode: NavState, *, landed: bool) -> None:
-        """Updates the state of a mode; called also on the ground."""
+        """Updates the state of a mode, on the ground and in flight."""
         if mode is NavState.MISSION:
             self.mission.update(landed=landed)
         elif mode is NavState.RTL and landed:
@@ -170,13 +170,13 @@ class Navigator:
         self._return.check_rally_points()
 
     def _stopping_position(self) -> Vector:
-        """Position at which Hold stops: the braking distance ahead, at the current altitude."""
+        """Position at which Hold stops the vehicle, at the current altitude."""
         (north, east, down), (vn, ve, _) = (
             self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s,
         )  # fmt: skip
         parameter = self._view.parameter
-        ahead_s = 0.5 * math.hypot(vn, ve) / max(0.1, parameter("MPC_ACC_HOR")) + STOP_REACTION_S
-        return (north + vn * ahead_s, east + ve * ahead_s, down)
+        prediction_s = 0.5 * math.hypot(vn, ve) / max(0.1, parameter("MPC_ACC_HOR")) + STOP_REACTION_S
+        return (north + vn * prediction_s, east + ve * prediction_s, down)
 
     def waypoint(self, mode: NavState) -> tuple[float, float, float] | None:
         """Target of the mode: north and east [m, local frame], altitude AMSL [m]; None: no target.
@@ -197,7 +197,7 @@ class Navigator:
 
     @property
     def landing(self) -> bool:
-        """Whether a return descends to land at its destination."""
+        """Whether the vehicle descends to land at the destination of a return."""
         return self._return.landing
 
     def landed_state_in_air(self, mode: NavState) -> LandedState:
@@ -211,26 +211,26 @@ class Navigator:
 
     def takeoff_finished(self, mode: NavState) -> bool:
         """Whether a take-off has reached its altitude."""
-        down = self.path.target_ned_m[2]
-        if mode is not NavState.TAKEOFF or down is None:
+        target_down_m = self.path.target_ned_m[2]
+        if mode is not NavState.TAKEOFF or target_down_m is None:
             return False
-        return self._view.estimate.position_ned_m[2] <= down + self._view.parameter("NAV_MC_ALT_RAD")
+        return self._view.estimate.position_ned_m[2] <= target_down_m + self._view.parameter("NAV_MC_ALT_RAD")
 
     def wants_to_climb(self, mode: NavState) -> bool:
-        """Whether the mode would take off a vehicle on the ground."""
-        down = self.path.target_ned_m[2]
+        """Whether a vehicle on the ground takes off in this mode."""
+        target_down_m = self.path.target_ned_m[2]
         if mode is NavState.TAKEOFF:
             return self._climb.wants_to_climb
         if mode is NavState.MISSION:
             return self.mission.taking_off
         if mode is NavState.FOLLOW:
-            return self.follow.has_target  # Follow climbs while lower than 1 m above ground
+            return self.follow.has_target  # the task climbs to at least 1 m above ground
         if mode is NavState.RTL and self.landing:
             return False
         if mode is NavState.HOLD:
             return self.path.starts_takeoff
-        if mode is NavState.RTL and down is not None:
-            return down < self._view.estimate.position_ned_m[2] - 0.5
+        if mode is NavState.RTL and target_down_m is not None:
+            return target_down_m < self._view.estimate.position_ned_m[2] - 0.5
         return False
 
     def run(self, mode: NavState) -> None:
@@ -277,7 +277,7 @@ class Navigator:
         return self.path.commanded_state()
 
     def descend(self) -> None:
-        """Descends with level attitude at MPC_LAND_SPEED; for modes that lack stick input or a position."""
+        """Descends with level attitude at MPC_LAND_SPEED, when a mode lacks stick input or a position."""
         speed = self._view.parameter("MPC_LAND_SPEED")
         self._setpoints.trajectory(
             velocity_ned_m_s=(math.nan, math.nan, speed),

@@ -17,20 +17,19 @@ from vehicle_sim.vehicle_view import VehicleView
 NAN3 = (math.nan, math.nan, math.nan)
 Vector = tuple[float, float, float]
 
-FORCE_BIT = 512
-YAW_BIT = 1024
-YAW_RATE_BIT = 2048
-LOCAL_NED = 1
-BODY_NED = 8
+POSITION_BITS, VELOCITY_BITS, ACCELERATION_BITS = 0b111, 0b111 << 3, 0b111 << 6
+FORCE_BIT, YAW_BIT, YAW_RATE_BIT = 512, 1024, 2048
+"""POSITION_TARGET_TYPEMASK: values to ignore; FORCE_BIT: the acceleration is a force."""
+ROLL_PITCH_RATE_BITS, BODY_YAW_RATE_BIT, THRUST_BIT, ATTITUDE_BIT = 3, 4, 64, 128
+"""ATTITUDE_TARGET_TYPEMASK: values to ignore."""
+LOCAL_NED, BODY_NED, GLOBAL_AMSL, GLOBAL_RELATIVE, GLOBAL_TERRAIN = 1, 8, 5, 6, 11
+"""MAV_FRAME."""
 LIMIT = 1e6
 """Largest accepted value of a setpoint [m, m/s, rad]."""
-GLOBAL_AMSL = 5
-GLOBAL_RELATIVE = 6
-GLOBAL_TERRAIN = 11
 
 
 class SetpointKind(Enum):
-    """The highest-level quantity that a stream of setpoints controls; `level` is the controller for it."""
+    """The highest-level quantity that a stream of setpoints controls; `level` is the setpoints' level."""
 
     NONE = "none"
     POSITION = "position"
@@ -76,8 +75,9 @@ class Setpoint(NamedTuple):
         if finite(n + e + d + vn + ve + vd + an + ae + ad):  # the usual case: all are finite
             return True
         position, velocity, acceleration = finite(n), finite(vn), finite(an)
-        pairs = position is finite(e) and velocity is finite(ve) and acceleration is finite(ae)
-        return pairs and (position or velocity or acceleration) and (finite(d) or finite(vd) or finite(ad))
+        pairs_equal = position is finite(e) and velocity is finite(ve) and acceleration is finite(ae)
+        has_vertical = finite(d) or finite(vd) or finite(ad)
+        return pairs_equal and (position or velocity or acceleration) and has_vertical
 
 
 def _any_finite(values: Vector) -> bool:
@@ -86,6 +86,7 @@ def _any_finite(values: Vector) -> bool:
 
 
 def _rotate(q: tuple[float, float, float, float], v: Vector) -> Vector:
+    """Rotates a vector by a unit quaternion (w, x, y, z)."""
     w, x, y, z = q
     tx, ty, tz = 2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])
     return (
@@ -179,7 +180,7 @@ class Offboard:
 
     @property
     def awaits_setpoint(self) -> bool:
-        """Whether no setpoint of the selected level was received yet; the last outputs then apply further."""
+        """Whether no setpoint of the selected level was received yet; the last outputs then stay active."""
         return self._selected_kind is not None and self.setpoint.kind is SetpointKind.NONE
 
     def receive_local_target(
@@ -196,13 +197,12 @@ class Offboard:
                 frame,
             )
             return
-        position, velocity, acceleration = _masked(mask, 1, p), _masked(mask, 8, v), _masked(mask, 64, a)
+        position, velocity, acceleration = _masked(mask, p), _masked(mask >> 3, v), _masked(mask >> 6, a)
         if frame == BODY_NED:
             position = NAN3
-            velocity = NAN3 if mask & 0b111000 else self._from_body_yaw(velocity)
-            acceleration = (
-                NAN3 if mask & 0b111000000 else _rotate(self._view.estimate.q_ned_frd, acceleration)
-            )
+            q_ned_frd = self._view.estimate.q_ned_frd
+            velocity = NAN3 if mask & VELOCITY_BITS else self._rotate_by_yaw(velocity)
+            acceleration = NAN3 if mask & ACCELERATION_BITS else _rotate(q_ned_frd, acceleration)
         valid = not (mask & FORCE_BIT and _any_finite(acceleration))
         yaw = _yaw(mask, yaw_rad, yaw_rate_rad_s)
         self.trajectory(trajectory_setpoint(position, velocity, acceleration, *yaw), valid=valid, report=True)
@@ -233,39 +233,37 @@ class Offboard:
         lat_deg, lon_deg, alt_m = lat_lon_alt
         origin_lat, origin_lon, origin_alt = self._view.origin
         position = NAN3
-        if not mask & 0b111 and math.isfinite(origin_lat):
+        if not mask & POSITION_BITS and math.isfinite(origin_lat):
             north, east = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
             down = -(alt_m - origin_alt) if frame == GLOBAL_AMSL else -alt_m
             if frame == GLOBAL_TERRAIN:
                 down = -(alt_m + home_alt_amsl_m - origin_alt)
             position = (float(north), float(east), down)
-        velocity, acceleration = _masked(mask, 8, v), _masked(mask, 64, a)
+        velocity, acceleration = _masked(mask >> 3, v), _masked(mask >> 6, a)
         yaw = _yaw(mask, yaw_rad, yaw_rate_rad_s)
         self.trajectory(trajectory_setpoint(position, velocity, acceleration, *yaw))
 
     def attitude(self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float) -> None:
         """Handles SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
         self._selected_kind = None
-        limited = min(1.0, max(0.0, thrust)) if math.isfinite(thrust) else 0.0
-        self.reported_thrust = 0.0 if mask & 64 else abs(thrust)
-        thrust = self.setpoint.thrust if mask & 64 else limited
+        limited_thrust = min(1.0, max(0.0, thrust)) if math.isfinite(thrust) else 0.0
+        self.reported_thrust = 0.0 if mask & THRUST_BIT else abs(thrust)
+        thrust = self.setpoint.thrust if mask & THRUST_BIT else limited_thrust
         norm = math.sqrt(sum(each * each for each in q))
         self._received_at_s = self._view.time_s
         self.invalid_attitude = None
-        if not mask & 128:
+        if not mask & ATTITUDE_BIT:
             if not math.isfinite(norm) or norm < 1e-6:
                 self.invalid_attitude = q
                 return
-            unit = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
-            rate = math.nan if mask & 4 else _limited(rates[2])
+            unit_q = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
+            yaw_rate = math.nan if mask & BODY_YAW_RATE_BIT else _limit(rates[2])
             self.setpoint = Setpoint(
-                SetpointKind.ATTITUDE, q_ned_frd=unit, thrust=thrust, yaw_rate_ned_rad_s=rate
+                SetpointKind.ATTITUDE, q_ned_frd=unit_q, thrust=thrust, yaw_rate_ned_rad_s=yaw_rate
             )
-        elif not mask & 3:
-            finite = tuple(max(-50.0, min(50.0, each)) if math.isfinite(each) else 0.0 for each in rates)
-            self.setpoint = Setpoint(
-                SetpointKind.RATES, rates_frd_rad_s=(finite[0], finite[1], finite[2]), thrust=thrust
-            )
+        elif not mask & ROLL_PITCH_RATE_BITS:
+            x, y, z = (max(-50.0, min(50.0, each)) if math.isfinite(each) else 0.0 for each in rates)
+            self.setpoint = Setpoint(SetpointKind.RATES, rates_frd_rad_s=(x, y, z), thrust=thrust)
         self.invalid = False
         self.on_setpoint()
 
@@ -293,7 +291,7 @@ class Offboard:
         self.setpoint, self.invalid, self.invalid_attitude = setpoint, False, None
         self.on_setpoint()
 
-    def _from_body_yaw(self, v: Vector) -> Vector:
+    def _rotate_by_yaw(self, v: Vector) -> Vector:
         yaw = self._view.estimate.yaw_ned_rad
         c, s = math.cos(yaw), math.sin(yaw)
         return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
@@ -302,7 +300,7 @@ class Offboard:
         """Applies a setpoint of `trajectory_setpoint`.
 
         Args:
-            setpoint: invalid if it controls no quantity.
+            setpoint: the setpoint; invalid if it controls no quantity.
             valid: False if the setpoint is invalid for another reason.
             report: whether to report an invalid setpoint.
         """
@@ -317,7 +315,7 @@ class Offboard:
 
     @property
     def level(self) -> ControlLevel:
-        """Control level in Offboard."""
+        """Control level of the setpoints that are used in Offboard."""
         return self.kind.level
 
     def wants_to_climb(self, z_ned_m: float) -> bool:
@@ -379,19 +377,20 @@ def _no_listener() -> None:
     """Default listener without effect."""
 
 
-def _limited(value: float) -> float:
-    """Treats infinity as not set, and limits values to a plausible range."""
+def _limit(value: float) -> float:
+    """The value within ±LIMIT; NaN if the value is not finite."""
     return max(-LIMIT, min(LIMIT, value)) if math.isfinite(value) else math.nan
 
 
-def _masked(mask: int, first_bit: int, values: Vector) -> Vector:
-    kept = [math.nan if mask & (first_bit << n) else _limited(value) for n, value in enumerate(values)]
-    return (kept[0], kept[1], kept[2])
+def _masked(ignored: int, values: Vector) -> Vector:
+    """The limited values; NaN for each value whose bit in `ignored` is set (lowest bit: the first value)."""
+    x, y, z = (math.nan if ignored >> n & 1 else _limit(value) for n, value in enumerate(values))
+    return (x, y, z)
 
 
 def _yaw(mask: int, yaw_rad: float, yaw_rate_rad_s: float) -> tuple[float, float]:
     """Yaw and yaw rate; NaN if the type mask ignores them."""
     return (
-        math.nan if mask & YAW_BIT else _limited(yaw_rad),
-        math.nan if mask & YAW_RATE_BIT else _limited(yaw_rate_rad_s),
+        math.nan if mask & YAW_BIT else _limit(yaw_rad),
+        math.nan if mask & YAW_RATE_BIT else _limit(yaw_rate_rad_s),
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 RETURN, CHANGE_SPEED, SET_HOME, PARACHUTE, TRIGGER = 20, 178, 179, 208, 2003
 GIMBAL_PITCH_YAW, GIMBAL_CONFIGURE = 1000, 1001
+"""MAV_CMD."""
 NEUTRAL = 2.0
 """GIMBAL_MANAGER_FLAGS_NEUTRAL."""
 NAN = float("nan")
@@ -23,7 +24,7 @@ class OwnCommand:
 
 
 class OwnCommands:
-    """Passes each command to the listeners, then to its handler."""
+    """Passes each command to the listeners, then to the handler of the command."""
 
     def __init__(self) -> None:
         self._handlers: dict[int, Callable[[tuple[float, ...]], None]] = {}
@@ -39,12 +40,12 @@ class OwnCommands:
 
     def send(self, number: int, *parameters: float, repeated: bool = True) -> None:
         """Sends a command; missing parameters are 0."""
-        seven = (*parameters, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)[:7]
+        all_parameters = (*parameters, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)[:7]
         for listener in tuple(self._listeners):
-            listener(OwnCommand(number, seven, repeated))
+            listener(OwnCommand(number, all_parameters, repeated))
         handler = self._handlers.get(number)
         if handler is not None:
-            handler(seven)
+            handler(all_parameters)
 
     def stop_triggering(self) -> None:
         """Stops camera triggers, as PX4 does when it leaves a mission."""

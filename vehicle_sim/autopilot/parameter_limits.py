@@ -9,7 +9,7 @@ from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.parameters import Parameters
 
 CRITICAL = 2
-"""MAV_SEVERITY."""
+"""MAV_SEVERITY_CRITICAL."""
 TILT_MAX_DEG = 89.0
 
 
@@ -42,14 +42,14 @@ _LIMITS = (
 
 
 class ParameterLimits:
-    """Enforces the limits of one vehicle; apply them after each parameter change by a client."""
+    """Enforces the limits of one vehicle; call `apply` after each parameter change by a client."""
 
     def __init__(self, parameters: Parameters, announcer: Announcer) -> None:
         self._parameters = parameters
         self._announcer = announcer
 
     def apply(self) -> None:
-        """Reduces values that are too high, and reports each change."""
+        """Sets values outside their limits to the limit, and reports each change."""
         value = self._parameters.get
         if value("MPC_TILTMAX_AIR") > TILT_MAX_DEG:
             self._parameters.set("MPC_TILTMAX_AIR", TILT_MAX_DEG)

@@ -1,6 +1,6 @@
-"""The trajectory that all automatic modes share: a target, smoothed axes towards it, and the setpoints.
+"""The trajectory of the automatic modes: a target, smoothed axes towards the target, and the setpoints.
 
-Lengths in metres, NED. The `run` methods of the flight tasks call it once per tick (50 Hz).
+Lengths in metres, NED. The flight tasks advance the trajectory once per tick (50 Hz).
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from vehicle_sim.vehicle_view import Vector, VehicleView
 
 TICK_S = 0.02
 """PX4's flight tasks run at 50 Hz."""
+FACING_YAW_MODES = (0, 3, 4)
+"""MPC_YAW_MODE: towards waypoint, along trajectory, towards waypoint (yaw first)."""
 MAX_CONTINUED_M_S2 = 10.0
-"""A larger acceleration setpoint comes from ground contact and is not continued."""
+"""`restart` ignores a larger acceleration setpoint, because it comes from ground contact."""
 TAKEOFF_CLIMB_M_S = 0.3
 """A vehicle on the ground takes off for a trajectory that climbs faster than this."""
 GROUND_VELOCITY_DOWN_M_S = 0.7
@@ -55,10 +57,8 @@ class Path:
         """None: not set; the axis brakes, and its target is then the position where it stops."""
         self.face_target = False
         """Whether the nose points to the target while the target is farther away than NAV_ACC_RAD."""
-        self.cruise_m_s = math.nan
-        """NaN: the PX4 parameter applies; the same for the next two."""
-        self.climb_m_s = math.nan
-        self.descent_m_s = math.nan
+        self.cruise_m_s = self.climb_m_s = self.descent_m_s = math.nan
+        """Commanded speeds; NaN: the parameter applies."""
         self._resets = EstimateResets(view, arrays.last_heading_rad[index])
 
     def follow_resets(self) -> None:
@@ -88,9 +88,10 @@ class Path:
         self._smoothing.begin()
         self._resets.discard()
         self._triplet = None
-        last = self._setpoints.last_trajectory() if continue_setpoint and in_air else ((math.nan,) * 3,) * 3
+        continues = continue_setpoint and in_air
+        last_setpoint = self._setpoints.last_trajectory() if continues else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):
-            position, velocity, acceleration = (vector[k] for vector in last)
+            position, velocity, acceleration = (vector[k] for vector in last_setpoint)
             axis.reset(
                 position if math.isfinite(position) else estimate.position_ned_m[k],
                 velocity if math.isfinite(velocity) else estimate.velocity_ned_m_s[k] if in_air else 0.0,
@@ -125,8 +126,9 @@ class Path:
         north, east, down = self.target_ned_m
         if north is None or east is None or down is None:
             return False
-        climb = self._smoothing.velocity_towards(self._triplet_to((north, east, down)), self._limits)[2]
-        return climb < -TAKEOFF_CLIMB_M_S
+        triplet = self._triplet_to((north, east, down))
+        _, _, down_m_s = self._smoothing.velocity_towards(triplet, self._limits)
+        return down_m_s < -TAKEOFF_CLIMB_M_S
 
     @property
     def position_ned_m(self) -> Vector:
@@ -134,9 +136,9 @@ class Path:
         return (self.x.position_m, self.y.position_m, self.z.position_m)
 
     def face(self, north_m: float, east_m: float) -> None:
-        """Turns the nose towards a position more than 1 m away, if MPC_YAW_MODE selects this heading."""
+        """Points the target heading to a position more than 1 m away, in the modes of FACING_YAW_MODES."""
         dn, de = north_m - self.x.position_m, east_m - self.y.position_m
-        if math.hypot(dn, de) > 1.0 and self._view.choice("MPC_YAW_MODE") in (0, 3, 4):
+        if math.hypot(dn, de) > 1.0 and self._view.choice("MPC_YAW_MODE") in FACING_YAW_MODES:
             self.yaw_target_rad = math.atan2(de, dn)
 
     @property
@@ -167,7 +169,7 @@ class Path:
     def fly_triplet(self, triplet: WaypointTriplet) -> None:
         """Advances by one tick along the waypoints.
 
-        All axes also advance during the take-off ramp. After a go-to command on the ground the trajectory is
+        All axes also advance during the take-off ramp. After DO_REPOSITION on the ground the trajectory is
         therefore above the vehicle before lift-off, and this altitude error lifts the vehicle off.
         """
         self._smoothing.fly(TICK_S, triplet, self._limits)
@@ -185,8 +187,8 @@ class Path:
         """Advances north and east by one tick.
 
         Returns:
-            By how much the trajectory time advanced [s], also for the vertical axis; less than a tick while
-            the vehicle lags.
+            Time by which the trajectory advanced [s], to be used for the vertical axis too; less than a tick
+            while the vehicle lags behind the trajectory.
         """
         north, east, down = self.target_ned_m
         triplet = None
@@ -230,7 +232,7 @@ class Path:
         return bool(self._view.simulation.fusion.heading_good_for_control[self._view.row])
 
     def steady_task(self, motion: Motion) -> SteadyTask | None:
-        """The motion to the target, if it needs no decision for many ticks; None: no waypoints yet."""
+        """The motion to the target; None: the trajectory does not follow waypoints to this target yet."""
         north, east, down = self.target_ned_m
         triplet = self._triplet
         if triplet is None or north is None or east is None or not self._smoothing.follows(triplet):
@@ -254,7 +256,7 @@ class Path:
         return self._resets.counts
 
     def write(self) -> None:
-        """Turns by one tick and writes the trajectory setpoint for the controllers."""
+        """Turns the heading by one tick, and writes the trajectory setpoint for the controllers."""
         self.turn()
         x, y, z = self.x.values, self.y.values, self.z.values
         yaw_rad = self.yaw.yaw_ned_rad if self._controls_heading else math.nan

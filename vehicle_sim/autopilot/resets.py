@@ -1,4 +1,4 @@
-"""Resets of one vehicle's estimate; a flight task shifts its trajectory by each reset."""
+"""Detects resets of one vehicle's estimate; flight tasks shift their trajectories by each reset."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vehicle_sim.vehicle_view import VehicleView
 
 
 class Reset(NamedTuple):
-    """The quantities that the estimator has reset since the last call."""
+    """The quantities that the estimator has reset since the last call of `EstimateResets.take`."""
 
     horizontal_velocity: bool
     vertical_velocity: bool

@@ -5,11 +5,14 @@ from __future__ import annotations
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.vehicle_view import VehicleView
 
-FAILED_AFTER_S, NO_DATA_AFTER_S = 0.3, 1.0
-"""Time without data after which PX4 reports a failed driver, and after which the data counts as invalid."""
+FAILED_AFTER_S = 0.3
+"""PX4 reports a failed driver after this time without data."""
+NO_DATA_AFTER_S = 1.0
+"""The arming check fails after this time without data."""
 STALE, TIMEOUT = 2, 4
 """Bits of sensor_failover_reason_t."""
 FIX_3D = 3
+"""GPS_FIX_TYPE."""
 
 
 class SensorWatch:
@@ -22,7 +25,7 @@ class SensorWatch:
         self._gnss_used = False
 
     def update(self, *, armed: bool) -> None:
-        """Call it before each arming check; the use of GNSS is reported only while armed."""
+        """Reports changes; call before each arming check. The use of GNSS is reported only while armed."""
         view, i = self._view, self._view.row
         now_s, sensors = view.time_s, view.simulation.sensors
         for name, fresh, stale in (
@@ -35,14 +38,14 @@ class SensorWatch:
                 self._failed[name] = False
             elif not self._failed[name] and (stale or now_s - self._received_at_s[name] >= FAILED_AFTER_S):
                 self._failed[name] = True
-                reason, word = (STALE, "STALE") if stale else (TIMEOUT, "TIMEOUT")
-                self._announcer.text(0, f"{name.upper()} #0 failed:  {word}!\t")
+                reason, reason_text = (STALE, "STALE") if stale else (TIMEOUT, "TIMEOUT")
+                self._announcer.text(0, f"{name.upper()} #0 failed:  {reason_text}!\t")
                 self._announcer.event(f"sensor_failover_{name}", "BH", 0, reason)
-        used = view.simulation.fusion.gnss_pos.item(i)
-        if used != self._gnss_used:
+        gnss_used = view.simulation.fusion.gnss_pos.item(i)
+        if gnss_used != self._gnss_used:
             if armed:
-                self._announcer.event(f"check_estimator_gnss_fusion_{'started' if used else 'stopped'}")
-            self._gnss_used = used
+                self._announcer.event(f"check_estimator_gnss_fusion_{'started' if gnss_used else 'stopped'}")
+            self._gnss_used = gnss_used
 
     def note_fresh_data(self) -> None:
         """Replaces `update` while both sensors send fresh data and the use of GNSS has not changed."""

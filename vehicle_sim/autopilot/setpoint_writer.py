@@ -37,22 +37,23 @@ class SetpointWriter:
     def __init__(self, view: VehicleView) -> None:
         self._setpoints = view.simulation.setpoints
         self._simulation = view.simulation
-        self._i = view.row
-        self._position = float_view(self._setpoints.position_ned_m[self._i])
-        self._velocity = float_view(self._setpoints.velocity_ned_m_s[self._i])
-        self._acceleration = float_view(self._setpoints.acceleration_ned_m_s2[self._i])
-        # Views of whole columns (all vehicles), for the values that are written every tick.
-        all_rows = self._setpoints
-        self._level, self._in_air = _int_view(all_rows.level), bool_view(all_rows.in_air)
-        self._yaw, self._yaw_rate = float_view(all_rows.yaw_ned_rad), float_view(all_rows.yaw_rate_ned_rad_s)
-        self._ramping, self._landed = bool_view(all_rows.ramp_thrust), bool_view(all_rows.landed)
+        self._row = view.row
+        self._position = float_view(self._setpoints.position_ned_m[self._row])
+        self._velocity = float_view(self._setpoints.velocity_ned_m_s[self._row])
+        self._acceleration = float_view(self._setpoints.acceleration_ned_m_s2[self._row])
+        # Views of the arrays of all vehicles, for the values that are written every tick.
+        setpoints = self._setpoints
+        self._level, self._in_air = _int_view(setpoints.level), bool_view(setpoints.in_air)
+        self._yaw = float_view(setpoints.yaw_ned_rad)
+        self._yaw_rate = float_view(setpoints.yaw_rate_ned_rad_s)
+        self._ramping, self._landed = bool_view(setpoints.ramp_thrust), bool_view(setpoints.landed)
         self._climb_limit, self._min_thrust = (
-            float_view(all_rows.climb_limit_m_s),
-            float_view(all_rows.min_thrust),
+            float_view(setpoints.climb_limit_m_s),
+            float_view(setpoints.min_thrust),
         )
         self._tilt_limit, self._descent_limit = (
-            float_view(all_rows.tilt_limit_rad),
-            float_view(all_rows.descent_limit_m_s),
+            float_view(setpoints.tilt_limit_rad),
+            float_view(setpoints.descent_limit_m_s),
         )
 
     def trajectory(
@@ -63,8 +64,8 @@ class SetpointWriter:
         yaw_ned_rad: float = math.nan,
         yaw_rate_ned_rad_s: float = math.nan,
     ) -> None:
-        """Writes position, velocity and acceleration; NaN: not controlled."""
-        i = self._i
+        """Writes position, velocity, acceleration, yaw and yaw rate; NaN: not controlled."""
+        i = self._row
         self._level[i] = _TRAJECTORY
         position, velocity, acceleration = self._position, self._velocity, self._acceleration
         position[0], position[1], position[2] = position_ned_m
@@ -80,7 +81,7 @@ class SetpointWriter:
     @property
     def below_trajectory(self) -> bool:
         """Whether the last setpoint bypasses the position controller."""
-        return self._level[self._i] < _TRAJECTORY
+        return self._level[self._row] < _TRAJECTORY
 
     @property
     def setpoint_down_m_s(self) -> float:
@@ -90,8 +91,8 @@ class SetpointWriter:
     def attitude(
         self, q_ned_frd: tuple[float, float, float, float], thrust: float, yaw_rate_ned_rad_s: float
     ) -> None:
-        """Writes attitude and collective thrust."""
-        s, i = self._setpoints, self._i
+        """Writes attitude, collective thrust and yaw rate (NaN: not controlled)."""
+        s, i = self._setpoints, self._row
         s.level[i] = ControlLevel.ATTITUDE
         s.q_ned_frd[i] = q_ned_frd
         s.thrust[i] = thrust
@@ -99,15 +100,15 @@ class SetpointWriter:
 
     def rates(self, rates_frd_rad_s: Vector, thrust: float) -> None:
         """Writes body rates and collective thrust."""
-        s, i = self._setpoints, self._i
+        s, i = self._setpoints, self._row
         s.level[i] = ControlLevel.RATES
         s.rates_frd_rad_s[i] = rates_frd_rad_s
         s.thrust[i] = thrust
 
-    def override_level(self, q_ned_frd: tuple[float, float, float, float] | None, rates_frd_rad_s: Vector,
+    def override_attitude(self, q_ned_frd: tuple[float, float, float, float] | None, rates_frd_rad_s: Vector,
                thrust: float) -> None:  # fmt: skip
-        """Overrides attitude or body rates until the next output of the outer controllers."""
-        s, i = self._setpoints, self._i
+        """Overrides the attitude (None: the body rates) until the next output of the outer controllers."""
+        s, i = self._setpoints, self._row
         s.thrust[i] = thrust
         if q_ned_frd is not None:
             s.q_ned_frd[i] = q_ned_frd
@@ -118,7 +119,7 @@ class SetpointWriter:
 
     def override_motors(self, thrust: float, torque_frd: Vector, signals: tuple[float, ...]) -> None:
         """Overrides the motor signals for one step, or thrust and torque if there are no signals."""
-        s, i = self._setpoints, self._i
+        s, i = self._setpoints, self._row
         if signals:
             s.motors[i, : len(signals)] = signals
             s.override_level[i] = ControlLevel.MOTORS
@@ -128,35 +129,35 @@ class SetpointWriter:
 
     def thrust_torque(self, thrust: float, torque_frd: Vector) -> None:
         """Writes collective thrust 0..1 and normalised torques, which bypass the rate controller."""
-        s, i = self._setpoints, self._i
+        s, i = self._setpoints, self._row
         s.level[i] = ControlLevel.THRUST_TORQUE
         s.thrust[i] = thrust
         s.torque_frd[i] = torque_frd
 
     def motors(self, signals: tuple[float, ...]) -> None:
         """Writes motor signals, which bypass the mixer; NaN: stopped."""
-        s, i = self._setpoints, self._i
+        s, i = self._setpoints, self._row
         s.level[i] = ControlLevel.MOTORS
         s.motors[i] = np.nan
         s.motors[i, : len(signals)] = signals
 
     def freeze_motors(self) -> None:
         """Writes the last motor signals again, with all controllers off."""
-        pulses = self._simulation.motors_us[self._i].tolist()
-        self.motors(tuple((each - 1000.0) / 1000.0 if each >= 1000.0 else math.nan for each in pulses))
+        pulses_us = self._simulation.motors_us[self._row].tolist()
+        self.motors(tuple((each - 1000.0) / 1000.0 if each >= 1000.0 else math.nan for each in pulses_us))
 
     def disable_controllers(self) -> None:
         """Disables all controllers; armed motors run at idle."""
-        self._setpoints.clear(self._i)
-        self._setpoints.level[self._i] = ControlLevel.DISARMED
+        self._setpoints.clear(self._row)
+        self._setpoints.level[self._row] = ControlLevel.DISARMED
 
     def set_armed(self, armed: bool) -> None:
         """Sets whether the motors may run."""
-        self._setpoints.armed[self._i] = armed
+        self._setpoints.armed[self._row] = armed
 
     def set_in_air(self, in_air: bool) -> None:
         """Sets whether the land detector reports a flight."""
-        self._in_air[self._i] = in_air
+        self._in_air[self._row] = in_air
 
     def set_limits(
         self,
@@ -169,7 +170,7 @@ class SetpointWriter:
         tilt_limit_rad: float,
     ) -> None:
         """Sets the limits of the position controller for this tick."""
-        i = self._i
+        i = self._row
         self._ramping[i] = ramping
         self._landed[i] = landed
         self._climb_limit[i] = climb_limit_m_s

@@ -1,4 +1,4 @@
-"""Mission mode: selects the current item, executes it, and detects its end."""
+"""Mission mode: selects the current item, executes the item, and detects when the item is finished."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from vehicle_sim.geodesy import to_local
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
-ITEMS_PER_TICK = 20
-"""Maximum items per tick: items without a position are executed immediately, and jumps may form a loop."""
+MAX_ITEMS_PER_TICK = 20
+"""Limit for loops of jumps: jumps and items without a position are executed immediately."""
 
 
 class Phase(Enum):
-    """Phase of the current item."""
+    """Phase of the current item. NONE: not started; WAIT: no position to fly to, or no autocontinue."""
 
     NONE = "none"
     TAKEOFF = "takeoff"
@@ -72,18 +72,18 @@ class Mission:
         self.current = 0
         self.reached: int | None = None
         self.reached_count = 0
-        """Number of items reached so far; each increase is reported."""
-        self.finished = False
-        self.active = False
+        """Number of items reached since boot; each increase is reported."""
+        self.finished = self.active = False
         self._phase = Phase.NONE
         self._arrived_at_s = math.nan
         self._jump_counts: dict[int, int] = {}
         self._revision = 0
         self._needs_takeoff = True
         self._disarmed_after_start = False
-        self._validity: tuple[object, bool] = (None, False)
-        self._validity_inputs: tuple[object, ...] = ()
-        """Inputs of the feasibility check at the last check."""
+        self._is_valid = False
+        self._last_changes: tuple[object, ...] = ()
+        """Compared before `_feasibility_inputs`, because reading these values is fast."""
+        self._feasibility_inputs: tuple[object, ...] = ()
 
     # --- the plan --------------------------------------------------------------------------------------
 
@@ -93,17 +93,17 @@ class Mission:
 
     def valid(self, *, landed: bool) -> bool:
         """Whether the plan passes the feasibility check; reports the findings of a changed plan once."""
-        inputs = self._plans.changes, self._home.set_at_us, self._home.valid, self._view.parameter_changes
-        if inputs == self._validity_inputs:
-            return self._validity[1]
-        self._validity_inputs = inputs
-        key = (
+        changes = self._plans.changes, self._home.set_at_us, self._home.valid, self._view.parameter_changes
+        if changes == self._last_changes:
+            return self._is_valid
+        self._last_changes = changes
+        inputs = (
             self._plans.revision(MISSION), self._plans.revision(FENCE), self._home.set_at_us,
             self._home.valid, self._fence.limits(),
         )  # fmt: skip
-        if self._validity[0] != key:
-            self._validity = (key, self._check_feasibility(landed))
-        return self._validity[1]
+        if self._feasibility_inputs != inputs:
+            self._feasibility_inputs, self._is_valid = inputs, self._check_feasibility(landed)
+        return self._is_valid
 
     def _check_feasibility(self, landed: bool) -> bool:
         if not self._items:
@@ -117,7 +117,7 @@ class Mission:
                 zones=self._fence.zones,
                 cylinder=self._fence.cylinder(),
                 landed=landed,
-                required=self._view.optional_choice("MIS_TKO_LAND_REQ", 0),
+                required_items=self._view.optional_choice("MIS_TKO_LAND_REQ", 0),
                 fence_active=self._view.choice("GF_ACTION") != 0,
             ),
         )
@@ -150,13 +150,12 @@ class Mission:
         return None
 
     def set_current(self, seq: int) -> bool:
-        """Continues with another item."""
+        """Makes an item the current item; False: no item has this index."""
         if not 0 <= seq < len(self._items):
             return False
         if seq != self.current:
             self._replay.left_at_seq = None
-        self.current, self.finished = seq, False
-        self._phase = Phase.NONE
+        self.current, self.finished, self._phase = seq, False, Phase.NONE
         return True
 
     # --- the mode --------------------------------------------------------------------------------------
@@ -186,7 +185,7 @@ class Mission:
         """Runs one tick: starts items, and continues with the next item when an item is finished."""
         if self.finished or not self.valid(landed=landed):
             return
-        for _ in range(ITEMS_PER_TICK):
+        for _ in range(MAX_ITEMS_PER_TICK):
             item = self._items[self.current]
             if item.command == JUMP and self._phase is Phase.NONE:
                 if not self._jump(item):
@@ -194,9 +193,7 @@ class Mission:
                 continue
             if self._phase is Phase.NONE:
                 self._begin(item, landed)
-            if not self._is_finished(item, landed):
-                break
-            if not self._complete(item, landed):
+            if not self._is_finished(item, landed) or not self._complete(item, landed):
                 break
 
     def _begin(self, item: Item, landed: bool) -> None:
@@ -208,14 +205,14 @@ class Mission:
             if item.command == GATE:
                 self._fly_to(self._position_of(item), self._next_target(self.current), item)
             return
-        takeoff_amsl_m = self._takeoff_altitude(item, landed)
+        takeoff_amsl_m = self._takeoff_amsl_m(item, landed)
         if self._needs_takeoff and self._must_climb(item, takeoff_amsl_m, landed):
             self._needs_takeoff = False
             self._phase = Phase.TAKEOFF
             self._climb.begin(takeoff_amsl_m)
-            above_m = takeoff_amsl_m - self._home.alt_amsl_m
-            text = f"Climb to {above_m:.1f} meters above home"
-            self._announcer.announce(6, text, "mission_climb_before_start", "f", above_m)
+            above_home_m = takeoff_amsl_m - self._home.alt_amsl_m
+            text = f"Climb to {above_home_m:.1f} meters above home"
+            self._announcer.announce(6, text, "mission_climb_before_start", "f", above_home_m)
             return
         self._needs_takeoff = False
         self._replay.after_climb()
@@ -228,7 +225,7 @@ class Mission:
     def _fly_to(self, target: Vector, next_target: Vector | None, item: Item) -> None:
         if item.hold_time_s() > 0.0 or item.command in (LAND, LOITER_UNLIMITED):
             next_target = None
-        self._leg.set(target, next_target, self._acceptance(item))
+        self._leg.set(target, next_target, self._acceptance_m(item))
         self.heading.item_yaw_rad = item.yaw_rad()
 
     def _jump(self, item: Item) -> bool:
@@ -244,7 +241,8 @@ class Mission:
 
     def _is_finished(self, item: Item, landed: bool) -> bool:
         if self._phase is Phase.TAKEOFF:
-            if self._view.estimate.alt_amsl_m > self._climb.goal_alt_amsl_m - self._altitude_acceptance(item):
+            end_amsl_m = self._climb.goal_alt_amsl_m - self._altitude_acceptance_m(item)
+            if self._view.estimate.alt_amsl_m > end_amsl_m:
                 self._phase = Phase.NONE
                 self._leg.restart()
                 self._begin(item, landed)
@@ -293,13 +291,14 @@ class Mission:
         return (next_target[0] - gn) * (n - gn) + (next_target[1] - ge) * (e - ge) >= 0.0
 
     def _complete(self, item: Item, landed: bool) -> bool:
+        """Reports the item as reached, and continues; False: the mission waits or has ended."""
         self.reached = self.current
         self.reached_count += 1
-        self._phase = Phase.NONE
         if not item.autocontinue:
             self._phase = Phase.WAIT
-            self._arrived_at_s = math.inf
+            self._arrived_at_s = math.inf  # the hold time never ends
             return False
+        self._phase = Phase.NONE
         return self._advance(landed)
 
     def _advance(self, landed: bool) -> bool:
@@ -331,28 +330,29 @@ class Mission:
         item = next_position(self._items, seq, self._jump_counts)
         return None if item is None else self._position_of(item)
 
-    def _acceptance(self, item: Item) -> float:
-        given = item.parameters[1] if item.command == WAYPOINT else 0.0
-        return given if math.isfinite(given) and abs(given) > 0.001 else self._view.parameter("NAV_ACC_RAD")
+    def _acceptance_m(self, item: Item) -> float:
+        radius_m = item.parameters[1] if item.command == WAYPOINT else 0.0
+        is_set = math.isfinite(radius_m) and abs(radius_m) > 0.001
+        return radius_m if is_set else self._view.parameter("NAV_ACC_RAD")
 
-    def _altitude_acceptance(self, item: Item) -> float:
+    def _altitude_acceptance_m(self, item: Item) -> float:
         default_m = self._view.parameter("NAV_MC_ALT_RAD")
         above_home_m = self._climb.goal_alt_amsl_m - self._home.alt_amsl_m
-        low = item.command == TAKEOFF and 0.0 < above_home_m < default_m
-        return above_home_m / 2.0 if low else default_m
+        is_low_takeoff = item.command == TAKEOFF and 0.0 < above_home_m < default_m
+        return above_home_m / 2.0 if is_low_takeoff else default_m
 
-    def _takeoff_altitude(self, item: Item, landed: bool) -> float:
-        ground = self._view.estimate.alt_amsl_m if landed else self._home.alt_amsl_m
-        lowest = ground + self._view.parameter("MIS_TAKEOFF_ALT")
-        return max(lowest, item.alt_amsl_m(self._home.alt_amsl_m))
+    def _takeoff_amsl_m(self, item: Item, landed: bool) -> float:
+        ground_amsl_m = self._view.estimate.alt_amsl_m if landed else self._home.alt_amsl_m
+        min_amsl_m = ground_amsl_m + self._view.parameter("MIS_TAKEOFF_ALT")
+        return max(min_amsl_m, item.alt_amsl_m(self._home.alt_amsl_m))
 
     def _must_climb(self, item: Item, takeoff_amsl_m: float, landed: bool) -> bool:
         if item.command == LAND:
             return False
         if landed:
             return True
-        low = self._view.estimate.alt_amsl_m <= takeoff_amsl_m - self._view.parameter("NAV_MC_ALT_RAD")
-        return item.command == TAKEOFF and low
+        max_amsl_m = takeoff_amsl_m - self._view.parameter("NAV_MC_ALT_RAD")
+        return item.command == TAKEOFF and self._view.estimate.alt_amsl_m <= max_amsl_m
 
     # --- flying ----------------------------------------------------------------------------------------
 
@@ -369,7 +369,7 @@ class Mission:
 
     @property
     def taking_off(self) -> bool:
-        """Whether the vehicle climbs to the take-off altitude before it flies to an item."""
+        """Whether the vehicle climbs to the take-off altitude before the flight to the first item."""
         return self._phase is Phase.TAKEOFF
 
     @property
@@ -383,7 +383,7 @@ class Mission:
             return None
         item = self._items[self.current]
         if self._phase is Phase.TAKEOFF:
-            end_amsl_m = self._climb.goal_alt_amsl_m - self._altitude_acceptance(item)
+            end_amsl_m = self._climb.goal_alt_amsl_m - self._altitude_acceptance_m(item)
             return self._climb.steady_task(end_alt_amsl_m=end_amsl_m)
         if self._phase is Phase.LAND:
             return self._descent.steady_task()
@@ -395,5 +395,5 @@ class Mission:
         return self._leg.steady_task(self.heading, arrived_at_s, item.hold_time_s())
 
     def commanded_state(self) -> tuple[object, ...]:
-        """State that commands can change between two ticks."""
+        """State that commands can change between two ticks; for comparison."""
         return self.current, self._phase, self._arrived_at_s, self._leg.triplet, self.heading.item_yaw_rad
