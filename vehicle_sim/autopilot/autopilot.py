@@ -72,7 +72,7 @@ class Autopilot:
         self.steady = False
         """Whether the next tick may run in the compiled loops (`SteadyTicks`)."""
         self.ran_full_tick = True
-        """Whether the last tick was a full tick, not a tick of the compiled loops."""
+        """Whether the last tick was a full tick, not a tick in the compiled loops."""
         self._state_at_steady_start: tuple[object, ...] = ()
         self.steady_limits = SteadyLimits.for_vehicle(view)
         self._steady_limits_revision = view.parameter_changes
@@ -130,7 +130,7 @@ class Autopilot:
     def _steady_task(self) -> SteadyTask | None:
         commander, detector = self.commander, self.land_detector
         overridden = self._goto.goal or self.offboard.has_topic_setpoints or self.sticks.moved
-        if overridden or commander.external.has_modes or not commander.settled:
+        if overridden or commander.external.has_modes or not commander.allows_steady_flight:
             return None
         if is_on_ground_or_ramping(self.takeoff, detector):
             return ground_task(self.view, commander, self.navigator, self.takeoff, detector)
@@ -164,7 +164,7 @@ class Autopilot:
         return active is NavState.OFFBOARD or is_external(active)
 
     def _select_setpoints(self) -> None:
-        """Selects the kind of setpoints that an external mode sends, by its controllers."""
+        """Selects the kind of setpoints by the controllers of an external mode, or restores the Offboard kind."""
         active = self.commander.active
         if is_external(active):
             self.offboard.select_kind(kind_for_controllers(self.commander.external.controllers(active)))

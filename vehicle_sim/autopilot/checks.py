@@ -255,7 +255,7 @@ class Checks:
         Args:
             texts: whether to send the status texts of a new battery level and of a missing ground station.
         """
-        before = self._announced
+        previous = self._announced
         if self._view.time_s <= FIRST_REPORT_AFTER_S:
             return
         self._announced, self._announced_at_s = self.report, self._view.time_s
@@ -263,10 +263,10 @@ class Checks:
         health.send_report(self.report, self._announcer)
         if not texts:
             return
-        new = {finding.event for finding in self.report.findings}
-        old = {finding.event for finding in before.findings} if before else set[str]()
+        new_events = {finding.event for finding in self.report.findings}
+        old_events = {finding.event for finding in previous.findings} if previous else set[str]()
         for event, text in BATTERY_TEXTS.items():
-            if event in new - old:
+            if event in new_events - old_events:
                 self._announcer.text(0, text + "\t")
-        if "check_rc_dl_no_dllink" in new - old and not math.isfinite(self.gcs_heartbeat_at_s):
+        if "check_rc_dl_no_dllink" in new_events - old_events and not math.isfinite(self.gcs_heartbeat_at_s):
             self._announcer.text(4, "Preflight Fail: No connection to the ground control station\t")

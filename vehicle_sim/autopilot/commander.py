@@ -226,14 +226,14 @@ class Commander:
         if self._ticks % CHECK_EVERY_TICKS != 0 or self._check_skipper.skip_if_unchanged(self.armed_at_s):
             return True
         self._run_checks()
-        if self.settled:
+        if self.allows_steady_flight:
             self._check_skipper.store_inputs(self.armed_at_s)
             return True
         self._update_mode(self.landed)
         return False
 
     @property
-    def settled(self) -> bool:
+    def allows_steady_flight(self) -> bool:
         """Whether the vehicle is armed, no failsafe acts, no monitor needs updates and no check is due."""
         if not self.armed or self.terminated or self.failsafe.action is not Action.NONE:
             return False
@@ -276,13 +276,13 @@ class Commander:
         ends_takeoff = taking_off and not self.external.executor_in_charge
         if ends_takeoff and self._navigator.takeoff_finished(self.active):
             starts_mission = self._view.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
-            self._continue_in(NavState.MISSION if starts_mission else NavState.HOLD)
+            self._switch_after_task(NavState.MISSION if starts_mission else NavState.HOLD)
             return
         ended = mission.finished or not self.checks.has_mission
         if ended and self.active is NavState.MISSION and not self.landed:
-            self._continue_in(NavState.HOLD)
+            self._switch_after_task(NavState.HOLD)
 
-    def _continue_in(self, mode: NavState) -> None:
+    def _switch_after_task(self, mode: NavState) -> None:
         self.intended = self._mode_after_disarming = mode
         self.external.on_mode_change(mode)
         self._activate(mode)
@@ -316,18 +316,18 @@ class Commander:
             return
         externally_commanded = self.intended is NavState.OFFBOARD or is_external(self.intended)
         may_act = not self.landed or self.took_off or externally_commanded
-        before = self.failsafe
+        previous = self.failsafe
         decision = self.failsafe_watch.update(
             self.intended,
             armed_for_s=self._view.time_s - self.armed_at_s,
             may_act=may_act or self.monitors.attitude_failure,
             overrides=self.external.overrides(self.active),
         )
-        if decision is before or decision == before:
+        if decision is previous or decision == previous:
             return
         if decision.action > Action.WARN:
             self._execute(decision.action)
-        elif before.action > Action.WARN:
+        elif previous.action > Action.WARN:
             self._activate(self.intended)
 
     @property

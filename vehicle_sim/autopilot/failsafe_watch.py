@@ -83,7 +83,7 @@ class FailsafeWatch:
             self._conditions = Conditions._make((*values, *self._parameter_values))
             self._flight_actions = flight_actions(self._conditions)
         actions = self._flight_actions if may_act else ground_actions(self._conditions)
-        before = self.decision
+        previous = self.decision
         self._failsafe.defer(overrides.defer_failsafes, overrides.defer_timeout_s)
         self.decision = self._failsafe.update(
             self._view.time_s,
@@ -92,8 +92,8 @@ class FailsafeWatch:
             can_run=self._can_run,
             delay_s=self._view.parameter("COM_FAIL_ACT_T"),
         )
-        if self.decision is not before and self.decision != before:
-            self._announce(before, self.decision, intended)
+        if self.decision is not previous and self.decision != previous:
+            self._announce(previous, self.decision, intended)
         return self.decision
 
     def _can_run(self, mode: NavState) -> bool:
@@ -150,14 +150,14 @@ class FailsafeWatch:
             )
         return MODES[mode].needs_position
 
-    def _announce(self, before: Decision, decision: Decision, intended: NavState) -> None:
+    def _announce(self, previous: Decision, decision: Decision, intended: NavState) -> None:
         custom_mode, delay_s = MODES[intended].custom_mode, self._view.parameter("COM_FAIL_ACT_T")
         announcer, action, cause = self._announcer, decision.action, decision.cause
-        if action is Action.NONE or (decision.pending and before.pending):
+        if action is Action.NONE or (decision.pending and previous.pending):
             return
         self._checks.announce_changes()
         if action is Action.WARN:
-            if before.action <= Action.WARN:
+            if previous.action <= Action.WARN:
                 self._warn(cause, custom_mode)
             return
         if decision.pending:
@@ -176,7 +176,7 @@ class FailsafeWatch:
                 )
             announcer.announce(2, text, name, argument_format, custom_mode, decision.pending, *values)
             return
-        if action == before.action and not before.pending:
+        if action == previous.action and not previous.pending:
             return
         if cause is not Cause.GENERIC:
             announcer.announce(

@@ -15,14 +15,14 @@ from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS, Requi
 
 EVERY_MODE = 0xFFFFFFFF
 
+COMPONENT_ABSOLUTE_PRESSURE = 1
+COMPONENT_GPS = 3
 COMPONENT_OPTICAL_FLOW = 4
 COMPONENT_DISTANCE_SENSOR = 6
 COMPONENT_REMOTE = 7
 COMPONENT_BATTERY = 11
 COMPONENT_REMOTE_LINK = 12
 COMPONENT_LOCAL_POSITION = 17
-COMPONENT_ABSOLUTE_PRESSURE = 1
-COMPONENT_GPS = 3
 COMPONENT_SYSTEM = 20
 COMPONENT_GLOBAL_POSITION = 24
 COMPONENT_PARACHUTE = 26
@@ -30,6 +30,7 @@ COMPONENT_MAGNETOMETER = 27
 COMPONENT_ACCELEROMETER = 28
 COMPONENT_GYRO = 29
 COMPONENT_OPEN_DRONE_ID = 30
+"""Health components of PX4's events; numbers are bits of the masks of components."""
 WARNING = 4
 """Log level: lower levels are errors, higher levels are neither errors nor warnings."""
 GPS_PROBLEMS = {
@@ -50,7 +51,7 @@ COMPASS_COUNT = 1
 
 PRESENT_COMPONENTS = 0x38021C0A
 """Bit mask of the health components of a simulated PX4, recorded from its health summary."""
-GPS_PRESENT = 0x08
+GPS_PRESENT = 1 << COMPONENT_GPS
 """Bit of PRESENT_COMPONENTS that is set only while GNSS is fused."""
 MAG_PRESENT = 1 << COMPONENT_MAGNETOMETER
 """Bit of PRESENT_COMPONENTS that is set only while the magnetometer sends data."""

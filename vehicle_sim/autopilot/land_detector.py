@@ -31,7 +31,7 @@ class LandedState(IntEnum):
 
 LOW_THRUST_FRACTION = 0.3
 """Limit of low thrust: 0 is the minimum thrust MPC_THR_MIN, 1 the hover thrust MPC_THR_HOVER."""
-LOW_THRUST_FRACTION_ESTIMATED = 0.6
+LOW_THRUST_FRACTION_WITH_ESTIMATE = 0.6
 """Limit of low thrust if the hover thrust is estimated."""
 MIN_THRUST_FRACTION = 0.1
 """Limit of minimum thrust, on the same scale."""
@@ -203,7 +203,7 @@ def detect(
         or vertical_m_s >= limits[_CLIMB_MAX] * landed_factor
         or math.hypot(vn, ve) > limits[_HORIZONTAL_MAX]
     )
-    fraction = LOW_THRUST_FRACTION_ESTIMATED if hover_known else LOW_THRUST_FRACTION
+    fraction = LOW_THRUST_FRACTION_WITH_ESTIMATE if hover_known else LOW_THRUST_FRACTION
     low_thrust = thrust <= _thrust_level(limits[_THRUST_MIN], hover_thrust, fraction)
     wants_descent = not climb_rate_controlled or setpoint_down >= DESCENT_FACTOR * limits[_CLIMB_MAX]
     may_descend = wants_descent or state[MAYBE_LANDED] != 0.0 or state[LANDED] != 0.0

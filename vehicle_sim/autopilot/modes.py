@@ -82,6 +82,7 @@ _UNAVAILABLE = "(Mode not available)"
 MODES: dict[NavState, Mode] = {
     mode.state: mode
     for mode in (
+        # State, main mode, sub mode, name, listed name, standard mode, properties, index.
         Mode(_S.MANUAL, 1, 0, "Manual", "Manual", 0, 1, 1, needs_sticks=True),
         Mode(_S.ALTITUDE, 2, 0, "Altitude", "", 4, 0, 2, needs_sticks=True),
         Mode(_S.POSITION, 3, 0, "Position", "", 1, 0, 3, needs_sticks=True, needs_position=True),

@@ -50,7 +50,6 @@ class Navigator:
         arrays: TickArrays,
     ) -> None:
         self._view = view
-        self._announcer = announcer
         self._setpoints = setpoints
         self._commands = commands
         self.home = home
@@ -65,7 +64,7 @@ class Navigator:
             view, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
         )
         self._landing_position: Vector = (0.0, 0.0, 0.0)
-        commands.add_handlers({CHANGE_SPEED: lambda p: self.change_speed(p[0], p[1])})
+        commands.add_handlers({CHANGE_SPEED: lambda values: self.change_speed(values[0], values[1])})
 
     # --- commands -------------------------------------------------------------------------------------
 

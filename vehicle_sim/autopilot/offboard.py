@@ -186,7 +186,7 @@ class Offboard:
     def receive_local_target(
         self, frame: int, mask: int, p: Vector, v: Vector, a: Vector, yaw_rad: float, yaw_rate_rad_s: float
     ) -> None:
-        """Handles SET_POSITION_TARGET_LOCAL_NED."""
+        """Handles SET_POSITION_TARGET_LOCAL_NED; `p`, `v` and `a` are position, velocity and acceleration."""
         if frame not in (LOCAL_NED, BODY_NED):
             self.invalid = True
             self._announcer.announce(

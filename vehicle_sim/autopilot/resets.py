@@ -50,11 +50,11 @@ class EstimateResets:
 
     def take(self) -> Reset | None:
         """The resets since the last call; None: no reset. Call it once per tick."""
-        before, self._counts = self._counts, self._counters()
+        previous, self._counts = self._counts, self._counters()
         old_rad = self._heading_rad[0]
         new_rad = self._heading_rad[0] = self._view.estimate.yaw_ned_rad
-        if self._counts == before:
+        if self._counts == previous:
             return None
-        changed = [new != old for new, old in zip(self._counts, before, strict=True)]
+        changed = [new != old for new, old in zip(self._counts, previous, strict=True)]
         turned_rad = wrap_angle(new_rad - old_rad) if changed[4] else 0.0
         return Reset(changed[0], changed[1], changed[2], changed[3], turned_rad)

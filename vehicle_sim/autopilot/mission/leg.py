@@ -45,10 +45,10 @@ class Leg:
         """The motion until arrival, or after arrival until the hold time ends; None: the heading depends on
         the motion, or the trajectory does not follow the leg yet."""
         path, (target_n, target_e, _) = self._path, self.target_ned_m
-        faced = heading.fixed_target(self.target_ned_m, self.acceptance_m)
-        if faced is None or not path.follows(self._triplet):
+        fixed_target = heading.fixed_target(self.target_ned_m, self.acceptance_m)
+        if fixed_target is None or not path.follows(self._triplet):
             return None
-        face_n, face_e, min_distance_m = faced
+        face_n, face_e, min_distance_m = fixed_target
         task = SteadyTask(
             Motion.LEG, path.cruise_m_s, path.climb_m_s, path.descent_m_s,
             face_north_m=face_n, face_east_m=face_e, face_min_distance_m=min_distance_m,
