@@ -164,7 +164,7 @@ class Autopilot:
         return active is NavState.OFFBOARD or is_external(active)
 
     def _select_setpoints(self) -> None:
-        """Selects the kind of setpoints by the controllers of an external mode, or restores the Offboard kind."""
+        """Selects the kind of setpoints that an external mode sends, or restores the kind of Offboard."""
         active = self.commander.active
         if is_external(active):
             self.offboard.select_kind(kind_for_controllers(self.commander.external.controllers(active)))

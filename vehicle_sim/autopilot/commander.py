@@ -270,7 +270,7 @@ class Commander:
         self.checks.has_mission = mission.valid(landed=self.landed)
 
     def _end_task(self) -> None:
-        """Switches to Hold after a finished take-off or mission."""
+        """Switches to Hold after a mission, and after a take-off to Hold or Mission (COM_TAKEOFF_ACT)."""
         mission = self._navigator.mission
         taking_off = self.active is NavState.TAKEOFF and not self.landed
         ends_takeoff = taking_off and not self.external.executor_in_charge

@@ -110,7 +110,7 @@ class Failsafe:
 
     def __init__(self) -> None:
         self._actions: dict[str, ActionOptions] = {}
-        """Actions by name of the failure condition; an action can last longer (`ClearCondition`)."""
+        """Actions by name of the failure condition; `ClearCondition` defines when an action is removed."""
         self._existing_conditions: frozenset[str] = frozenset()
         """Names of the conditions that existed at the last check."""
         self._taken_over = False
@@ -130,7 +130,7 @@ class Failsafe:
         return DEFERRAL_ENABLED if self._deferred_since_s is None else FAILSAFE_DEFERRED
 
     def defer(self, enabled: bool, timeout_s: int) -> None:
-        """Enables or disables the deferral of failsafes; ignores `enabled` while a failsafe acts.
+        """Enables or disables the deferral of failsafes; while a failsafe acts, only disabling has an effect.
 
         Args:
             enabled: True enables the deferral.
@@ -168,7 +168,7 @@ class Failsafe:
         can_run: Callable[[NavState], bool],
         delay_s: float,
     ) -> Decision:
-        """Updates the decision; call it at each check while armed (10 Hz; 50 Hz while a failsafe acts)."""
+        """Updates the decision; called at each check while armed (10 Hz; 50 Hz while a failsafe acts)."""
         if not actions and not self._actions:  # the usual case
             self._deferred_since_s, self._acts_at_s = None, None
             self._taken_over, self._decision = False, NO_FAILSAFE

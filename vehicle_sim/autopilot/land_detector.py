@@ -38,7 +38,7 @@ MIN_THRUST_FRACTION = 0.1
 LANDED_FACTOR = 2.5
 """Factor on the limits of vertical speed and rotation after a landing."""
 DESCENT_FACTOR = 1.1
-"""A setpoint with more than this factor times LNDMC_Z_VEL_MAX downwards counts as a descent."""
+"""A setpoint that descends at this factor times LNDMC_Z_VEL_MAX or faster counts as a descent."""
 NEAR_GROUND_M = 1.0
 """A larger height above ground prevents ground contact."""
 NO_RANGE_FACTOR = 3.0

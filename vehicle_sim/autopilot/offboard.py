@@ -109,10 +109,10 @@ class Offboard:
         """Kind of the Offboard stream, saved while an external mode is active; None: no external mode is
         active."""
         self._topic_setpoints: dict[ControlLevel, Setpoint] = {}
-        """Newest setpoint of the uORB setpoint topics, by its control level."""
+        """Newest setpoints of the uORB topics, by control level."""
         self.setpoint = Setpoint()
         self.invalid_attitude: tuple[float, float, float, float] | None = None
-        """The newest attitude if it is invalid (zeros or NaN): PX4 reports it, but does not control it."""
+        """The newest attitude if invalid (zeros or NaN): PX4 reports this attitude, but does not control it."""
         self.reported_thrust = math.nan
         """Thrust of the newest attitude or rates message; PX4 reports it without its sign."""
         self.invalid = False
@@ -329,7 +329,7 @@ class Offboard:
 
 
 def kind_for_controllers(controllers: Controllers) -> SetpointKind:
-    """The kind of setpoints that an external mode sends, by the controllers that it has selected."""
+    """The kind of setpoints that an external mode sends, by the controllers that the mode has selected."""
     if controllers.trajectory:
         return SetpointKind.POSITION
     if controllers.attitude:

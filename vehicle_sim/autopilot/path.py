@@ -122,7 +122,7 @@ class Path:
 
     @property
     def starts_takeoff(self) -> bool:
-        """Whether the trajectory to the target climbs fast enough to take off a vehicle on the ground."""
+        """Whether the trajectory climbs so fast that a vehicle on the ground takes off."""
         north, east, down = self.target_ned_m
         if north is None or east is None or down is None:
             return False
@@ -136,7 +136,7 @@ class Path:
         return (self.x.position_m, self.y.position_m, self.z.position_m)
 
     def face(self, north_m: float, east_m: float) -> None:
-        """Points the target heading to a position more than 1 m away, in the modes of FACING_YAW_MODES."""
+        """Sets the target heading towards a position more than 1 m away; only in FACING_YAW_MODES."""
         dn, de = north_m - self.x.position_m, east_m - self.y.position_m
         if math.hypot(dn, de) > 1.0 and self._view.choice("MPC_YAW_MODE") in FACING_YAW_MODES:
             self.yaw_target_rad = math.atan2(de, dn)
