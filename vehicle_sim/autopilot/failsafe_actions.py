@@ -60,7 +60,7 @@ class Conditions(NamedTuple):
     """The time since spool-up is below COM_LKDOWN_TKO; an attitude failure then disarms the vehicle."""
     offboard_loss_action: int = 0
     position_loss_lands: bool = False
-    """COM_POSCTL_NAVL: if the position is lost in Position mode, the vehicle descends; False: Altitude mode."""
+    """COM_POSCTL_NAVL: action for a lost position in Position mode: descend, or (False) Altitude mode."""
     manual_loss_action: int = 0
     manual_loss_except: int = 0
     """COM_RCL_EXCEPT, bit mask of the modes in which the action does not apply."""

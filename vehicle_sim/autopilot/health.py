@@ -131,7 +131,7 @@ class Finding:
     warns: bool = False
     """Whether the finding is a warning, not an error."""
     external: ExternalEvent | None = None
-    """The event of an external component; its first four arguments are replaced by the modes."""
+    """The event of an external component; `modes` replaces the first four bytes of its arguments."""
 
 
 @dataclass(frozen=True, slots=True)

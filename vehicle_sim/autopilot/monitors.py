@@ -119,11 +119,9 @@ class Monitors:
         if self._view.choice("EKF2_DRAG_CTRL") != 1 or landed:
             self._wind_ne_m_s, self.wind_m_s = None, math.nan
             return
-        wind_ne_m_s = self._wind_by_drag()
-        if self._wind_ne_m_s is None:
-            self._wind_ne_m_s = (0.0, 0.0)
+        new_n, new_e = self._wind_by_drag()
+        north, east = self._wind_ne_m_s or (0.0, 0.0)
         weight = TICK_S / WIND_TIME_CONSTANT_S
-        (north, east), (new_n, new_e) = self._wind_ne_m_s, wind_ne_m_s
         self._wind_ne_m_s = (north + weight * (new_n - north), east + weight * (new_e - east))
         self.wind_m_s = math.hypot(*self._wind_ne_m_s)
         warning_m_s = self._view.parameter("COM_WIND_WARN")
