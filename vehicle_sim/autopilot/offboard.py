@@ -112,7 +112,7 @@ class Offboard:
         """Newest setpoints of the uORB topics, by control level."""
         self.setpoint = Setpoint()
         self.invalid_attitude: tuple[float, float, float, float] | None = None
-        """The newest attitude if invalid (zeros or NaN); PX4 reports this attitude, but does not follow it."""
+        """The newest attitude if invalid (zeros or NaN); PX4 reports this attitude, but does not use it."""
         self.reported_thrust = math.nan
         """Thrust of the newest attitude or rates message; PX4 reports it without its sign."""
         self.invalid = False
