@@ -24,12 +24,14 @@ from vehicle_sim.autopilot.trajectory import (
 from vehicle_sim.kernels import Column, Rows, formula, kernel
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
-ALIGNED = 0.98
-"""Cosine of the angle between velocity and target above which the trajectory does not count as turning."""
-TURNING_SPEED_M_S = 0.2
-L1_MIN_M = 5.0
-SLOW_M_S = 0.5
-"""Below this speed a component of the velocity is clipped without slowing the other component down."""
+_ALIGNED_COSINE = 0.98
+"""A trajectory counts as turning if the cosine of the angle between its velocity and the direction to the
+target is smaller."""
+_TURNING_MIN_SPEED_M_S = 0.2
+"""Up to this speed the trajectory does not count as turning."""
+_L1_RADIUS_MIN_M = 5.0
+_SLOW_M_S = 0.5
+"""A velocity component and limit below this speed do not slow down the other component."""
 SETTINGS = (
     "MPC_XY_CRUISE", "MPC_XY_VEL_MAX", "MPC_Z_V_AUTO_UP", "MPC_Z_V_AUTO_DN", "MPC_ACC_HOR", "MPC_ACC_UP_MAX",
     "MPC_ACC_DOWN_MAX", "MPC_JERK_AUTO", "MPC_XY_ERR_MAX", "MPC_XY_TRAJ_P", "NAV_MC_ALT_RAD",
@@ -40,12 +42,12 @@ SETTINGS = (
 ) = range(11)  # fmt: skip
 """Columns of the settings."""
 PREVIOUS, TARGET, NEXT, ACCEPTANCE, TRIPLET_SIZE = 0, 3, 6, 9, 10
-"""Offsets in the row of a waypoint triplet: three positions (NED) and the acceptance radius."""
+"""Columns of a waypoint triplet: the first column of each NED position, and the acceptance radius."""
 _X, _Y, _Z = 0, 1, 2
 
 
 class SpeedLimits(NamedTuple):
-    """Speed limits; a value that is not finite means the parameter's value."""
+    """Speed limits; NaN or infinite: MPC_XY_CRUISE, MPC_Z_V_AUTO_UP, MPC_Z_V_AUTO_DN."""
 
     cruise_m_s: float
     climb_m_s: float
@@ -64,14 +66,14 @@ class WaypointTriplet:
 
 
 class Smoothing:
-    """Three axes of one vehicle, and their horizontal speed before a turn.
+    """The trajectory of one vehicle: three axes, and the horizontal speed before the current turn.
 
     Args:
         view: the vehicle.
-        axes: (3, `trajectory.SIZE`) the axes.
+        axes: (3, `trajectory.SIZE`) rows of the axes.
         settings: (`len(SETTINGS)`,) row that stores the parameters.
         triplet: (`TRIPLET_SIZE`,) row that stores the waypoints; NaN for a missing next waypoint.
-        before_turn_m_s: (1,) the speed before a turn.
+        before_turn_m_s: (1,) horizontal speed before the current turn.
     """
 
     def __init__(
@@ -113,7 +115,7 @@ class Smoothing:
         return triplet is self._triplet
 
     def velocity_towards(self, triplet: WaypointTriplet, limits: SpeedLimits) -> Vector:
-        """Velocity setpoint along the waypoints, NED; the trajectory changes to it within its limits."""
+        """Velocity setpoint along the waypoints, NED, before the acceleration and jerk limits."""
         self._set_triplet(triplet)
         return _velocity_towards(
             self._axes, self._read_settings(), self._triplet_row, self._before_turn_m_s, *limits
@@ -134,7 +136,7 @@ class Smoothing:
         )  # fmt: skip
 
     def plan_vertical(self, velocity_m_s: float) -> None:
-        """Plans a vertical speed (down is positive) with the limits of its direction."""
+        """Plans a vertical speed (down is positive) with the acceleration limit of a climb or descent."""
         plan_vertical(self.z.row, self._read_settings(), velocity_m_s)
 
     def vertical_speed(self, remaining_m: float, limits: SpeedLimits) -> float:
@@ -151,11 +153,11 @@ class Smoothing:
     def _set_triplet(self, triplet: WaypointTriplet) -> None:
         if triplet is not self._triplet:
             self._triplet = triplet
-            following = triplet.next_ned_m or (math.nan, math.nan, math.nan)
+            next_ned_m = triplet.next_ned_m or (math.nan, math.nan, math.nan)
             self._triplet_row[:] = (
                 *triplet.previous_ned_m,
                 *triplet.target_ned_m,
-                *following,
+                *next_ned_m,
                 triplet.acceptance_m,
             )
 
@@ -164,35 +166,37 @@ class Smoothing:
 def _time_stretch(axes: Rows, settings: Column, x: float, y: float) -> float:
     """Factor on the trajectory's time: below 1 if the vehicle lags behind the trajectory. It is 1 if the
     vehicle is ahead, because the trajectory would otherwise stop before its target."""
-    behind_n, behind_e = axes[_X, POSITION] - x, axes[_Y, POSITION] - y
-    if behind_n * axes[_X, VELOCITY] + behind_e * axes[_Y, VELOCITY] < 0.0:
+    lead_n, lead_e = axes[_X, POSITION] - x, axes[_Y, POSITION] - y
+    if lead_n * axes[_X, VELOCITY] + lead_e * axes[_Y, VELOCITY] < 0.0:
         return 1.0
-    return 1.0 - min(1.0, math.hypot(behind_n, behind_e) / max(0.1, settings[_ERROR_MAX]))
+    return 1.0 - min(1.0, math.hypot(lead_n, lead_e) / max(0.1, settings[_ERROR_MAX]))
 
 
 @formula
-def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
+def _clamp_component(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
     """A component of the velocity within its limit, and the factor by which the other component must slow
     down.
 
-    Components below SLOW_M_S are only clipped, so that a small altitude error does not slow the horizontal
+    Components below _SLOW_M_S are only clipped, so that a small altitude error does not slow the horizontal
     flight.
     """
     if speed_m_s <= limit_m_s:
         return speed_m_s, 1.0
-    slow = speed_m_s < SLOW_M_S and limit_m_s < SLOW_M_S
+    slow = speed_m_s < _SLOW_M_S and limit_m_s < _SLOW_M_S
     return limit_m_s, 1.0 if slow else limit_m_s / speed_m_s
 
 
 @formula
 def _corner_speed(axes: Rows, settings: Column, triplet: Column) -> float:
-    an, ae = triplet[TARGET] - axes[_X, POSITION], triplet[TARGET + 1] - axes[_Y, POSITION]
-    bn, be = triplet[TARGET] - triplet[NEXT], triplet[TARGET + 1] - triplet[NEXT + 1]
-    lengths = math.hypot(an, ae) * math.hypot(bn, be)
-    cosine = (an * bn + ae * be) / lengths if lengths > 1e-9 else 0.0
-    half = min(math.acos(max(-1.0, min(1.0, cosine))), math.pi - 1e-6) / 2.0
-    sideways = settings[_TRAJECTORY_P] * settings[_HORIZONTAL_ACCELERATION]
-    return math.sqrt(sideways * triplet[ACCEPTANCE] * math.tan(half))
+    tn, te = triplet[TARGET], triplet[TARGET + 1]
+    to_target_n, to_target_e = tn - axes[_X, POSITION], te - axes[_Y, POSITION]
+    from_next_n, from_next_e = tn - triplet[NEXT], te - triplet[NEXT + 1]
+    product_m2 = math.hypot(to_target_n, to_target_e) * math.hypot(from_next_n, from_next_e)
+    dot_m2 = to_target_n * from_next_n + to_target_e * from_next_e
+    cosine = dot_m2 / product_m2 if product_m2 > 1e-9 else 0.0
+    half_angle = min(math.acos(max(-1.0, min(1.0, cosine))), math.pi - 1e-6) / 2.0
+    lateral_m_s2 = settings[_TRAJECTORY_P] * settings[_HORIZONTAL_ACCELERATION]
+    return math.sqrt(lateral_m_s2 * triplet[ACCEPTANCE] * math.tan(half_angle))
 
 
 @formula
@@ -201,15 +205,15 @@ def _horizontal_speed(axes: Rows, settings: Column, triplet: Column, cruise_m_s:
     jerk, acceleration = settings[_JERK], settings[_HORIZONTAL_ACCELERATION]
     tn, te, td = triplet[TARGET], triplet[TARGET + 1], triplet[TARGET + 2]
     nn, ne, nd = triplet[NEXT], triplet[NEXT + 1], triplet[NEXT + 2]
-    at_target = 0.0
+    target_speed = 0.0
     if not math.isnan(nn):
         next_leg_m = math.hypot(nn - tn, ne - te)
         same_altitude = max(abs(td - axes[_Z, POSITION]), abs(nd - td)) < settings[_ALTITUDE_RADIUS]
         if next_leg_m > 0.001 and next_leg_m >= triplet[ACCEPTANCE] and same_altitude:
             exit_speed = max_speed_for_distance(jerk, acceleration, next_leg_m, 0.0)
-            at_target = min(min(_corner_speed(axes, settings, triplet), exit_speed), cruise)
+            target_speed = min(min(_corner_speed(axes, settings, triplet), exit_speed), cruise)
     remaining_m = math.hypot(tn - axes[_X, POSITION], te - axes[_Y, POSITION])
-    return min(cruise, max_speed_for_distance(jerk, acceleration, remaining_m, at_target))
+    return min(cruise, max_speed_for_distance(jerk, acceleration, remaining_m, target_speed))
 
 
 @formula
@@ -217,31 +221,32 @@ def _turning(axes: Rows, triplet: Column) -> bool:
     vn, ve = axes[_X, VELOCITY], axes[_Y, VELOCITY]
     dn, de = triplet[TARGET] - axes[_X, POSITION], triplet[TARGET + 1] - axes[_Y, POSITION]
     speed, remaining_m = math.hypot(vn, ve), math.hypot(dn, de)
-    if speed <= TURNING_SPEED_M_S or remaining_m <= triplet[ACCEPTANCE]:
+    if speed <= _TURNING_MIN_SPEED_M_S or remaining_m <= triplet[ACCEPTANCE]:
         return False
-    return (vn * dn + ve * de) / (speed * remaining_m) < ALIGNED
+    return (vn * dn + ve * de) / (speed * remaining_m) < _ALIGNED_COSINE
 
 
 @formula
 def _l1_point(axes: Rows, triplet: Column) -> tuple[float, float]:
-    """Direction point while turning: on the line to the target, at the L1 radius from the trajectory.
+    """The point to which a turning trajectory flies: on the line to the target, at the L1 radius.
 
-    Past the target, the point is the target itself.
+    Past the target, the point is the target.
     """
     pn, pe, tn, te = triplet[PREVIOUS], triplet[PREVIOUS + 1], triplet[TARGET], triplet[TARGET + 1]
-    length = math.hypot(tn - pn, te - pe)
-    if length < 1e-6:
+    leg_m = math.hypot(tn - pn, te - pe)
+    if leg_m < 1e-6:
         return tn, te
-    un, ue = (tn - pn) / length, (te - pe) / length
+    un, ue = (tn - pn) / leg_m, (te - pe) / leg_m
     x, y = axes[_X, POSITION], axes[_Y, POSITION]
-    along = (x - pn) * un + (y - pe) * ue
-    if along > length:
+    along_m = (x - pn) * un + (y - pe) * ue
+    if along_m > leg_m:
         return tn, te
-    closest_n, closest_e = pn + un * along, pe + ue * along
+    closest_n, closest_e = pn + un * along_m, pe + ue * along_m
     cross_track_m = math.hypot(closest_n - x, closest_e - y)
-    radius = max(triplet[ACCEPTANCE], L1_MIN_M)
-    ahead = math.sqrt(radius * radius - cross_track_m * cross_track_m) if radius > cross_track_m else 0.0
-    return closest_n + un * ahead, closest_e + ue * ahead
+    radius_m = max(triplet[ACCEPTANCE], _L1_RADIUS_MIN_M)
+    square_m2 = radius_m * radius_m - cross_track_m * cross_track_m if radius_m > cross_track_m else 0.0
+    ahead_m = math.sqrt(square_m2)
+    return closest_n + un * ahead_m, closest_e + ue * ahead_m
 
 
 @formula
@@ -250,13 +255,13 @@ def _speed_and_direction(
 ) -> tuple[float, float, float]:
     """The horizontal speed, and the distances north and east to the target or L1 point."""
     speed = _horizontal_speed(axes, settings, triplet, cruise_m_s)
-    aim_n, aim_e = triplet[TARGET], triplet[TARGET + 1]
+    point_n, point_e = triplet[TARGET], triplet[TARGET + 1]
     if _turning(axes, triplet):
         speed = min(speed, before_turn_m_s[0])
-        aim_n, aim_e = _l1_point(axes, triplet)
+        point_n, point_e = _l1_point(axes, triplet)
     else:
         before_turn_m_s[0] = speed
-    return speed, aim_n - axes[_X, POSITION], aim_e - axes[_Y, POSITION]
+    return speed, point_n - axes[_X, POSITION], point_e - axes[_Y, POSITION]
 
 
 @formula
@@ -277,7 +282,7 @@ def _vertical_speed(settings: Column, distance_m: float, climb_m_s: float, desce
 
 @kernel
 def plan_vertical(axis: Column, settings: Column, velocity_m_s: float) -> None:
-    """Plans a vertical speed (down is positive) with the limits of its direction."""
+    """Plans a vertical speed (down is positive) with the acceleration limit of a climb or descent."""
     climbing = velocity_m_s < axis[VELOCITY]
     plan(
         axis,
@@ -313,16 +318,17 @@ def _velocity_towards(
     climb_m_s: float, descent_m_s: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Velocity setpoint along the waypoints, NED."""
-    horizontal, dn, de = _speed_and_direction(axes, settings, triplet, before_turn_m_s, cruise_m_s)
+    horizontal_limit, dn, de = _speed_and_direction(axes, settings, triplet, before_turn_m_s, cruise_m_s)
     dd = triplet[TARGET + 2] - axes[_Z, POSITION]
-    vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
-    flat, length = math.hypot(dn, de), math.sqrt(dn * dn + de * de + dd * dd)
-    if length < 1e-6:
+    vertical_limit = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
+    horizontal_m, distance_m = math.hypot(dn, de), math.sqrt(dn * dn + de * de + dd * dd)
+    if distance_m < 1e-6:
         return 0.0, 0.0, 0.0
-    speed = math.hypot(horizontal, vertical)
-    horizontal_m_s, vertical_factor = _clamped(speed * flat / length, horizontal)
-    vertical_m_s, horizontal_factor = _clamped(vertical_factor * speed * abs(dd) / length, vertical)
-    scale = horizontal_m_s * horizontal_factor / max(flat, 1e-9)
+    speed = math.hypot(horizontal_limit, vertical_limit)
+    horizontal_m_s, vertical_factor = _clamp_component(speed * horizontal_m / distance_m, horizontal_limit)
+    vertical_m_s = vertical_factor * speed * abs(dd) / distance_m
+    vertical_m_s, horizontal_factor = _clamp_component(vertical_m_s, vertical_limit)
+    scale = horizontal_m_s * horizontal_factor / max(horizontal_m, 1e-9)
     return scale * dn, scale * de, math.copysign(vertical_m_s, dd)
 
 

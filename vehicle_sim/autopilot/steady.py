@@ -1,10 +1,9 @@
 """Ticks of all autopilots; compiled loops run the ticks of vehicles in steady flight.
 
-In most ticks the state of the autopilot does not change: an armed vehicle climbs, descends, flies a leg,
-follows trajectory setpoints or is pressed to the ground; no failsafe acts, no command is received, and no
-mission item ends. The compiled loops compute these "steady" ticks for all such vehicles together, with the
-same formulas and results as `Autopilot.update`. The geofence and the arming checks run at their own rates. A
-tick that may change the state runs in `Autopilot.update` (a "full" tick).
+A tick is "steady" if it cannot change the state of the autopilot: no failsafe acts, no command is received,
+and no mission item ends. Most ticks of an armed vehicle are steady. The compiled loops compute the steady
+ticks of all vehicles together, with the same formulas and results as `Autopilot.update`, which runs all other
+("full") ticks. The geofence and the arming checks run at their own rates.
 """
 
 from __future__ import annotations
@@ -42,9 +41,9 @@ from vehicle_sim.state import angles_of
 (
     _MOTION, _CRUISE, _CLIMB, _DESCENT, _TARGET_DOWN, _FACE_NORTH, _FACE_EAST, _FACE_MIN_DISTANCE,
     _END_ALT_AMSL, _END_DOWN, _END_NORTH, _END_EAST, _END_RADIUS, _WAIT_START, _WAIT_DURATION,
-    _TAKEOFF, _DETECTED, _HOME_DOWN, _ORIGIN_ALT, _TASK_SIZE,
+    _TAKEOFF, _LANDING_STAGES, _HOME_DOWN, _ORIGIN_ALT, _TASK_SIZE,
 ) = range(20)  # fmt: skip
-"""Columns of the tasks: `SteadyTask`, then the home position (down) and the origin altitude of that task."""
+"""Columns of the tasks: `SteadyTask`, then the home position (down) and the altitude of the origin."""
 (
     _ESTIMATES_HOVER, _ROLL_FAILURE, _PITCH_FAILURE, _TILT_MAX, _YAW_RATE_MAX, _LAND_ALT1, _LAND_ALT2,
     _LAND_ALT3, _LAND_SPEED, _LAND_CRAWL, _TAKEOFF_SPEED, _TAKEOFF_RAMP, _CLIMB_MAX, _VELOCITY_GAIN,
@@ -53,15 +52,16 @@ from vehicle_sim.state import angles_of
 _UP_SPEED, _DOWN_SPEED, _UP_ACCELERATION, _DOWN_ACCELERATION, _JERK = 2, 3, 5, 6, 7
 """Columns of `smoothing.SETTINGS`."""
 _IS_CLIMB, _IS_DESCENT, _IS_STREAM = int(Motion.CLIMB), int(Motion.DESCENT), int(Motion.STREAM)
-_IS_PRESSED = int(Motion.PRESSED)
+_IS_ON_GROUND = int(Motion.ON_GROUND)
 _FLIGHT, _RAMPUP = int(TakeoffState.FLIGHT), int(TakeoffState.RAMPUP)
 _TRAJECTORY = int(ControlLevel.TRAJECTORY)
-_NEAR_M = 1e-6
-"""A vehicle this close to a threshold gets a full tick, in which `Autopilot.update` compares exactly."""
+_MARGIN = 1e-6
+"""A vehicle this close to a threshold [m or degrees] gets a full tick, in which `Autopilot.update` compares
+exactly."""
 
 
 class SteadyTicks:
-    """Flies one tick of all autopilots.
+    """Runs the ticks of all autopilots.
 
     Args:
         simulation: the vehicles.
@@ -75,8 +75,8 @@ class SteadyTicks:
             np.zeros((count, _TASK_SIZE)),
             np.zeros((count, len(SteadyLimits._fields))),
         )
-        self._resets = np.zeros((count, 5), dtype=np.int64)
-        self._ready = np.zeros(count, dtype=np.bool_)
+        self._reset_counts = np.zeros((count, 5), dtype=np.int64)
+        self._stays_steady = np.zeros(count, dtype=np.bool_)
         self._rows: list[int] = []
         self._row_numbers = np.zeros(0, dtype=np.int64)
 
@@ -86,11 +86,11 @@ class SteadyTicks:
         if steady:
             self._detect(steady)
         steady_rows: list[int] = []
-        ready = self._ready.tolist()  # plain values, because access to single elements of arrays is slow
+        stays_steady = self._stays_steady.tolist()  # plain values, because element access of arrays is slow
         for autopilot in autopilots:
             if not autopilot.steady:
                 autopilot.update()
-            elif not ready[autopilot.row]:
+            elif not stays_steady[autopilot.row]:
                 autopilot.update_after_detection()
             elif autopilot.update_steady():
                 steady_rows.append(autopilot.row)
@@ -100,7 +100,7 @@ class SteadyTicks:
             self._fly(steady_rows)
 
     def _begin(self, autopilot: Autopilot) -> None:
-        """Begins a steady flight if the vehicle's next tick needs no decision."""
+        """Begins a steady flight if the vehicle's next tick cannot change the state of its autopilot."""
         task = autopilot.begin_steady()
         if task is None:
             return
@@ -108,9 +108,9 @@ class SteadyTicks:
         home_down_m, origin_alt_m = autopilot.home.position_ned_m[2], autopilot.view.origin[2]
         self._tasks[row] = (*task, home_down_m, origin_alt_m)
         self._limits[row] = autopilot.steady_limits
-        self._resets[row] = autopilot.navigator.path.reset_counts
+        self._reset_counts[row] = autopilot.navigator.path.reset_counts
 
-    def _indices(self, rows: list[int]) -> Integers:
+    def _row_array(self, rows: list[int]) -> Integers:
         if rows != self._rows:
             self._rows, self._row_numbers = rows, np.array(rows, dtype=np.int64)
         return self._row_numbers
@@ -119,19 +119,19 @@ class SteadyTicks:
         simulation, arrays = self._simulation, self._arrays
         estimate, fusion = simulation.estimate, simulation.fusion
         _detect(
-            self._indices(rows), simulation.time_s, self._tasks, self._limits, self._resets,
+            self._row_array(rows), simulation.time_s, self._tasks, self._limits, self._reset_counts,
             arrays.detector, arrays.detector_limits, arrays.motion, estimate.position_ned_m,
             estimate.velocity_ned_m_s, estimate.q_ned_frd, estimate.rates_frd_rad_s, estimate.alt_amsl_m,
             estimate.origin_alt_amsl_m, estimate.height_above_ground_m, estimate.valid_velocity,
             estimate.valid_altitude, fusion.resets, fusion.heading_reset_counter, simulation.setpoints.level,
-            simulation.target.thrust, simulation.target.hover_thrust, self._ready,
+            simulation.target.thrust, simulation.target.hover_thrust, self._stays_steady,
         )  # fmt: skip
 
     def _fly(self, rows: list[int]) -> None:
         simulation, arrays = self._simulation, self._arrays
         estimate, setpoints = simulation.estimate, simulation.setpoints
         _fly(
-            self._indices(rows), self._tasks, self._limits, arrays.axes, arrays.settings, arrays.triplet,
+            self._row_array(rows), self._tasks, self._limits, arrays.axes, arrays.settings, arrays.triplet,
             arrays.before_turn_m_s, arrays.yaw, arrays.last_heading_rad, arrays.motion,
             estimate.position_ned_m, estimate.q_ned_frd, estimate.height_above_ground_m,
             simulation.fusion.heading_good_for_control, setpoints.position_ned_m, setpoints.velocity_ned_m_s,
@@ -142,22 +142,22 @@ class SteadyTicks:
 
 @formula
 def _may_have_ended(task: Column, now_s: float, position: Column, alt_amsl_m: float) -> bool:
-    """Whether the motion may have ended."""
+    """Whether the task may have reached one of its end conditions."""
     distance_m = math.hypot(task[_END_NORTH] - position[0], task[_END_EAST] - position[1])
     return (
-        alt_amsl_m > task[_END_ALT_AMSL] - _NEAR_M
-        or position[2] <= task[_END_DOWN] + _NEAR_M
-        or distance_m <= task[_END_RADIUS] + _NEAR_M
+        alt_amsl_m > task[_END_ALT_AMSL] - _MARGIN
+        or position[2] <= task[_END_DOWN] + _MARGIN
+        or distance_m <= task[_END_RADIUS] + _MARGIN
         or now_s - task[_WAIT_START] >= task[_WAIT_DURATION]
     )
 
 
 @formula
-def _was_reset(before: Integers, resets: IntegerRows, heading_resets: Integers, r: int) -> bool:
+def _was_reset(reset_counts: Integers, resets: IntegerRows, heading_resets: Integers, r: int) -> bool:
     for k in range(4):
-        if resets[k, r] != before[k]:
+        if resets[k, r] != reset_counts[k]:
             return True
-    return heading_resets[r] != before[4]
+    return heading_resets[r] != reset_counts[4]
 
 
 @formula
@@ -169,19 +169,19 @@ def _ramp_ends(task: Column, limits: Column, motion: Column) -> bool:
 def _attitude_within_limits(limits: Column, q_ned_frd: Column) -> bool:
     roll, pitch, _ = angles_of(q_ned_frd)
     degrees = 180.0 / math.pi
-    roll_fails = abs(roll * degrees) > limits[_ROLL_FAILURE] - _NEAR_M
-    return not roll_fails and not abs(pitch * degrees) > limits[_PITCH_FAILURE] - _NEAR_M
+    roll_fails = abs(roll * degrees) > limits[_ROLL_FAILURE] - _MARGIN
+    return not roll_fails and not abs(pitch * degrees) > limits[_PITCH_FAILURE] - _MARGIN
 
 
 @kernel
 def _detect(
-    rows: Integers, now_s: float, tasks: Rows, limits: Rows, counts: IntegerRows, detector: Rows,
+    rows: Integers, now_s: float, tasks: Rows, limits: Rows, reset_counts: IntegerRows, detector: Rows,
     detector_limits: Rows, motion: Rows, position: Rows, velocity: Rows, q_ned_frd: Rows, rates: Rows,
     alt_amsl_m: Column, origin_alt_m: Column, height_m: Column, valid_velocity: Flags, valid_altitude: Flags,
     resets: IntegerRows, heading_resets: Integers, level: Integers, thrust: Column, hover_thrust: Column,
-    ready: Flags,
+    stays_steady: Flags,
 ) -> None:  # fmt: skip
-    """Runs the land detectors; sets `ready` (N,): whether the vehicle needs no full tick."""
+    """Runs the land detectors; writes to `stays_steady` (N,) whether the vehicle's tick is steady."""
     for row in rows:
         r = int(row)
         down_m_s = (position[r, 2] - motion[r, DOWN]) / TICK_S
@@ -196,12 +196,12 @@ def _detect(
             velocity[r, 2], down_m_s, valid_altitude[r], rates[r, 0], rates[r, 1], height_m[r], True,
             motion[r, SETPOINT_DOWN],
         )  # fmt: skip
-        ready[r] = (
+        stays_steady[r] = (
             level[r] == _TRAJECTORY
             and origin_alt_m[r] == tasks[r, _ORIGIN_ALT]
-            and landing_stages(detector[r]) == tasks[r, _DETECTED]
+            and landing_stages(detector[r]) == tasks[r, _LANDING_STAGES]
             and not _ramp_ends(tasks[r], limits[r], motion[r])
-            and not _was_reset(counts[r], resets, heading_resets, r)
+            and not _was_reset(reset_counts[r], resets, heading_resets, r)
             and _attitude_within_limits(limits[r], q_ned_frd[r])
             and not _may_have_ended(tasks[r], now_s, position[r], alt_amsl_m[r])
         )
@@ -213,19 +213,19 @@ def _climb(
     position: Column,
 ) -> None:  # fmt: skip
     """One tick of `Climb.run`."""
-    tick_s = fly_horizontal(
+    advanced_s = fly_horizontal(
         axes, settings, triplet, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
     )
     axis = axes[2]
-    low = task[_HOME_DOWN] - position[2] < limits[_LAND_ALT1]
-    if low:
+    near_home = task[_HOME_DOWN] - position[2] < limits[_LAND_ALT1]
+    if near_home:
         axis[POSITION] = position[2]
     remaining_m = task[_TARGET_DOWN] - axis[POSITION]
-    advance_axis(axis, tick_s)
+    advance_axis(axis, advanced_s)
     max_speed, acceleration = settings[_UP_SPEED], settings[_UP_ACCELERATION]
     if remaining_m > 0.0:
         max_speed, acceleration = settings[_DOWN_SPEED], settings[_DOWN_ACCELERATION]
-    elif low:
+    elif near_home:
         max_speed = limits[_TAKEOFF_SPEED]
         if limits[_TAKEOFF_RAMP] > 0.0:
             acceleration = min(acceleration, max_speed / limits[_TAKEOFF_RAMP])
@@ -235,16 +235,16 @@ def _climb(
 
 @formula
 def _land_speed(limits: Column, settings: Column, down_m: float, range_m: float) -> float:
-    """`Descent`'s speed at this height above ground."""
-    height = -down_m if math.isnan(range_m) else range_m
+    """Speed of `Descent` at this height above ground; without a range, at this position down."""
+    height_m = -down_m if math.isnan(range_m) else range_m
     fast, slow = settings[_DOWN_SPEED], limits[_LAND_SPEED]
-    high, low = limits[_LAND_ALT1], limits[_LAND_ALT2]
+    high_m, low_m = limits[_LAND_ALT1], limits[_LAND_ALT2]
     if range_m <= limits[_LAND_ALT3]:
         return limits[_LAND_CRAWL]
-    if height >= high:
+    if height_m >= high_m:
         return fast
-    if height > low and high > low:
-        return slow + (fast - slow) * (height - low) / (high - low)
+    if height_m > low_m and high_m > low_m:
+        return slow + (fast - slow) * (height_m - low_m) / (high_m - low_m)
     return slow
 
 
@@ -258,15 +258,15 @@ def _descend(
         for k in range(3):
             triplet[PREVIOUS + k], triplet[NEXT + k] = position[k], math.nan
         triplet[TARGET + 2] = axes[2, POSITION]
-    tick_s = fly_horizontal(
+    advanced_s = fly_horizontal(
         axes, settings, triplet, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
     )
-    advance_axis(axes[2], tick_s)
+    advance_axis(axes[2], advanced_s)
     plan_vertical(axes[2], settings, _land_speed(limits, settings, position[2], range_m))
 
 
 @formula
-def _press_to_ground(axes: Rows, position: Column) -> None:
+def _stay_at_vehicle(axes: Rows, position: Column) -> None:
     """One tick of `Path.stay_at_vehicle`."""
     for k in range(3):
         axes[k, :] = 0.0
@@ -278,7 +278,7 @@ def _press_to_ground(axes: Rows, position: Column) -> None:
 def _update_limits(
     task: Column, limits: Column, motion: Column, r: int, tilt_limit: Column, climb_limit_m_s: Column
 ) -> None:
-    """Updates the limits: the tilt limit increases in flight, the climb rate limit in the take-off ramp."""
+    """Increases the tilt limit in flight, and the climb rate limit in the take-off ramp."""
     if task[_TAKEOFF] == _FLIGHT:
         motion[TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
         tilt_limit[r] = motion[TILT] if motion[TILT] < limits[_TILT_MAX] else math.nan
@@ -304,8 +304,7 @@ def _fly(
     setpoint_acceleration: Rows, setpoint_yaw: Column, setpoint_yaw_rate: Column, tilt_limit: Column,
     climb_limit_m_s: Column,
 ) -> None:  # fmt: skip
-    """Advances the trajectories by one tick, and writes the setpoints; the setpoints of a stream are already
-    written."""
+    """Advances the trajectories by one tick and writes the setpoints, except those of streams."""
     for row in rows:
         r = int(row)
         _update_limits(tasks[r], limits[r], motion[r], r, tilt_limit, climb_limit_m_s)
@@ -313,8 +312,8 @@ def _fly(
         if kind == _IS_STREAM:
             continue
         last_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
-        if kind == _IS_PRESSED:
-            _press_to_ground(axes[r], position[r])
+        if kind == _IS_ON_GROUND:
+            _stay_at_vehicle(axes[r], position[r])
             continue
         if kind == _IS_CLIMB:
             _climb(tasks[r], limits[r], axes[r], settings[r], triplet[r], before_turn_m_s[r], position[r])

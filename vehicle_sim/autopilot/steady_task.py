@@ -1,5 +1,4 @@
-"""A motion that needs no decision for many ticks: a climb, a descent, the leg of a mission, a stream, or a
-vehicle that is pressed to the ground."""
+"""Tasks that stay the same for many ticks, their end conditions, and the parameters of all steady ticks."""
 
 from __future__ import annotations
 
@@ -12,15 +11,15 @@ from vehicle_sim.vehicle_view import VehicleView
 
 
 class Motion(IntEnum):
-    """The flight task."""
+    """Kind of motion in a steady task."""
 
     CLIMB = 1
     DESCENT = 2
     LEG = 3
     STREAM = 4
     """Trajectory setpoints in Offboard; the autopilot writes the newest setpoint at each tick."""
-    PRESSED = 5
-    """The vehicle is pressed to the ground, before take-off or after ground contact."""
+    ON_GROUND = 5
+    """On the ground with a downward acceleration setpoint, before take-off or after ground contact."""
 
 
 class SteadyTask(NamedTuple):
@@ -28,9 +27,9 @@ class SteadyTask(NamedTuple):
 
     motion: Motion
     cruise_m_s: float
-    """Speed; not finite: the parameter applies. The same for the next two."""
     climb_m_s: float
     descent_m_s: float
+    """Three speed limits; NaN or infinite: the parameter applies (`smoothing.SpeedLimits`)."""
     target_down_m: float = math.nan
     """Target of a climb or descent, down in the local frame; NaN: a descent without a target altitude."""
     face_north_m: float = 0.0
@@ -41,31 +40,31 @@ class SteadyTask(NamedTuple):
     end_alt_amsl_m: float = math.inf
     """The climb ends above this estimated altitude."""
     end_down_m: float = -math.inf
-    """The climb ends when the position down is at or below this value, so at or above this altitude."""
+    """The climb also ends at or above this altitude, given as position down."""
     end_north_m: float = 0.0
     """The leg ends within `end_radius_m` of this point."""
     end_east_m: float = 0.0
     end_radius_m: float = -1.0
     wait_start_s: float = math.inf
-    """The motion ends `wait_duration_s` after this time: end of a hold, of the spool-up, or disarming."""
+    """The motion ends `wait_duration_s` after this time, when a hold or the spool-up ends or the vehicle
+    disarms."""
     wait_duration_s: float = 0.0
     takeoff: TakeoffState = TakeoffState.FLIGHT
-    """A change of the take-off state ends the motion; so does the end of the take-off ramp."""
+    """Take-off state; a change ends the motion."""
     landing_stages: float = 0.0
     """`LandDetector.stages`; a change ends the motion."""
 
 
 STREAM = SteadyTask(Motion.STREAM, math.nan, math.nan, math.nan)
-"""A task without end conditions. It ends when the mode or the level of the setpoints changes, or when a
-failsafe acts."""
-PRESSED = SteadyTask(Motion.PRESSED, math.nan, math.nan, math.nan)
+"""Its fields contain no end condition: a change of mode or setpoint level, or a failsafe, ends the stream."""
+ON_GROUND = SteadyTask(Motion.ON_GROUND, math.nan, math.nan, math.nan)
 
 
 class SteadyLimits(NamedTuple):
     """Parameters that apply in every steady tick."""
 
     estimates_hover: float
-    """1: the hover thrust is estimated (MPC_USE_HTE)."""
+    """1 if MPC_USE_HTE enables the hover thrust estimator, otherwise 0."""
     roll_failure_deg: float
     """FD_FAIL_R; infinite: not monitored."""
     pitch_failure_deg: float

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 from vehicle_sim.vehicle_view import VehicleView
 
-FULL = 1000.0
-INVALID = 32767
+AXIS_MAX = 1000.0
+AXIS_MISSING = 32767
+"""Values of a MANUAL_CONTROL axis: full deflection, and axis not available."""
 JOYSTICK_MODES = frozenset({1, 2, 3, 5, 6, 7})
-"""Values of COM_RC_IN_MODE that accept MANUAL_CONTROL; all other values accept only an RC receiver, or
-nothing."""
+"""Values of COM_RC_IN_MODE with which PX4 accepts MANUAL_CONTROL."""
 OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2
 """Bits of COM_RC_OVERRIDE."""
 
 
 @dataclass(frozen=True, slots=True)
 class Deflection:
-    """Stick positions, each -1..1: nose down (forward), right, clockwise, throttle up."""
+    """Stick positions, -1..1; positive is pitch forward, roll right, yaw clockwise, throttle up."""
 
     forward: float = 0.0
     right: float = 0.0
@@ -34,14 +34,18 @@ class Sticks:
         self.raw = Deflection()
         self.received_at_s = -math.inf
         self.moved = False
-        """Whether a stick has moved faster than COM_RC_STICK_OV; the autopilot clears it."""
+        """Whether a stick has moved faster than COM_RC_STICK_OV since the autopilot cleared this flag."""
 
     def receive(self, x: int, y: int, z: int, r: int) -> bool:
-        """Handles one stick input (ranges of MANUAL_CONTROL); False: sticks are disabled or an axis is
-        missing."""
-        if self._view.choice("COM_RC_IN_MODE") not in JOYSTICK_MODES or INVALID in (x, y, z, r):
+        """Handles the axes of one MANUAL_CONTROL.
+
+        Returns:
+            False if sticks are disabled or an axis is not available.
+        """
+        if self._view.choice("COM_RC_IN_MODE") not in JOYSTICK_MODES or AXIS_MISSING in (x, y, z, r):
             return False
-        new = Deflection(_unit(x / FULL), _unit(y / FULL), _unit(r / FULL), _unit(2.0 * z / FULL - 1.0))
+        throttle = 2.0 * z / AXIS_MAX - 1.0
+        new = Deflection(*(_clamped(value) for value in (x / AXIS_MAX, y / AXIS_MAX, r / AXIS_MAX, throttle)))
         now_s = self._view.time_s
         since_s = now_s - self.received_at_s
         if self.valid and since_s > 0.0:
@@ -57,7 +61,7 @@ class Sticks:
         return self._view.time_s - self.received_at_s < max(0.0, self._view.parameter("COM_RC_LOSS_T"))
 
     def takes_over(self, *, offboard: bool) -> bool:
-        """Whether the pilot has moved a stick, and COM_RC_OVERRIDE allows it to end the automatic mode."""
+        """Whether the pilot has moved a stick, and COM_RC_OVERRIDE allows a takeover; clears `moved`."""
         moved, self.moved = self.moved, False
         bit = OVERRIDE_OFFBOARD if offboard else OVERRIDE_AUTO
         return moved and self.valid and bool(self._view.choice("COM_RC_OVERRIDE") & bit)
@@ -65,16 +69,16 @@ class Sticks:
     def shaped(self) -> Deflection:
         """Stick positions after dead zone and expo, for Position and Altitude modes."""
         parameter = self._view.parameter
-        zone = parameter("MPC_HOLD_DZ")
-        horizontal, vertical, turn = (
+        dead_zone = parameter("MPC_HOLD_DZ")
+        expo_xy, expo_z, expo_yaw = (
             parameter(name) for name in ("MPC_XY_MAN_EXPO", "MPC_Z_MAN_EXPO", "MPC_YAW_EXPO")
         )
         raw = self.raw
         return Deflection(
-            _expo(_dead_zone(raw.forward, zone), horizontal),
-            _expo(_dead_zone(raw.right, zone), horizontal),
-            _expo(_dead_zone(raw.yaw, zone), turn),
-            _expo(_dead_zone(raw.throttle, zone), vertical),
+            _expo(_dead_zone(raw.forward, dead_zone), expo_xy),
+            _expo(_dead_zone(raw.right, dead_zone), expo_xy),
+            _expo(_dead_zone(raw.yaw, dead_zone), expo_yaw),
+            _expo(_dead_zone(raw.throttle, dead_zone), expo_z),
         )
 
     def acro_rates_rad_s(self) -> tuple[float, float, float]:
@@ -82,11 +86,11 @@ class Sticks:
         parameter, raw = self._view.parameter, self.raw
         expo, super_expo = parameter("MC_ACRO_EXPO"), parameter("MC_ACRO_SUPEXPO")
         expo_y, super_y = parameter("MC_ACRO_EXPO_Y"), parameter("MC_ACRO_SUPEXPOY")
-        fastest = [math.radians(parameter(f"MC_ACRO_{axis}_MAX")) for axis in "RPY"]
+        max_rates = [math.radians(parameter(f"MC_ACRO_{axis}_MAX")) for axis in "RPY"]
         return (
-            _super_expo(raw.right, expo, super_expo) * fastest[0],
-            _super_expo(-raw.forward, expo, super_expo) * fastest[1],
-            _super_expo(raw.yaw, expo_y, super_y) * fastest[2],
+            _super_expo(raw.right, expo, super_expo) * max_rates[0],
+            _super_expo(-raw.forward, expo, super_expo) * max_rates[1],
+            _super_expo(raw.yaw, expo_y, super_y) * max_rates[2],
         )
 
     def thrust(self, hover_thrust: float) -> float:
@@ -102,7 +106,7 @@ class Sticks:
         return hover_thrust + (2.0 * throttle - 1.0) * (highest - hover_thrust)
 
 
-def _unit(value: float) -> float:
+def _clamped(value: float) -> float:
     return max(-1.0, min(1.0, value))
 
 
@@ -112,9 +116,9 @@ def _dead_zone(value: float, zone: float) -> float:
     return (value - math.copysign(zone, value)) / (1.0 - zone)
 
 
-def _expo(value: float, part: float) -> float:
-    return (1.0 - part) * value + part * value**3
+def _expo(value: float, expo: float) -> float:
+    return (1.0 - expo) * value + expo * value**3
 
 
-def _super_expo(value: float, part: float, super_part: float) -> float:
-    return _expo(value, part) * (1.0 - super_part) / (1.0 - abs(value) * super_part)
+def _super_expo(value: float, expo: float, super_expo: float) -> float:
+    return _expo(value, expo) * (1.0 - super_expo) / (1.0 - abs(value) * super_expo)

@@ -1,5 +1,5 @@
-"""The take-off state: motor spool-up, then a ramp of the allowed climb rate, from the rate that gives zero
-thrust to the full rate."""
+"""The states of a take-off. In the ramp, the allowed climb rate increases from the rate that gives zero
+thrust to the maximum."""
 
 from __future__ import annotations
 
@@ -24,20 +24,17 @@ class TakeoffState(IntEnum):
 
 
 @kernel
-def climb_limit(progress: float, speed_m_s: float, velocity_gain: float) -> float:
-    """The allowed climb rate at a progress of the ramp, 0 to 1.
-
-    The ramp starts at the speed error that gives zero thrust.
-    """
+def climb_limit(progress: float, max_climb_m_s: float, velocity_gain: float) -> float:
+    """The allowed climb rate at this progress of the ramp (0 to 1)."""
     start_m_s = -GRAVITY_M_S2 / velocity_gain if velocity_gain > 0.0 else -1.0
-    return start_m_s + progress * (speed_m_s - start_m_s)
+    return start_m_s + progress * (max_climb_m_s - start_m_s)
 
 
 class TakeoffRamp:
     """PX4's take-off state machine for one vehicle.
 
     Args:
-        progress: one number, the progress of the ramp from 0 to 1.
+        progress: (1,) progress of the ramp, 0 to 1.
     """
 
     def __init__(self, progress: memoryview[float]) -> None:
@@ -62,6 +59,7 @@ class TakeoffRamp:
         """Updates the state; `climb_limit_m_s` is NaN in flight, after the ramp.
 
         Args:
+            speed_m_s: maximum climb rate.
             velocity_gain: MPC_Z_VEL_P_ACC.
         """
         if not armed:
@@ -86,10 +84,10 @@ class TakeoffRamp:
 
     @property
     def flying(self) -> bool:
-        """Whether the ramp is over."""
+        """Whether the vehicle is in flight, after the ramp."""
         return self.state is TakeoffState.FLIGHT
 
     @property
     def ramp_started(self) -> bool:
-        """Whether the ramp has started; before that the vehicle is pressed to the ground."""
+        """Whether the ramp has started; before the ramp PX4 commands a downward acceleration."""
         return self.state >= TakeoffState.RAMPUP

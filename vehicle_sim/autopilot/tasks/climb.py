@@ -24,11 +24,13 @@ class Climb:
         self._path = path
         self._home = home
         self.alt_amsl_m = math.nan
-        """Altitude of the command, kept until the climb begins; NaN: MIS_TAKEOFF_ALT."""
+        """Commanded altitude, kept until the climb begins; NaN: MIS_TAKEOFF_ALT above the vehicle."""
 
     def enter(self) -> None:
-        """Sets the altitude: the commanded one, otherwise MIS_TAKEOFF_ALT above the vehicle; never below the
-        vehicle."""
+        """Sets the target to the commanded altitude or, without one, to MIS_TAKEOFF_ALT above the vehicle.
+
+        A commanded altitude below the vehicle is replaced by the vehicle's altitude.
+        """
         default_m = self._view.parameter("MIS_TAKEOFF_ALT")
         current_amsl_m = self._view.estimate.alt_amsl_m
         alt_amsl_m, self.alt_amsl_m = self.alt_amsl_m, math.nan
@@ -55,7 +57,7 @@ class Climb:
         return down is not None and down < self._view.estimate.position_ned_m[2] - MIN_CLIMB_M
 
     def begin(self, alt_amsl_m: float) -> None:
-        """Sets the target above the current position; a mission also uses this before its first item."""
+        """Sets the target to this altitude at the current horizontal position; missions also call this."""
         north, east, _ = self._view.estimate.position_ned_m
         self._path.target_ned_m = (north, east, self._view.origin[2] - alt_amsl_m)
 
@@ -68,7 +70,7 @@ class Climb:
     def steady_task(
         self, *, end_alt_amsl_m: float = math.inf, altitude_radius_m: float = math.nan
     ) -> SteadyTask | None:
-        """The climb until an altitude AMSL, or until the altitude error is within the radius; None: no target
+        """Steady task that ends at an altitude AMSL, or within a radius of the target; None: no target
         yet."""
         task = self._path.steady_task(Motion.CLIMB)
         if task is None or math.isnan(task.target_down_m):
@@ -80,22 +82,22 @@ class Climb:
     def run(self) -> None:
         """Runs one tick of the climb.
 
-        Below MPC_LAND_ALT1 above home, the take-off ramp limits the acceleration, and the trajectory starts
-        each tick at the vehicle's altitude, so that it does not descend at first.
+        Up to MPC_LAND_ALT1 above home, the take-off ramp limits the acceleration, and the trajectory starts
+        each tick at the vehicle's altitude, so that the trajectory does not descend at first.
         """
         path, parameter = self._path, self._view.parameter
         _, _, down = path.target_ned_m
         z = self._view.estimate.position_ned_m[2]
-        tick_s = path.advance_horizontal()
-        low = self._home.position_ned_m[2] - z < parameter("MPC_LAND_ALT1")
-        if low:
+        advanced_s = path.advance_horizontal()
+        near_home = self._home.position_ned_m[2] - z < parameter("MPC_LAND_ALT1")
+        if near_home:
             path.z.position_m = z
         remaining_m = 0.0 if down is None else down - path.z.position_m
-        advance_axis(path.z.row, tick_s)
+        advance_axis(path.z.row, advanced_s)
         max_speed, acceleration = parameter("MPC_Z_V_AUTO_UP"), parameter("MPC_ACC_UP_MAX")
         if remaining_m > 0.0:
             max_speed, acceleration = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_ACC_DOWN_MAX")
-        elif low:
+        elif near_home:
             max_speed, ramp_s = parameter("MPC_TKO_SPEED"), parameter("MPC_TKO_RAMP_T")
             acceleration = min(acceleration, max_speed / ramp_s) if ramp_s > 0.0 else acceleration
         jerk = parameter("MPC_JERK_AUTO")

@@ -1,7 +1,7 @@
 """Landing: descends at the current position, slower near the ground.
 
-The range finder measures the height above ground. Without it, the altitude above the local origin is used,
-and the lowest speed MPC_LAND_CRWL is not applied.
+The range finder measures the height above ground. Without a measurement, the altitude above the local
+origin is used instead, and the crawl speed MPC_LAND_CRWL is not used.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from vehicle_sim.vehicle_view import VehicleView
 
 
 class Descent:
-    """The flight task of mode Land, and the last part of a return."""
+    """The flight task of mode Land, and of the last phase of a return."""
 
     def __init__(self, view: VehicleView, path: Path) -> None:
         self._view = view
@@ -22,25 +22,25 @@ class Descent:
 
     def run(self) -> None:
         """Runs one tick of the descent."""
-        tick_s = self._path.advance_horizontal()
-        self._path.advance_vertical_speed(self._land_speed(), tick_s)
+        advanced_s = self._path.advance_horizontal()
+        self._path.advance_vertical_speed(self._land_speed(), advanced_s)
         self._path.write()
 
     def steady_task(self) -> SteadyTask | None:
-        """The descent until ground contact; None while the vehicle brakes first."""
+        """The descent until ground contact; None while the vehicle still brakes horizontally."""
         return self._path.steady_task(Motion.DESCENT)
 
     def _land_speed(self) -> float:
         parameter = self._view.parameter
         estimate = self._view.estimate
         range_m = estimate.height_above_ground_m
-        height = -estimate.position_ned_m[2] if math.isnan(range_m) else range_m
+        height_m = -estimate.position_ned_m[2] if math.isnan(range_m) else range_m
         fast, slow = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_LAND_SPEED")
-        high, low = parameter("MPC_LAND_ALT1"), parameter("MPC_LAND_ALT2")
+        high_m, low_m = parameter("MPC_LAND_ALT1"), parameter("MPC_LAND_ALT2")
         if range_m <= parameter("MPC_LAND_ALT3"):
             return parameter("MPC_LAND_CRWL")
-        if height >= high:
+        if height_m >= high_m:
             return fast
-        if height > low and high > low:
-            return slow + (fast - slow) * (height - low) / (high - low)
+        if height_m > low_m and high_m > low_m:
+            return slow + (fast - slow) * (height_m - low_m) / (high_m - low_m)
         return slow
