@@ -1,5 +1,5 @@
-"""Values that change at every tick, as arrays with a row for each autopilot. An autopilot uses its row,
-the compiled ticks (`steady.py`) use all rows together."""
+"""Data of the ticks, as arrays with a row for each autopilot. An autopilot uses its own row; the compiled
+ticks (`steady.py`) use all rows together."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from vehicle_sim.kernels import Blocks, Rows
 
 DOWN, SETPOINT_DOWN, TILT, RAMP, MOTION_SIZE = range(5)
 """Columns of `motion`: estimated position down at the last tick [m]; velocity down of the last trajectory
-setpoint [m/s] (NaN: no setpoint; setpoints that press the vehicle to the ground do not count); allowed tilt
-after take-off [rad]; progress of the take-off ramp, 0 to 1."""
+setpoint [m/s], NaN: no such setpoint in the air; tilt limit after take-off [rad]; progress of the take-off
+ramp, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class TickArrays:
     detector_limits: Rows
     """(N, `LIMIT_COUNT`) thresholds of the land detector."""
     motion: Rows
-    """(N, `MOTION_SIZE`) `DOWN`, `SETPOINT_DOWN`, `TILT`, `RAMP`."""
+    """(N, `MOTION_SIZE`) state between ticks; columns from `DOWN` to `RAMP`."""
 
     @classmethod
     def for_count(cls, count: int) -> TickArrays:

@@ -13,14 +13,15 @@ from vehicle_sim.geodesy import to_local
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
-CLOSEST_SAFE, NOT_HOME, MISSION_PATH, CLOSEST_OF_ALL, FEWEST_WAYPOINTS = range(5)
-"""Values of RTL_TYPE."""
+HOME_OR_RALLY, LANDING_OR_RALLY, MISSION_PATH, ANY_DESTINATION, SHORTER_MISSION_PATH = range(5)
+"""Values of RTL_TYPE: the closest home or rally point; the closest mission landing or rally point; along the
+mission; the closest of all destinations; along the mission, forward or back, with fewer waypoints."""
 RALLY_FRAMES = (0, 3)
 """Frames of rally points that PX4's return supports; points in other frames are reported and not used."""
 
 
 class DestinationKind(Enum):
-    """Kind of destination."""
+    """What the vehicle returns to."""
 
     HOME = "home"
     RALLY = "rally"
@@ -33,7 +34,7 @@ class Destination:
 
     kind: DestinationKind
     position_ned_m: Vector
-    """A position on the ground; for a mission landing, a waypoint of the route."""
+    """Position on the ground; for a mission landing, the position of a waypoint."""
     yaw_ned_rad: float
     route_ned_m: tuple[Vector, ...] = ()
     """Waypoints to fly through; the vehicle lands at the last one."""
@@ -49,15 +50,15 @@ class DestinationChooser:
 
     def choose(self, mission_seq: int) -> Destination:
         """Chooses by RTL_TYPE; `mission_seq` is the mission item that was current."""
-        kind = self._view.choice("RTL_TYPE")
+        rtl_type = self._view.choice("RTL_TYPE")
         home = Destination(DestinationKind.HOME, self._home.position_ned_m, self._home.yaw_ned_rad)
         landing = self._landing()
-        if kind in (MISSION_PATH, FEWEST_WAYPOINTS):
-            return self._along_mission(kind, mission_seq, landing, home)
+        if rtl_type in (MISSION_PATH, SHORTER_MISSION_PATH):
+            return self._mission_route(rtl_type, mission_seq, landing, home)
         candidates = self._rally_points()
-        if landing is not None and kind in (NOT_HOME, CLOSEST_OF_ALL):
+        if landing is not None and rtl_type in (LANDING_OR_RALLY, ANY_DESTINATION):
             candidates.append(landing)
-        if kind != NOT_HOME or not candidates:
+        if rtl_type != LANDING_OR_RALLY or not candidates:
             candidates.insert(0, home)
         return min(candidates, key=self._distance_m)
 
@@ -86,12 +87,13 @@ class DestinationChooser:
     def _landing(self) -> Destination | None:
         """The mission's landing: from DO_LAND_START if present, else its LAND item."""
         items = self._plans.mission
-        land = next((seq for seq, item in enumerate(items) if item.command == LAND), None)
-        if land is None:
+        land_seq = next((seq for seq, item in enumerate(items) if item.command == LAND), None)
+        if land_seq is None:
             return None
-        start = next((seq for seq, item in enumerate(items[:land]) if item.command == LAND_START), land)
-        route = tuple(self._local_position(item) for item in items[start : land + 1] if item.is_position)
-        yaw = items[land].yaw_rad()
+        starts = (seq for seq, item in enumerate(items[:land_seq]) if item.command == LAND_START)
+        landing_items = items[next(starts, land_seq) : land_seq + 1]
+        route = tuple(self._local_position(item) for item in landing_items if item.is_position)
+        yaw = items[land_seq].yaw_rad()
         return Destination(
             DestinationKind.MISSION_LANDING,
             route[0],
@@ -99,28 +101,30 @@ class DestinationChooser:
             route,
         )
 
-    def _along_mission(
-        self, kind: int, seq: int, landing: Destination | None, home: Destination
+    def _mission_route(
+        self, rtl_type: int, mission_seq: int, landing: Destination | None, home: Destination
     ) -> Destination:
         items = self._plans.mission
-        back = [self._local_position(item) for item in reversed(items[:seq]) if _is_waypoint(item)]
-        reverse = Destination(
+        flown_items = reversed(items[:mission_seq])
+        reverse_route = [self._local_position(item) for item in flown_items if _is_route_waypoint(item)]
+        return_home = Destination(
             DestinationKind.HOME,
             home.position_ned_m,
             home.yaw_ned_rad,
-            (*back, home.position_ned_m),
-            climbs=not back,
+            (*reverse_route, home.position_ned_m),
+            climbs=not reverse_route,
         )
         if landing is None:
-            return reverse
-        land = next(n for n, item in enumerate(items) if item.command == LAND)
-        forward = tuple(self._local_position(item) for item in items[seq : land + 1] if item.is_position)
-        if not forward:
+            return return_home
+        land_seq = next(seq for seq, item in enumerate(items) if item.command == LAND)
+        items_ahead = items[mission_seq : land_seq + 1]
+        route = tuple(self._local_position(item) for item in items_ahead if item.is_position)
+        if not route:
             return landing
-        if kind == FEWEST_WAYPOINTS and len(back) < len(forward) - 1:
-            return reverse
+        if rtl_type == SHORTER_MISSION_PATH and len(reverse_route) < len(route) - 1:
+            return return_home
         return Destination(
-            DestinationKind.MISSION_LANDING, forward[-1], landing.yaw_ned_rad, forward, climbs=False
+            DestinationKind.MISSION_LANDING, route[-1], landing.yaw_ned_rad, route, climbs=False
         )
 
     def _local_position(self, item: Item) -> Vector:
@@ -133,5 +137,5 @@ class DestinationChooser:
         self._rally_points()
 
 
-def _is_waypoint(item: Item) -> bool:
+def _is_route_waypoint(item: Item) -> bool:
     return item.is_position and item.command not in (LAND, RETURN)

@@ -18,16 +18,17 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
 ATTITUDE_RATE_MODES = frozenset({NavState.MANUAL, NavState.STABILIZED, NavState.ACRO})
-"""Modes that control attitude or rates, also on the ground; a multicopter flies Manual as Stabilized."""
+"""Modes whose sticks control attitude or rates; a multicopter flies Manual as Stabilized."""
 STICK_MODES = ATTITUDE_RATE_MODES | {NavState.POSITION, NavState.POSITION_SLOW, NavState.ALTITUDE}
 """Modes that the pilot flies by sticks."""
 
 TAKEOFF_THROTTLE = 0.3
-"""A throttle this far above the middle takes off a vehicle on the ground."""
+"""A vehicle on the ground takes off at a throttle (-1..1) above this value."""
 BRAKE_BOOST = 2.0
 BRAKE_BOOST_TIME_CONSTANT_S = 0.8
+"""Factor on the drag with centred sticks, and the time constant of a change of this factor."""
 DRAG_ACCELERATION_FACTOR = 2.0
-"""Factor on MPC_ACC_HOR at the start, because the modelled drag takes half of the acceleration on average."""
+"""Factor on MPC_ACC_HOR, because the modelled drag takes half of the acceleration on average."""
 STANDSTILL_M_S = 0.01
 
 
@@ -76,7 +77,7 @@ class StickTasks:
         PX4 keeps the flight task and its speed setpoints while the vehicle stops.
 
         Returns:
-            False if this mode had no stick input before, or if it controls attitude or rates directly.
+            False if the last tick did not run this mode, or if its sticks control attitude or rates.
         """
         now_s = self._view.time_s
         if mode in ATTITUDE_RATE_MODES or mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
@@ -119,36 +120,36 @@ class StickTasks:
             self._yaw_rad = wrap_angle(self._yaw_rad + reset.heading_rad)
 
     def _stabilize(self) -> None:
-        """Tilt from the roll and pitch sticks, heading from the yaw rate, thrust from the throttle."""
+        """Writes an attitude: tilt from the roll and pitch sticks, heading from the yaw stick, thrust from
+        the throttle."""
         parameter, raw = self._view.parameter, self._sticks.raw
-        limit = math.radians(parameter("MPC_MAN_TILT_MAX"))
-        roll, pitch = raw.right * limit, -raw.forward * limit
+        tilt_max = math.radians(parameter("MPC_MAN_TILT_MAX"))
+        roll, pitch = raw.right * tilt_max, -raw.forward * tilt_max
         tilt = math.hypot(roll, pitch)
-        scale = min(1.0, limit / tilt) if tilt > 0.0 else 1.0
-        angle = tilt * scale
-        sine_per_tilt = math.sin(0.5 * angle) / tilt if tilt > 1e-6 else 0.0
-        qw, qx, qy = math.cos(0.5 * angle), roll * sine_per_tilt, pitch * sine_per_tilt
+        scale = min(1.0, tilt_max / tilt) if tilt > 0.0 else 1.0
+        limited_tilt = tilt * scale
+        sine_per_tilt = math.sin(0.5 * limited_tilt) / tilt if tilt > 1e-6 else 0.0
+        qw, qx, qy = math.cos(0.5 * limited_tilt), roll * sine_per_tilt, pitch * sine_per_tilt
         yaw_rad, yaw_rate = self._turn()
         if math.isnan(yaw_rad):
             yaw_rad = self._view.estimate.yaw_ned_rad
         c, s = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
-        hover = float(self._view.simulation.target.hover_thrust[self._view.row])
+        hover_thrust = float(self._view.simulation.target.hover_thrust[self._view.row])
         self._setpoints.attitude(
-            (c * qw, c * qx - s * qy, c * qy + s * qx, s * qw), self._sticks.thrust(hover), yaw_rate
+            (c * qw, c * qx - s * qy, c * qy + s * qx, s * qw), self._sticks.thrust(hover_thrust), yaw_rate
         )
 
     def _fly(self, mode: NavState) -> None:
         yaw_rad, yaw_rate = self._turn()
         z, vz = self._vertical(mode)
         if mode is NavState.ALTITUDE:
-            north, east = self._heading_frame(*self._unit_stick())
-            max_acceleration_m_s2 = GRAVITY_M_S2 * math.tan(
-                math.radians(self._view.parameter("MPC_MAN_TILT_MAX"))
-            )
+            north, east = self._rotate_to_ne(*self._limited_stick())
+            tilt_max = math.radians(self._view.parameter("MPC_MAN_TILT_MAX"))
+            max_m_s2 = GRAVITY_M_S2 * math.tan(tilt_max)
+            acceleration = (north * max_m_s2, east * max_m_s2, math.nan)
             self._setpoints.trajectory(
-                (math.nan, math.nan, z), (math.nan, math.nan, vz), (north * max_acceleration_m_s2, east *
-                max_acceleration_m_s2, math.nan), yaw_rad, yaw_rate,
-            )  # fmt: skip
+                (math.nan, math.nan, z), (math.nan, math.nan, vz), acceleration, yaw_rad, yaw_rate
+            )
             return
         kept_position = self._horizontal(mode)
         n, e = kept_position if kept_position is not None else (math.nan, math.nan)
@@ -173,13 +174,13 @@ class StickTasks:
             self._yaw_rad = self._view.estimate.yaw_ned_rad
         return self._yaw_rad, 0.0
 
-    def _heading_frame(self, forward: float, right: float) -> tuple[float, float]:
+    def _rotate_to_ne(self, forward: float, right: float) -> tuple[float, float]:
         yaw = wrap_angle(self._yaw_rad if self._yaw_rad is not None else self._view.estimate.yaw_ned_rad)
         c, s = math.cos(yaw), math.sin(yaw)
         return c * forward - s * right, s * forward + c * right
 
-    def _unit_stick(self) -> tuple[float, float]:
-        """Pitch and roll sticks (forward, right), limited to length one."""
+    def _limited_stick(self) -> tuple[float, float]:
+        """Pitch and roll sticks (forward, right); the length of this vector is limited to 1."""
         shaped = self._sticks.shaped()
         length = max(1.0, math.hypot(shaped.forward, shaped.right))
         return shaped.forward / length, shaped.right / length
@@ -187,16 +188,16 @@ class StickTasks:
     # --- horizontal ----------------------------------------------------------------------------------------
 
     def _horizontal(self, mode: NavState) -> tuple[float, float] | None:
-        """Integrates the stick's acceleration minus a drag (equal at full speed) to a velocity setpoint.
+        """Integrates the acceleration of the stick minus a drag to a velocity; both are equal at full speed.
 
         Returns:
             Position (north, east) to keep at standstill; None: the velocity is controlled.
         """
         parameter, estimate = self._view.parameter, self._view.estimate
-        full = max(0.1, parameter("MPC_VEL_MANUAL"))
-        fastest = min(full, parameter("MC_SLOW_DEF_HVEL")) if mode is NavState.POSITION_SLOW else full
-        max_acceleration = DRAG_ACCELERATION_FACTOR * parameter("MPC_ACC_HOR") * fastest / full
-        stick = self._unit_stick()
+        full_m_s = max(0.1, parameter("MPC_VEL_MANUAL"))
+        max_m_s = min(full_m_s, parameter("MC_SLOW_DEF_HVEL")) if mode is NavState.POSITION_SLOW else full_m_s
+        max_acceleration = DRAG_ACCELERATION_FACTOR * parameter("MPC_ACC_HOR") * max_m_s / full_m_s
+        stick = self._limited_stick()
         centred = stick == (0.0, 0.0)
         boost = BRAKE_BOOST if centred else 1.0
         boost_gain = TICK_S / (TICK_S + BRAKE_BOOST_TIME_CONSTANT_S)
@@ -208,49 +209,51 @@ class StickTasks:
             self._velocity_m_s, self._kept_position_m = (vn, ve), None
         vn, ve = self._velocity_m_s
         speed = math.hypot(vn, ve)
-        drag = self._brake_boost * max_acceleration / fastest
+        drag = self._brake_boost * max_acceleration / max_m_s
         if 0.0 < speed < 1.0:
             drag /= math.sqrt(speed)
-        north, east = self._heading_frame(*stick)
+        north, east = self._rotate_to_ne(*stick)
         commanded = (north * max_acceleration - drag * vn, east * max_acceleration - drag * ve)
-        change = parameter("MPC_JERK_MAX") * TICK_S
-        before = self._acceleration_m_s2
+        max_change = parameter("MPC_JERK_MAX") * TICK_S
+        last_acceleration = self._acceleration_m_s2
         an, ae = (
-            old + max(-change, min(change, new - old)) for old, new in zip(before, commanded, strict=True)
+            old + max(-max_change, min(max_change, new - old))
+            for old, new in zip(last_acceleration, commanded, strict=True)
         )
-        vn += 0.5 * (before[0] + an) * TICK_S
-        ve += 0.5 * (before[1] + ae) * TICK_S
-        if centred and (math.hypot(vn, ve) < STANDSTILL_M_S or self._reverses(vn, ve)):
+        vn += 0.5 * (last_acceleration[0] + an) * TICK_S
+        ve += 0.5 * (last_acceleration[1] + ae) * TICK_S
+        if centred and (math.hypot(vn, ve) < STANDSTILL_M_S or self._would_reverse(vn, ve)):
             vn = ve = an = ae = 0.0
         self._velocity_m_s, self._acceleration_m_s2 = (vn, ve), (an, ae)
         if centred and vn == 0.0 and ve == 0.0 and self._kept_position_m is None:
             self._kept_position_m = estimate.position_ned_m[0], estimate.position_ned_m[1]
         return self._kept_position_m
 
-    def _reverses(self, vn: float, ve: float) -> bool:
-        """Whether braking has reversed the velocity."""
+    def _would_reverse(self, vn: float, ve: float) -> bool:
+        """Whether this velocity setpoint is opposite to the last one."""
         old_n, old_e = self._velocity_m_s
         return vn * old_n + ve * old_e < 0.0
 
     # --- altitude ------------------------------------------------------------------------------------------
 
     def _vertical(self, mode: NavState) -> tuple[float, float]:
-        """Smooth climb rate from the throttle; with the stick centred the altitude is kept."""
+        """Setpoints of position and velocity down; a centred throttle keeps the altitude."""
         parameter, estimate = self._view.parameter, self._view.estimate
         throttle = self._sticks.shaped().throttle
-        up, down = parameter("MPC_Z_VEL_MAX_UP"), parameter("MPC_Z_VEL_MAX_DN")
+        max_climb, max_descent = parameter("MPC_Z_VEL_MAX_UP"), parameter("MPC_Z_VEL_MAX_DN")
         if mode is NavState.POSITION_SLOW:
-            slow = parameter("MC_SLOW_DEF_VVEL")
-            up, down = min(up, slow), min(down, slow)
+            slow_limit = parameter("MC_SLOW_DEF_VVEL")
+            max_climb, max_descent = min(max_climb, slow_limit), min(max_descent, slow_limit)
         above_home_m = self._home.position_ned_m[2] - estimate.position_ned_m[2]
-        low, high = parameter("MPC_LAND_ALT2"), parameter("MPC_LAND_ALT1")
-        fraction = max(0.0, min(1.0, (above_home_m - low) / (high - low))) if high > low else 1.0
-        down = min(down, parameter("MPC_LAND_SPEED") + fraction * (down - parameter("MPC_LAND_SPEED")))
-        commanded_m_s = -throttle * (up if throttle > 0.0 else max(0.0, down))
+        low_m, high_m = parameter("MPC_LAND_ALT2"), parameter("MPC_LAND_ALT1")
+        fraction = max(0.0, min(1.0, (above_home_m - low_m) / (high_m - low_m))) if high_m > low_m else 1.0
+        land_speed = parameter("MPC_LAND_SPEED")
+        max_descent = min(max_descent, land_speed + fraction * (max_descent - land_speed))
+        commanded_m_s = -throttle * (max_climb if throttle > 0.0 else max(0.0, max_descent))
         climbing = commanded_m_s < self._z.velocity_m_s
-        limit = parameter("MPC_ACC_UP_MAX" if climbing else "MPC_ACC_DOWN_MAX")
+        max_acceleration = parameter("MPC_ACC_UP_MAX" if climbing else "MPC_ACC_DOWN_MAX")
         advance_axis(self._z.row, TICK_S)
-        plan(self._z.row, commanded_m_s, limit, parameter("MPC_JERK_MAX"))
+        plan(self._z.row, commanded_m_s, max_acceleration, parameter("MPC_JERK_MAX"))
         if throttle != 0.0 or abs(self._z.velocity_m_s) > STANDSTILL_M_S:
             self._kept_down_m = None
             return math.nan, self._z.velocity_m_s

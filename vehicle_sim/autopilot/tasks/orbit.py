@@ -14,8 +14,9 @@ from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.vehicle_view import VehicleView
 
 ON_CIRCLE_M = 2.0
-"""Within this distance of the circle the vehicle starts to fly around it."""
+"""The vehicle flies around the circle from this distance to the circle."""
 RADIUS_GAIN_PER_S = 1.0
+"""Radial speed setpoint per metre of distance to the circle."""
 RADIUS_MIN_M = 1.0
 CENTRIPETAL_MAX_M_S2 = 2.0
 """Limit of the centripetal acceleration; above it PX4 reduces the speed and keeps the radius."""
@@ -55,11 +56,14 @@ class Orbit:
         self._path = path
         self._setpoints = setpoints
         self._circle: Circle | None = None
-        self._on_orbit = False
+        self._flies_around = False
         self._speed_m_s = 0.0
         """Current speed along the circle; it changes with MPC_ACC_HOR."""
         self._initial_yaw_rad = 0.0
-        self._requested = self._commanded = False
+        self._requested = False
+        """Whether a command was accepted since the last entry of the mode."""
+        self._commanded = False
+        """Whether a command has set the circle."""
 
     @property
     def circle(self) -> Circle | None:
@@ -68,17 +72,17 @@ class Orbit:
 
     def enter(self) -> None:
         """Starts the mode; without a command the circle has a radius of 1 m around the vehicle."""
-        self._on_orbit = False
+        self._flies_around = False
         self._initial_yaw_rad = self._view.estimate.yaw_ned_rad
         self._commanded, self._requested = self._requested, False
         if not self._commanded:
             north, east, down = self._view.estimate.position_ned_m
-            self._circle = Circle(north, east, down, RADIUS_MIN_M, 1.0, self._parameter_yaw())
+            self._circle = Circle(north, east, down, RADIUS_MIN_M, 1.0, self._default_yaw())
 
     def request(
         self, lat_lon_alt: tuple[float, float, float], radius_m: float, speed_m_s: float, yaw_behaviour: float
     ) -> None:
-        """Handles DO_ORBIT; NaN for centre or altitude means the vehicle's current one."""
+        """Handles DO_ORBIT; without a valid centre or altitude, the trajectory's current one applies."""
         north, east, down = self._path.position_ned_m
         lat_deg, lon_deg, alt_amsl_m = lat_lon_alt
         origin_lat, origin_lon, origin_alt = self._view.origin
@@ -88,44 +92,44 @@ class Orbit:
         if math.isfinite(alt_amsl_m) and math.isfinite(origin_alt):
             down = origin_alt - alt_amsl_m
         radius = radius_m if math.isfinite(radius_m) else RADIUS_MIN_M
-        fastest = self._view.parameter("MPC_XY_VEL_MAX")
-        speed = max(-fastest, min(fastest, speed_m_s)) if math.isfinite(speed_m_s) else 1.0
+        max_speed = self._view.parameter("MPC_XY_VEL_MAX")
+        speed = max(-max_speed, min(max_speed, speed_m_s)) if math.isfinite(speed_m_s) else 1.0
         if not RADIUS_MIN_M <= abs(radius) <= self._view.parameter("MC_ORBIT_RAD_MAX"):
             self._announcer.announce(2, "Orbit radius limit exceeded", "orbit_radius_exceeded")
             self._requested = False
             return
-        yaw = self._parameter_yaw()
+        yaw = self._default_yaw()
         if math.isfinite(yaw_behaviour) and 0 <= int(yaw_behaviour) < len(YawBehaviour):
             yaw = YawBehaviour(int(yaw_behaviour))
-        fastest = math.sqrt(CENTRIPETAL_MAX_M_S2 * abs(radius))
-        speed = math.copysign(min(abs(speed), fastest), radius * speed)
+        centripetal_limit = math.sqrt(CENTRIPETAL_MAX_M_S2 * abs(radius))
+        speed = math.copysign(min(abs(speed), centripetal_limit), radius * speed)
         self._circle = Circle(north, east, down, abs(radius), speed, yaw)
         self._requested = self._commanded = True
-        self._on_orbit = self._on_orbit and self._on_circle(self._circle)
+        self._flies_around = self._flies_around and self._is_near_circle(self._circle)
 
-    def _on_circle(self, circle: Circle) -> bool:
+    def _is_near_circle(self, circle: Circle) -> bool:
         north, east, down = self._view.estimate.position_ned_m
         error_m = math.hypot(north - circle.north_m, east - circle.east_m) - circle.radius_m
         return abs(error_m) < ON_CIRCLE_M and abs(down - circle.down_m) < self._view.parameter(
             "NAV_MC_ALT_RAD"
         )
 
-    def _parameter_yaw(self) -> YawBehaviour:
+    def _default_yaw(self) -> YawBehaviour:
         choice = self._view.choice("MC_ORBIT_YAW_MOD")
         return YawBehaviour(choice) if 0 <= choice < len(YawBehaviour) else YawBehaviour.TO_CENTRE
 
     def run(self) -> None:
-        """Runs one tick towards the circle, or around it once the vehicle has reached it."""
+        """Runs one tick towards the circle or, after the vehicle has reached the circle, around it."""
         circle = self._circle
         if circle is None:
             self._path.fly_to_target()
             return
         north, east, _ = self._view.estimate.position_ned_m
         dn, de = north - circle.north_m, east - circle.east_m
-        distance = math.hypot(dn, de)
-        un, ue = (dn / distance, de / distance) if distance > 0.01 else (1.0, 0.0)
-        if self._on_orbit or self._on_circle(circle):
-            self._fly_around(circle, (un, ue), distance)
+        distance_m = math.hypot(dn, de)
+        un, ue = (dn / distance_m, de / distance_m) if distance_m > 0.01 else (1.0, 0.0)
+        if self._flies_around or self._is_near_circle(circle):
+            self._fly_around(circle, (un, ue), distance_m)
             return
         self._path.target_ned_m = (
             circle.north_m + un * circle.radius_m, circle.east_m + ue * circle.radius_m, circle.down_m,
@@ -135,14 +139,14 @@ class Orbit:
 
     def _fly_around(self, circle: Circle, outward: tuple[float, float], distance_m: float) -> None:
         north, east, _ = self._view.estimate.position_ned_m
-        if not self._on_orbit:
+        if not self._flies_around:
             # The current altitude is kept; it is within NAV_MC_ALT_RAD of the circle's altitude.
-            self._on_orbit, self._speed_m_s = True, 0.0
+            self._flies_around, self._speed_m_s = True, 0.0
             self._path.target_ned_m = (north, east, None)
         un, ue = outward
         radial_m_s = RADIUS_GAIN_PER_S * (circle.radius_m - distance_m)
-        step = self._view.parameter("MPC_ACC_HOR") * TICK_S
-        self._speed_m_s += max(-step, min(step, circle.speed_m_s - self._speed_m_s))
+        max_change = self._view.parameter("MPC_ACC_HOR") * TICK_S
+        self._speed_m_s += max(-max_change, min(max_change, circle.speed_m_s - self._speed_m_s))
         speed = self._speed_m_s
         centripetal = -circle.speed_m_s * circle.speed_m_s / circle.radius_m
         self._path.x.reset(north)

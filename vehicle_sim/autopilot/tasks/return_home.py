@@ -17,11 +17,12 @@ from vehicle_sim.vehicle_view import Vector, VehicleView
 
 ALTITUDE_TOLERANCE_M = 0.8
 """Altitude error within which the vehicle continues with the next phase."""
-MIN_ALTITUDE_RADII = 2.0
-"""PX4 returns at least twice NAV_ACC_RAD above the destination, unless it starts within NAV_ACC_RAD."""
-RETURN_SPEEDS = ("MPC_Z_V_AUTO_UP", "MPC_XY_CRUISE", "MPC_Z_V_AUTO_DN")
+MIN_RETURN_ALTITUDE_FACTOR = 2.0
+"""The return altitude is at least this factor times NAV_ACC_RAD above the destination, unless the vehicle is
+within NAV_ACC_RAD of it."""
+SPEED_PARAMETERS = ("MPC_Z_V_AUTO_UP", "MPC_XY_CRUISE", "MPC_Z_V_AUTO_DN")
 RALLY_CHECK_DELAY_S = 0.8
-IDLE = 0
+IDLE_COMMAND = 0
 
 
 class ReturnPhase(Enum):
@@ -60,12 +61,12 @@ class ReturnHome:
         self._leg = Leg(path)
         self.phase = ReturnPhase.CLIMB
         self._phase_since_s = 0.0
-        self._return_z_m = 0.0
+        self._return_down_m = 0.0
         self._destination = Destination(DestinationKind.HOME, (0.0, 0.0, 0.0), 0.0)
         self._route: list[Vector] = []
         self._idle_sent = False
         self._rally_revision = 0
-        self._rally_due_s = math.inf
+        self._rally_check_at_s = math.inf
 
     def enter(self, mission_seq: int) -> None:
         """Chooses the destination and the return altitude, and announces them."""
@@ -75,30 +76,31 @@ class ReturnHome:
         north, east, down = self._view.estimate.position_ned_m
         if not self._destination.climbs:
             self._leg.restart()
-            self._next_on_route()
+            self._fly_to_next_waypoint()
             return
         goal_n, goal_e, goal_d = self._destination.position_ned_m
-        distance = math.hypot(north - goal_n, east - goal_e)
+        distance_m = math.hypot(north - goal_n, east - goal_e)
         above_m = goal_d - down
-        above_m = max(above_m, self._return_above_m(distance, above_m))
-        self._return_z_m = goal_d - above_m
+        above_m = max(above_m, self._return_above_m(distance_m, above_m))
+        self._return_down_m = goal_d - above_m
         self._set_phase(ReturnPhase.CLIMB)
-        self._path.target_ned_m = (north, east, self._return_z_m)
-        above = math.ceil(above_m)
+        self._path.target_ned_m = (north, east, self._return_down_m)
+        rounded_above_m = math.ceil(above_m)
         if self._destination.kind is DestinationKind.MISSION_LANDING:
-            amsl = round(self._view.origin[2] - self._return_z_m)
+            amsl_m = round(self._view.origin[2] - self._return_down_m)
             self._announcer.announce(
-                6, f"RTL Mission Land: climb to {amsl} m", "rtl_mission_land_climb", "i", amsl
+                6, f"RTL Mission Land: climb to {amsl_m} m", "rtl_mission_land_climb", "i", amsl_m
             )
             return
-        amsl = math.ceil(self._view.origin[2] - goal_d + above_m)
+        amsl_m = math.ceil(self._view.origin[2] - goal_d + above_m)
         self._announcer.announce(
-            6, f"RTL: start return at {amsl} m ({above} m above destination)",
-            "vrtl_return_at", "ii", amsl, above,
+            6, f"RTL: start return at {amsl_m} m ({rounded_above_m} m above destination)",
+            "vrtl_return_at", "ii", amsl_m, rounded_above_m,
         )  # fmt: skip
 
     def _return_above_m(self, distance_m: float, above_m: float) -> float:
-        """Altitude above the destination: RTL_RETURN_ALT; within RTL_MIN_DIST, RTL_CONE_ANG limits it."""
+        """Return altitude above the destination: RTL_RETURN_ALT, which RTL_CONE_ANG limits within
+        RTL_MIN_DIST."""
         parameter = self._view.parameter
         radius = parameter("NAV_ACC_RAD")
         if distance_m <= radius:
@@ -109,31 +111,31 @@ class ReturnHome:
             return_above_m = parameter("RTL_DESCEND_ALT")
         elif cone_deg > 0 and distance_m < parameter("RTL_MIN_DIST"):
             return_above_m = min(return_above_m, distance_m / math.tan(math.radians(cone_deg)))
-        return max(return_above_m, MIN_ALTITUDE_RADII * radius)
+        return max(return_above_m, MIN_RETURN_ALTITUDE_FACTOR * radius)
 
     def duration_s(self, to_ned_m: Vector) -> float:
-        """Duration of climb, flight and descent to a position, at the speeds of the parameters."""
+        """Duration of climb, flight and descent to a position, at the speeds in SPEED_PARAMETERS."""
         north, east, down = self._view.estimate.position_ned_m
-        distance = math.hypot(north - to_ned_m[0], east - to_ned_m[1])
+        distance_m = math.hypot(north - to_ned_m[0], east - to_ned_m[1])
         above_m = max(0.0, to_ned_m[2] - down)
-        top = max(above_m, self._return_above_m(distance, above_m))
-        speeds = (self._view.parameter(name) for name in RETURN_SPEEDS)
-        legs = zip((top - above_m, distance, top), speeds, strict=True)
+        top_m = max(above_m, self._return_above_m(distance_m, above_m))
+        speeds = (self._view.parameter(name) for name in SPEED_PARAMETERS)
+        legs = zip((top_m - above_m, distance_m, top_m), speeds, strict=True)
         return sum(leg_m / max(0.1, speed) for leg_m, speed in legs)
 
     def run(self) -> None:
         """Runs one tick, and starts the next phase when the current one has ended."""
         goal_n, goal_e, _ = self._destination.position_ned_m
         north, east, down = self._view.estimate.position_ned_m
-        distance = math.hypot(north - goal_n, east - goal_e)
-        if self.phase is ReturnPhase.CLIMB and down <= self._return_z_m + ALTITUDE_TOLERANCE_M:
+        distance_m = math.hypot(north - goal_n, east - goal_e)
+        if self.phase is ReturnPhase.CLIMB and down <= self._return_down_m + ALTITUDE_TOLERANCE_M:
             self._set_phase(ReturnPhase.RETURN)
-            self._path.target_ned_m = (goal_n, goal_e, self._return_z_m)
+            self._path.target_ned_m = (goal_n, goal_e, self._return_down_m)
             self._path.face(goal_n, goal_e)
-        elif self.phase is ReturnPhase.RETURN and distance < self._view.parameter("NAV_ACC_RAD"):
+        elif self.phase is ReturnPhase.RETURN and distance_m < self._view.parameter("NAV_ACC_RAD"):
             if self._route:
                 self._leg.restart()
-                self._next_on_route()
+                self._fly_to_next_waypoint()
             else:
                 self._begin_descent()
         elif self.phase is ReturnPhase.ROUTE:
@@ -164,8 +166,8 @@ class ReturnHome:
         goal_n, goal_e, goal_d = self._destination.position_ned_m
         down = self._view.estimate.position_ned_m[2]
         self._set_phase(ReturnPhase.DESCEND)
-        descend = self._view.parameter("RTL_DESCEND_ALT")
-        self._path.target_ned_m = (goal_n, goal_e, max(down, goal_d - descend))
+        descend_alt_m = self._view.parameter("RTL_DESCEND_ALT")
+        self._path.target_ned_m = (goal_n, goal_e, max(down, goal_d - descend_alt_m))
 
     def _wait(self) -> None:
         delay_s = self._view.parameter("RTL_LAND_DELAY")
@@ -181,10 +183,10 @@ class ReturnHome:
 
     # --- routes ----------------------------------------------------------------------------------------
 
-    def _next_on_route(self) -> None:
+    def _fly_to_next_waypoint(self) -> None:
         waypoint = self._route.pop(0)
         if not self._route:
-            # the position above the landing point, at the current altitude of the trajectory
+            # above the landing point, at the trajectory's current altitude
             waypoint = (waypoint[0], waypoint[1], self._path.position_ned_m[2])
         next_target = self._route[0] if self._route else None
         self._leg.set(waypoint, next_target, self._view.parameter("NAV_ACC_RAD"))
@@ -196,7 +198,7 @@ class ReturnHome:
         if math.hypot(tn - n, te - e) > self._leg.acceptance_m or abs(td - d) > ALTITUDE_TOLERANCE_M:
             return
         if self._route:
-            self._next_on_route()
+            self._fly_to_next_waypoint()
         elif self._destination.kind is DestinationKind.MISSION_LANDING:
             self._path.yaw_target_rad = self._destination.yaw_ned_rad
             self._land()
@@ -206,28 +208,28 @@ class ReturnHome:
     # --- checks ----------------------------------------------------------------------------------------
 
     def check_landing(self) -> None:
-        """Commands the vehicle to idle once after a landing, as PX4 does."""
+        """Sends the idle command once after a landing, as PX4 does."""
         if self.phase is ReturnPhase.LAND and not self._idle_sent:
             self._idle_sent = True
             parameter = self._view.parameter
-            ground = self._view.origin[2] - self._destination.position_ned_m[2]
-            self._commands.send(
-                IDLE, 0.0, parameter("NAV_ACC_RAD"), parameter("NAV_LOITER_RAD"), math.nan, 0.0, 0.0, ground
-            )
+            ground_amsl_m = self._view.origin[2] - self._destination.position_ned_m[2]
+            radius_m, loiter_m = parameter("NAV_ACC_RAD"), parameter("NAV_LOITER_RAD")
+            self._commands.send(IDLE_COMMAND, 0.0, radius_m, loiter_m, math.nan, 0.0, 0.0, ground_amsl_m)
 
     def check_rally_points(self) -> None:
-        """Reports new rally points in an unsupported frame shortly after their upload; called each tick."""
+        """Reports new rally points in an unsupported frame shortly after their upload; call it at each
+        tick."""
         if self._rally_revision != self._plans.revision(RALLY):
             self._rally_revision = self._plans.revision(RALLY)
-            self._rally_due_s = self._view.time_s + RALLY_CHECK_DELAY_S
-        if self._view.time_s >= self._rally_due_s:
-            self._rally_due_s = math.inf
+            self._rally_check_at_s = self._view.time_s + RALLY_CHECK_DELAY_S
+        if self._view.time_s >= self._rally_check_at_s:
+            self._rally_check_at_s = math.inf
             self._chooser.report_unsupported()
 
     @property
     def has_unchecked_rally_points(self) -> bool:
         """Whether new rally points have not been checked yet."""
-        return math.isfinite(self._rally_due_s)
+        return math.isfinite(self._rally_check_at_s)
 
     @property
     def landing(self) -> bool:
