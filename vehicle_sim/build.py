@@ -20,6 +20,6 @@ DATA_FORMAT: Final = 2
 
 
 def version_text(version: int) -> str:
-    """A version as text: Release 1.16.0 (17826047)."""
+    """The version in the format "Release 1.16.0 (17826047)"."""
     major, minor, patch = version >> 24 & 0xFF, version >> 16 & 0xFF, version >> 8 & 0xFF
     return f"Release {major}.{minor}.{patch} ({version})"

@@ -1,7 +1,7 @@
 """PREFLIGHT_CALIBRATION as in PX4: status texts, acknowledgements and stored parameters.
 
-All calibrations use the readings of the simulated sensors (`readings.py`). A calibration by sides asks for
-each side of the vehicle in turn, and fails if the vehicle is not turned.
+All calibrations use the readings of the simulated sensors (`readings.py`). The compass and the accelerometer
+are calibrated by sides: the pilot places the vehicle on each of its six sides.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from vehicle_sim.commands.readings import Readings, SendParameters, sphere_centr
 from vehicle_sim.commands.sides import Rest, RestDetector, Side, offset_and_scale
 from vehicle_sim.frames import GRAVITY_M_S2
 
-CALIBRATION, FIXED_MAG = 241, 42006
+CALIBRATION, MAG_QUICK = 241, 42006
 INFO, CRITICAL, EMERGENCY = 6, 2, 0
 """MAV_SEVERITY."""
 ACCELEROMETER_FULL, LEVEL, ACCELEROMETER_QUICK = 1, 2, 4
-"""param5."""
-STILL = "[cal] hold vehicle still on a pending side"
-REST = "[cal] detected rest position, hold still..."
-MOTION = "[cal] detected motion, hold still..."
+"""Values of param5."""
+HOLD_STILL_TEXT = "[cal] hold vehicle still on a pending side"
+REST_TEXT = "[cal] detected rest position, hold still..."
+MOTION_TEXT = "[cal] detected motion, hold still..."
 PROGRESS_S = 0.1
 TEXT_INTERVAL_S = 0.05
 """Delay between two texts."""
 SIDE_PAUSE_S = 0.136
 ACCEL_STILL_S, MAG_STILL_S, MAG_TOLERANCE = 1.3, 0.5, 3.0
-"""Required duration of rest, and tolerance of motion."""
+"""Required durations of rest, and factor on the motion that counts as rest."""
 ACCEL_SAMPLES, GYRO_SAMPLES, QUICK_SAMPLES = 750, 250, 7
 REST_TIMEOUT_S = 90.0
-FAILURES_ALLOWED = 4
-"""Number of failed attempts (side already measured, or no side detected) before the calibration fails."""
+MAX_FAILURES = 4
+"""Allowed number of failed attempts in a row (side already measured, or no side detected)."""
 RUNNING_AFTER_S = 0.6
 """A calibration counts as running until this time after its last text."""
 Callback = Callable[[], None]
@@ -65,8 +65,9 @@ class CalibrationCommands:
         self._host = host
         self._readings = Readings(host.view, send_parameters)
         self._announcer = host.autopilot.announcer
-        self._running_name = ""
+        self._current_name = ""
         self._measuring = False
+        """Whether a side is being measured; a cancel command waits until the measurement ends."""
         self._cancelled_by: Command | None = None
         self._calibration_number = 0
         """Number of the current calibration; delayed callbacks of an earlier calibration are dropped."""
@@ -74,19 +75,16 @@ class CalibrationCommands:
         """Mean reading of each side [m/s²]."""
         self._field_readings: list[FloatArray] = []
         """Compass readings during the rotation of the vehicle [gauss]."""
-        self.commands: dict[int, Handler] = {
-            CALIBRATION: self.calibrate,
-            FIXED_MAG: self.fixed_mag,
-        }
+        self.commands: dict[int, Handler] = {CALIBRATION: self.calibrate, MAG_QUICK: self.calibrate_mag_quick}
 
     def calibrate(self, c: Command) -> int | None:
-        """Starts the calibration that the first set parameter selects; all zero cancels a calibration."""
+        """Starts the calibration that the parameters select; cancels the current one if all are zero."""
         if self._host.autopilot.commander.armed:
             return TEMPORARILY_REJECTED
         requested = [int(p) if math.isfinite(p) else 0 for p in (c.p1, c.p2, c.p3, c.p4, c.p5, c.p6, c.p7)]
         if not any(requested):
             return self._cancel(c)
-        if self._running:
+        if self._current:
             return TEMPORARILY_REJECTED
         if requested[0] == 1:
             return self._begin(self._gyro)
@@ -107,15 +105,15 @@ class CalibrationCommands:
             return DENIED
         return None if requested[0] or requested[2] else UNSUPPORTED
 
-    def fixed_mag(self, c: Command) -> int:
-        """FIXED_MAG_CAL_YAW: calibrates the compass from a given heading and the known field."""
+    def calibrate_mag_quick(self, c: Command) -> int:
+        """FIXED_MAG_CAL_YAW: calibrates the compass with the heading in param1 and the known field."""
         if self._host.autopilot.commander.armed:
             return TEMPORARILY_REJECTED
         heading_deg = c.p1 if math.isfinite(c.p1) else 0.0
-        if self._running:
+        if self._current:
             return TEMPORARILY_REJECTED
         self._calibration_number += 1
-        self._running = "mag quick"
+        self._current = "mag quick"
         self._text(f"Assuming vehicle is facing heading {heading_deg:.1f} degrees")
         self._run(self._mag_quick_steps(math.radians(heading_deg)))
         return ACCEPTED
@@ -127,36 +125,36 @@ class CalibrationCommands:
         yield 0.05
         self._text("Mag quick calibration finished")
         yield RUNNING_AFTER_S
-        self._running = ""
+        self._current = ""
 
     @property
-    def _running(self) -> str:
-        return self._running_name
+    def _current(self) -> str:
+        return self._current_name
 
-    @_running.setter
-    def _running(self, name: str) -> None:
-        self._running_name = name
+    @_current.setter
+    def _current(self, name: str) -> None:
+        self._current_name = name
         self._host.autopilot.commander.calibrating = bool(name)
 
     # --- the calibrations ------------------------------------------------------------------------------
 
-    def _begin(self, start: Callback) -> int:
+    def _begin(self, start_calibration: Callback) -> int:
         self._calibration_number += 1
-        start()
+        start_calibration()
         return ACCEPTED
 
     def _start(self, name: str) -> None:
-        self._running = name
+        self._current = name
         self._text(f"[cal] calibration started: 2 {name}")
 
     def _succeed(self, name: str) -> None:
         self._text(f"[cal] calibration done: {name}")
-        self._call_later(RUNNING_AFTER_S, lambda: setattr(self, "_running", ""))
+        self._call_later(RUNNING_AFTER_S, lambda: setattr(self, "_current", ""))
 
     def _fail(self, name: str, reason: str = "") -> None:
         if reason:
             self._text(f"[cal] {reason}", CRITICAL)
-        self._running = ""
+        self._current = ""
         self._text(f"[cal] calibration failed: {name}", CRITICAL)
 
     def _gyro(self) -> None:
@@ -176,9 +174,10 @@ class CalibrationCommands:
     def _mag(self) -> None:
         self._start("mag")
         self._field_readings.clear()
-        self._run(self._calibrate_sides("mag", MAG_STILL_S, MAG_TOLERANCE, self._rotate, self._store_mag))
+        measure = self._measure_rotation
+        self._run(self._calibrate_sides("mag", MAG_STILL_S, MAG_TOLERANCE, measure, self._store_mag))
 
-    def _rotate(self, _side: Side) -> PartialSteps:
+    def _measure_rotation(self, _side: Side) -> PartialSteps:
         """Samples the magnetic field while the vehicle rests on one side and is rotated."""
         self._text("[cal] Rotate vehicle")
         fields = yield from self._readings.fields_while_turning()
@@ -225,7 +224,7 @@ class CalibrationCommands:
         self._readings.store("CAL_ACC0_", "SCALE", result[1])
         return True
 
-    # --- sides -----------------------------------------------------------------------------------------
+    # --- calibrations by sides -------------------------------------------------------------------------
 
     def _calibrate_sides(
         self,
@@ -236,13 +235,13 @@ class CalibrationCommands:
         store_result: Callable[[], bool] = lambda: True,
     ) -> Steps:
         """A complete calibration by sides."""
-        succeeded = yield from self._each_side(still_s, tolerance, measure)
+        succeeded = yield from self._measure_sides(still_s, tolerance, measure)
         self._measuring = False
         command, self._cancelled_by = self._cancelled_by, None
         if command is not None:
             self._host.acknowledge(command, ACCEPTED)
             self._text("[cal] calibration cancelled", CRITICAL)
-            self._running = ""
+            self._current = ""
             yield TEXT_INTERVAL_S
         elif succeeded and store_result():
             yield TEXT_INTERVAL_S
@@ -250,24 +249,24 @@ class CalibrationCommands:
             return
         self._fail(name)
 
-    def _each_side(
+    def _measure_sides(
         self, still_s: float, tolerance: float, measure: Callable[[Side], PartialSteps]
     ) -> PartialSteps:
         measured: list[Side] = []
         failures = 0
         while len(measured) < len(Side) and self._cancelled_by is None:
             self._measuring = False
-            if failures > FAILURES_ALLOWED:
+            if failures > MAX_FAILURES:
                 self._text("[cal] calibration failed: timeout: no motion", CRITICAL)
                 return False
             yield TEXT_INTERVAL_S
             self._text("[cal] pending: " + " ".join(side.value for side in Side if side not in measured))
             yield TEXT_INTERVAL_S
-            self._text(STILL)
+            self._text(HOLD_STILL_TEXT)
             side = yield from self._wait_for_rest(RestDetector(still_s, tolerance))
             if side is None or side in measured:
                 failures += 1
-                self._text(MOTION if side is None else f"[cal] {side.value} side already completed")
+                self._text(MOTION_TEXT if side is None else f"[cal] {side.value} side already completed")
                 continue
             failures = 0
             for _ in range(2):
@@ -283,8 +282,8 @@ class CalibrationCommands:
         return self._cancelled_by is None
 
     def _wait_for_rest(self, detector: RestDetector) -> Generator[float, None, Side | None]:
-        """The side that points down when the vehicle is at rest; None: tilted between two sides, or no rest
-        within REST_TIMEOUT_S."""
+        """Waits until the vehicle is at rest; returns the side that points down, or None if the vehicle is
+        tilted between two sides or not at rest within REST_TIMEOUT_S."""
         simulation = self._host.view.simulation
         started_at_s = simulation.time_s
         while simulation.time_s - started_at_s < REST_TIMEOUT_S:
@@ -293,9 +292,9 @@ class CalibrationCommands:
             rest = detector.feed((x, y, z), simulation.dt_s)
             if rest is Rest.BEGAN:
                 started_at_s = simulation.time_s
-                self._text(REST)
+                self._text(REST_TEXT)
             elif rest is Rest.BROKEN:
-                self._text(MOTION)
+                self._text(MOTION_TEXT)
             elif rest is Rest.STILL:
                 if detector.side is None:
                     self._text("ERROR: invalid orientation", CRITICAL)
@@ -303,7 +302,7 @@ class CalibrationCommands:
         self._text("[cal] calibration failed: reading sensor", CRITICAL)
         return None
 
-    # --- without sides --------------------------------------------------------------------------------
+    # --- other calibrations ----------------------------------------------------------------------------
 
     def _baro(self) -> None:
         self._start("baro")
@@ -317,7 +316,7 @@ class CalibrationCommands:
             self._fail("GPS required for baro cal")
 
     def _remote(self) -> None:
-        self._running = "rc"
+        self._current = "rc"
         self._announcer.announce(INFO, "Calibration: Disabling RC input", "commander_calib_rc_off")
 
     def _level(self) -> None:
@@ -354,7 +353,7 @@ class CalibrationCommands:
     # --- cancelling and helpers ------------------------------------------------------------------------
 
     def _cancel(self, c: Command) -> int | None:
-        running = self._running
+        running = self._current
         if running == "baro":
             return None  # a barometer calibration cannot be cancelled
         if self._measuring:
@@ -363,7 +362,7 @@ class CalibrationCommands:
         if not running:
             return ACCEPTED
         self._calibration_number += 1
-        self._running = ""
+        self._current = ""
         if running == "rc":
             self._announcer.announce(INFO, "Calibration: Restoring RC input", "commander_calib_rc_on")
             return ACCEPTED
@@ -387,6 +386,7 @@ class CalibrationCommands:
         self._host.call_later(seconds, run)
 
     def _run(self, steps: Steps) -> None:
+        """Runs the steps until another calibration starts."""
         number = self._calibration_number
 
         def run_next() -> None:

@@ -17,7 +17,7 @@ ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCEL
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command; p5 and p6 are in degrees, also if it was received as a COMMAND_INT."""
+    """A command; p5 and p6 are in degrees, even if it was received as a COMMAND_INT."""
 
     number: int
     p1: float
@@ -31,7 +31,7 @@ class Command:
     link: str
     """Name of the MAVLink connection, or `ROS2`."""
     external: bool = True
-    """Whether the command is marked as external (`VehicleCommand.from_external`)."""
+    """`VehicleCommand.from_external`: whether the command comes from outside the autopilot."""
 
 
 Handler = Callable[[Command], int | None]
@@ -39,7 +39,7 @@ Handler = Callable[[Command], int | None]
 
 
 class CommandHost(Protocol):
-    """Interface for command handlers: the vehicle, delayed actions, and later acknowledgements."""
+    """What a command handler needs from its vehicle."""
 
     autopilot: Autopilot
     view: VehicleView
@@ -54,7 +54,7 @@ class CommandHost(Protocol):
         ...
 
     def call_later(self, seconds: float, action: Callable[[], None]) -> None:
-        """Runs an action once after a simulated time."""
+        """Runs an action once, after `seconds` of simulated time."""
         ...
 
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
@@ -63,7 +63,7 @@ class CommandHost(Protocol):
 
 
 def execute(host: CommandHost, handlers: Mapping[int, Handler], command: Command) -> None:
-    """Executes a command and acknowledges it; sends its status texts after the acknowledgement."""
+    """Executes and acknowledges a command; status texts of the handler follow the acknowledgement."""
     handler = handlers.get(command.number)
     announcer = host.autopilot.announcer
     announcer.pause()

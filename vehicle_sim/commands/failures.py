@@ -1,8 +1,8 @@
 """INJECT_FAILURE as in PX4's simulation.
 
-The battery can be discharged. Motor failures are accepted without an effect on the flight: in PX4 they
-only mask the reports of the speed controllers, and this vehicle has none. PX4 does not acknowledge failures
-of other units, such as sensors; use a fault script for those.
+The battery can be discharged. Motor failures are accepted without an effect on the flight: in PX4 they only
+hide the status of ESCs, and this vehicle has none. PX4 does not acknowledge failures of other units, such as
+sensors; use a fault script for those.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from vehicle_sim.commands.command import ACCEPTED, DENIED, UNSUPPORTED, Command,
 
 INJECT_FAILURE = 420
 BATTERY, MOTOR = 100, 101
-"""FAILURE_UNIT."""
+"""Values of FAILURE_UNIT."""
 OK, OFF, WRONG = 0, 1, 4
-"""FAILURE_TYPE."""
+"""Values of FAILURE_TYPE."""
 
 
 class FailureCommands:
@@ -24,7 +24,7 @@ class FailureCommands:
 
     def __init__(self, host: CommandHost) -> None:
         self._host = host
-        self._units: dict[int, Callable[[int], int | None]] = {
+        self._failures: dict[int, Callable[[int], int | None]] = {
             BATTERY: self._battery,
             MOTOR: lambda kind: ACCEPTED if kind in (OK, OFF, WRONG) else UNSUPPORTED,
         }
@@ -34,8 +34,8 @@ class FailureCommands:
         """Injects the failure of the unit in param1 and of the type in param2."""
         if self._host.view.choice("SYS_FAILURE_EN") != 1:
             return DENIED
-        unit = self._units.get(_as_integer(command.p1))
-        return None if unit is None else unit(_as_integer(command.p2))
+        inject_failure = self._failures.get(_as_integer(command.p1))
+        return None if inject_failure is None else inject_failure(_as_integer(command.p2))
 
     def _battery(self, kind: int) -> int | None:
         if kind not in (OK, OFF):

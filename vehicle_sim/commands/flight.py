@@ -24,9 +24,9 @@ NO_ACKNOWLEDGEMENT = frozenset(
     {0, 1, 2, 93, 203, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
      30002, 42600}
 )  # fmt: skip
-"""Commands that PX4 does not acknowledge: no module handles them, or the module sends no acknowledgement."""
+"""Commands that PX4 does not acknowledge, because no module handles them or the module sends no result."""
 ALWAYS_ACCEPTED = frozenset({187, 191, 2510})
-"""Commands without effect here: actuator sets, aborted fixed-wing landing, log stream."""
+"""Commands without effect here: set actuators, go around (fixed wing), start the log stream."""
 ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
 TAKEOFF, LAND, RETURN, PRECISION_LAND, ORBIT, FIGURE_EIGHT = 22, 21, 20, 23, 34, 35
 REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 185, 300
@@ -35,28 +35,30 @@ RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
 GRIPPER, AUTOTUNE, EXTERNAL_POSITION, EXTERNAL_WIND = 211, 212, 43003, 43004
 VTOL_TAKEOFF = 84
 SET_NAV_STATE = 100_001
-"""Command only inside PX4 and over ROS 2: the number is too large for MAVLink."""
-FORCE = 21196
+"""PX4 accepts this command only from its own modules and over ROS 2; the number is too large for MAVLink."""
+FORCE_DISARM = 21196
+"""param2 of ARM_DISARM."""
 AUTO_FLAG, GUIDED_FLAG, STABILIZE_FLAG, MANUAL_FLAG, CUSTOM_FLAG = 4, 8, 16, 64, 1
 """MAV_MODE_FLAG."""
-FIRST_MOTOR, FIRST_SERVO, MOTORS, SERVOS, PX4_FUNCTIONS = 1, 33, 12, 8, 1000
+FIRST_MOTOR, FIRST_SERVO, MOTOR_COUNT, SERVO_COUNT, FIRST_PX4_FUNCTION = 1, 33, 12, 8, 1000
 """ACTUATOR_OUTPUT_FUNCTION; numbers from 1000 on are PX4-specific."""
-LOAD, SAVE = 0, 1
+LOAD_PARAMETERS, SAVE_PARAMETERS = 0, 1
+"""param1 of PREFLIGHT_STORAGE."""
 STORAGE_RESETS = {
     2: (("*",), ("LND_FLIGHT_T_HI", "LND_FLIGHT_T_LO", "COM_FLIGHT_UUID")),
     3: (("CAL_ACC*", "CAL_GYRO*", "CAL_MAG*"), ()),
     4: (("*",), ()),
 }
 """Parameters to reset, and exceptions, by param1 of PREFLIGHT_STORAGE."""
-GRIPPER_S = 1.0
-"""PD_GRIPPER_TO: the movement of a gripper without feedback counts as finished after this time."""
+GRIPPER_TIMEOUT_S = 1.0
+"""PD_GRIPPER_TO: after this time the movement of a gripper without feedback counts as finished."""
 ALTITUDE_LIMIT_M = 100_000.0
 """Largest altitude that messages can contain."""
 INT32_MAX = 0x7FFFFFFF
 REPOSITION_CHANGE_MODE = 1
 """The only flag of DO_REPOSITION that PX4 supports; it must be set."""
-REFUSAL_COMPONENT = 190
-"""Component id of ground stations; PX4 reports a refused DO_SET_MODE as a text only to this id."""
+GROUND_STATION_COMPONENT = 190
+"""Component id of ground stations; PX4 sends a text about a refused DO_SET_MODE only for this sender."""
 
 
 class FlightCommands:
@@ -108,7 +110,7 @@ class FlightCommands:
         action = _rounded(c.p1)
         if action == 0:
             reason = Reason.EXTERNAL_COMMAND if c.external else Reason.INTERNAL_COMMAND
-            disarmed = self._commander.disarm(reason, force=_rounded(c.p2) == FORCE)
+            disarmed = self._commander.disarm(reason, force=_rounded(c.p2) == FORCE_DISARM)
             return ACCEPTED if disarmed else TEMPORARILY_REJECTED
         if action != 1:
             self._announcer.announce(
@@ -120,24 +122,24 @@ class FlightCommands:
         return ACCEPTED if self._commander.arm(reason) else TEMPORARILY_REJECTED
 
     def _set_mode(self, c: Command) -> int:
-        base = int(c.p1) & 0xFF if math.isfinite(c.p1) else 0
-        if not base & CUSTOM_FLAG:
-            mode = _mode_from_flags(base)
+        base_mode = int(c.p1) & 0xFF if math.isfinite(c.p1) else 0
+        if not base_mode & CUSTOM_FLAG:
+            mode = _mode_from_flags(base_mode)
             return (
                 ACCEPTED
                 if mode is None
-                else self._switch(mode, report_refusal=c.sender[1] == REFUSAL_COMPONENT)
+                else self._switch(mode, report_refusal=c.sender[1] == GROUND_STATION_COMPONENT)
             )
-        main = int(c.p2) if math.isfinite(c.p2) else 0
-        sub = int(c.p3) if math.isfinite(c.p3) else 0
+        main_mode = int(c.p2) if math.isfinite(c.p2) else 0
+        sub_mode = int(c.p3) if math.isfinite(c.p3) else 0
         try:
-            mode = from_numbers(main, sub)
+            mode = from_numbers(main_mode, sub_mode)
         except UnsupportedAutoMode:
             self._announcer.announce(2, "Unsupported auto mode", "commander_unsupported_auto_mode")
             return TEMPORARILY_REJECTED
         if mode is None:
             return ACCEPTED
-        return self._switch(mode, report_refusal=c.sender[1] == REFUSAL_COMPONENT)
+        return self._switch(mode, report_refusal=c.sender[1] == GROUND_STATION_COMPONENT)
 
     def _switch(self, mode: NavState, *, report_refusal: bool = True) -> int:
         if self._commander.set_mode(mode):
@@ -151,7 +153,8 @@ class FlightCommands:
         return FAILED if mode is None else self._switch(mode, report_refusal=False)
 
     def _set_nav_state(self, c: Command) -> int:
-        """Handles SET_NAV_STATE. While disarmed PX4 accepts an unknown number, but keeps the mode."""
+        """Handles SET_NAV_STATE. While disarmed, PX4 accepts an unknown mode number, but does not change the
+        mode."""
         try:
             mode = NavState(int(c.p1) if math.isfinite(c.p1) else 0)
         except ValueError:
@@ -161,7 +164,7 @@ class FlightCommands:
     # --- flying ----------------------------------------------------------------------------------------
 
     def _takeoff(self, c: Command) -> int:
-        # Stored while disarmed too, because ground stations may command the take-off before arming.
+        # The altitude is stored even while disarmed: ground stations may command the take-off before arming.
         self._navigator.request_takeoff(c.p7)
         return self._switch(NavState.TAKEOFF)
 
@@ -274,12 +277,12 @@ class FlightCommands:
         if self._commander.armed or self._host.view.choice("COM_MOT_TEST_EN") != 1:
             return DENIED
         function = int(c.p5 + 0.5) if math.isfinite(c.p5) else 0
-        known = (
-            FIRST_MOTOR <= function < FIRST_MOTOR + MOTORS
-            or FIRST_SERVO <= function < FIRST_SERVO + SERVOS
-            or function >= PX4_FUNCTIONS
+        is_known = (
+            FIRST_MOTOR <= function < FIRST_MOTOR + MOTOR_COUNT
+            or FIRST_SERVO <= function < FIRST_SERVO + SERVO_COUNT
+            or function >= FIRST_PX4_FUNCTION
         )
-        return ACCEPTED if known else None
+        return ACCEPTED if is_known else None
 
     def _high_latency(self, c: Command) -> int:
         self._announcer.announce(
@@ -299,15 +302,15 @@ class FlightCommands:
             only, keep = STORAGE_RESETS[action]
             parameters = self._host.view.parameters
             self._host.call_soon(lambda: parameters.reset_all(only=only, keep=keep))
-        return ACCEPTED if action in (LOAD, SAVE, *STORAGE_RESETS) else None
+        return ACCEPTED if action in (LOAD_PARAMETERS, SAVE_PARAMETERS, *STORAGE_RESETS) else None
 
     def _gripper(self, c: Command) -> int | None:
-        closes = c.p2 == 1.0
-        if closes == self._gripper_closed:
+        close = c.p2 == 1.0
+        if close == self._gripper_closed:
             return ACCEPTED
-        self._gripper_closed = closes
+        self._gripper_closed = close
         self._host.acknowledge(c, IN_PROGRESS, progress=255)
-        self._host.call_later(GRIPPER_S, lambda: self._host.acknowledge(c, ACCEPTED))
+        self._host.call_later(GRIPPER_TIMEOUT_S, lambda: self._host.acknowledge(c, ACCEPTED))
         return None
 
     def _autotune(self, c: Command) -> int:

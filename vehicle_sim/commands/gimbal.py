@@ -10,6 +10,9 @@ CONFIGURE, PITCHYAW = 1001, 1000
 ROI_LOCATION, ROI_WPNEXT, ROI_NONE, ROI_SYSID, ROI, MOUNT_CONTROL = 195, 196, 197, 198, 201, 205
 MOUNT_CONFIGURE = 204
 MOUNT_RETRACT, MOUNT_NEUTRAL, MOUNT_MAVLINK, MOUNT_RC, MOUNT_GPS = 0, 1, 2, 3, 4
+"""MAV_MOUNT_MODE."""
+ROI_MODE_NONE, ROI_MODE_LOCATION = 0, 3
+"""MAV_ROI."""
 
 
 class GimbalCommands:
@@ -31,11 +34,11 @@ class GimbalCommands:
         }
 
     def configure(self, command: Command) -> int | None:
-        """Takes, transfers or releases control; the secondary controller is ignored."""
+        """Takes, transfers or releases primary control; secondary control is not simulated."""
         if not self._gimbal.enabled:
             return None
-        system = _to_int(command.p1)
-        self._gimbal.configure(system, _to_int(command.p2), command.sender, self._host.autopilot_id)
+        system_id, component_id = _to_int(command.p1), _to_int(command.p2)
+        self._gimbal.configure(system_id, component_id, command.sender, self._host.autopilot_id)
         return ACCEPTED
 
     def pitch_yaw(self, command: Command) -> int | None:
@@ -51,12 +54,12 @@ class GimbalCommands:
         return ACCEPTED
 
     def roi_location(self, command: Command) -> int:
-        """Points at a location (ROI), also for a sender without control of the gimbal."""
+        """Points the gimbal at a location (ROI), even if the sender does not control the gimbal."""
         self._gimbal.point_at(command.p5, command.p6, command.p7)
         return ACCEPTED
 
     def roi_none_or_next(self, command: Command) -> int:
-        """Clears the ROI, or points at the next waypoint."""
+        """Clears the ROI, or points the gimbal at the next waypoint."""
         if command.number == ROI_NONE:
             self._gimbal.clear_roi()
         else:
@@ -64,16 +67,16 @@ class GimbalCommands:
         return ACCEPTED
 
     def roi(self, command: Command) -> int:
-        """The deprecated DO_SET_ROI: PX4 reads only the mode (param1) and points the gimbal at 0 N, 0 E,
-        sea level."""
-        if _to_int(command.p1) == 3:
+        """Handles the deprecated DO_SET_ROI. PX4 reads only the mode (param1); the location is always
+        latitude 0, longitude 0, at sea level."""
+        if _to_int(command.p1) == ROI_MODE_LOCATION:
             self._gimbal.point_at(0.0, 0.0, 0.0)
-        if _to_int(command.p1) == 0:
+        if _to_int(command.p1) == ROI_MODE_NONE:
             self._gimbal.clear_roi()
         return ACCEPTED
 
     def mount(self, command: Command) -> int | None:
-        """The deprecated DO_MOUNT_CONTROL, also for a sender without control of the gimbal."""
+        """Handles the deprecated DO_MOUNT_CONTROL, even if the sender does not control the gimbal."""
         if not self._gimbal.enabled:
             return None
         mode = _to_int(command.p7)

@@ -17,12 +17,13 @@ from vehicle_sim.sensors.suite import pressure_hpa
 from vehicle_sim.vehicle_view import VehicleView
 
 MIN_CHANGE = 0.01
-"""A result that differs less from the stored value is not stored; in the parameter's unit."""
+"""A result is stored only if its difference from the stored values is larger; in the parameters' unit."""
 PRIORITY = 50
 """Priority of a calibrated sensor whose priority is not set."""
-LEVEL_S, LEVEL_STILL_RAD, LEVEL_MAX_RAD = 0.5, math.radians(0.5), 0.8
-BARO_S, BARO_EVERY_S = 3.0, 0.1
-MAG_ROTATION_S, MAG_EVERY_S = 100.0, 0.02
+LEVEL_DURATION_S, LEVEL_STILL_RAD, LEVEL_MAX_RAD = 0.5, math.radians(0.5), 0.8
+"""Duration of the level calibration, range of the angles that counts as still, and largest level angle."""
+BARO_DURATION_S, BARO_INTERVAL_S = 3.0, 0.1
+MAG_TIMEOUT_S, MAG_INTERVAL_S = 100.0, 0.02
 """Time limit for turning the vehicle on one side, and the sampling period."""
 MAG_TURNED_RAD, MAG_SAMPLES_PER_SIDE, MAG_SEPARATION = 0.5, 40, 0.03
 """Rotation of the field before sampling starts, samples for each side, and the minimum distance between
@@ -41,19 +42,19 @@ class Readings:
         self._send_parameters = send_parameters
 
     def accel(self) -> FloatArray:
-        """(3,) specific force, raw [m/s², FRD]."""
+        """(3,) raw specific force [m/s², FRD]."""
         reading = self._view.simulation.sensors.accel_frd_m_s2[self._view.row]
         return self._unrotated(reading) / self._axis_values("CAL_ACC0_", "SCALE") + self._axis_values(
             "CAL_ACC0_", "OFF"
         )
 
     def gyro(self) -> FloatArray:
-        """(3,) raw [rad/s, FRD]."""
+        """(3,) raw body rates [rad/s, FRD]."""
         reading = self._view.simulation.sensors.gyro_frd_rad_s[self._view.row]
         return self._unrotated(reading) + self._axis_values("CAL_GYRO0_", "OFF")
 
     def mag(self) -> FloatArray:
-        """(3,) raw [gauss, FRD]."""
+        """(3,) raw magnetic field [gauss, FRD]."""
         reading = self._view.simulation.sensors.mag_frd_gauss[self._view.row]
         return self._unrotated(reading) / self._axis_values("CAL_MAG0_", "SCALE") + self._axis_values(
             "CAL_MAG0_", "OFF"
@@ -66,13 +67,14 @@ class Readings:
         return matrix.T @ np.array(field_ned_gauss())
 
     def fields_while_turning(self) -> Generator[float, None, list[FloatArray]]:
-        """Raw compass readings during a rotation of the vehicle; empty: no rotation within MAG_ROTATION_S."""
-        view, first, fields = self._view, self.mag(), list[FloatArray]()
-        strength, end_s = float(np.linalg.norm(first)), view.simulation.time_s + MAG_ROTATION_S
+        """Raw compass readings during a rotation of the vehicle; empty: no rotation within MAG_TIMEOUT_S."""
+        view, first_field = self._view, self.mag()
+        fields: list[FloatArray] = []
+        strength, end_s = float(np.linalg.norm(first_field)), view.simulation.time_s + MAG_TIMEOUT_S
         while view.simulation.time_s < end_s:
-            yield MAG_EVERY_S
+            yield MAG_INTERVAL_S
             field = self.mag()
-            if not fields and float(np.linalg.norm(field - first)) < MAG_TURNED_RAD * strength:
+            if not fields and float(np.linalg.norm(field - first_field)) < MAG_TURNED_RAD * strength:
                 continue
             if all(float(np.linalg.norm(field - each)) > MAG_SEPARATION * strength for each in fields):
                 fields.append(field)
@@ -90,7 +92,7 @@ class Readings:
         return total / samples
 
     def store(self, prefix: str, suffix: str, values: FloatArray, *, send: bool = True) -> None:
-        """Stores a result for the parameters of three axes; with `send`, also sends the sensor's
+        """Stores a result in the parameters of three axes; with `send`, also sends the sensor's
         parameters."""
         names = [f"{prefix}{axis}{suffix}" for axis in "XYZ"]
         if float(np.linalg.norm(values - self._axis_values(prefix, suffix))) > MIN_CHANGE:
@@ -100,17 +102,19 @@ class Readings:
             self.send(prefix)
 
     def send(self, prefix: str) -> None:
-        """Sets a missing priority of a sensor, and sends the sensor's parameters to every ground station."""
+        """Sets the priority of a sensor without one, then sends the sensor's parameters to every ground
+        station."""
         store = self._view.parameters
         if store.get(f"{prefix}PRIO") < 0:
             store.set(f"{prefix}PRIO", PRIORITY)
         self._send_parameters([name for name in store.names if name.startswith(prefix)])
 
     def calibrate_level(self) -> Generator[float, None, str]:
-        """Stores the mean attitude over LEVEL_S as level (SENS_BOARD_*_OFF); returns an error text, or ""."""
+        """Stores the mean attitude over LEVEL_DURATION_S as level (SENS_BOARD_*_OFF); returns an error text
+        or ""."""
         view = self._view
         rolls, pitches = list[float](), list[float]()
-        end_s = view.simulation.time_s + LEVEL_S
+        end_s = view.simulation.time_s + LEVEL_DURATION_S
         while view.simulation.time_s < end_s:
             yield 0.0
             rolls.append(view.estimate.roll_rad)
@@ -129,11 +133,11 @@ class Readings:
         return ""
 
     def calibrate_baro(self) -> Generator[float, None, bool]:
-        """Sets CAL_BARO0_OFF [Pa] so that the barometer matches GPS over three seconds; False: no fix."""
+        """Sets CAL_BARO0_OFF [Pa] from the mean difference to GPS over BARO_DURATION_S; False: no fix."""
         view, sensors, i = self._view, self._view.simulation.sensors, self._view.row
         pressures_hpa, altitudes_m = list[float](), list[float]()
-        for _ in range(round(BARO_S / BARO_EVERY_S)):
-            yield BARO_EVERY_S
+        for _ in range(round(BARO_DURATION_S / BARO_INTERVAL_S)):
+            yield BARO_INTERVAL_S
             pressures_hpa.append(float(sensors.baro_pressure_hpa[i]))
             accurate = sensors.gps_vertical_accuracy_m[i] < VERTICAL_ACCURACY_M
             if sensors.gps_fix_type[i] >= FIX_2D and accurate:
@@ -167,7 +171,7 @@ def board_matrix(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0) -> Flo
 
 
 def sphere_centre(points: FloatArray) -> FloatArray:
-    """(3,) centre of the sphere nearest to points (M, 3), by least squares: a compass's offset.
+    """(3,) centre of the sphere that fits the points (M, 3) best (least squares): a compass's offset.
 
     Raises:
         numpy.linalg.LinAlgError: the points lie in a plane.

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from vehicle_sim.frames import GRAVITY_M_S2
 
 AVERAGE_S = 0.5
-"""Time constant of the average and of the decay."""
+"""Time constant of the moving average and of the decay of the maximum deviation."""
 STILL_M_S2 = 0.25
-"""A smaller deviation counts as rest, twice this value as motion."""
-ORIENTED_WITHIN_M_S2 = 5.0
+"""A deviation below this value counts as rest, and one above twice this value as motion."""
+SIDE_TOLERANCE_M_S2 = 5.0
+"""Largest difference of each axis from the reading of a vehicle that lies on a side."""
 SMOOTHING_S = 1.0 / (2.0 * math.pi * 30.0)
 """Time constant of the low-pass filter IMU_ACCEL_CUTOFF (30 Hz)."""
 
@@ -28,7 +29,7 @@ Vector = tuple[float, float, float]
 
 
 class Side(Enum):
-    """The side that points down, with PX4's names and order."""
+    """The side of the vehicle that points down, with PX4's names in PX4's order."""
 
     BACK = "back"
     FRONT = "front"
@@ -61,7 +62,7 @@ _ATTITUDES = {
 
 
 class Rest(Enum):
-    """Result of a reading."""
+    """What a reading shows: whether the vehicle is at rest."""
 
     WAIT = auto()
     """No change."""
@@ -78,7 +79,7 @@ class RestDetector:
 
     Args:
         still_s: required duration of rest.
-        tolerance: factor on the usual motion that is allowed.
+        tolerance: factor on STILL_M_S2.
     """
 
     def __init__(self, still_s: float, tolerance: float = 1.0) -> None:
@@ -90,7 +91,7 @@ class RestDetector:
         self._resting_s: float | None = None
 
     def feed(self, accel_frd_m_s2: Vector, dt_s: float) -> Rest:
-        """Adds a reading, `dt_s` after the last one."""
+        """Adds a reading, which was taken `dt_s` after the last one."""
         gain, decay = dt_s / (dt_s + SMOOTHING_S), dt_s / AVERAGE_S
         self._smooth = tuple(s + gain * (a - s) for s, a in zip(self._smooth, accel_frd_m_s2, strict=True))
         delta = [s - mean for s, mean in zip(self._smooth, self._average, strict=True)]
@@ -114,11 +115,11 @@ class RestDetector:
 
     @property
     def side(self) -> Side | None:
-        """The side that points down; None: tilted between sides."""
+        """The side that points down; None if the vehicle is tilted between two sides."""
         for side in Side:
-            rest = [0.0, 0.0, 0.0]
-            rest[side.axis] = side.sign * GRAVITY_M_S2
-            if all(abs(a - b) < ORIENTED_WITHIN_M_S2 for a, b in zip(self._average, rest, strict=True)):
+            expected = [0.0, 0.0, 0.0]
+            expected[side.axis] = side.sign * GRAVITY_M_S2
+            if all(abs(a - b) < SIDE_TOLERANCE_M_S2 for a, b in zip(self._average, expected, strict=True)):
                 return side
         return None
 
@@ -129,11 +130,12 @@ def offset_and_scale(sides: Mapping[Side, FloatArray]) -> tuple[FloatArray, Floa
     The offset of an axis is the mean of its two opposite readings. The scales are the diagonal of the matrix
     that maps the three positive readings to gravity.
     """
-    up = [side for side in Side if side.sign > 0.0]
-    down = [side for side in Side if side.sign < 0.0]
-    offset = np.array([0.5 * (sides[a][a.axis] + sides[b][b.axis]) for a, b in zip(up, down, strict=True)])
+    positive = [side for side in Side if side.sign > 0.0]
+    negative = [side for side in Side if side.sign < 0.0]
+    pairs = zip(positive, negative, strict=True)
+    offset = np.array([0.5 * (sides[a][a.axis] + sides[b][b.axis]) for a, b in pairs])
     try:
-        matrix = np.linalg.inv(np.array([sides[side] - offset for side in up])) * GRAVITY_M_S2
+        matrix = np.linalg.inv(np.array([sides[side] - offset for side in positive])) * GRAVITY_M_S2
     except np.linalg.LinAlgError:
         return None
     scale = np.array([float(matrix[k, k]) for k in range(3)])
