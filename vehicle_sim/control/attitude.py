@@ -1,7 +1,7 @@
 """Attitude control: the attitude error becomes body rate setpoints (mc_att_control).
 
-Tilt has priority: the shortest rotation that aligns the thrust axis, then the part of the yaw rotation that
-MC_YAW_WEIGHT allows.
+Tilt has priority: the vehicle turns by the shortest rotation that aligns the thrust axes, and by the part of
+the yaw rotation that MC_YAW_WEIGHT allows.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from vehicle_sim.rotations import constrain, quaternion_product
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_OPPOSITE = 1e-6
-"""Below this norm the thrust axes are opposite, and the yaw part of the rotation is undefined."""
+_MIN_COS_HALF_TILT = 1e-6
+"""Below this value the thrust axes are opposite, and the yaw part of the rotation is undefined."""
 
 
 class AttitudeControl:
-    """Gains of N vehicles.
+    """Attitude controllers of N vehicles.
 
     Args:
         count: N.
@@ -56,7 +56,7 @@ class AttitudeControl:
             controlled: (N,) vehicles whose attitude is controlled; other rows are not changed.
             q: (N, 4) attitude.
             q_setpoint: (N, 4) attitude setpoint.
-            yaw_rate_ned_rad_s: (N,) feed-forward about the vertical; NaN: no feed-forward.
+            yaw_rate_ned_rad_s: (N,) feed-forward about the NED down axis; NaN: no feed-forward.
             rates: (N, 3) written.
         """
         _rotate_towards(
@@ -74,26 +74,26 @@ def _rotate_towards(
             continue
         q, target = attitude[i], q_setpoint[i]
         w, x, y, z = quaternion_product(q[0], -q[1], -q[2], -q[3], target[0], target[1], target[2], target[3])
-        # The setpoint's thrust axis in the body frame gives the pure tilt: error = tilt ⊗ twist about z.
-        norm = math.sqrt(w * w + z * z)
-        if norm < _OPPOSITE:
+        # Swing-twist decomposition: the error is a tilt, then a rotation about the body's z axis.
+        cos_half_tilt = math.sqrt(w * w + z * z)
+        if cos_half_tilt < _MIN_COS_HALF_TILT:
             sign = -1.0 if w < 0.0 else 1.0
             rw, rx, ry, rz = sign * w, sign * x, sign * y, sign * z
         else:
             half_yaw = math.atan2(-z if w < 0.0 else z, abs(w)) * yaw_weight[i]
             cos_half, sin_half = math.cos(half_yaw), math.sin(half_yaw)
-            tilt_x, tilt_y = (w * x - y * z) / norm, (w * y + x * z) / norm
-            rw, rz = norm * cos_half, norm * sin_half
+            tilt_x, tilt_y = (w * x - y * z) / cos_half_tilt, (w * y + x * z) / cos_half_tilt
+            rw, rz = cos_half_tilt * cos_half, cos_half_tilt * sin_half
             rx, ry = tilt_x * cos_half + tilt_y * sin_half, tilt_y * cos_half - tilt_x * sin_half
-        total = math.sqrt(rw * rw + rx * rx + ry * ry + rz * rz)
+        error_norm = math.sqrt(rw * rw + rx * rx + ry * ry + rz * rz)
         roll, pitch, yaw = (
-            2.0 * rx / total * gain[i, 0],
-            2.0 * ry / total * gain[i, 1],
-            2.0 * rz / total * gain[i, 2],
+            2.0 * rx / error_norm * gain[i, 0],
+            2.0 * ry / error_norm * gain[i, 1],
+            2.0 * rz / error_norm * gain[i, 2],
         )
         feed_forward = yaw_rate_ned_rad_s[i]
         if math.isfinite(feed_forward):
-            # The NED z axis in FRD.
+            # The factors are the NED down axis in the body frame.
             roll += feed_forward * 2.0 * (q[1] * q[3] - q[0] * q[2])
             pitch += feed_forward * 2.0 * (q[2] * q[3] + q[0] * q[1])
             yaw += feed_forward * (q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3])

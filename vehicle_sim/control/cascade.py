@@ -29,7 +29,8 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 OUTER_EVERY_STEPS = 2
-HOVER_EVERY_OUTER = 5
+HOVER_THRUST_EVERY_UPDATES = 5
+"""The hover thrust is estimated at each fifth update of the outer loops."""
 # Plain numbers: NumPy compares with an enumeration member ten times slower.
 _DISARMED, _MOTORS, _THRUST_TORQUE, _RATES, _ATTITUDE, _TRAJECTORY = (int(level) for level in ControlLevel)
 
@@ -55,14 +56,14 @@ class Cascade:
     def __init__(self, count: int, dt_s: float) -> None:
         outer_s = dt_s * OUTER_EVERY_STEPS
         self._position = PositionControl(count, outer_s)
-        self._hover = HoverThrust(count, outer_s * HOVER_EVERY_OUTER)
+        self._hover = HoverThrust(count, outer_s * HOVER_THRUST_EVERY_UPDATES)
         self._attitude = AttitudeControl(count)
         self._rate = RateControl(count, dt_s)
         self._allocation = Allocation(count)
         self._steps = 0
         self._thrust = np.zeros(count)
         self._groups = _Groups.for_count(count)
-        self._any_direct = False
+        self._any_torque_or_motors = False
         """Whether any vehicle is at level THRUST_TORQUE or MOTORS."""
         self.motor_signal = np.zeros((count, ROTOR_COUNT))
         """(N, 4) 0..1, motor signals to the rotors."""
@@ -84,8 +85,8 @@ class Cascade:
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads all control parameters of vehicle `i`."""
-        for block in (self._allocation, self._position, self._hover, self._attitude, self._rate):
-            block.configure(i, parameters)
+        for controller in (self._allocation, self._position, self._hover, self._attitude, self._rate):
+            controller.configure(i, parameters)
 
     def reset(self, i: int) -> None:
         """Resets the controllers of vehicle `i`."""
@@ -109,7 +110,7 @@ class Cascade:
             groups.rates, estimate.rates_frd_rad_s, estimate.angular_acceleration_frd_rad_s2,
             self.target.rates_frd_rad_s, setpoints.landed, self._allocation.unallocated, self.torque_frd,
         )  # fmt: skip
-        if self._any_direct:
+        if self._any_torque_or_motors:
             torque = np.nan_to_num(setpoints.torque_frd)
             np.copyto(self.torque_frd, torque, where=(groups.level == _THRUST_TORQUE)[:, None])
         self._allocation.update(groups.powered, self.torque_frd, self._thrust, self.motor_signal)
@@ -118,7 +119,8 @@ class Cascade:
             self._override_motors(setpoints)
 
     def _override_motors(self, setpoints: Setpoints) -> None:
-        """Applies overriding thrust and torque, or motor signals, for this step only."""
+        """Applies setpoints at level THRUST_TORQUE or MOTORS that override a higher level, for this step
+        only."""
         rows = (setpoints.override_level == _THRUST_TORQUE) & self._groups.powered
         if any_of(rows):
             torque = np.nan_to_num(setpoints.torque_frd)
@@ -131,7 +133,8 @@ class Cascade:
             setpoints.override_level[rows] = _DISARMED
 
     def _override_rates(self, setpoints: Setpoints) -> None:
-        """Applies overriding body rates that were received between two runs of the outer controllers."""
+        """Applies body rates that override a higher level and were received between two runs of the outer
+        loops."""
         rows = (setpoints.override_level == _RATES) & self._groups.trajectory
         if any_of(rows):
             rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_MAX_RATE_RAD_S, _MAX_RATE_RAD_S)
@@ -141,13 +144,13 @@ class Cascade:
 
     def _update_outer_loops(self, setpoints: Setpoints, estimate: EstimateState) -> None:
         target, groups = self.target, self._groups
-        self._any_direct = _update_groups(
+        self._any_torque_or_motors = _update_groups(
             setpoints.level, setpoints.armed, setpoints.landed, setpoints.ramp_thrust, groups.level,
             groups.powered, groups.rates, groups.attitude, groups.trajectory, groups.reset_integral,
-            groups.resets_hover, self._thrust, target.rates_frd_rad_s,
+            groups.reset_hover, self._thrust, target.rates_frd_rad_s,
         )  # fmt: skip
         self._position.filter_velocity(estimate)
-        self._hover.reset(groups.resets_hover)
+        self._hover.reset(groups.reset_hover)
         self._position.update(
             groups.trajectory,
             groups.reset_integral,
@@ -166,23 +169,23 @@ class Cascade:
             target.rates_frd_rad_s,
         )  # fmt: skip
         target.thrust[:] = self._thrust
-        if self._steps % (OUTER_EVERY_STEPS * HOVER_EVERY_OUTER) == 0:
-            self._estimate_hover_thrust(groups.trajectory & ~groups.resets_hover, estimate)
+        if self._steps % (OUTER_EVERY_STEPS * HOVER_THRUST_EVERY_UPDATES) == 0:
+            self._estimate_hover_thrust(groups.trajectory & ~groups.reset_hover, estimate)
 
-    def _estimate_hover_thrust(self, flying: BoolArray, estimate: EstimateState) -> None:
-        if not any_of(flying):
+    def _estimate_hover_thrust(self, in_flight: BoolArray, estimate: EstimateState) -> None:
+        if not any_of(in_flight):
             return
         q = estimate.q_ned_frd
         cos_tilt = 1.0 - 2.0 * (q[:, 1] * q[:, 1] + q[:, 2] * q[:, 2])
         old = self._hover.value.copy()
         self._hover.update(
-            flying,
+            in_flight,
             self._thrust * cos_tilt,
             -estimate.acceleration_ned_m_s2[:, 2],
             estimate.velocity_ned_m_s,
         )
         new = self._hover.value
-        self._position.hover_thrust_changed(old != new, old, new, self.target)
+        self._position.compensate_hover_thrust(old != new, old, new, self.target)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,10 +203,11 @@ class _Groups:
     trajectory: BoolArray
     """Vehicles at level TRAJECTORY."""
     reset_integral: BoolArray
-    """Vehicles that have just entered level TRAJECTORY, or that are on the ground before the take-off ramp.
-    PX4 starts to integrate at the start of the ramp, while the vehicle is still on the ground. The integral
-    then reduces the thrust, so that the vehicle lifts off only about 3 s after the start of the ramp."""
-    resets_hover: BoolArray
+    """Vehicles at level TRAJECTORY that have just entered this level, or that are on the ground before the
+    take-off ramp. PX4 starts to integrate at the start of the ramp, while the vehicle is still on the ground.
+    The integral then reduces the thrust, so that the vehicle lifts off only about 3 s after the start of the
+    ramp."""
+    reset_hover: BoolArray
     """Vehicles that are not in flight: their hover thrust is reset to MPC_THR_HOVER."""
 
     @classmethod
@@ -215,24 +219,24 @@ class _Groups:
 
 @kernel
 def _update_groups(
-    requested_level: Integers, armed: Flags, landed: Flags, ramp: Flags, level: Integers,
+    requested_level: Integers, armed: Flags, landed: Flags, ramp_thrust: Flags, level: Integers,
     powered: Flags, rates: Flags, attitude: Flags, trajectory: Flags, reset_integral: Flags,
-    resets_hover: Flags, thrust: Column, target_rates: Rows,
+    reset_hover: Flags, thrust: Column, target_rates: Rows,
 ) -> bool:  # fmt: skip
     """Groups the vehicles; vehicles without a controller get zero thrust. Returns whether any vehicle is at
     level THRUST_TORQUE or MOTORS."""
-    any_direct = False
+    any_torque_or_motors = False
     for i in range(level.shape[0]):
         level[i] = current = requested_level[i] if armed[i] else _DISARMED
         powered[i], rates[i], attitude[i] = current > _DISARMED, current >= _RATES, current >= _ATTITUDE
         on_trajectory = current == _TRAJECTORY
-        reset_integral[i] = on_trajectory and (not trajectory[i] or (landed[i] and not ramp[i]))
+        reset_integral[i] = on_trajectory and (not trajectory[i] or (landed[i] and not ramp_thrust[i]))
         trajectory[i] = on_trajectory
-        resets_hover[i] = not armed[i] or landed[i] or ramp[i]
+        reset_hover[i] = not armed[i] or landed[i] or ramp_thrust[i]
         if not powered[i]:
             thrust[i] = target_rates[i, 0] = target_rates[i, 1] = target_rates[i, 2] = 0.0
-        any_direct = any_direct or (powered[i] and not rates[i])
-    return any_direct
+        any_torque_or_motors = any_torque_or_motors or (powered[i] and not rates[i])
+    return any_torque_or_motors
 
 
 @kernel
@@ -245,18 +249,17 @@ def _copy_lower_levels(
     An attitude setpoint that overrides a trajectory is applied once.
     """
     for i in range(level.shape[0]):
-        overrides = override_level[i] == _ATTITUDE
-        if overrides:
+        overrides = override_level[i] == _ATTITUDE and level[i] == _TRAJECTORY
+        if override_level[i] == _ATTITUDE:
             override_level[i] = _DISARMED
-            overrides = level[i] == _TRAJECTORY
         if level[i] == _DISARMED or (level[i] == _TRAJECTORY and not overrides):
             continue
         target_thrust[i] = 0.0 if math.isnan(thrust[i]) else constrain(thrust[i], 0.0, 1.0)
         if level[i] >= _ATTITUDE:
-            size = math.sqrt(q[i, 0] ** 2 + q[i, 1] ** 2 + q[i, 2] ** 2 + q[i, 3] ** 2)
-            if math.isfinite(size) and size > _MIN_QUATERNION_NORM:
+            norm = math.sqrt(q[i, 0] ** 2 + q[i, 1] ** 2 + q[i, 2] ** 2 + q[i, 3] ** 2)
+            if math.isfinite(norm) and norm > _MIN_QUATERNION_NORM:
                 for k in range(4):
-                    target_q[i, k] = q[i, k] / size
+                    target_q[i, k] = q[i, k] / norm
         elif level[i] == _RATES:
             for k in range(3):
                 rate = rates[i, k]
@@ -266,15 +269,15 @@ def _copy_lower_levels(
 
 
 @kernel
-def _write_motors(level: Integers, armed: Flags, motors: Rows, signal: Rows, pulses_us: Rows) -> None:
+def _write_motors(level: Integers, armed: Flags, motors: Rows, signal: Rows, motors_us: Rows) -> None:
     """Writes the motor signals. At level MOTORS a motor with NaN or a negative signal stops."""
     for i in range(level.shape[0]):
         for k in range(ROTOR_COUNT):
             if not armed[i]:
-                signal[i, k], pulses_us[i, k] = 0.0, MOTOR_DISARMED_US
+                signal[i, k], motors_us[i, k] = 0.0, MOTOR_DISARMED_US
                 continue
             running = True
             if level[i] == _MOTORS:
                 running = motors[i, k] >= 0.0
                 signal[i, k] = min(motors[i, k], 1.0) if running else 0.0
-            pulses_us[i, k] = MOTOR_MIN_US + MOTOR_SPAN_US * signal[i, k] if running else MOTOR_DISARMED_US
+            motors_us[i, k] = MOTOR_MIN_US + MOTOR_SPAN_US * signal[i, k] if running else MOTOR_DISARMED_US

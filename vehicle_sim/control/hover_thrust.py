@@ -1,6 +1,6 @@
 """The hover thrust as PX4 estimates it: a one-state Kalman filter on vertical acceleration and thrust.
 
-MPC_THR_HOVER is used unchanged on the ground, during the take-off ramp, and always if MPC_USE_HTE is off.
+On the ground and during the take-off ramp, or if MPC_USE_HTE is off, MPC_THR_HOVER is used unchanged.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from vehicle_sim.rotations import constrain
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_FIRST_ACCELERATION_VARIANCE = 5.0
+_INITIAL_NOISE_M2_S4 = 5.0
 _NOISE_TIME_CONSTANT_S = 2.0
 _MIN_NOISE_M2_S4 = 1.0
-"""Noise in PX4's vertical acceleration from rotor vibration (1.4 m/s² over two samples)."""
+"""Lower limit of the noise variance: PX4's vertical acceleration contains rotor vibration (1.4 m/s², mean of
+two samples)."""
+_MAX_NOISE_M2_S4 = 40.0
 _FAST_NOISE_FACTOR = 10.0
 """Factor on the measurement noise at high speed, where drag acts like additional weight."""
 
@@ -39,13 +41,13 @@ class HoverThrust:
         self.value = np.full(count, 0.5)
         """(N,) hover thrust that the controllers use, 0..1."""
         self._default = np.full(count, 0.5)
-        self._use = np.ones(count, dtype=np.bool_)
+        self._enabled = np.ones(count, dtype=np.bool_)
         self._variance = np.zeros(count)
         self._start_variance = np.zeros(count)
         self._process_variance = np.zeros(count)
-        self._noise = np.full(count, _FIRST_ACCELERATION_VARIANCE)
+        self._noise = np.full(count, _INITIAL_NOISE_M2_S4)
         self._gate = np.ones(count)
-        self._range = np.zeros(count)
+        self._thrust_range = np.zeros(count)
         self._speed_limits = np.zeros((count, 2))
 
     def configure(self, i: int, parameters: Parameters) -> None:
@@ -58,13 +60,13 @@ class HoverThrust:
         if self._variance[i] == 0.0 or default != self._default[i]:
             self.value[i] = default
         self._default[i] = default
-        self._use[i] = value("MPC_USE_HTE") != 0
+        self._enabled[i] = value("MPC_USE_HTE") != 0
         self._start_variance[i] = value("HTE_HT_ERR_INIT") ** 2
         if self._variance[i] == 0.0:
             self._variance[i] = self._start_variance[i]
         self._process_variance[i] = value("HTE_HT_NOISE") ** 2
         self._gate[i] = value("HTE_ACC_GATE")
-        self._range[i] = value("HTE_THR_RANGE")
+        self._thrust_range[i] = value("HTE_THR_RANGE")
         self._speed_limits[i] = value("HTE_VXY_THR"), value("HTE_VZ_THR")
 
     def reset(self, rows: BoolArray) -> None:
@@ -87,9 +89,9 @@ class HoverThrust:
             velocity_ned_m_s: (N, 3).
         """
         _update(
-            self._dt_s, active, self._use, lift, acceleration_up_m_s2, velocity_ned_m_s, self._default,
-            self._process_variance, self._gate, self._range, self._speed_limits, self.value, self._variance,
-            self._noise,
+            self._dt_s, active, self._enabled, lift, acceleration_up_m_s2, velocity_ned_m_s, self._default,
+            self._process_variance, self._gate, self._thrust_range, self._speed_limits, self.value,
+            self._variance, self._noise,
         )  # fmt: skip
 
 
@@ -100,31 +102,31 @@ def _reset(
 ) -> None:  # fmt: skip
     for i in range(value.shape[0]):
         if rows[i]:
-            value[i], variance[i], noise[i] = default[i], start_variance[i], _FIRST_ACCELERATION_VARIANCE
+            value[i], variance[i], noise[i] = default[i], start_variance[i], _INITIAL_NOISE_M2_S4
 
 
 @kernel
 def _update(
-    dt_s: float, active: Flags, use: Flags, lift: Column, acceleration_up_m_s2: Column,
+    dt_s: float, active: Flags, enabled: Flags, lift: Column, acceleration_up_m_s2: Column,
     velocity: Rows, default: Column, process_variance: Column, gate: Column,
-    range_: Column, speed_limits: Rows, value: Column, variance: Column, noise: Column,
+    thrust_range: Column, speed_limits: Rows, value: Column, variance: Column, noise: Column,
 ) -> None:  # fmt: skip
     weight = dt_s / (_NOISE_TIME_CONSTANT_S + dt_s)
     for i in range(value.shape[0]):
-        if not (active[i] and use[i]):
+        if not (active[i] and enabled[i]):
             continue
         hover = value[i]
         variance[i] += process_variance[i] * dt_s * dt_s
-        slope = -GRAVITY_M_S2 * lift[i] / (hover * hover)
+        sensitivity = -GRAVITY_M_S2 * lift[i] / (hover * hover)
         innovation = acceleration_up_m_s2[i] - GRAVITY_M_S2 * (lift[i] / hover - 1.0)
         horizontal_speed = math.sqrt(velocity[i, 0] * velocity[i, 0] + velocity[i, 1] * velocity[i, 1])
         fast = horizontal_speed > speed_limits[i, 0] or abs(velocity[i, 2]) > speed_limits[i, 1]
         measurement_noise = noise[i] * (_FAST_NOISE_FACTOR if fast else 1.0)
-        total = max(slope * slope * variance[i] + measurement_noise, 1e-6)
-        gain = variance[i] * slope / total
-        if innovation * innovation < gate[i] * gate[i] * total:
-            lowest, highest = max(default[i] - range_[i], 0.1), min(default[i] + range_[i], 0.9)
+        innovation_variance = max(sensitivity * sensitivity * variance[i] + measurement_noise, 1e-6)
+        gain = variance[i] * sensitivity / innovation_variance
+        if innovation * innovation < gate[i] * gate[i] * innovation_variance:
+            lowest, highest = max(default[i] - thrust_range[i], 0.1), min(default[i] + thrust_range[i], 0.9)
             value[i] = min(max(hover + gain * innovation, lowest), highest)
-            variance[i] = constrain((1.0 - gain * slope) * variance[i], 1e-10, 1.0)
-        squared = constrain(innovation * innovation, _MIN_NOISE_M2_S4, 40.0)
-        noise[i] += weight * (squared - noise[i])
+            variance[i] = constrain((1.0 - gain * sensitivity) * variance[i], 1e-10, 1.0)
+        noise_sample = constrain(innovation * innovation, _MIN_NOISE_M2_S4, _MAX_NOISE_M2_S4)
+        noise[i] += weight * (noise_sample - noise[i])

@@ -1,7 +1,8 @@
 """Position and velocity control: trajectory setpoints become an attitude and a thrust (mc_pos_control).
 
-P on position, PID on velocity, acceleration to thrust vector, thrust vector to attitude. NaN in a setpoint
-means "not controlled". As in PX4, the sum of a finite value and NaN is the finite value (`_sum`).
+A P controller of the position gives a velocity; a PID controller of the velocity gives an acceleration, which
+becomes a thrust vector and then an attitude. NaN in a setpoint means "not controlled". As in PX4, the sum of
+a finite value and NaN is the finite value (`_sum`).
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _TINY = 1e-9
-_BOUND = 1e6
+_MAX_SETPOINT = 1e6
 """Upper bound of setpoints, beyond any flyable value: m/s, m/s²."""
 _SPEED_XY, _SPEED_UP, _SPEED_DOWN, _THRUST_MIN, _THRUST_MAX, _THRUST_XY_MARGIN, _TILT_MAX = range(7)
 """Columns of the limits."""
 
 
 class PositionControl:
-    """Gains and integrators of N vehicles.
+    """Position and velocity controllers of N vehicles.
 
     Args:
         count: N.
@@ -45,10 +46,10 @@ class PositionControl:
         self._velocity_d = np.zeros((count, 3))
         self._limits = np.zeros((count, 7))
         self._decouple = np.ones(count, dtype=np.bool_)
-        self._velocity_keep = np.zeros((count, 3))
+        self._velocity_decay = np.zeros((count, 3))
         self._derivative_gain = np.ones((count, 3))
         self._velocity = np.zeros((count, 3))
-        self._velocity_rate = np.zeros((count, 3))
+        self._velocity_derivative = np.zeros((count, 3))
         self._last_heading_rad = np.zeros(count)
 
     def configure(self, i: int, parameters: Parameters) -> None:
@@ -74,7 +75,7 @@ class PositionControl:
             math.radians(value("MPC_TILTMAX_AIR")),
         )
         self._decouple[i] = value("MPC_ACC_DECOUPLE") != 0
-        self._velocity_keep[i] = 1.0 - _alpha(value("MPC_VEL_LP"), self._dt_s)
+        self._velocity_decay[i] = 1.0 - _alpha(value("MPC_VEL_LP"), self._dt_s)
         self._derivative_gain[i] = _alpha(value("MPC_VELD_LP"), self._dt_s)
 
     def reset(self, i: int) -> None:
@@ -82,13 +83,13 @@ class PositionControl:
         self.velocity_integral[i] = 0.0
 
     def filter_velocity(self, estimate: EstimateState) -> None:
-        """Updates the filtered velocity and its derivative; needed also while position control is off."""
+        """Updates the filtered velocity and its derivative; call it even if no position is controlled."""
         _filter_velocity(
-            self._dt_s, estimate.velocity_ned_m_s, self._velocity_keep, self._derivative_gain, self._velocity,
-            self._velocity_rate,
+            self._dt_s, estimate.velocity_ned_m_s, self._velocity_decay, self._derivative_gain,
+            self._velocity, self._velocity_derivative,
         )  # fmt: skip
 
-    def hover_thrust_changed(
+    def compensate_hover_thrust(
         self, changed: BoolArray, old: FloatArray, new: FloatArray, target: TargetState
     ) -> None:
         """Shifts the vertical integral so that a new hover thrust (N,) does not change the thrust."""
@@ -106,7 +107,7 @@ class PositionControl:
         Args:
             controlled: (N,) vehicles at level TRAJECTORY; other rows are not changed.
             reset_integral: (N,) vehicles whose velocity integral is cleared: position control has just begun,
-                or the vehicle is on the ground.
+                or the vehicle is on the ground before the take-off ramp.
             setpoints: the trajectory setpoints.
             estimate: estimated states of the vehicles.
             hover_thrust: (N,).
@@ -117,11 +118,11 @@ class PositionControl:
             controlled, reset_integral, self._dt_s, setpoints.position_ned_m, setpoints.velocity_ned_m_s,
             setpoints.acceleration_ned_m_s2, setpoints.yaw_ned_rad, setpoints.ramp_thrust,
             setpoints.climb_limit_m_s, setpoints.descent_limit_m_s, setpoints.min_thrust,
-            setpoints.thrust_limit, setpoints.tilt_limit_rad,
-            estimate.position_ned_m, estimate.heading_rad, self._velocity, self._velocity_rate, hover_thrust,
-            self._position_p, self._velocity_p, self._velocity_i, self._velocity_d, self._limits,
-            self._decouple, self.velocity_integral, self._last_heading_rad, target.velocity_ned_m_s,
-            target.acceleration_ned_m_s2, target.q_ned_frd, thrust,
+            setpoints.thrust_limit, setpoints.tilt_limit_rad, estimate.position_ned_m, estimate.heading_rad,
+            self._velocity, self._velocity_derivative, hover_thrust, self._position_p, self._velocity_p,
+            self._velocity_i, self._velocity_d, self._limits, self._decouple, self.velocity_integral,
+            self._last_heading_rad, target.velocity_ned_m_s, target.acceleration_ned_m_s2, target.q_ned_frd,
+            thrust,
         )  # fmt: skip
         rows = controlled[:, None]
         np.copyto(target.position_ned_m, setpoints.position_ned_m, where=rows)
@@ -148,10 +149,10 @@ def _position_control(setpoint: FloatArray, position: FloatArray, gain: FloatArr
 
 @formula
 def _thrust_vector(
-    an: float, ae: float, ad: float, hover_thrust: float, decouple: bool, tilt_limit: float, lowest: float,
-    highest: float, margin: float,
+    an: float, ae: float, ad: float, hover_thrust: float, decouple: bool, tilt_limit: float,
+    min_thrust: float, max_thrust: float, horizontal_margin: float,
 ) -> tuple[Vector, Vector]:  # fmt: skip
-    """The body's up axis and the thrust vector that give an acceleration against gravity.
+    """The body's down axis and the thrust vector (NED) for an acceleration setpoint, including gravity.
 
     Vertical thrust has priority over horizontal thrust.
     """
@@ -160,20 +161,20 @@ def _thrust_vector(
     tilt = min(math.atan2(horizontal_m_s2, up), tilt_limit)
     per_m_s2 = math.sin(tilt) / max(horizontal_m_s2, _TINY)
     zn, ze, zd = -an * per_m_s2, -ae * per_m_s2, math.cos(tilt)
-    collective = max(hover_thrust * (1.0 - ad / GRAVITY_M_S2) / zd, lowest)
+    collective = max(hover_thrust * (1.0 - ad / GRAVITY_M_S2) / zd, min_thrust)
     tn, te, td = -zn * collective, -ze * collective, -zd * collective
-    horizontal = _length(tn, te)
-    reserved = min(horizontal, margin)
-    td = max(td, -math.sqrt(max(highest * highest - reserved * reserved, 0.0)))
-    available = math.sqrt(max(highest * highest - td * td, 0.0))
-    scale = min(1.0, available / max(horizontal, _TINY))
+    horizontal_thrust = _length(tn, te)
+    reserved_thrust = min(horizontal_thrust, horizontal_margin)
+    td = max(td, -math.sqrt(max(max_thrust * max_thrust - reserved_thrust * reserved_thrust, 0.0)))
+    available = math.sqrt(max(max_thrust * max_thrust - td * td, 0.0))
+    scale = min(1.0, available / max(horizontal_thrust, _TINY))
     return (zn, ze, zd), (tn * scale, te * scale, td)
 
 
 @formula
 def _integrate(
     dt_s: float, velocity_setpoint: FloatArray, velocity: FloatArray, acceleration_ne: tuple[float, float],
-    thrust: Vector, hover_thrust: float, lowest: float, highest: float, gain: FloatArray,
+    thrust: Vector, hover_thrust: float, min_thrust: float, max_thrust: float, gain: FloatArray,
     integral_gain: FloatArray, integral: FloatArray,
 ) -> None:  # fmt: skip
     """Integrates the velocity error, with anti-windup while a thrust limit applies."""
@@ -182,7 +183,7 @@ def _integrate(
         _zero_if_nan(velocity_setpoint[1] - velocity[1]),
     )
     error_d = _zero_if_nan(velocity_setpoint[2] - velocity[2])
-    if (thrust[2] >= -lowest and error_d >= 0.0) or (thrust[2] <= -highest and error_d <= 0.0):
+    if (thrust[2] >= -min_thrust and error_d >= 0.0) or (thrust[2] <= -max_thrust and error_d <= 0.0):
         error_d = 0.0
     achieved_n, achieved_e = thrust[0] * GRAVITY_M_S2 / hover_thrust, thrust[1] * GRAVITY_M_S2 / hover_thrust
     setpoint_n, setpoint_e = acceleration_ne
@@ -217,30 +218,30 @@ def _zero_if_nan(value: float) -> float:
 @formula
 def _bounded(value: float) -> float:
     """Limits values that no vehicle can fly (infinite, 1e30) to prevent overflow; NaN stays NaN."""
-    return constrain(value, -_BOUND, _BOUND)
+    return constrain(value, -_MAX_SETPOINT, _MAX_SETPOINT)
 
 
 @formula
-def _constrained(
+def _constrain_sum(
     first_n: float, first_e: float, second_n: float, second_e: float, limit: float
 ) -> tuple[float, float]:
-    """The sum of `first` and the largest part of `second` that keeps the length within the limit."""
-    first, second = _length(first_n, first_e), max(_length(second_n, second_e), _TINY)
-    if first >= limit:
-        scale = limit / max(first, _TINY)
+    """The first vector plus the largest part of the second vector for which the sum is within the limit."""
+    first_length, second_length = _length(first_n, first_e), max(_length(second_n, second_e), _TINY)
+    if first_length >= limit:
+        scale = limit / max(first_length, _TINY)
         return first_n * scale, first_e * scale
-    unit_n, unit_e = second_n / second, second_e / second
+    unit_n, unit_e = second_n / second_length, second_e / second_length
     along = first_n * unit_n + first_e * unit_e
-    square = max(along * along - first * first + limit * limit, 0.0)
-    part = constrain(math.sqrt(square) - along, 0.0, second)
-    return first_n + unit_n * part, first_e + unit_e * part
+    discriminant = max(along * along - first_length * first_length + limit * limit, 0.0)
+    second_part = constrain(math.sqrt(discriminant) - along, 0.0, second_length)
+    return first_n + unit_n * second_part, first_e + unit_e * second_part
 
 
 @formula
 def _write_attitude(zn: float, ze: float, zd: float, yaw_ned_rad: float, q: FloatArray) -> None:
     """Writes the attitude (4,) with the down axis (zn, ze, zd) and the nose towards the yaw.
 
-    Not valid for half turns about a slanted axis, because the signs are lost; no controller needs them.
+    Not valid for rotations by 180° about an axis between the body axes; no controller needs them.
     """
     sin_yaw, cos_yaw = math.sin(yaw_ned_rad), math.cos(yaw_ned_rad)
     xn, xe, xd = cos_yaw * zd, sin_yaw * zd, -(cos_yaw * zn + sin_yaw * ze)
@@ -257,12 +258,12 @@ def _write_attitude(zn: float, ze: float, zd: float, yaw_ned_rad: float, q: Floa
 
 @kernel
 def _filter_velocity(
-    dt_s: float, measured: Rows, keep: Rows, derivative_gain: Rows, velocity: Rows,
+    dt_s: float, measured: Rows, decay: Rows, derivative_gain: Rows, velocity: Rows,
     rate: Rows,
 ) -> None:  # fmt: skip
     for i in range(velocity.shape[0]):
         for k in range(3):
-            filtered = measured[i, k] + (velocity[i, k] - measured[i, k]) * keep[i, k]
+            filtered = measured[i, k] + (velocity[i, k] - measured[i, k]) * decay[i, k]
             rate[i, k] += derivative_gain[i, k] * ((filtered - velocity[i, k]) / dt_s - rate[i, k])
             velocity[i, k] = filtered
 
@@ -273,7 +274,7 @@ def _control(
     setpoint_velocity: Rows, setpoint_acceleration: Rows, setpoint_yaw: Column,
     ramp_thrust: Flags, climb_limit: Column, descent_limit: Column, min_thrust: Column, thrust_limit: Column,
     tilt_limit: Column, position: Rows, heading: Column, velocity: Rows,
-    velocity_rate: Rows, hover_thrust: Column, position_p: Rows, velocity_p: Rows,
+    velocity_derivative: Rows, hover_thrust: Column, position_p: Rows, velocity_p: Rows,
     velocity_i: Rows, velocity_d: Rows, limits: Rows, decouple: Flags,
     integral: Rows, last_heading: Column, target_velocity: Rows,
     target_acceleration: Rows, target_q: Rows, thrust: Column,
@@ -301,7 +302,7 @@ def _control(
         )
         if _length(velocity_setpoint[0], velocity_setpoint[1]) > limit[_SPEED_XY]:
             first_n, first_e = _zero_if_nan(correction_n), _zero_if_nan(correction_e)
-            velocity_setpoint[0], velocity_setpoint[1] = _constrained(
+            velocity_setpoint[0], velocity_setpoint[1] = _constrain_sum(
                 first_n,
                 first_e,
                 _zero_if_nan(velocity_setpoint[0] - first_n),
@@ -312,7 +313,7 @@ def _control(
         acceleration = target_acceleration[i]
         for k in range(3):
             correction = velocity_p[i, k] * (velocity_setpoint[k] - velocity[i, k]) + integral[i, k] - (
-                velocity_d[i, k] * velocity_rate[i, k]
+                velocity_d[i, k] * velocity_derivative[i, k]
             )  # fmt: skip
             feed_forward = math.nan if k == 2 and ramp_thrust[i] else setpoint_acceleration[i, k]
             acceleration[k] = _bounded(_sum(feed_forward, correction))
@@ -330,8 +331,7 @@ def _control(
             velocity_p[i], velocity_i[i], integral[i],
         )  # fmt: skip
         thrust[i] = math.sqrt(tn * tn + te * te + td * td)
-        # Without a yaw setpoint PX4 keeps the heading of the last update, which slows a commanded turn a
-        # little.
+        # Without a yaw setpoint PX4 uses the heading of the last update, which slightly slows a turn.
         yaw = setpoint_yaw[i] if math.isfinite(setpoint_yaw[i]) else last_heading[i]
         last_heading[i] = heading[i]
         if thrust[i] > _TINY:

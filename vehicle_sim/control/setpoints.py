@@ -18,10 +18,10 @@ IntArray = NDArray[np.int64]
 
 
 class ControlLevel(IntEnum):
-    """The controller that receives a vehicle's setpoint, from the motors (low) to the trajectory (high)."""
+    """The controller that receives a vehicle's setpoint, from the lowest level (motors) to the highest."""
 
     DISARMED = 0
-    """No controller runs: motors idle when armed, and are stopped when disarmed."""
+    """No controller runs. The motors idle while the vehicle is armed, otherwise they stop."""
     MOTORS = 1
     """`motors` go to the motors unchanged."""
     THRUST_TORQUE = 2
@@ -46,7 +46,7 @@ class Setpoints:
     """
 
     level: IntArray
-    """(N,) of ControlLevel."""
+    """(N,) values of ControlLevel."""
     armed: BoolArray
     """(N,)."""
     position_ned_m: FloatArray
@@ -74,22 +74,22 @@ class Setpoints:
     no such setpoint. ATTITUDE and RATES apply until the outer controllers write again, THRUST_TORQUE and
     MOTORS for one step. The cascade resets the value to DISARMED."""
     ramp_thrust: BoolArray
-    """(N,) in the take-off ramp: MPC_THR_HOVER is used unchanged, without feed-forward of acceleration in
-    z."""
+    """(N,) vehicles in the take-off ramp: the hover thrust is MPC_THR_HOVER, and the feed-forward of the
+    vertical acceleration is ignored."""
     thrust_limit: FloatArray
     """(N,) upper limit of the collective thrust at level TRAJECTORY, 0..1."""
     min_thrust: FloatArray
     """(N,) lower limit of the collective thrust at level TRAJECTORY; NaN: MPC_THR_MIN."""
     climb_limit_m_s: FloatArray
-    """(N,) upper limit of the climb rate; NaN: MPC_Z_VEL_MAX_UP (the take-off ramp lowers it)."""
+    """(N,) upper limit of the climb rate; NaN: MPC_Z_VEL_MAX_UP; the take-off ramp reduces this limit."""
     descent_limit_m_s: FloatArray
-    """(N,) upper limit of the descent rate; NaN: MPC_Z_VEL_MAX_DN (automatic modes raise it)."""
+    """(N,) upper limit of the descent rate; NaN: MPC_Z_VEL_MAX_DN; automatic modes increase this limit."""
     tilt_limit_rad: FloatArray
-    """(N,) NaN: MPC_TILTMAX_AIR (near the ground the autopilot passes MPC_TILTMAX_LND)."""
+    """(N,) upper limit of the tilt; NaN: MPC_TILTMAX_AIR; near the ground it is MPC_TILTMAX_LND."""
     landed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    """(N,) landed or in ground contact: the rate integrators are not updated."""
+    """(N,) vehicles that are landed or in ground contact; their rate integrators are not updated."""
     in_air: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    """(N,) the land detector reports a flight; the estimator then uses the range finder."""
+    """(N,) vehicles that are not landed; the estimator uses the range finder of these vehicles."""
 
     @classmethod
     def idle(cls, count: int) -> Setpoints:
@@ -119,7 +119,7 @@ class Setpoints:
         )
 
     def clear(self, i: int) -> None:
-        """Clears every setpoint of vehicle `i`; armed state and limits are kept."""
+        """Clears every setpoint of vehicle `i`, but not its level, its flags or its limits."""
         for row in (self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2):
             row[i] = np.nan
         self.yaw_ned_rad[i] = np.nan
