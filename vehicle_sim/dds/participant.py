@@ -1,4 +1,4 @@
-"""Carries the ROS 2 topics of vehicles over Cyclone DDS, one participant for each vehicle; no call blocks.
+"""ROS 2 topics of vehicles over Cyclone DDS: one participant for each vehicle. No call blocks.
 
 Cyclone's threads discover other programs and receive their messages. The simulation's thread sends (best
 effort: directly to the socket) and reads received messages.
@@ -25,8 +25,8 @@ from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQU
 
 LOOPBACK = "lo"
 MAX_PARTICIPANTS = 99
-"""Limit on loopback: without multicast, discovery uses one port for each participant."""
-REPLY_HISTORY = 10
+"""Limit on the loopback interface, where discovery without multicast uses one port for each participant."""
+REPLY_QUEUE_DEPTH = 10
 SERVICE_TYPE = "px4_msgs.srv.dds_.VehicleCommand_{}_"
 
 
@@ -58,7 +58,7 @@ def _writer_qos(reliable: bool = False) -> Qos:
     return Qos(
         Policy.Reliability.Reliable(duration()) if reliable else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal,
-        Policy.History.KeepLast(REPLY_HISTORY if reliable else 1),
+        Policy.History.KeepLast(REPLY_QUEUE_DEPTH if reliable else 1),
     )
 
 
@@ -92,8 +92,8 @@ class DdsPort:
             self._add_writer(output.name, idl_type(output.message), _writer_qos())
         reply = idl_type(MESSAGES["VehicleCommandAck"], SERVICE_TYPE.format("Response"))
         self._add_writer(SERVICE_REPLY, reply, _writer_qos(reliable=True))
-        for each in INPUTS:
-            self._add_reader(each.name, idl_type(each.message), each.depth, _reader_qos(each.depth))
+        for topic in INPUTS:
+            self._add_reader(topic.name, idl_type(topic.message), topic.depth, _reader_qos(topic.depth))
         command: MessageType = MESSAGES["VehicleCommand"]
         depth = 2 * command.constants["ORB_QUEUE_LENGTH"]
         request = idl_type(command, SERVICE_TYPE.format("Request"))
@@ -123,7 +123,7 @@ class DdsPort:
             return
 
     def take(self) -> Iterable[tuple[str, bytes]]:
-        """Received messages, at most the queue depth of each topic."""
+        """The received messages as (topic, bytes); for each topic at most its queue depth."""
         if not self._waitset.wait(0):
             return []
         received: list[tuple[str, bytes]] = []
@@ -145,7 +145,7 @@ class DdsDomain:
         interface: network interface; None: loopback.
 
     Raises:
-        DdsUnavailable: no such interface, or the domain is already open.
+        DdsUnavailable: the interface does not exist, or the domain is already open.
     """
 
     def __init__(self, domain_id: int, interface: str | None = None) -> None:

@@ -1,6 +1,7 @@
-"""PX4's message types for Cyclone DDS; samples stay bytes, because `ros2.messages` packs and unpacks them.
+"""PX4's message types for Cyclone DDS. Samples contain packed bytes; `ros2.messages` packs and unpacks them.
 
-Cyclone's own Python encoder takes 30 µs to 300 µs per message, at up to 900 messages per second and vehicle.
+Cyclone's own Python encoder would be too slow: it takes 30 µs to 300 µs for each of up to 900 messages per
+second and vehicle.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ _PRIMITIVES: dict[str, Any] = {
 
 
 class Sample(IdlStruct):
-    """A sample as bytes on the wire; `idl_type` creates a subclass for each type."""
+    """A sample as serialized bytes (CDR); `idl_type` creates a subclass for each message type."""
 
     cdr = b""
-    """Bytes with encapsulation header. No annotation, because Cyclone treats annotations as fields."""
+    """The bytes with encapsulation header. This attribute has no annotation, because Cyclone treats annotated
+    attributes as fields."""
 
     def serialize(self, *_: Any, **__: Any) -> bytes:
         """The bytes that Cyclone sends."""
@@ -32,7 +34,7 @@ class Sample(IdlStruct):
 
     @classmethod
     def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Self:
-        """A sample with the bytes that Cyclone received; they are not checked."""
+        """A sample with the bytes that Cyclone received, which are not checked."""
         return cls.from_bytes(bytes(data))
 
     @classmethod
@@ -62,7 +64,7 @@ def idl_dataclass(message: MessageType) -> type[IdlStruct]:
 
 @cache
 def idl_type(message: MessageType, typename: str = "") -> type[Sample]:
-    """The type of a topic; `typename` if it has another name on the wire (services)."""
+    """The type of a topic; `typename` replaces its DDS type name (for services)."""
     fields = {field.name: _idl_field(field.type, field.length) for field in message.fields}
     sample_type: Any = make_idl_struct(
         message.name, typename or f"px4_msgs.msg.dds_.{message.name}_", fields, dataclassify=False,

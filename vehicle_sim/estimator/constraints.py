@@ -1,4 +1,4 @@
-"""Constraints without aiding: a vehicle at rest does not move, and gravity points down.
+"""Constraints that replace missing measurements: a vehicle at rest does not move, and gravity points down.
 
 These are PX4's zero-velocity, zero-rotation, constant-position, constant-height and gravity updates.
 """
@@ -26,17 +26,16 @@ flags."""
 _ALIGNING_SPEED_VARIANCE, _REST_SPEED_VARIANCE = 0.001**2, 0.2**2
 """Variance of the zero velocity of a vehicle at rest, before and after its tilt is known."""
 _TILT_KNOWN_RAD = math.radians(3.0)
-"""The tilt is known once its standard deviation is smaller."""
+"""The tilt counts as known after its standard deviation was below this value."""
 _FAKE_HEIGHT_VARIANCE = 10.0**2
 _FAKE_POSITION_VARIANCE = 0.01**2
 _FAKE_SPEED_VARIANCE = 10.0
 _GRAVITY_BIT = 4
 """Bit of EKF2_IMU_CTRL."""
-_NEAR_G = 0.1
+_GRAVITY_TOLERANCE = 0.1
 """Specific force that differs from 1 g by less than this fraction counts as gravity."""
 _GRAVITY_GATE = 0.25
-"""Largest innovation, in standard deviations, at which the specific force counts as the direction of gravity.
-"""
+"""Largest accepted innovation of the direction of gravity, in standard deviations."""
 
 
 class Constraints:
@@ -55,18 +54,20 @@ class Constraints:
         """(N,) variance of one sample's direction, as a fraction of 1 g; infinite: gravity is not used."""
         self._peak_decay_per_s = np.full(count, math.inf)
         self._rest_gyro_variance = np.ones(count)
-        """(N,) variance of the mean rate that a vehicle at rest measures, fused every UPDATE_INTERVAL_S."""
+        """(N,) variance of the mean body rate of a vehicle at rest, which is fused every
+        UPDATE_INTERVAL_S."""
         self._peak_m_s2 = np.zeros(count)
-        """(N,) greatest recent specific force."""
+        """(N,) decaying maximum of the specific force."""
         self._tilt_known = np.zeros(count, dtype=np.bool_)
         self._kept_position = np.zeros((count, 3))
         self._sensitivity = np.zeros((count, 2, SIZE))
+        """(N, 2, SIZE) derivatives of the measured direction of gravity (body x and y) by the states."""
         self._correctable = np.ones((count, SIZE))
         self.active = True
         """Whether any vehicle is at rest or unaided, so that `add` must be called with each IMU sample."""
         self._constrained = np.ones(count, dtype=np.bool_)
-        """(N,) vehicles that were at rest or unaided at the last update. The sums of other vehicles are not
-        used, because `active` depends on the whole fleet."""
+        """(N,) vehicles that were at rest or unaided at the last update. Only their sums are used: `add` is
+        called for all vehicles together, so the sums of other vehicles may be incomplete."""
         self._gravity_force_sum = np.zeros((count, 3))
         """(N, 3) sum of the specific forces that count as gravity [m/s²]."""
         self._gravity_samples = np.zeros(count, dtype=np.int64)
@@ -92,13 +93,13 @@ class Constraints:
         """Adds the IMU's measurements of one prediction step (N, 3).
 
         A specific force counts as gravity while the recent peak of the specific force is within 0.9 to 1.1 g.
-        The noise of running motors exceeds this limit about twenty times per second.
+        With running motors, vibration exceeds this range about twenty times per second.
         """
         self._angle_sum += delta_angle
-        size = row_norm(delta_velocity)[:, 0] / dt_s
-        np.maximum(self._peak_m_s2 * (1.0 - self._peak_decay_per_s * dt_s), size, out=self._peak_m_s2)
+        force_m_s2 = row_norm(delta_velocity)[:, 0] / dt_s
+        np.maximum(self._peak_m_s2 * (1.0 - self._peak_decay_per_s * dt_s), force_m_s2, out=self._peak_m_s2)
         near_gravity = (
-            np.abs(self._peak_m_s2 - GRAVITY_M_S2) < _NEAR_G * GRAVITY_M_S2
+            np.abs(self._peak_m_s2 - GRAVITY_M_S2) < _GRAVITY_TOLERANCE * GRAVITY_M_S2
         ) | self._fusion.vehicle_at_rest
         self._gravity_force_sum += np.where(near_gravity[:, None], delta_velocity / dt_s, 0.0)
         self._gravity_samples += near_gravity
@@ -107,7 +108,7 @@ class Constraints:
         """Applies the constraints, every UPDATE_INTERVAL_S.
 
         Args:
-            aided: (N,) vehicles with an external position or velocity.
+            aided: (N,) vehicles with a measured position or velocity.
             moving: (N,) vehicles that are armed or in the air.
             ready: (N,) vehicles with a known attitude.
         """
@@ -150,13 +151,13 @@ class Constraints:
     def _keep_position(self, unaided_at_rest: BoolArray) -> None:
         """Keeps the estimated position of a vehicle at rest without aiding."""
         kalman, fusion = self._kalman, self._fusion
-        new = unaided_at_rest & ~fusion.valid_fake_pos
-        np.copyto(self._kept_position, kalman.position, where=new[:, None])
-        if new.any():
+        starting = unaided_at_rest & ~fusion.valid_fake_pos
+        np.copyto(self._kept_position, kalman.position, where=starting[:, None])
+        if starting.any():
             for k in range(2):
-                kalman.reset_state(new, VELOCITY + k, 0.0, np.full(len(new), _REST_SPEED_VARIANCE))
-            fusion.xy_reset_counter += new & fusion.aided_once
-            fusion.vxy_reset_counter += new & fusion.aided_once
+                kalman.reset_state(starting, VELOCITY + k, 0.0, np.full(len(starting), _REST_SPEED_VARIANCE))
+            fusion.xy_reset_counter += starting & fusion.aided_once
+            fusion.vxy_reset_counter += starting & fusion.aided_once
         np.copyto(fusion.valid_fake_pos, unaided_at_rest)
         variance = np.where(unaided_at_rest, _FAKE_POSITION_VARIANCE, np.inf)
         for k in range(2):
@@ -166,21 +167,21 @@ class Constraints:
     def _keep_height(self, ready: BoolArray) -> None:
         """Keeps the height constant and marks it invalid while no height source is fused."""
         kalman, fusion = self._kalman, self._fusion
-        fake = ready & ~fusion.gps_hgt & ~fusion.baro_hgt & ~fusion.vision_hgt
-        new = fake & ~fusion.fake_hgt
-        if new.any():
-            np.copyto(self._kept_position[:, 2], kalman.position[:, 2], where=new)
-            kalman.reset_state(new, VELOCITY + 2, 0.0, np.full(len(new), _FAKE_SPEED_VARIANCE))
-            fusion.z_reset_counter += new
-            fusion.vz_reset_counter += new
-        np.copyto(fusion.fake_hgt, fake)
-        if fake.any():
-            innovation = np.where(fake, self._kept_position[:, 2] - kalman.position[:, 2], 0.0)
-            kalman.fuse(POSITION + 2, innovation, np.where(fake, _FAKE_HEIGHT_VARIANCE, np.inf))
+        without_source = ready & ~fusion.gps_hgt & ~fusion.baro_hgt & ~fusion.vision_hgt
+        starting = without_source & ~fusion.fake_hgt
+        if starting.any():
+            np.copyto(self._kept_position[:, 2], kalman.position[:, 2], where=starting)
+            kalman.reset_state(starting, VELOCITY + 2, 0.0, np.full(len(starting), _FAKE_SPEED_VARIANCE))
+            fusion.z_reset_counter += starting
+            fusion.vz_reset_counter += starting
+        np.copyto(fusion.fake_hgt, without_source)
+        if without_source.any():
+            innovation = np.where(without_source, self._kept_position[:, 2] - kalman.position[:, 2], 0.0)
+            kalman.fuse(POSITION + 2, innovation, np.where(without_source, _FAKE_HEIGHT_VARIANCE, np.inf))
 
     def _fuse_gravity(self, unaided: BoolArray) -> None:
-        """Fuses the direction of gravity for unaided vehicles that measure 1 g, which keeps their attitude
-        level."""
+        """Fuses the direction of gravity for unaided vehicles that measure about 1 g, which corrects their
+        tilt."""
         kalman, fusion = self._kalman, self._fusion
         candidates = unaided & (self._gravity_samples > 0) & np.isfinite(self._gravity_variance)
         np.copyto(fusion.gravity_vector, candidates)
@@ -190,7 +191,7 @@ class Constraints:
         force = self._gravity_force_sum / samples[:, None] - kalman.accel_bias
         measured = force / np.maximum(row_norm(force), 1.0)
         sensitivity = self._sensitivity
-        # Minus gravity (1 g) crossed with a rotation about north and east, in the body's first two axes.
+        # Derivatives by rotations about north and east: minus gravity (1 g) crossed with the axis.
         sensitivity[:, :, TILT] = -kalman.matrix[:, 1, :2]
         sensitivity[:, :, TILT + 1] = kalman.matrix[:, 0, :2]
         innovation = measured[:, :2] + kalman.matrix[:, 2, :2]
