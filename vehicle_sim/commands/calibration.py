@@ -143,7 +143,7 @@ class CalibrationCommands:
         start_calibration()
         return ACCEPTED
 
-    def _start(self, name: str) -> None:
+    def _announce_start(self, name: str) -> None:
         self._current = name
         self._text(f"[cal] calibration started: 2 {name}")
 
@@ -158,7 +158,7 @@ class CalibrationCommands:
         self._text(f"[cal] calibration failed: {name}", CRITICAL)
 
     def _gyro(self) -> None:
-        self._start("gyro")
+        self._announce_start("gyro")
         self._call_later(TEXT_INTERVAL_S, lambda: self._progress(0))
         for step in range(1, 11):
             self._call_later(0.02 + PROGRESS_S * step, lambda step=step: self._progress(10 * step))
@@ -172,7 +172,7 @@ class CalibrationCommands:
         self._succeed("gyro")
 
     def _mag(self) -> None:
-        self._start("mag")
+        self._announce_start("mag")
         self._field_readings.clear()
         measure = self._measure_rotation
         self._run(self._calibrate_sides("mag", MAG_STILL_S, MAG_TOLERANCE, measure, self._store_mag))
@@ -195,7 +195,7 @@ class CalibrationCommands:
         return True
 
     def _accelerometer(self) -> None:
-        self._start("accel")
+        self._announce_start("accel")
         self._means.clear()
         self._run(
             self._calibrate_sides("accel", ACCEL_STILL_S, 1.0, self._measure_side, self._store_accelerometer)
@@ -305,7 +305,7 @@ class CalibrationCommands:
     # --- other calibrations ----------------------------------------------------------------------------
 
     def _baro(self) -> None:
-        self._start("baro")
+        self._announce_start("baro")
         self._run(self._baro_steps())
 
     def _baro_steps(self) -> Steps:
@@ -320,7 +320,7 @@ class CalibrationCommands:
         self._announcer.announce(INFO, "Calibration: Disabling RC input", "commander_calib_rc_off")
 
     def _level(self) -> None:
-        self._start("level")
+        self._announce_start("level")
         for step in range(6):
             self._call_later(TEXT_INTERVAL_S + PROGRESS_S * step, lambda step=step: self._progress(20 * step))
         self._run(self._level_steps())
@@ -345,7 +345,7 @@ class CalibrationCommands:
         self._readings.store("CAL_ACC0_", "OFF", mean + np.array([0.0, 0.0, GRAVITY_M_S2]))
 
     def _airspeed(self) -> None:
-        self._start("airspeed")
+        self._announce_start("airspeed")
         self._call_later(
             TEXT_INTERVAL_S / 2, lambda: self._text("[cal] Ensure sensor is not measuring wind", CRITICAL)
         )

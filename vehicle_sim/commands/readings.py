@@ -99,9 +99,9 @@ class Readings:
             for name, value in zip(names, values.tolist(), strict=True):
                 self._view.parameters.set(name, value)
         if send:
-            self.send(prefix)
+            self._send_sensor_parameters(prefix)
 
-    def send(self, prefix: str) -> None:
+    def _send_sensor_parameters(self, prefix: str) -> None:
         """Sets the priority of a sensor without one, then sends the sensor's parameters to every ground
         station."""
         store = self._view.parameters

@@ -75,8 +75,8 @@ class PositionControl:
             math.radians(value("MPC_TILTMAX_AIR")),
         )
         self._decouple[i] = value("MPC_ACC_DECOUPLE") != 0
-        self._velocity_decay[i] = 1.0 - _alpha(value("MPC_VEL_LP"), self._dt_s)
-        self._derivative_gain[i] = _alpha(value("MPC_VELD_LP"), self._dt_s)
+        self._velocity_decay[i] = 1.0 - _low_pass_gain(value("MPC_VEL_LP"), self._dt_s)
+        self._derivative_gain[i] = _low_pass_gain(value("MPC_VELD_LP"), self._dt_s)
 
     def reset(self, i: int) -> None:
         """Clears the velocity integral of vehicle `i`."""
@@ -130,7 +130,7 @@ class PositionControl:
         np.copyto(target.yaw_rate_ned_rad_s, setpoints.yaw_rate_ned_rad_s, where=controlled)
 
 
-def _alpha(cutoff_hz: float, dt_s: float) -> float:
+def _low_pass_gain(cutoff_hz: float, dt_s: float) -> float:
     """Gain of a first-order low-pass; 1 without a cutoff."""
     if cutoff_hz <= 0.0:
         return 1.0

@@ -50,8 +50,8 @@ class Sample(IdlStruct):
         return sample
 
 
-def _idl_field(kind: str, length: int) -> Any:
-    single = _PRIMITIVES[kind] if kind in CODES else idl_dataclass(MESSAGES[kind])
+def _idl_field(type_name: str, length: int) -> Any:
+    single = _PRIMITIVES[type_name] if type_name in CODES else idl_dataclass(MESSAGES[type_name])
     return idl.array[single, length] if length else single
 
 

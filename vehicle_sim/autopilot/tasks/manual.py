@@ -30,6 +30,8 @@ BRAKE_BOOST_TIME_CONSTANT_S = 0.8
 DRAG_ACCELERATION_FACTOR = 2.0
 """Factor on MPC_ACC_HOR, because the modelled drag takes half of the acceleration on average."""
 STANDSTILL_M_S = 0.01
+MAX_GAP_S = 2.5 * TICK_S
+"""A longer time without a run of the task initializes the task again."""
 
 
 class StickTasks:
@@ -49,7 +51,7 @@ class StickTasks:
         self._brake_boost = 1.0
         self._yaw_rad: float | None = None
         self._yaw_rate_rad_s = 0.0
-        self._ran_at_s = -math.inf
+        self._last_run_at_s = -math.inf
         self._resets = EstimateResets(view, np.zeros(1))
 
     # --- take-off ------------------------------------------------------------------------------------------
@@ -80,23 +82,23 @@ class StickTasks:
             False if the last tick did not run this mode, or if its sticks control attitude or rates.
         """
         now_s = self._view.time_s
-        if mode in ATTITUDE_RATE_MODES or mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
+        if mode in ATTITUDE_RATE_MODES or mode is not self._mode or now_s - self._last_run_at_s > MAX_GAP_S:
             return False
-        self._ran_at_s = now_s
+        self._last_run_at_s = now_s
         self._setpoints.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))
         return True
 
     def _begin(self, mode: NavState) -> None:
         """Initializes the task from the vehicle's motion when the mode or stick control starts."""
         now_s, estimate = self._view.time_s, self._view.estimate
-        if mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
+        if mode is not self._mode or now_s - self._last_run_at_s > MAX_GAP_S:
             vn, ve, vd = estimate.velocity_ned_m_s
             self._mode, self._velocity_m_s, self._acceleration_m_s2 = mode, (vn, ve), (0.0, 0.0)
             self._kept_position_m = self._kept_down_m = self._yaw_rad = None
             self._z.reset(estimate.position_ned_m[2], vd)
             self._brake_boost, self._yaw_rate_rad_s = 1.0, 0.0
             self._resets.discard()
-        self._ran_at_s = now_s
+        self._last_run_at_s = now_s
         self._follow_resets()
 
     def _follow_resets(self) -> None:

@@ -152,7 +152,7 @@ class Orbit:
         self._path.x.reset(north)
         self._path.y.reset(east)
         self._path.advance_vertical()
-        yaw_rad, yaw_rate_rad_s = self._yaw(circle, math.atan2(ue, un))
+        yaw_rad, yaw_rate_rad_s = self._yaw_setpoint(circle, math.atan2(ue, un))
         self._setpoints.trajectory(
             (math.nan, math.nan, self._path.z.position_m),
             (un * radial_m_s - ue * speed, ue * radial_m_s + un * speed, self._path.z.velocity_m_s),
@@ -161,7 +161,7 @@ class Orbit:
             yaw_rate_rad_s,
         )
 
-    def _yaw(self, circle: Circle, outward_rad: float) -> tuple[float, float]:
+    def _yaw_setpoint(self, circle: Circle, outward_rad: float) -> tuple[float, float]:
         angle_rate_rad_s = circle.speed_m_s / circle.radius_m
         if circle.yaw is YawBehaviour.UNCONTROLLED or circle.yaw is YawBehaviour.STICKS:
             return math.nan, math.nan

@@ -80,31 +80,31 @@ class ReturnHome:
             return
         goal_n, goal_e, goal_d = self._destination.position_ned_m
         distance_m = math.hypot(north - goal_n, east - goal_e)
-        above_m = goal_d - down
-        above_m = max(above_m, self._return_above_m(distance_m, above_m))
-        self._return_down_m = goal_d - above_m
+        vehicle_above_m = goal_d - down
+        return_above_m = max(vehicle_above_m, self._return_above_m(distance_m, vehicle_above_m))
+        self._return_down_m = goal_d - return_above_m
         self._set_phase(ReturnPhase.CLIMB)
         self._path.target_ned_m = (north, east, self._return_down_m)
-        rounded_above_m = math.ceil(above_m)
+        rounded_above_m = math.ceil(return_above_m)
         if self._destination.kind is DestinationKind.MISSION_LANDING:
             amsl_m = round(self._view.origin[2] - self._return_down_m)
             self._announcer.announce(
                 6, f"RTL Mission Land: climb to {amsl_m} m", "rtl_mission_land_climb", "i", amsl_m
             )
             return
-        amsl_m = math.ceil(self._view.origin[2] - goal_d + above_m)
+        amsl_m = math.ceil(self._view.origin[2] - goal_d + return_above_m)
         self._announcer.announce(
             6, f"RTL: start return at {amsl_m} m ({rounded_above_m} m above destination)",
             "vrtl_return_at", "ii", amsl_m, rounded_above_m,
         )  # fmt: skip
 
-    def _return_above_m(self, distance_m: float, above_m: float) -> float:
+    def _return_above_m(self, distance_m: float, vehicle_above_m: float) -> float:
         """Return altitude above the destination: RTL_RETURN_ALT, which RTL_CONE_ANG limits within
         RTL_MIN_DIST."""
         parameter = self._view.parameter
         radius = parameter("NAV_ACC_RAD")
         if distance_m <= radius:
-            return above_m
+            return vehicle_above_m
         return_above_m = parameter("RTL_RETURN_ALT")
         cone_deg = self._view.choice("RTL_CONE_ANG")
         if cone_deg >= 90:
@@ -117,10 +117,10 @@ class ReturnHome:
         """Duration of climb, flight and descent to a position, at the speeds in SPEED_PARAMETERS."""
         north, east, down = self._view.estimate.position_ned_m
         distance_m = math.hypot(north - to_ned_m[0], east - to_ned_m[1])
-        above_m = max(0.0, to_ned_m[2] - down)
-        top_m = max(above_m, self._return_above_m(distance_m, above_m))
+        vehicle_above_m = max(0.0, to_ned_m[2] - down)
+        top_m = max(vehicle_above_m, self._return_above_m(distance_m, vehicle_above_m))
         speeds = (self._view.parameter(name) for name in SPEED_PARAMETERS)
-        legs = zip((top_m - above_m, distance_m, top_m), speeds, strict=True)
+        legs = zip((top_m - vehicle_above_m, distance_m, top_m), speeds, strict=True)
         return sum(leg_m / max(0.1, speed) for leg_m, speed in legs)
 
     def run(self) -> None:
