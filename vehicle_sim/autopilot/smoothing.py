@@ -31,7 +31,7 @@ _TURNING_MIN_SPEED_M_S = 0.2
 """Up to this speed the trajectory does not count as turning."""
 _L1_RADIUS_MIN_M = 5.0
 _SLOW_M_S = 0.5
-"""A velocity component and limit below this speed do not slow down the other component."""
+"""If a velocity component and its limit are below this speed, the other component is not slowed down."""
 SETTINGS = (
     "MPC_XY_CRUISE", "MPC_XY_VEL_MAX", "MPC_Z_V_AUTO_UP", "MPC_Z_V_AUTO_DN", "MPC_ACC_HOR", "MPC_ACC_UP_MAX",
     "MPC_ACC_DOWN_MAX", "MPC_JERK_AUTO", "MPC_XY_ERR_MAX", "MPC_XY_TRAJ_P", "NAV_MC_ALT_RAD",

@@ -14,8 +14,8 @@ from vehicle_sim.kernels import Blocks, Rows
 
 DOWN, SETPOINT_DOWN, TILT, RAMP, MOTION_SIZE = range(5)
 """Columns of `motion`: estimated position down at the last tick [m]; velocity down of the last trajectory
-setpoint [m/s], NaN: no such setpoint in the air; tilt limit after take-off [rad]; progress of the take-off
-ramp, 0 to 1."""
+setpoint [m/s] (NaN: none yet; setpoints on the ground are not stored); tilt limit after take-off [rad];
+progress of the take-off ramp, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ ACCELEROMETER_FULL, LEVEL, ACCELEROMETER_QUICK = 1, 2, 4
 HOLD_STILL_TEXT = "[cal] hold vehicle still on a pending side"
 REST_TEXT = "[cal] detected rest position, hold still..."
 MOTION_TEXT = "[cal] detected motion, hold still..."
-PROGRESS_S = 0.1
+PROGRESS_EVERY_S = 0.1
 TEXT_INTERVAL_S = 0.05
 """Delay between two texts."""
 SIDE_PAUSE_S = 0.136
@@ -161,7 +161,7 @@ class CalibrationCommands:
         self._announce_start("gyro")
         self._call_later(TEXT_INTERVAL_S, lambda: self._progress(0))
         for step in range(1, 11):
-            self._call_later(0.02 + PROGRESS_S * step, lambda step=step: self._progress(10 * step))
+            self._call_later(0.02 + PROGRESS_EVERY_S * step, lambda step=step: self._progress(10 * step))
         self._run(self._gyro_steps())
 
     def _gyro_steps(self) -> Steps:
@@ -282,8 +282,8 @@ class CalibrationCommands:
         return self._cancelled_by is None
 
     def _wait_for_rest(self, detector: RestDetector) -> Generator[float, None, Side | None]:
-        """Waits until the vehicle is at rest; returns the side that points down, or None if the vehicle is
-        tilted between two sides or not at rest within REST_TIMEOUT_S."""
+        """Waits for rest, at most REST_TIMEOUT_S; returns the side that points down, None: none was
+        detected."""
         simulation = self._host.view.simulation
         started_at_s = simulation.time_s
         while simulation.time_s - started_at_s < REST_TIMEOUT_S:
@@ -322,7 +322,8 @@ class CalibrationCommands:
     def _level(self) -> None:
         self._announce_start("level")
         for step in range(6):
-            self._call_later(TEXT_INTERVAL_S + PROGRESS_S * step, lambda step=step: self._progress(20 * step))
+            delay_s = TEXT_INTERVAL_S + PROGRESS_EVERY_S * step
+            self._call_later(delay_s, lambda step=step: self._progress(20 * step))
         self._run(self._level_steps())
 
     def _level_steps(self) -> Steps:

@@ -20,13 +20,13 @@ OK, OFF, WRONG = 0, 1, 4
 
 
 class FailureCommands:
-    """Handles command 420 if SYS_FAILURE_EN allows it."""
+    """Handles INJECT_FAILURE if SYS_FAILURE_EN permits failures."""
 
     def __init__(self, host: CommandHost) -> None:
         self._host = host
         self._failures: dict[int, Callable[[int], int | None]] = {
             BATTERY: self._battery,
-            MOTOR: lambda kind: ACCEPTED if kind in (OK, OFF, WRONG) else UNSUPPORTED,
+            MOTOR: lambda failure: ACCEPTED if failure in (OK, OFF, WRONG) else UNSUPPORTED,
         }
         self.commands: dict[int, Handler] = {INJECT_FAILURE: self.inject}
 
@@ -37,11 +37,11 @@ class FailureCommands:
         inject_failure = self._failures.get(_as_integer(command.p1))
         return None if inject_failure is None else inject_failure(_as_integer(command.p2))
 
-    def _battery(self, kind: int) -> int | None:
-        if kind not in (OK, OFF):
+    def _battery(self, failure_type: int) -> int | None:
+        if failure_type not in (OK, OFF):
             return None
         view = self._host.view
-        view.simulation.set_battery_empty(view.row, kind == OFF)
+        view.simulation.set_battery_empty(view.row, failure_type == OFF)
         return ACCEPTED
 
 

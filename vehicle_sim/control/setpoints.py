@@ -1,7 +1,7 @@
 """Setpoints of the controllers: the only data that flight modes pass to the controllers.
 
-A mode writes rows of `Setpoints` between two steps; the controllers only read the rows. NaN always means "not
-controlled".
+A mode writes rows of `Setpoints` between two steps; the controllers change only `override_level`. NaN in a
+trajectory setpoint means "not controlled".
 """
 
 from __future__ import annotations

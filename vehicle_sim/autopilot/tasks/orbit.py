@@ -14,7 +14,7 @@ from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.vehicle_view import VehicleView
 
 ON_CIRCLE_M = 2.0
-"""The vehicle flies around the circle from this distance to the circle."""
+"""At this distance from the circle, the vehicle starts to fly along the circle."""
 RADIUS_GAIN_PER_S = 1.0
 """Radial speed setpoint per metre of distance to the circle."""
 RADIUS_MIN_M = 1.0
@@ -58,7 +58,7 @@ class Orbit:
         self._circle: Circle | None = None
         self._flies_around = False
         self._speed_m_s = 0.0
-        """Current speed along the circle; it changes with MPC_ACC_HOR."""
+        """Current speed along the circle, with the acceleration limit MPC_ACC_HOR."""
         self._initial_yaw_rad = 0.0
         self._requested = False
         """Whether a command was accepted since the last entry of the mode."""
