@@ -282,8 +282,7 @@ class CalibrationCommands:
         return self._cancelled_by is None
 
     def _wait_for_rest(self, detector: RestDetector) -> Generator[float, None, Side | None]:
-        """Waits for rest, at most REST_TIMEOUT_S; returns the side that points down, None: none was
-        detected."""
+        """Waits for rest; returns the side that points down. None: between two sides, or no rest in time."""
         simulation = self._host.view.simulation
         started_at_s = simulation.time_s
         while simulation.time_s - started_at_s < REST_TIMEOUT_S:
