@@ -37,7 +37,7 @@ from vehicle_sim.payload.camera import Camera
 from vehicle_sim.storage.files import VehicleFiles
 
 MAV_TYPE_GCS, MAV_TYPE_ONBOARD_CONTROLLER = 6, 18
-RATE_EVERY_US = 1_000_000
+RATE_INTERVAL_US = 1_000_000
 HEARTBEAT = BY_NAME["HEARTBEAT"].id
 
 
@@ -65,18 +65,17 @@ class Node:
         self.commands = {number: handler for group in groups for number, handler in group.commands.items()}
         """Handlers of commands from any source."""
         self.mavlink_commands = frozenset(requests.commands)
-        """Numbers of the commands that exist only in MAVLink."""
-        commands = CommandService(self.context, self.commands)
+        """Numbers of the commands that PX4 handles only over MAVLink."""
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
         services = (
-            self._texts, self._time, self.params, self._mission, GimbalService(self.context), commands,
-            OffboardService(self.context), VisionService(self.context), ManualService(self.context),
-            self._ftp, self._logs, self._shell,
+            self._texts, self._time, self.params, self._mission, GimbalService(self.context),
+            CommandService(self.context, self.commands), OffboardService(self.context),
+            VisionService(self.context), ManualService(self.context), self._ftp, self._logs, self._shell,
             FollowService(self.context), OriginService(self.context),
         )  # fmt: skip
         for service in services:
             self._handlers |= service.handlers
-        self._streamers: dict[int, Callable[[Link], None]] = {
+        self._send_functions: dict[int, Callable[[Link], None]] = {
             BY_NAME["PING"].id: self._time.send_ping,
             BY_NAME["TIMESYNC"].id: self._time.send_timesync,
             BY_NAME["LINK_NODE_STATUS"].id: requests.send_link_node_status,
@@ -84,9 +83,9 @@ class Node:
             BY_NAME["CURRENT_EVENT_SEQUENCE"].id: self._texts.send_current_sequence,
             BY_NAME["DISTANCE_SENSOR"].id: self._ranging.send,
         }
-        self._rates_due_us = RATE_EVERY_US
+        self._rates_update_at_us = RATE_INTERVAL_US
         self._idle_until_us = 0
-        """Until this time no stream is due and no service has work, unless a message is received."""
+        """Until this time `step` has nothing to do, unless a message is received or an action is pending."""
         self._bytes_at_last_rate: dict[str, tuple[int, int]] = {}
         """Sent and received bytes when the data rates were last computed, by link."""
 
@@ -100,15 +99,15 @@ class Node:
         self._camera = service = CameraService(self.context, camera)
 
         def send_heartbeats(link: Link) -> None:
-            """Sends the camera's heartbeat after the vehicle's: MAVSDK never connects to a vehicle if the
-            first heartbeat that it receives is that of another component."""
+            """Sends the vehicle's heartbeat, then the camera's. MAVSDK does not connect to a vehicle if it
+            receives the heartbeat of another component first."""
             self._send(link, HEARTBEAT)
             service.send_heartbeat(link)
 
-        self._streamers[HEARTBEAT] = send_heartbeats
+        self._send_functions[HEARTBEAT] = send_heartbeats
 
     def open_console(self, console: Callable[[], Terminal]) -> None:
-        """Gives ground stations access to the vehicle's console; `console` creates one session per link."""
+        """Gives ground stations a console of the vehicle; `console` creates one session per link."""
         self._shell.console = console
 
     def add_link(self, link: Link) -> None:
@@ -118,7 +117,7 @@ class Node:
         self._bytes_at_last_rate.pop(link.name, None)
         for msg_id in list(link.streamed_ids()):
             link.set_interval(msg_id, link.interval_us(msg_id), now_us)
-        self._ranging.begin(link, now_us)
+        self._ranging.start_streams(link, now_us)
         self.context.links.append(link)
 
     def remove_link(self, link: Link) -> None:
@@ -149,7 +148,7 @@ class Node:
 
     @property
     def has_pending(self) -> bool:
-        """Whether an action or a report is pending."""
+        """Whether an action of a service or the report of a reached mission item is pending."""
         return self.context.has_pending or self._mission.has_pending
 
     def step(self) -> None:
@@ -159,29 +158,28 @@ class Node:
         if now_us < self._idle_until_us and not context.has_pending and not self._mission.has_pending:
             return
         busy = self._step_services()
-        streamers = self._streamers
-        next_us = self._rates_due_us
+        send_functions = self._send_functions
+        next_us = self._rates_update_at_us
         for link in context.links:
             if link.next_due_us <= now_us:
                 for msg_id in link.due(now_us):
-                    streamer = streamers.get(msg_id)
-                    if streamer is not None:
-                        streamer(link)
+                    send = send_functions.get(msg_id)
+                    if send is not None:
+                        send(link)
                     else:
                         self._send(link, msg_id)
             next_us = min(next_us, link.next_due_us)
-        if now_us >= self._rates_due_us:
+        if now_us >= self._rates_update_at_us:
             self._update_rates(now_us)
         self._idle_until_us = 0 if busy else next_us
 
     def _send(self, link: Link, msg_id: int) -> None:
-        built = self.context.telemetry.payload(msg_id)
-        if built is not None:
-            link.send_payload(*built)
+        layout_and_payload = self.context.telemetry.payload(msg_id)
+        if layout_and_payload is not None:
+            link.send_payload(*layout_and_payload)
 
     def _step_services(self) -> bool:
-        """Runs pending actions, and continues the transfers of the services; returns whether a transfer is
-        running."""
+        """Runs due actions, then steps each service that has work; returns whether any service had work."""
         if self.context.has_pending:
             self.context.run_due()
         busy = False
@@ -199,7 +197,7 @@ class Node:
             sent, received = self._bytes_at_last_rate.get(link.name, (0, 0))
             link.tx_rate, link.rx_rate = link.sent_bytes - sent, link.received_bytes - received
             self._bytes_at_last_rate[link.name] = (link.sent_bytes, link.received_bytes)
-        self._rates_due_us = now_us + RATE_EVERY_US
+        self._rates_update_at_us = now_us + RATE_INTERVAL_US
 
     def _heartbeat(self, link: Link, message: Message) -> None:
         if message.type == MAV_TYPE_GCS:

@@ -68,7 +68,7 @@ API: Final[dict[str, float]] = GCS | {
 PROFILES: Final[dict[str, dict[str, float]]] = {"gcs": GCS, "api": API}
 
 RESTORED_HZ: Final[dict[str, float]] = {"ATTITUDE": 15.0}
-"""Rates after a client has set interval 0 ("default"), where they differ from the rates at boot."""
+"""Rates after a client has set interval 0 ("default"), for messages whose rate then differs from boot."""
 
-EVENT_DRIVEN: Final = frozenset({"HEARTBEAT", "CURRENT_EVENT_SEQUENCE", "EVENT"})
-"""PX4 accepts no interval for these messages."""
+FIXED_INTERVAL: Final = frozenset({"HEARTBEAT", "CURRENT_EVENT_SEQUENCE", "EVENT"})
+"""Messages for which PX4 accepts no interval."""

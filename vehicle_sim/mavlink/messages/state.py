@@ -22,23 +22,23 @@ from vehicle_sim.mavlink.messages.heartbeat import base_mode, system_status
 from vehicle_sim.mavlink.messages.message_group import MessageGroup
 
 ALWAYS_PRESENT = 0x200400B
-"""MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, magnetometer, barometer, position control, battery."""
+"""MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, barometer, horizontal position control, battery."""
 GPS_BIT, POSITION_BIT, REMOTE_BIT, BATTERY_BIT, LOGGING_BIT = 0x20, 0x4000, 0x10000, 0x2000000, 0x1000000
 ALL_HEALTHY = 0x321C83F
-"""Sensors without a failed check count as healthy, even if they are not present."""
+"""In PX4 a sensor without a failed check counts as healthy, even if the sensor is not present."""
 MAG_BIT, BARO_BIT, PREARM_BIT = 0x04, 0x08, 0x10000000
-"""MAV_SYS_STATUS: magnetometer, barometer, pre-arm checks."""
-BIT_OF_COMPONENT = {
+"""Bits of MAV_SYS_STATUS_SENSOR, as the bits above."""
+BIT_OF_FAILED_COMPONENT = {
     COMPONENT_REMOTE: REMOTE_BIT, COMPONENT_BATTERY: BATTERY_BIT, COMPONENT_LOCAL_POSITION: POSITION_BIT,
     COMPONENT_GPS: GPS_BIT, COMPONENT_ABSOLUTE_PRESSURE: BARO_BIT,
 }  # fmt: skip
-BIT_IF_PRESENT = {
+BIT_OF_PRESENT_COMPONENT = {
     GPS_PRESENT: GPS_BIT, MAG_PRESENT: MAG_BIT, LOGGING_PRESENT: LOGGING_BIT, REMOTE_PRESENT: REMOTE_BIT,
 }  # fmt: skip
 
 
 class StateMessages(MessageGroup):
-    """Builders of HEARTBEAT, SYS_STATUS and similar messages."""
+    """Builders of the messages with mode, arming state, health, clock and battery."""
 
     def heartbeat(self) -> bytes:
         commander = self._autopilot.commander
@@ -54,7 +54,7 @@ class StateMessages(MessageGroup):
 
     def sys_status(self) -> bytes:
         commander, battery, i = self._autopilot.commander, self._view.simulation.battery, self._view.row
-        ready = commander.report.armable(
+        can_arm = commander.report.armable(
             commander.active if commander.armed else commander.intended_or_replacement
         )
         present, enabled, healthy = self._sensors(commander.report)
@@ -62,7 +62,7 @@ class StateMessages(MessageGroup):
             "SYS_STATUS",
             onboard_control_sensors_present=present,
             onboard_control_sensors_enabled=enabled,
-            onboard_control_sensors_health=healthy | (PREARM_BIT if ready else 0),
+            onboard_control_sensors_health=healthy | (PREARM_BIT if can_arm else 0),
             load=100,
             voltage_battery=round(float(battery.voltage_v[i]) * 1000),
             current_battery=round(float(battery.current_a[i]) * 100),
@@ -71,17 +71,18 @@ class StateMessages(MessageGroup):
         )[1]
 
     def _sensors(self, report: CheckResults) -> tuple[int, int, int]:
-        """Present, enabled and healthy sensors according to the arming report; 0 before the first report.
+        """Present, enabled and healthy sensors according to the arming checks.
 
-        A sensor with a failed check counts as enabled, even if the sensor is not present.
+        A sensor with a failed check counts as enabled, even if the sensor is not present. Without an attitude
+        estimate no sensor is present or enabled, and all are healthy.
         """
         if not self._view.estimate.valid_attitude:
             return 0, 0, ALL_HEALTHY
         failed = 0
         for finding in report.findings:
-            failed |= BIT_OF_COMPONENT.get(finding.component, 0)
+            failed |= BIT_OF_FAILED_COMPONENT.get(finding.component, 0)
         present = ALWAYS_PRESENT
-        for component, bit in BIT_IF_PRESENT.items():
+        for component, bit in BIT_OF_PRESENT_COMPONENT.items():
             present |= bit if report.present & component else 0
         return present, present | failed, ALL_HEALTHY & ~failed
 
@@ -103,14 +104,14 @@ class StateMessages(MessageGroup):
 
     def battery_status(self) -> bytes:
         battery, i = self._view.simulation.battery, self._view.row
-        volts = round(float(battery.voltage_v[i]) * 1000)
+        voltage_mv = round(float(battery.voltage_v[i]) * 1000)
         warning = self._autopilot.commander.checks.battery_warning
         return pack(
             "BATTERY_STATUS",
             battery_function=1,
             type=1,
             temperature=32767,
-            voltages=[volts] + [65535] * 9,
+            voltages=[voltage_mv] + [65535] * 9,
             current_battery=round(float(battery.current_a[i]) * 100),
             current_consumed=round(float(battery.consumed_mah[i])),
             energy_consumed=-1,

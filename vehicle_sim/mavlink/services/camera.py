@@ -31,15 +31,15 @@ CAMERA_COMPONENT = 100
 """MAV_COMP_ID_CAMERA."""
 MAV_TYPE_CAMERA, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE = 30, 8, 4
 CAPTURE_IMAGE, HAS_MODES, HAS_IMAGE_SURVEY_MODE, HAS_BASIC_ZOOM = 2, 4, 32, 64
-"""CAMERA_CAP_FLAGS; no video and no video stream."""
+"""CAMERA_CAP_FLAGS; the camera records and streams no video."""
 ZOOM_STEP, ZOOM_RANGE = 0, 2
 """CAMERA_ZOOM_TYPE."""
-STEP_PERCENT = 10.0
-STORAGE_READY, STORAGE_MICROSD, STORAGE_FOR_PICTURES = 2, 3, 3
+ZOOM_STEP_PERCENT = 10.0
+STORAGE_READY, STORAGE_MICROSD, STORAGE_USAGE = 2, 3, 3
 MIB = 1024.0**2
 UNKNOWN_INT32 = 0x7FFFFFFF
 VENDOR, MODEL = b"Simulated", b"Simulated camera"
-FIRMWARE = 1
+FIRMWARE_VERSION = 1
 REQUEST_MESSAGE, REQUEST_CAMERA_INFORMATION, REQUEST_CAMERA_SETTINGS = 512, 521, 522
 REQUEST_STORAGE_INFORMATION, STORAGE_FORMAT, REQUEST_CAMERA_CAPTURE_STATUS = 525, 526, 527
 RESET_CAMERA_SETTINGS, SET_CAMERA_MODE, SET_CAMERA_ZOOM = 529, 530, 531
@@ -48,33 +48,33 @@ IMAGE_START_CAPTURE, IMAGE_STOP_CAPTURE, REQUEST_CAMERA_IMAGE_CAPTURE = 2000, 20
 
 
 class CameraService:
-    """Handles commands to component 100 (or to all), and sends the camera's messages."""
+    """Handles commands to component 100 or to all components, and sends the camera's messages."""
 
     def __init__(self, context: Context, camera: Camera) -> None:
         self._context, self._camera = context, camera
-        self._last_sequence = 0
+        self._last_capture_sequence = 0
         self._commands: dict[int, Callable[[Message | _AutopilotParameters, Link | None], int]] = {
-            REQUEST_MESSAGE: lambda m, link: self._request(m, link),
+            REQUEST_MESSAGE: lambda m, link: self._send_requested(m, link),
             REQUEST_CAMERA_INFORMATION: lambda m, link: self._send("CAMERA_INFORMATION", link),
             REQUEST_CAMERA_SETTINGS: lambda m, link: self._send("CAMERA_SETTINGS", link),
             REQUEST_STORAGE_INFORMATION: lambda m, link: self._send("STORAGE_INFORMATION", link),
-            STORAGE_FORMAT: self._format,
+            STORAGE_FORMAT: self._format_storage,
             REQUEST_CAMERA_CAPTURE_STATUS: lambda m, link: self._send("CAMERA_CAPTURE_STATUS", link),
-            RESET_CAMERA_SETTINGS: self._reset,
+            RESET_CAMERA_SETTINGS: self._reset_settings,
             SET_CAMERA_MODE: self._set_mode,
             SET_CAMERA_ZOOM: self._set_zoom,
-            IMAGE_START_CAPTURE: self._start,
-            IMAGE_STOP_CAPTURE: self._stop,
+            IMAGE_START_CAPTURE: self._start_capture,
+            IMAGE_STOP_CAPTURE: self._stop_capture,
             REQUEST_CAMERA_IMAGE_CAPTURE: lambda m, link: self._resend_capture(m.param1, link),
         }
         self._messages: dict[str, Callable[[], dict[str, Any]]] = {
-            "CAMERA_INFORMATION": self._information,
-            "CAMERA_SETTINGS": self._settings,
-            "STORAGE_INFORMATION": self._storage,
-            "CAMERA_CAPTURE_STATUS": self._capture_status,
-            "CAMERA_FOV_STATUS": self._field_of_view,
+            "CAMERA_INFORMATION": self._information_fields,
+            "CAMERA_SETTINGS": self._settings_fields,
+            "STORAGE_INFORMATION": self._storage_fields,
+            "CAMERA_CAPTURE_STATUS": self._capture_status_fields,
+            "CAMERA_FOV_STATUS": self._field_of_view_fields,
         }
-        self._by_id = {BY_NAME[name].id: name for name in self._messages}
+        self._message_names = {BY_NAME[name].id: name for name in self._messages}
         context.autopilot.own_commands.add_listener(self._run_autopilot_command)
 
     # --- received messages -----------------------------------------------------------------------------
@@ -118,8 +118,8 @@ class CameraService:
         if self._camera.sequence_runs:
             capture = self._camera.step()
             if capture is not None:
-                self._broadcast("CAMERA_IMAGE_CAPTURED", **self._captured(capture))
-                self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
+                self._broadcast("CAMERA_IMAGE_CAPTURED", **self._captured_fields(capture))
+                self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status_fields())
 
     def _run_autopilot_command(self, command: OwnCommand) -> None:
         """Executes a camera command of the autopilot, for example from a mission."""
@@ -129,11 +129,11 @@ class CameraService:
 
     # --- commands --------------------------------------------------------------------------------------
 
-    def _request(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+    def _send_requested(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
         number = _to_int(m.param1)
         if number == BY_NAME["CAMERA_IMAGE_CAPTURED"].id:
             return self._resend_capture(m.param2, link)
-        name = self._by_id.get(number)
+        name = self._message_names.get(number)
         return DENIED if name is None else self._send(name, link)
 
     def _send(self, name: str, link: Link | None) -> int:
@@ -146,25 +146,25 @@ class CameraService:
         if not 0 <= number < len(self._camera.captures) or link is None:
             return DENIED
         link.send_from(
-            CAMERA_COMPONENT, "CAMERA_IMAGE_CAPTURED", **self._captured(self._camera.captures[number])
+            CAMERA_COMPONENT, "CAMERA_IMAGE_CAPTURED", **self._captured_fields(self._camera.captures[number])
         )
         return ACCEPTED
 
-    def _start(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+    def _start_capture(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
         interval, count, sequence = m.param2, _to_int(m.param3), _to_int(m.param4)
         if count < 0 or (count != 1 and not (math.isfinite(interval) and interval > 0.0)):
             return DENIED
-        if count == 1 and sequence > 0 and sequence == self._last_sequence:
+        if count == 1 and sequence > 0 and sequence == self._last_capture_sequence:
             return ACCEPTED
         if self._camera.sequence_runs or not self._camera.free_bytes:
             return TEMPORARILY_REJECTED
-        self._last_sequence = sequence if count == 1 else 0
+        self._last_capture_sequence = sequence if count == 1 else 0
         self._camera.start(interval if count != 1 else 0.0, count)
         return ACCEPTED
 
-    def _stop(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+    def _stop_capture(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
         self._camera.stop()
-        self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
+        self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status_fields())
         return ACCEPTED
 
     def _set_mode(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
@@ -172,69 +172,69 @@ class CameraService:
             self._camera.mode = CameraMode(_to_int(m.param2))
         except ValueError:
             return UNSUPPORTED
-        self._broadcast("CAMERA_SETTINGS", **self._settings())
+        self._broadcast("CAMERA_SETTINGS", **self._settings_fields())
         return ACCEPTED
 
     def _set_zoom(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
-        kind, value = _to_int(m.param1), m.param2
-        if kind not in (ZOOM_STEP, ZOOM_RANGE):
+        zoom_type, value = _to_int(m.param1), m.param2
+        if zoom_type not in (ZOOM_STEP, ZOOM_RANGE):
             return UNSUPPORTED
-        if not math.isfinite(value) or (kind == ZOOM_RANGE and not 0.0 <= value <= 100.0):
+        if not math.isfinite(value) or (zoom_type == ZOOM_RANGE and not 0.0 <= value <= 100.0):
             return DENIED
-        percent = value if kind == ZOOM_RANGE else self._camera.zoom_percent + STEP_PERCENT * value
+        percent = value if zoom_type == ZOOM_RANGE else self._camera.zoom_percent + ZOOM_STEP_PERCENT * value
         self._camera.zoom_percent = max(0.0, min(100.0, percent))
-        self._broadcast("CAMERA_SETTINGS", **self._settings())
+        self._broadcast("CAMERA_SETTINGS", **self._settings_fields())
         return ACCEPTED
 
-    def _format(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+    def _format_storage(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
         if _to_int(m.param2) != 1 or _to_int(m.param1) not in (0, 1):
             return DENIED
         if self._camera.sequence_runs:
             return TEMPORARILY_REJECTED
         self._camera.format_storage()
-        self._broadcast("STORAGE_INFORMATION", **self._storage())
+        self._broadcast("STORAGE_INFORMATION", **self._storage_fields())
         return ACCEPTED
 
-    def _reset(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+    def _reset_settings(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
         if _to_int(m.param1) != 1:
             return DENIED
         self._camera.reset_settings()
-        self._broadcast("CAMERA_SETTINGS", **self._settings())
+        self._broadcast("CAMERA_SETTINGS", **self._settings_fields())
         return ACCEPTED
 
-    # --- messages --------------------------------------------------------------------------------------
+    # --- sent messages ---------------------------------------------------------------------------------
 
     def _broadcast(self, name: str, /, **fields: Any) -> None:
         for link in self._context.links:
             link.send_from(CAMERA_COMPONENT, name, **fields)
 
-    def _information(self) -> dict[str, Any]:
+    def _information_fields(self) -> dict[str, Any]:
         return {
             "time_boot_ms": self._context.view.time_boot_ms(),
-            "vendor_name": list(VENDOR), "model_name": list(MODEL), "firmware_version": FIRMWARE,
+            "vendor_name": list(VENDOR), "model_name": list(MODEL), "firmware_version": FIRMWARE_VERSION,
             "focal_length": FOCAL_LENGTH_MM, "sensor_size_h": SENSOR_WIDTH_MM,
             "sensor_size_v": SENSOR_HEIGHT_MM, "resolution_h": WIDTH, "resolution_v": HEIGHT,
             "flags": CAPTURE_IMAGE | HAS_MODES | HAS_IMAGE_SURVEY_MODE | HAS_BASIC_ZOOM,
             "gimbal_device_id": self._context.autopilot.gimbal.device_id,
         }  # fmt: skip
 
-    def _settings(self) -> dict[str, Any]:
+    def _settings_fields(self) -> dict[str, Any]:
         camera = self._camera
         return {
             "time_boot_ms": self._context.view.time_boot_ms(), "mode_id": int(camera.mode),
             "zoomLevel": camera.zoom_percent, "focusLevel": math.nan,
         }  # fmt: skip
 
-    def _storage(self) -> dict[str, Any]:
+    def _storage_fields(self) -> dict[str, Any]:
         camera = self._camera
         return {
             "time_boot_ms": self._context.view.time_boot_ms(), "storage_id": 1, "storage_count": 1,
-            "status": STORAGE_READY, "type": STORAGE_MICROSD, "storage_usage": STORAGE_FOR_PICTURES,
+            "status": STORAGE_READY, "type": STORAGE_MICROSD, "storage_usage": STORAGE_USAGE,
             "total_capacity": CAPACITY_BYTES / MIB, "used_capacity": camera.used_bytes / MIB,
             "available_capacity": camera.free_bytes / MIB,
         }  # fmt: skip
 
-    def _capture_status(self) -> dict[str, Any]:
+    def _capture_status_fields(self) -> dict[str, Any]:
         camera = self._camera
         return {
             "time_boot_ms": self._context.view.time_boot_ms(),
@@ -243,9 +243,9 @@ class CameraService:
             "available_capacity": camera.free_bytes / MIB,
         }  # fmt: skip
 
-    def _field_of_view(self) -> dict[str, Any]:
+    def _field_of_view_fields(self) -> dict[str, Any]:
         camera = self._camera
-        lat, lon, alt = _scaled_position(camera)
+        lat, lon, alt = _position_or_unknown(camera)
         return {
             "time_boot_ms": self._context.view.time_boot_ms(),
             "lat_camera": lat, "lon_camera": lon, "alt_camera": alt, "q": camera.orientation(),
@@ -253,7 +253,7 @@ class CameraService:
             "hfov": math.degrees(camera.hfov_rad), "vfov": math.degrees(camera.vfov_rad),
         }  # fmt: skip
 
-    def _captured(self, capture: Capture) -> dict[str, Any]:
+    def _captured_fields(self, capture: Capture) -> dict[str, Any]:
         position = capture.position
         return {
             "time_boot_ms": capture.time_boot_ms, "time_utc": capture.time_utc_us, "camera_id": 0,
@@ -275,7 +275,8 @@ class _AutopilotParameters:
         self.param1, self.param2, self.param3, self.param4 = parameters[:4]
 
 
-def _scaled_position(camera: Camera) -> tuple[int, int, int]:
+def _position_or_unknown(camera: Camera) -> tuple[int, int, int]:
+    """Latitude, longitude [1e-7 deg], altitude AMSL [mm]."""
     position = camera.position()
     if position is None:
         return UNKNOWN_INT32, UNKNOWN_INT32, UNKNOWN_INT32

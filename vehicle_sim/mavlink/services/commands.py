@@ -12,6 +12,7 @@ from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
 
 LOCAL_FRAMES = frozenset({1, 2, 7, 8, 9, 12, 20, 21})
+"""MAV_FRAME in which x and y of COMMAND_INT are not in 1e-7 degrees."""
 INT32_MAX = 0x7FFFFFFF
 
 
@@ -27,7 +28,7 @@ class CommandService:
         self._context = context
         self._commands = commands
         self._queue: list[Callable[[], None]] = []
-        """Deferred mode changes, and all later commands, so that the order is kept."""
+        """Mode changes run before the next tick; a command received after a mode change must wait for it."""
         self.handlers = {
             "COMMAND_LONG": self.command_long,
             "COMMAND_INT": self.command_int,
@@ -56,9 +57,9 @@ class CommandService:
         """Handles the deprecated SET_MODE; PX4 acknowledges it independently of the result."""
         if m.target_system != self._context.system_id:
             return
-        main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
-        command = Command(SET_MODE, float(m.base_mode), float(main), float(sub), 0, 0, 0, 0, m.sender,
-                          link.name)  # fmt: skip
+        main_mode, sub_mode = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
+        command = Command(SET_MODE, float(m.base_mode), float(main_mode), float(sub_mode), 0, 0, 0, 0,
+                          m.sender, link.name)  # fmt: skip
         self._context.send_ack(command, ACCEPTED)
         self._defer(lambda: self._run_unacknowledged(command))
 
@@ -77,8 +78,8 @@ class CommandService:
 
     def _run(self, command: Command) -> None:
         if command.number == SET_MODE:
-            # PX4's MAVLink receiver acknowledges at once, and the commander later; the second acknowledgement
-            # is the valid one.
+            # PX4's MAVLink receiver acknowledges at once. The commander acknowledges later, with the actual
+            # result.
             self._context.acknowledge(command, ACCEPTED)
             self._defer(lambda: self._execute(command))
         elif self._queue:

@@ -1,4 +1,4 @@
-"""Passes FOLLOW_TARGET to the flight task; the message has no target system id, so every vehicle uses it."""
+"""Passes FOLLOW_TARGET to the flight task. Every vehicle uses the message, which has no target system id."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ class FollowService:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self.handlers = {"FOLLOW_TARGET": self.target}
+        self.handlers = {"FOLLOW_TARGET": self.follow_target}
 
-    def target(self, link: Link, m: Message) -> None:
+    def follow_target(self, link: Link, m: Message) -> None:
         """Stores the target's position and velocity."""
         velocity = (m.vel[0], m.vel[1], m.vel[2])
         self._context.autopilot.navigator.follow.receive(m.lat / 1e7, m.lon / 1e7, m.alt, velocity)

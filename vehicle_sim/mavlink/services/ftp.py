@@ -2,7 +2,7 @@
 
 Opcodes, errors and header are MAVLink's ("File Transfer Protocol"). Some behaviour was recorded on PX4: a
 directory can be opened and occupies the session, a burst ends after 40 kB, and an error contains the errno of
-the last failed system call. The only session has number 0: the reply to opening a file contains this number,
+the last failure system call. The only session has number 0: the reply to opening a file contains this number,
 and reading and closing require it; bursts and writes accept any number.
 """
 
@@ -24,10 +24,10 @@ HEADER = struct.Struct("<HBBBBBBI")
 DATA_BYTES = 239
 ACK, NAK = 128, 129
 SESSION = 0
-"""Number of the only session, in replies to opening a file and in bursts."""
+"""Number of the only session; replies to opening a file, and bursts, contain this number."""
 NONE, TERMINATE, RESET, LIST, OPEN_RO, READ, CREATE, WRITE, REMOVE = range(9)
 MAKE_DIRECTORY, REMOVE_DIRECTORY, OPEN_WO, TRUNCATE, RENAME, CRC32, BURST = range(9, 16)
-OPENING = frozenset({OPEN_RO, CREATE, OPEN_WO})
+OPEN_OPCODES = frozenset({OPEN_RO, CREATE, OPEN_WO})
 FAIL_ERRNO, INVALID_DATA_SIZE, INVALID_SESSION, NO_SESSIONS, END_OF_FILE, UNKNOWN_OPCODE = 2, 3, 4, 5, 6, 7
 FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 8, 9, 10
 BURST_BYTES = 40_000
@@ -37,7 +37,7 @@ BURST_MESSAGES_PER_STEP = 5
 
 
 class RequestFailed(Exception):
-    """A request has failed; `code` is the error code of the NAK."""
+    """A request has failure; `code` is the error code of the NAK."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -46,9 +46,9 @@ class RequestFailed(Exception):
 
 @dataclass(slots=True)
 class _Burst:
-    """A running burst."""
+    """The active burst of a session."""
 
-    message: Message
+    request: Message
     sequence: int
     offset: int
     sent: int = 0
@@ -73,8 +73,8 @@ class _Request:
     data: bytes
 
     @property
-    def text(self) -> str:
-        """The data as a path."""
+    def path(self) -> str:
+        """The data up to the first NUL: a path."""
         return self.data.split(b"\0")[0].decode("utf-8", "replace")
 
 
@@ -95,18 +95,18 @@ class FtpService:
             READ: self._read,
             CREATE: self._create,
             WRITE: self._write,
-            REMOVE: lambda s, r: self._empty_reply(self._files.remove(r.text)),
-            MAKE_DIRECTORY: lambda s, r: self._empty_reply(self._files.make_directory(r.text)),
-            REMOVE_DIRECTORY: lambda s, r: self._empty_reply(self._files.remove_directory(r.text)),
+            REMOVE: lambda s, r: self._empty_reply(self._files.remove(r.path)),
+            MAKE_DIRECTORY: lambda s, r: self._empty_reply(self._files.make_directory(r.path)),
+            REMOVE_DIRECTORY: lambda s, r: self._empty_reply(self._files.remove_directory(r.path)),
             OPEN_WO: self._open_to_write,
-            TRUNCATE: lambda s, r: self._empty_reply(self._files.truncate(r.text, r.offset)),
+            TRUNCATE: lambda s, r: self._empty_reply(self._files.truncate(r.path, r.offset)),
             RENAME: self._rename,
             CRC32: self._checksum,
         }
 
     @property
     def busy(self) -> bool:
-        """Whether a burst is running."""
+        """Whether a burst is active."""
         return bool(self._sessions) and any(each.burst is not None for each in self._sessions.values())
 
     def request(self, link: Link, message: Message) -> None:
@@ -120,7 +120,7 @@ class FtpService:
         ):
             return
         raw = bytes(message.payload)
-        sequence, number, opcode, size, _, _, _, offset = HEADER.unpack_from(raw)
+        sequence, session_number, opcode, size, _, _, _, offset = HEADER.unpack_from(raw)
         session = self._sessions.setdefault(link.name, _Session())
         client = (message.system_id, message.component_id)
         reply_sequence = (sequence + 1) & 0xFFFF
@@ -140,25 +140,26 @@ class FtpService:
             operation = self._operations.get(opcode)
             if operation is None:
                 raise RequestFailed(UNKNOWN_OPCODE)
-            if number != SESSION and opcode in (TERMINATE, READ):
+            if session_number != SESSION and opcode in (TERMINATE, READ):
                 raise RequestFailed(INVALID_SESSION)
-            data, kind = operation(session, request), ACK
-            if opcode in OPENING:
-                number = SESSION
-        except RequestFailed as failed:
-            data, kind = self._error(session, failed.code), NAK
+            data, reply_opcode = operation(session, request), ACK
+            if opcode in OPEN_OPCODES:
+                session_number = SESSION
+        except RequestFailed as failure:
+            data, reply_opcode = self._error_data(session, failure.code), NAK
         except OSError as error:
-            data, kind = self._os_error(session, error), NAK
-        self._reply(link, session, client, (reply_sequence, number, kind, opcode, 0, offset), data)
+            data, reply_opcode = self._os_error_data(session, error), NAK
+        header = (reply_sequence, session_number, reply_opcode, opcode, 0, offset)
+        self._reply(link, session, client, header, data)
 
     def step(self) -> None:
-        """Continues running bursts."""
+        """Sends the next messages of all active bursts."""
         for link in self._context.links:
             session = self._sessions.get(link.name)
             for _ in range(BURST_MESSAGES_PER_STEP):
                 if session is None or session.burst is None:
                     break
-                self._burst(link, session, session.burst)
+                self._send_burst_message(link, session, session.burst)
 
     # --- replies ---------------------------------------------------------------------------------------
 
@@ -167,11 +168,12 @@ class FtpService:
         link: Link,
         session: _Session,
         client: tuple[int, int],
-        head: tuple[int, int, int, int, int, int],
+        header: tuple[int, int, int, int, int, int],
         data: bytes,
     ) -> None:
-        sequence, number, kind, opcode, complete, offset = head
-        payload = HEADER.pack(sequence, number, kind, len(data), opcode, complete, 0, offset) + data
+        sequence, session_number, reply_opcode, opcode, burst_complete, offset = header
+        fields = (sequence, session_number, reply_opcode, len(data), opcode, burst_complete, 0, offset)
+        payload = HEADER.pack(*fields) + data
         session.last_reply = (*client, payload)
         self._send(link, client, payload)
 
@@ -182,19 +184,19 @@ class FtpService:
         )
 
     @staticmethod
-    def _error(session: _Session, code: int) -> bytes:
+    def _error_data(session: _Session, code: int) -> bytes:
         return bytes((code, session.last_errno & 0xFF)) if code == FAIL_ERRNO else bytes((code,))
 
-    def _os_error(self, session: _Session, error: OSError) -> bytes:
-        number = error.errno or errno.EIO
-        if number == errno.ENOENT:
+    def _os_error_data(self, session: _Session, error: OSError) -> bytes:
+        code = error.errno or errno.EIO
+        if code == errno.ENOENT:
             return bytes((FILE_NOT_FOUND,))
-        if number == errno.EEXIST:
+        if code == errno.EEXIST:
             return bytes((FILE_EXISTS,))
-        if number in (errno.EACCES, errno.EROFS):
+        if code in (errno.EACCES, errno.EROFS):
             return bytes((FILE_PROTECTED,))
-        session.last_errno = number
-        return self._error(session, FAIL_ERRNO)
+        session.last_errno = code
+        return self._error_data(session, FAIL_ERRNO)
 
     @staticmethod
     def _empty_reply(_: None) -> bytes:
@@ -223,26 +225,26 @@ class FtpService:
 
     def _open_to_read(self, session: _Session, request: _Request) -> bytes:
         self._require_no_open_file(session)
-        return self._open(session, request.text, writable=False)
+        return self._open(session, request.path, writable=False)
 
     def _create(self, session: _Session, request: _Request) -> bytes:
         self._require_no_open_file(session)
-        self._files.create(request.text)
-        return self._open(session, request.text, writable=True)
+        self._files.create(request.path)
+        return self._open(session, request.path, writable=True)
 
     def _open_to_write(self, session: _Session, request: _Request) -> bytes:
         self._require_no_open_file(session)
         try:
-            self._files.write(request.text, 0, b"")
+            self._files.write(request.path, 0, b"")
         except FileNotFoundError:
-            self._files.create(request.text)
-        return self._open(session, request.text, writable=True)
+            self._files.create(request.path)
+        return self._open(session, request.path, writable=True)
 
     # --- files and directories -------------------------------------------------------------------------
 
     def _list(self, session: _Session, request: _Request) -> bytes:
-        """Entries `F name TAB size` and `D name`; `S` (skip) for "." and "..", and for symbolic links."""
-        path = request.text or "/"
+        """Entries of a directory: `F name TAB size`, `D name`, or `S` (skip) for ".", ".." and links."""
+        path = request.path or "/"
         entries = [b"S\0", b"S\0"]
         for name, size in self._files.listing(path):
             if size is not None:
@@ -284,7 +286,7 @@ class FtpService:
 
     def _checksum(self, session: _Session, request: _Request) -> bytes:
         try:
-            content = self._files.read(request.text, 0, self._files.size(request.text))
+            content = self._files.read(request.path, 0, self._files.size(request.path))
         except FileNotFoundError:
             # As in PX4, the reply contains the errno of the previous error.
             raise RequestFailed(FAIL_ERRNO) from None
@@ -299,24 +301,23 @@ class FtpService:
             raise OSError(errno.EISDIR, "a directory")
         session.burst = _Burst(message, sequence, offset)
 
-    def _burst(self, link: Link, session: _Session, burst: _Burst) -> None:
+    def _send_burst_message(self, link: Link, session: _Session, burst: _Burst) -> None:
         assert session.path is not None
-        client = (burst.message.system_id, burst.message.component_id)
-        kind, complete = ACK, 0
+        client = (burst.request.system_id, burst.request.component_id)
+        reply_opcode, burst_complete = ACK, 0
         try:
             if burst.offset >= session.size:
                 raise RequestFailed(END_OF_FILE)
             data = self._files.read(session.path, burst.offset, DATA_BYTES)
             burst.sent += len(data)
-            complete = int(burst.sent >= BURST_BYTES)
-        except RequestFailed as failed:
-            data, kind = self._error(session, failed.code), NAK
+            burst_complete = int(burst.sent >= BURST_BYTES)
+        except RequestFailed as failure:
+            data, reply_opcode = self._error_data(session, failure.code), NAK
         except OSError as error:
-            data, kind = self._os_error(session, error), NAK
-        self._reply(
-            link, session, client, (burst.sequence, SESSION, kind, BURST, complete, burst.offset), data
-        )
+            data, reply_opcode = self._os_error_data(session, error), NAK
+        header = (burst.sequence, SESSION, reply_opcode, BURST, burst_complete, burst.offset)
+        self._reply(link, session, client, header, data)
         burst.sequence = (burst.sequence + 1) & 0xFFFF
         burst.offset += len(data)
-        if complete or kind == NAK:
+        if burst_complete or reply_opcode == NAK:
             session.burst = None

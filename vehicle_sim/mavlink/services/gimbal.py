@@ -17,7 +17,7 @@ class GimbalService:
         self._gimbal = context.autopilot.gimbal
         self.handlers: dict[str, Callable[[Link, Message], None]] = {
             "GIMBAL_MANAGER_SET_ATTITUDE": self.set_attitude,
-            "GIMBAL_MANAGER_SET_MANUAL_CONTROL": self.set_manual,
+            "GIMBAL_MANAGER_SET_MANUAL_CONTROL": self.set_manual_control,
         }
 
     def _may_control(self, message: Message) -> bool:
@@ -30,13 +30,13 @@ class GimbalService:
         )
 
     def set_attitude(self, link: Link, m: Message) -> None:
-        """Handles GIMBAL_MANAGER_SET_ATTITUDE; ignored unless the sender has control."""
+        """Handles GIMBAL_MANAGER_SET_ATTITUDE if the sender has control."""
         if self._may_control(m):
             q = tuple(m.q)
             rates = (m.angular_velocity_x, m.angular_velocity_y, m.angular_velocity_z)
             self._gimbal.set_attitude(m.flags, (q[0], q[1], q[2], q[3]), rates)
 
-    def set_manual(self, link: Link, m: Message) -> None:
-        """Handles GIMBAL_MANAGER_SET_MANUAL_CONTROL; ignored unless the sender has control."""
+    def set_manual_control(self, link: Link, m: Message) -> None:
+        """Handles GIMBAL_MANAGER_SET_MANUAL_CONTROL if the sender has control."""
         if self._may_control(m):
             self._gimbal.set_manual(m.flags, m.pitch, m.yaw, m.pitch_rate, m.yaw_rate)

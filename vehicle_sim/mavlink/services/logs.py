@@ -1,7 +1,7 @@
 """Download of onboard logs by LOG_* messages: listing, data in parts of 90 bytes, and deletion.
 
-As in PX4, log numbers start at the oldest log, an invalid request gets no reply, and a new request replaces
-the previous request. Log numbers are those of the last listing, until a client requests a new listing.
+As in PX4, the oldest log has number 0, an invalid request gets no reply, and a new request replaces the
+previous request. A log keeps its number until a client requests a new listing.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from vehicle_sim.storage.files import VehicleFiles
 PART_BYTES = 90
 ENTRIES_PER_STEP = 2
 PARTS_PER_STEP = 20
-"""5,000 parts per second, 450 kB/s."""
-ALL = 0xFFFF
+"""With 250 steps per second, 5,000 parts or 450 kB per second."""
+ALL_LOGS = 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class _Listing:
 class _Transfer:
     """Log data still to be sent."""
 
-    log: int
+    log_number: int
     path: str
     offset: int
     end: int
@@ -61,7 +61,7 @@ class LogService:
             "LOG_REQUEST_LIST": self.request_list,
             "LOG_REQUEST_DATA": self.request_data,
             "LOG_ERASE": self.erase,
-            "LOG_REQUEST_END": self.end,
+            "LOG_REQUEST_END": self.request_end,
         }
 
     @property
@@ -73,9 +73,9 @@ class LogService:
         """Sends the entries of the logs from `start` to `end`."""
         if not self._context.addresses_autopilot(message):
             return
-        self._logs = self._find()
+        self._logs = self._find_logs()
         count = len(self._logs)
-        last = count if message.end == ALL else message.end
+        last = count if message.end == ALL_LOGS else message.end
         self._transfers.pop(link.name, None)
         if message.start < count:
             self._listings[link.name] = _Listing(message.start, last, count)
@@ -85,27 +85,27 @@ class LogService:
         if not self._context.addresses_autopilot(message):
             return
         if self._logs is None:
-            self._logs = self._find()
+            self._logs = self._find_logs()
         number = message.values["id"]
         if number >= len(self._logs):
             return
         path = self._logs[number].path
-        end = min(self._size(path), message.ofs + message.count)
+        end = min(self._file_size(path), message.ofs + message.count)
         self._listings.pop(link.name, None)
         self._transfers.pop(link.name, None)
         if message.ofs < end:
             self._transfers[link.name] = _Transfer(number, path, message.ofs, end)
 
     def erase(self, link: Link, message: Message) -> None:
-        """Deletes every log file, also the file of a running log; the running log continues, but is lost."""
+        """Deletes all log files, including the file of the running log, which continues but is lost."""
         if self._context.addresses_autopilot(message):
             self._listings.clear()
             self._transfers.clear()
             self._files.delete_tree(FOLDER)
             self._logs = None
 
-    def end(self, link: Link, message: Message) -> None:
-        """Ends listing and data transfer."""
+    def request_end(self, link: Link, message: Message) -> None:
+        """Ends the listing and the data transfer on a link."""
         if self._context.addresses_autopilot(message):
             self._listings.pop(link.name, None)
             self._transfers.pop(link.name, None)
@@ -113,14 +113,14 @@ class LogService:
     def step(self) -> None:
         """Continues the current listings and transfers."""
         for link in self._context.links:
-            self._list(link)
-            self._send(link)
-        names = {link.name for link in self._context.links}
+            self._send_entries(link)
+            self._send_data(link)
+        open_links = {link.name for link in self._context.links}
         for by_link in (self._listings, self._transfers):
-            for closed in by_link.keys() - names:
-                del by_link[closed]
+            for closed_link in by_link.keys() - open_links:
+                del by_link[closed_link]
 
-    def _find(self) -> list[Log]:
+    def _find_logs(self) -> list[Log]:
         """All logs, the oldest first."""
         self._logger.flush()
         logs: list[Log] = []
@@ -129,20 +129,20 @@ class LogService:
         except OSError:
             return logs
         for day, size in days:
-            if size is not None:
+            if size is not None:  # a file, not a directory
                 continue
-            for name, bytes_ in self._files.listing(f"{FOLDER}/{day}"):
-                if bytes_ is not None and name.endswith(".ulg"):
+            for name, file_size in self._files.listing(f"{FOLDER}/{day}"):
+                if file_size is not None and name.endswith(".ulg"):
                     logs.append(Log(f"{FOLDER}/{day}/{name}", _start_time_s(day, name)))
         return logs
 
-    def _size(self, path: str) -> int:
+    def _file_size(self, path: str) -> int:
         try:
             return self._files.size(path)
         except OSError:
             return 0
 
-    def _list(self, link: Link) -> None:
+    def _send_entries(self, link: Link) -> None:
         listing, logs = self._listings.get(link.name), self._logs or []
         if listing is None:
             return
@@ -153,24 +153,26 @@ class LogService:
             log = logs[listing.next]
             link.send(
                 "LOG_ENTRY", id=listing.next, num_logs=listing.count, last_log_num=listing.last,
-                time_utc=log.time_utc_s, size=self._size(log.path),
+                time_utc=log.time_utc_s, size=self._file_size(log.path),
             )  # fmt: skip
             listing.next += 1
 
-    def _send(self, link: Link) -> None:
+    def _send_data(self, link: Link) -> None:
         transfer = self._transfers.get(link.name)
         if transfer is None:
             return
-        count = min(PARTS_PER_STEP * PART_BYTES, transfer.end - transfer.offset)
+        byte_count = min(PARTS_PER_STEP * PART_BYTES, transfer.end - transfer.offset)
         try:
-            data = self._files.read(transfer.path, transfer.offset, count)
+            data = self._files.read(transfer.path, transfer.offset, byte_count)
         except OSError:
             data = b""  # deleted during the transfer
-        for at in range(0, len(data), PART_BYTES):
-            part = data[at : at + PART_BYTES]
-            link.send("LOG_DATA", id=transfer.log, ofs=transfer.offset + at, count=len(part), data=part)
+        for start in range(0, len(data), PART_BYTES):
+            part = data[start : start + PART_BYTES]
+            link.send(
+                "LOG_DATA", id=transfer.log_number, ofs=transfer.offset + start, count=len(part), data=part
+            )  # fmt: skip
         transfer.offset += len(data)
-        if len(data) < count or transfer.offset >= transfer.end:
+        if len(data) < byte_count or transfer.offset >= transfer.end:
             del self._transfers[link.name]
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
-from vehicle_sim.mavlink.services import mission_items as items
+from vehicle_sim.mavlink.services import mission_items
 from vehicle_sim.mavlink.services.mission_items import ACCEPTED, ALL, CAPACITY, ERROR, MISSION, NO_SPACE
 
 RETRY_S = 0.26
@@ -25,7 +25,7 @@ CRITICAL_SEVERITY = 2
 ITEM_FIELDS = ("frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x",
                "y", "z")  # fmt: skip
 _INT_FRAMES, _FLOAT_FRAMES = {0: 5, 3: 6}, {5: 0, 6: 3}
-"""Items are sent with the frame of the requested message (MISSION_ITEM or MISSION_ITEM_INT)."""
+"""Frame of an item in MISSION_ITEM_INT and in MISSION_ITEM, where it differs from the stored frame."""
 UNEXPECTED = "WPM: REJ. CMD: Req. WP was unexpected"
 BUSY = "WPM: REJ. CMD: Busy"
 
@@ -43,15 +43,15 @@ class _Transfer:
     link: Link
     state: _State = _State.IDLE
     partner: tuple[int, int] = (0, 0)
-    kind: int = MISSION
+    mission_type: int = MISSION
     count: int = 0
     seq: int = 0
     """Index of the next item to receive or to send."""
     items: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
     as_int: bool = False
-    """Whether items are requested as MISSION_ITEM_INT; follows the partner's last message, at first False."""
-    received_s: float = 0.0
-    requested_s: float = 0.0
+    """Whether items are sent as MISSION_ITEM_INT, as in the partner's last message; initially False."""
+    received_at_s: float = 0.0
+    requested_at_s: float = 0.0
 
     def end(self) -> None:
         self.state = _State.IDLE
@@ -63,8 +63,8 @@ class MissionService:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._plans: dict[int, list[dict[str, Any]]] = {kind: [] for kind in CAPACITY}
-        self._ids: dict[int, int] = dict.fromkeys(CAPACITY, 0)
+        self._plans: dict[int, list[dict[str, Any]]] = {mission_type: [] for mission_type in CAPACITY}
+        self._plan_ids: dict[int, int] = dict.fromkeys(CAPACITY, 0)
         self._mission = context.autopilot.navigator.mission
         self._reported_reached_count = 0
         self._next_reached_at_s = self._reached_until_s = 0.0
@@ -91,17 +91,16 @@ class MissionService:
         self._context.autopilot.announcer.announce(CRITICAL_SEVERITY, text, event)
 
     def send_current(self, link: Link) -> None:
-        """Sends MISSION_CURRENT, at 1 Hz."""
+        """Sends MISSION_CURRENT; called at 1 Hz by default."""
         count = len(self._plans[MISSION])
         link.send(
             "MISSION_CURRENT", seq=self._mission.current if count else 0, total=count or 65535,
-            mission_id=self._ids[MISSION], fence_id=self._ids[items.FENCE],
-            rally_points_id=self._ids[items.RALLY],
+            mission_id=self._plan_ids[MISSION], fence_id=self._plan_ids[mission_items.FENCE],
+            rally_points_id=self._plan_ids[mission_items.RALLY],
         )  # fmt: skip
 
     def _send_reached(self) -> None:
-        """Sends MISSION_ITEM_REACHED; called when an item is reached, then once per second for
-        REACHED_FOR_S."""
+        """Sends MISSION_ITEM_REACHED when an item is reached, then once per second for REACHED_FOR_S."""
         mission, now_s = self._mission, self._context.view.time_s
         if self._reported_reached_count != mission.reached_count:
             self._reported_reached_count = mission.reached_count
@@ -117,18 +116,18 @@ class MissionService:
         """Sends the number of items and the plan's id."""
         if not self._context.addresses_autopilot(message):
             return
-        transfer, kind = self._transfer(link), message.mission_type
+        transfer, mission_type = self._transfer(link), message.mission_type
         if transfer.state is _State.RECEIVING or (transfer.state is _State.SENDING and transfer.seq):
             self._report("Mission download request ignored, already active", "mavlink_mission_req_ignored")
             return
-        plan = self._plans.get(kind, [])
-        transfer.received_s = self._context.view.time_s
+        plan = self._plans.get(mission_type, [])
+        transfer.received_at_s = self._context.view.time_s
         if plan:
             transfer.state, transfer.partner = _State.SENDING, message.sender
-            transfer.kind, transfer.count, transfer.seq = kind, len(plan), 0
+            transfer.mission_type, transfer.count, transfer.seq = mission_type, len(plan), 0
         link.send(
             "MISSION_COUNT", target_system=message.system_id, target_component=message.component_id,
-            count=len(plan), mission_type=kind, opaque_id=self._ids.get(kind, 0),
+            count=len(plan), mission_type=mission_type, opaque_id=self._plan_ids.get(mission_type, 0),
         )  # fmt: skip
 
     def request_item(self, link: Link, message: Message) -> None:
@@ -143,13 +142,13 @@ class MissionService:
             return
         if transfer.state is _State.RECEIVING:
             self._report(BUSY, "mavlink_mission_mis_req_ignored_busy")
-        if transfer.state is not _State.SENDING or message.mission_type != transfer.kind:
+        if transfer.state is not _State.SENDING or message.mission_type != transfer.mission_type:
             return
-        transfer.received_s = self._context.view.time_s
-        plan, seq = self._plans[transfer.kind], message.seq
+        transfer.received_at_s = self._context.view.time_s
+        plan, seq = self._plans[transfer.mission_type], message.seq
         if seq not in (transfer.seq, transfer.seq - 1) or seq >= min(transfer.count, len(plan)):
             transfer.end()
-            self._ack(link, message.sender, ERROR, transfer.kind)
+            self._ack(link, message.sender, ERROR, transfer.mission_type)
             self._report(UNEXPECTED, "mavlink_mission_wp_unexpected")
             return
         transfer.seq = seq + 1
@@ -160,7 +159,7 @@ class MissionService:
             fields["x"], fields["y"] = fields["x"] / 1e7, fields["y"] / 1e7
         link.send(
             "MISSION_ITEM_INT" if transfer.as_int else "MISSION_ITEM", target_system=message.system_id,
-            target_component=message.component_id, seq=seq, mission_type=transfer.kind, **fields,
+            target_component=message.component_id, seq=seq, mission_type=transfer.mission_type, **fields,
         )  # fmt: skip
 
     # --- upload ----------------------------------------------------------------------------------------
@@ -169,27 +168,28 @@ class MissionService:
         """Starts an upload."""
         if not self._context.addresses_autopilot(message):
             return
-        transfer, kind = self._transfer(link), message.mission_type
-        transfer.received_s = self._context.view.time_s
+        transfer, mission_type = self._transfer(link), message.mission_type
+        transfer.received_at_s = self._context.view.time_s
         if transfer.state is _State.SENDING or (transfer.state is _State.RECEIVING and transfer.seq):
-            self._ack(link, message.sender, ERROR, kind)
+            self._ack(link, message.sender, ERROR, mission_type)
             if message.sender == transfer.partner:
                 self._report(BUSY, "mavlink_mission_ignore_mis_count")
             return
         other_transfers = [each for each in self._transfers.values() if each is not transfer]
         if any(other.state is _State.RECEIVING for other in other_transfers):
-            self._ack(link, message.sender, ERROR, kind)
+            self._ack(link, message.sender, ERROR, mission_type)
             return
-        if message.count > CAPACITY.get(kind, 0):
-            self._ack(link, message.sender, NO_SPACE, kind)
+        if message.count > CAPACITY.get(mission_type, 0):
+            self._ack(link, message.sender, NO_SPACE, mission_type)
             return
         if message.count == 0:
-            if kind in CAPACITY:
-                self._store(kind, [])
-            self._ack(link, message.sender, ACCEPTED, kind)
+            if mission_type in CAPACITY:
+                self._store(mission_type, [])
+            self._ack(link, message.sender, ACCEPTED, mission_type)
             return
-        transfer.state, transfer.partner, transfer.kind = _State.RECEIVING, message.sender, kind
-        transfer.count, transfer.seq, transfer.items = message.count, 0, []
+        transfer.state, transfer.partner = _State.RECEIVING, message.sender
+        transfer.mission_type, transfer.count = mission_type, message.count
+        transfer.seq, transfer.items = 0, []
         self._request_next(transfer)
 
     def receive_item(self, link: Link, message: Message) -> None:
@@ -206,16 +206,16 @@ class MissionService:
             else:
                 self._report("IGN MISSION_ITEM: No transfer", "mavlink_mission_no_transfer")
             return
-        if message.mission_type != transfer.kind:
+        if message.mission_type != transfer.mission_type:
             return
-        transfer.received_s = self._context.view.time_s
+        transfer.received_at_s = self._context.view.time_s
         if message.seq != transfer.seq:
             return
         fields = {name: getattr(message, name) for name in ITEM_FIELDS}
-        result = items.check_item(transfer.kind, fields, as_int=transfer.as_int)
+        result = mission_items.check_item(transfer.mission_type, fields, as_int=transfer.as_int)
         if result != ACCEPTED:
             transfer.end()
-            self._ack(link, message.sender, result, transfer.kind)
+            self._ack(link, message.sender, result, transfer.mission_type)
             if result != ERROR:
                 self._report("IGN MISSION_ITEM: Invalid item", "mavlink_mission_mis_item_invalid")
             return
@@ -224,23 +224,23 @@ class MissionService:
         if transfer.seq < transfer.count:
             self._request_next(transfer)
             return
-        self._store(transfer.kind, transfer.items)
+        self._store(transfer.mission_type, transfer.items)
         transfer.end()
-        self._ack(link, message.sender, ACCEPTED, transfer.kind)
+        self._ack(link, message.sender, ACCEPTED, transfer.mission_type)
 
     def clear(self, link: Link, message: Message) -> None:
         """Clears plans; clearing an unknown type also succeeds."""
         if not self._context.addresses_autopilot(message):
             return
-        transfer, kind = self._transfer(link), message.mission_type
+        transfer, mission_type = self._transfer(link), message.mission_type
         if transfer.state is not _State.IDLE:
             self._report("WPM: IGN WP CLEAR CMD: Busy", "mavlink_mission_ignore_clear")
             return
-        transfer.received_s = self._context.view.time_s
-        for each in CAPACITY if kind == ALL else (kind,):
-            if each in CAPACITY:
-                self._store(each, [])
-        self._ack(link, message.sender, ACCEPTED, kind)
+        transfer.received_at_s = self._context.view.time_s
+        for cleared_type in CAPACITY if mission_type == ALL else (mission_type,):
+            if cleared_type in CAPACITY:
+                self._store(cleared_type, [])
+        self._ack(link, message.sender, ACCEPTED, mission_type)
 
     def set_current(self, link: Link, message: Message) -> None:
         """Sets the current item."""
@@ -255,16 +255,19 @@ class MissionService:
             self._report("WPM: WP CURR CMD: Not in list", "mavlink_mission_seq_out_of_bounds")
 
     def receive_ack(self, link: Link, message: Message) -> None:
-        """Handles MISSION_ACK: ends a download, cancels an upload, or, if the partner does not support the
-        requested message, requests the other one of MISSION_ITEM and MISSION_ITEM_INT."""
+        """Handles MISSION_ACK: ends a download, or cancels an upload.
+
+        If the partner of an upload does not support the requested message, requests MISSION_ITEM instead of
+        MISSION_ITEM_INT, or the reverse.
+        """
         transfer = self._transfer(link)
         if not self._context.addresses_autopilot(message) or message.sender != transfer.partner:
             return
-        if transfer.state is _State.RECEIVING and message.type == items.UNSUPPORTED:
+        if transfer.state is _State.RECEIVING and message.type == mission_items.UNSUPPORTED:
             transfer.as_int = not transfer.as_int
             self._request_next(transfer)
             return
-        if transfer.state is _State.SENDING or message.type == items.CANCELLED:
+        if transfer.state is _State.SENDING or message.type == mission_items.CANCELLED:
             transfer.end()
 
     # --- each step -------------------------------------------------------------------------------------
@@ -280,7 +283,7 @@ class MissionService:
 
     @property
     def busy(self) -> bool:
-        """Whether a request or report is pending."""
+        """Whether a transfer is active, or a reached item must be reported."""
         return self.has_pending or any(
             transfer.state is not _State.IDLE for transfer in self._transfers.values()
         )
@@ -289,44 +292,45 @@ class MissionService:
         """Repeats requests, and ends transfers after a timeout."""
         for transfer in self._transfers.values():
             if transfer.state is not _State.IDLE:
-                self._update(transfer)
+                self._step_transfer(transfer)
         if self.has_pending:
             self._send_reached()
 
-    def _update(self, transfer: _Transfer) -> None:
+    def _step_transfer(self, transfer: _Transfer) -> None:
         now_s = self._context.view.time_s
         if transfer.link not in self._context.links:
             transfer.end()
-        elif now_s - transfer.received_s > TIMEOUT_S:
+        elif now_s - transfer.received_at_s > TIMEOUT_S:
             transfer.end()
             self._report("Operation timeout", "mavlink_mission_op_timeout")
-        elif transfer.state is _State.RECEIVING and now_s - transfer.requested_s >= RETRY_S:
+        elif transfer.state is _State.RECEIVING and now_s - transfer.requested_at_s >= RETRY_S:
             self._request_next(transfer)
 
     def _request_next(self, transfer: _Transfer) -> None:
-        transfer.requested_s = self._context.view.time_s
+        transfer.requested_at_s = self._context.view.time_s
         transfer.link.send(
             "MISSION_REQUEST_INT" if transfer.as_int else "MISSION_REQUEST",
             target_system=transfer.partner[0], target_component=transfer.partner[1], seq=transfer.seq,
-            mission_type=transfer.kind,
+            mission_type=transfer.mission_type,
         )  # fmt: skip
 
-    def _store(self, kind: int, plan: list[dict[str, Any]]) -> None:
-        self._ids[kind] = items.opaque_id(plan)
+    def _store(self, mission_type: int, plan: list[dict[str, Any]]) -> None:
+        self._plan_ids[mission_type] = mission_items.opaque_id(plan)
         for item in plan:
             if isinstance(item["x"], float):
-                item["x"], item["y"] = _scaled(item["x"]), _scaled(item["y"])
-        self._plans[kind] = plan
-        self._context.autopilot.plans.store(kind, plan)
+                item["x"], item["y"] = _to_1e7_degrees(item["x"]), _to_1e7_degrees(item["y"])
+        self._plans[mission_type] = plan
+        self._context.autopilot.plans.store(mission_type, plan)
 
-    def _ack(self, link: Link, to: tuple[int, int], result: int, kind: int) -> None:
+    def _ack(self, link: Link, recipient: tuple[int, int], result: int, mission_type: int) -> None:
         link.send(
-            "MISSION_ACK", target_system=to[0], target_component=to[1], type=result, mission_type=kind,
-            opaque_id=self._ids.get(kind, 0) if result == ACCEPTED else 0,
+            "MISSION_ACK", target_system=recipient[0], target_component=recipient[1], type=result,
+            mission_type=mission_type,
+            opaque_id=self._plan_ids.get(mission_type, 0) if result == ACCEPTED else 0,
         )  # fmt: skip
 
 
-def _scaled(degrees: float) -> int:
+def _to_1e7_degrees(degrees: float) -> int:
     """Converts degrees in single precision to 1e-7 degrees; 0 for an invalid position."""
     value = struct.unpack("<f", struct.pack("<f", degrees))[0] * 1e7
     return round(value) if abs(value) < 2**31 else 0

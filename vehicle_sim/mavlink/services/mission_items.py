@@ -1,4 +1,4 @@
-"""Items that PX4's mission protocol accepts, result codes for other items, and the id of a stored plan."""
+"""Which items PX4's mission protocol accepts, with its result codes, and the id of a stored plan."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _GLOBAL_INT_FRAMES = frozenset({5, 6})
 _POLYGON_VERTICES = frozenset({5001, 5002})
 _FENCE_ITEMS = frozenset({5000, 5001, 5002, 5003, 5004})
 _RALLY_POINT = 5100
-_WITH_POSITION = _FENCE_ITEMS | {16, 17, 19, 21, 22, 31, 84, 85, 195, 201, 4501, _RALLY_POINT}
-"""Commands stored with a global frame."""
-_WITHOUT_POSITION = frozenset(
+_GLOBAL_COMMANDS = _FENCE_ITEMS | {16, 17, 19, 21, 22, 31, 84, 85, 195, 201, 4501, _RALLY_POINT}
+"""Commands that PX4 accepts only in a global frame."""
+_MISSION_FRAME_COMMANDS = frozenset(
     {20, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 203, 204, 205, 206, 211, 214, 260, 530,
      532, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
 )  # fmt: skip
-"""Commands stored with the frame "mission"."""
-_MIN_VERTICES = 3
+"""Commands that PX4 accepts only in the frame MAV_FRAME_MISSION."""
+_MIN_POLYGON_VERTICES = 3
 
 _CRC_ITEM, _CRC_FLOAT_ITEM = struct.Struct("<BHB4fiif"), struct.Struct("<BHB7f")
 _POLYNOMIAL = 0xEDB88320
@@ -36,39 +36,40 @@ _POLYNOMIAL = 0xEDB88320
 
 def _crc_table() -> tuple[int, ...]:
     table: list[int] = []
-    for n in range(256):
+    for byte in range(256):
+        entry = byte
         for _ in range(8):
-            n = (n >> 1) ^ (_POLYNOMIAL if n & 1 else 0)
-        table.append(n)
+            entry = (entry >> 1) ^ (_POLYNOMIAL if entry & 1 else 0)
+        table.append(entry)
     return tuple(table)
 
 
-_TABLE = _crc_table()
+_CRC_TABLE = _crc_table()
 
 
-def check_item(kind: int, item: Mapping[str, Any], *, as_int: bool) -> int:
+def check_item(mission_type: int, item: Mapping[str, Any], *, as_int: bool) -> int:
     """PX4's MAV_MISSION_RESULT for an item (fields of MISSION_ITEM or MISSION_ITEM_INT)."""
     frame, command = item["frame"], item["command"]
     if frame in _GLOBAL_FRAMES or (as_int and frame in _GLOBAL_INT_FRAMES):
-        known = command in _WITH_POSITION
+        supported = command in _GLOBAL_COMMANDS
     elif frame == FRAME_MISSION:
-        known = command in _WITHOUT_POSITION
+        supported = command in _MISSION_FRAME_COMMANDS
     else:
         return UNSUPPORTED_FRAME
-    if not known:
+    if not supported:
         return UNSUPPORTED
-    return ERROR if is_refused_silently(kind, item) else ACCEPTED
+    return ERROR if is_refused_silently(mission_type, item) else ACCEPTED
 
 
-def is_refused_silently(kind: int, item: Mapping[str, Any]) -> bool:
-    """Whether PX4 refuses an item without a status text: a fence or rally item in a mission, or a polygon
-    with too few vertices."""
+def is_refused_silently(mission_type: int, item: Mapping[str, Any]) -> bool:
+    """Whether PX4 refuses an item without a status text: a fence item or rally point in a mission, or a
+    polygon with too few vertices."""
     command = item["command"]
-    if kind == MISSION:
+    if mission_type == MISSION:
         return command in _FENCE_ITEMS or command == _RALLY_POINT
-    if kind == FENCE and command in _POLYGON_VERTICES:
+    if mission_type == FENCE and command in _POLYGON_VERTICES:
         vertices = item["param1"]
-        return not (math.isfinite(vertices) and int(vertices + 0.5) >= _MIN_VERTICES)
+        return not (math.isfinite(vertices) and int(vertices + 0.5) >= _MIN_POLYGON_VERTICES)
     return False
 
 
@@ -78,12 +79,12 @@ def opaque_id(items: Sequence[Mapping[str, Any]]) -> int:
     The CRC covers the received fields: positions in 1e-7 degrees, or in degrees if they were sent as floats.
     """
     crc = 0
-    for i in items:
-        layout = _CRC_ITEM if isinstance(i["x"], int) else _CRC_FLOAT_ITEM
+    for item in items:
+        layout = _CRC_ITEM if isinstance(item["x"], int) else _CRC_FLOAT_ITEM
         packed = layout.pack(
-            i["frame"], i["command"], i["autocontinue"], i["param1"], i["param2"], i["param3"], i["param4"],
-            i["x"], i["y"], i["z"],
+            item["frame"], item["command"], item["autocontinue"], item["param1"], item["param2"],
+            item["param3"], item["param4"], item["x"], item["y"], item["z"],
         )  # fmt: skip
         for byte in packed:
-            crc = _TABLE[(crc ^ byte) & 0xFF] ^ (crc >> 8)
+            crc = _CRC_TABLE[(crc ^ byte) & 0xFF] ^ (crc >> 8)
     return crc

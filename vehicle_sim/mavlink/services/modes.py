@@ -5,8 +5,8 @@ from __future__ import annotations
 from vehicle_sim.mavlink.context import Context
 
 INTERVAL_S = 3.33
-"""PX4 streams the message at 0.3 Hz after the first external mode was registered."""
-SEQUENCES = 256
+"""PX4 streams the message at 0.3 Hz after the list of modes has changed once."""
+SEQ_MODULUS = 256
 
 
 class ModesMonitor:
@@ -24,5 +24,5 @@ class ModesMonitor:
             self._send()
 
     def _send(self) -> None:
-        self._context.broadcast("AVAILABLE_MODES_MONITOR", seq=self._external.mode_list_seq % SEQUENCES)
+        self._context.broadcast("AVAILABLE_MODES_MONITOR", seq=self._external.mode_list_seq % SEQ_MODULUS)
         self._context.call_later(INTERVAL_S, self._send)

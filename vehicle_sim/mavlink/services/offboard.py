@@ -8,20 +8,20 @@ from vehicle_sim.mavlink.link import Link
 
 
 class OffboardService:
-    """Receives setpoints from any link; system 0 and component 0 address all vehicles and components."""
+    """Receives setpoints from any link; a target system or component of 0 addresses all of them."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self.handlers = {
-            "SET_POSITION_TARGET_LOCAL_NED": self.local,
-            "SET_POSITION_TARGET_GLOBAL_INT": self.global_int,
-            "SET_ATTITUDE_TARGET": self.attitude,
+            "SET_POSITION_TARGET_LOCAL_NED": self.set_local_target,
+            "SET_POSITION_TARGET_GLOBAL_INT": self.set_global_target,
+            "SET_ATTITUDE_TARGET": self.set_attitude_target,
         }
 
     def _addresses_vehicle(self, message: Message) -> bool:
         return message.target_system in (0, self._context.system_id) and message.target_component in (0, 1)
 
-    def local(self, link: Link, m: Message) -> None:
+    def set_local_target(self, link: Link, m: Message) -> None:
         """Handles SET_POSITION_TARGET_LOCAL_NED."""
         if self._addresses_vehicle(m):
             self._context.autopilot.offboard.receive_local_target(
@@ -29,7 +29,7 @@ class OffboardService:
                 m.yaw, m.yaw_rate,
             )  # fmt: skip
 
-    def global_int(self, link: Link, m: Message) -> None:
+    def set_global_target(self, link: Link, m: Message) -> None:
         """Handles SET_POSITION_TARGET_GLOBAL_INT."""
         if self._addresses_vehicle(m):
             self._context.autopilot.offboard.receive_global_target(
@@ -38,8 +38,8 @@ class OffboardService:
                 m.yaw_rate,
             )  # fmt: skip
 
-    def attitude(self, link: Link, m: Message) -> None:
-        """Handles SET_ATTITUDE_TARGET: attitude or body rates, with thrust."""
+    def set_attitude_target(self, link: Link, m: Message) -> None:
+        """Handles SET_ATTITUDE_TARGET: thrust, with an attitude or body rates."""
         if self._addresses_vehicle(m):
             q = tuple(m.q)
             self._context.autopilot.offboard.attitude(

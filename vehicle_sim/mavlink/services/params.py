@@ -1,6 +1,6 @@
 """The parameter protocol as in PX4.
 
-PARAM_VALUE contains the bytes of an integer in its float field. A requested list starts with `_HASH_CHECK`.
+The float field of PARAM_VALUE contains the bytes of an integer. A requested list starts with `_HASH_CHECK`.
 An invalid request gets no reply.
 """
 
@@ -21,14 +21,14 @@ HASH_NAME = "_HASH_CHECK"
 HASH_INDEX = 65535
 UINT32, INT32, REAL32 = 5, 6, 9
 """MAV_PARAM_TYPE."""
-BURST_PER_STEP = 5
+VALUES_PER_STEP = 5
 """With 250 steps per second, 930 values take 0.8 s."""
 SEND_DELAY_S = 0.01
 SEND_AT_BOOT_S = 1.0
 SAVE_AFTER_S, SAVE_EVERY_S = 0.3, 2.0
 """Delay between a change and PX4's saving, and minimum interval between two savings."""
 MIN_CHANGE = 1.19e-7
-"""A smaller difference counts as unchanged; a NaN, stored or new, also counts as unchanged."""
+"""A value counts as changed if the difference is larger; NaN as stored or new value counts as unchanged."""
 
 
 class ParamService:
@@ -37,7 +37,7 @@ class ParamService:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._parameters = context.view.parameters
-        self._lists: dict[str, deque[str]] = {}
+        self._requested_lists: dict[str, deque[str]] = {}
         self._unsaved: set[str] = set()
         self._save_at_s = math.inf
         self._saved_at_s = -math.inf
@@ -57,7 +57,7 @@ class ParamService:
     def request_list(self, link: Link, message: Message) -> None:
         """Starts sending all values; `step` limits the rate."""
         if message.target_system == self._context.system_id and message.target_component in (0, 1):
-            self._lists[link.name] = deque((HASH_NAME, *self._parameters.names))
+            self._requested_lists[link.name] = deque((HASH_NAME, *self._parameters.names))
 
     def request_read(self, link: Link, message: Message) -> None:
         """Sends one value, by name or index."""
@@ -67,15 +67,15 @@ class ParamService:
             message.param_id if message.param_index == -1 else self._parameters.name_at(message.param_index)
         )
         if name:
-            self._send(link, name)
+            self._send_value(link, name)
 
     def set(self, link: Link, message: Message) -> None:
-        """Stores a value of the correct type; the reply contains the stored value."""
+        """Stores a value if its type is correct; replies with the stored value."""
         name = message.param_id
         if not self._context.addresses_autopilot(message):
             return
-        if name == HASH_NAME:  # the ground station already has these values and stops the list
-            self._lists.pop(link.name, None)
+        if name == HASH_NAME:  # the ground station has all values and ends the list
+            self._requested_lists.pop(link.name, None)
             return
         if name not in self._parameters:
             return
@@ -85,12 +85,12 @@ class ParamService:
         raw = struct.pack("<f", message.param_value)
         value: ParameterValue = struct.unpack("<i", raw)[0] if is_integer else message.param_value
         self._mark_unsaved(name)
-        earlier_send_at_s = self._send_at_s
+        previous_send_at_s = self._send_at_s
         changed = abs(value - self._parameters.get(name)) > MIN_CHANGE
         self._parameters.set(name, value)
         if not changed:
-            self._send_at_s = earlier_send_at_s
-        self._send(link, name)
+            self._send_at_s = previous_send_at_s
+        self._send_value(link, name)
         self._limits.apply()
 
     def _on_change(self, name: str, _value: ParameterValue) -> None:
@@ -126,39 +126,39 @@ class ParamService:
     @property
     def busy(self) -> bool:
         """Whether values must still be sent or saved."""
-        return bool(self._unsaved or any(self._lists.values()))
+        return bool(self._unsaved or any(self._requested_lists.values()))
 
     def step(self) -> None:
-        """Sends due values: after a change all unsaved values on every link, and parts of requested lists."""
+        """After a change sends all unsaved values on every link; continues the requested lists."""
         now_s = self._context.view.time_s
         if now_s >= self._send_at_s:
             self._send_at_s = math.inf
             for name in sorted(self._unsaved, key=self._parameters.index_of):
                 for link in self._context.links:
-                    self._send(link, name)
+                    self._send_value(link, name)
         if now_s >= self._save_at_s:
             self._unsaved.clear()
             self._save_at_s, self._saved_at_s = math.inf, now_s
         for link in self._context.links:
-            pending = self._lists.get(link.name)
+            pending = self._requested_lists.get(link.name)
             if not pending:
                 continue
-            for _ in range(min(BURST_PER_STEP, len(pending))):
-                self._send(link, pending.popleft())
+            for _ in range(min(VALUES_PER_STEP, len(pending))):
+                self._send_value(link, pending.popleft())
 
-    def _send(self, link: Link, name: str) -> None:
+    def _send_value(self, link: Link, name: str) -> None:
         parameters = self._parameters
         if name == HASH_NAME:
             value = struct.unpack("<f", struct.pack("<I", parameters.hash()))[0]
-            index, kind = HASH_INDEX, UINT32
+            index, type_code = HASH_INDEX, UINT32
         elif name in parameters:
             stored = parameters.get(name)
             is_integer = parameters.type_of(name) == "INT32"
             value = struct.unpack("<f", struct.pack("<i", int(stored)))[0] if is_integer else stored
-            index, kind = parameters.index_of(name), INT32 if is_integer else REAL32
+            index, type_code = parameters.index_of(name), INT32 if is_integer else REAL32
         else:
             return
         link.send(
-            "PARAM_VALUE", param_id=name, param_value=value, param_type=kind, param_count=len(parameters),
-            param_index=index,
+            "PARAM_VALUE", param_id=name, param_value=value, param_type=type_code,
+            param_count=len(parameters), param_index=index,
         )  # fmt: skip

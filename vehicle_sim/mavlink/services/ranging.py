@@ -1,4 +1,4 @@
-"""Streams of the additional lidars of a world: a second DISTANCE_SENSOR, and OBSTACLE_DISTANCE."""
+"""DISTANCE_SENSOR of the downward and the forward lidar, and OBSTACLE_DISTANCE of a scanning lidar."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class RangingService:
         self._context = context
         self._messages = SensorMessages(context.autopilot)
 
-    def begin(self, link: Link, now_us: int) -> None:
-        """Streams OBSTACLE_DISTANCE if the world has such a lidar."""
+    def start_streams(self, link: Link, now_us: int) -> None:
+        """Starts OBSTACLE_DISTANCE if the world has a lidar that measures in all horizontal directions."""
         if self._context.view.simulation.world.lidars.around:
             link.set_interval(OBSTACLE_DISTANCE.id, round(1e6 / OBSTACLE_HZ[link.profile]), now_us)
 
     def send(self, link: Link) -> None:
-        """Sends all distance sensors: downward, then forward."""
+        """Sends DISTANCE_SENSOR of the downward lidar, then of the forward lidar."""
         for payload in (self._messages.distance_sensor(), self._messages.distance_forward()):
             if payload is not None:
                 link.send_payload(DISTANCE_SENSOR, payload)

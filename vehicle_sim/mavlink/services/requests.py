@@ -10,7 +10,7 @@ from vehicle_sim.commands.command import ACCEPTED, DENIED, FAILED, Command
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
 from vehicle_sim.mavlink.link import Link
-from vehicle_sim.mavlink.rates import EVENT_DRIVEN
+from vehicle_sim.mavlink.rates import FIXED_INTERVAL
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import GENERAL, general_crc
 
@@ -18,7 +18,7 @@ REQUEST_MESSAGE, SET_INTERVAL, GET_INTERVAL = 512, 511, 510
 REQUEST_CAPABILITIES, REQUEST_PROTOCOL_VERSION, REQUEST_FLIGHT_INFORMATION = 520, 519, 528
 REQUEST_CAMERA_INFORMATION, REQUEST_STORAGE_INFORMATION = 521, 525
 LIBRARY_HASH = (2, 246, 129, 2, 216, 118, 253, 91)
-STORAGE_READY, STORAGE_MIB = 2, 32_768.0
+STORAGE_READY, STORAGE_SIZE_MIB = 2, 32_768.0
 """Status and size of the simulated SD card, which stays empty."""
 MAG_CAL_SUCCESS = 4
 NOT_USER_SELECTABLE = 2
@@ -28,9 +28,9 @@ CAPABILITIES = 321791
 VERSION_1_16_0 = 17826047
 GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
 UID = 0x4954_414C_4449_4E4F
-"""Uid that every PX4 build for Linux reports, the same for all vehicles."""
+"""Uid that every PX4 build for Linux reports; all simulated vehicles have this uid."""
 EMPTY_STREAM_INTERVALS_US = {BY_NAME["DEBUG_VECT"].id: 100_000}
-"""Interval of configured streams that never have a value to send, by message id."""
+"""Interval, by message id, of streams that PX4 configures but that have no data in simulation."""
 EMPTY_STREAMS = frozenset(
     BY_NAME[name].id
     for name in (
@@ -50,13 +50,13 @@ NOT_ON_REQUEST = frozenset(
 
 
 class RequestService:
-    """Handles MAV_CMD 510, 511, 512 and the deprecated request commands."""
+    """Handles REQUEST_MESSAGE, SET_ and GET_MESSAGE_INTERVAL, and the deprecated request commands."""
 
     def __init__(self, context: Context, send_ping: Callable[[Link], None], files: VehicleFiles) -> None:
         self._context = context
         self._files = files
         self._send_ping = send_ping
-        self._senders: dict[int, Callable[[Link, Command], bool]] = {
+        self._message_senders: dict[int, Callable[[Link, Command], bool]] = {
             BY_NAME["AUTOPILOT_VERSION"].id: self._autopilot_version,
             BY_NAME["PROTOCOL_VERSION"].id: self._protocol_version,
             BY_NAME["AVAILABLE_MODES"].id: self._available_modes,
@@ -71,7 +71,7 @@ class RequestService:
             BY_NAME["OPEN_DRONE_ID_BASIC_ID"].id: self._drone_id,
         }
         self.commands: dict[int, Callable[[Command], int | None]] = {
-            REQUEST_MESSAGE: self.request,
+            REQUEST_MESSAGE: self.request_message,
             SET_INTERVAL: self.set_interval,
             GET_INTERVAL: self.get_interval,
             REQUEST_CAPABILITIES: lambda c: self._send_message("AUTOPILOT_VERSION", c),
@@ -85,24 +85,24 @@ class RequestService:
         return next(link for link in self._context.links if link.name == command.link)
 
     def _send_message(self, name: str, command: Command) -> int:
-        self._senders[BY_NAME[name].id](self._link(command), command)
+        self._message_senders[BY_NAME[name].id](self._link(command), command)
         return ACCEPTED
 
-    def request(self, command: Command) -> int:
-        """Handles REQUEST_MESSAGE: sends the message, then accepts; denies messages that are unknown or have
-        no data."""
+    def request_message(self, command: Command) -> int:
+        """Handles REQUEST_MESSAGE: sends the message before the acknowledgement; denies a message that is
+        unknown or has no data."""
         msg_id = int(command.p1) if math.isfinite(command.p1) else -1
         link = self._link(command)
-        sender = self._senders.get(msg_id)
-        if sender is not None:
-            return ACCEPTED if sender(link, command) else DENIED
+        send_requested = self._message_senders.get(msg_id)
+        if send_requested is not None:
+            return ACCEPTED if send_requested(link, command) else DENIED
         layout = LAYOUTS.get(msg_id)
         if layout is None or layout.name in NOT_ON_REQUEST:
             return DENIED
-        built = self._context.telemetry.payload(msg_id)
-        if built is None:
+        layout_and_payload = self._context.telemetry.payload(msg_id)
+        if layout_and_payload is None:
             return DENIED
-        link.send_payload(*built)
+        link.send_payload(*layout_and_payload)
         return ACCEPTED
 
     def set_interval(self, command: Command) -> int:
@@ -116,7 +116,7 @@ class RequestService:
         streamable = {
             BY_NAME[name].id for name in ("TIMESYNC", "PING", "MISSION_CURRENT", "LINK_NODE_STATUS")
         }
-        if layout is None or layout.name in EVENT_DRIVEN:
+        if layout is None or layout.name in FIXED_INTERVAL:
             return FAILED
         known = msg_id in self._context.telemetry.ids or msg_id in streamable or msg_id in EMPTY_STREAMS
         if not known:
@@ -174,14 +174,14 @@ class RequestService:
         return bool(modes)
 
     def _properties_and_name(self, mode: Mode) -> tuple[int, str]:
-        """Properties and name of a mode: for a registered external mode those of its registration; a replaced
-        mode cannot be selected."""
+        """Properties and name of a mode; a registered external mode has the name of its registration, and a
+        replaced mode cannot be selected."""
         external = self._context.autopilot.commander.external
         registered = external.mode(mode.state)
         if registered is not None:
             return 0, registered.name
-        hidden = NOT_USER_SELECTABLE if external.is_replaced(mode.state) else 0
-        return mode.properties | hidden, mode.listed_name
+        not_selectable = NOT_USER_SELECTABLE if external.is_replaced(mode.state) else 0
+        return mode.properties | not_selectable, mode.listed_name
 
     def _flight_information(self, link: Link, command: Command) -> bool:
         link.send("FLIGHT_INFORMATION", time_boot_ms=self._context.view.time_boot_ms())
@@ -213,7 +213,8 @@ class RequestService:
     def _storage_information(self, link: Link, command: Command) -> bool:
         link.send(
             "STORAGE_INFORMATION", time_boot_ms=self._context.view.time_boot_ms(), storage_id=1,
-            storage_count=1, status=STORAGE_READY, total_capacity=STORAGE_MIB, available_capacity=STORAGE_MIB,
+            storage_count=1, status=STORAGE_READY, total_capacity=STORAGE_SIZE_MIB,
+            available_capacity=STORAGE_SIZE_MIB,
         )  # fmt: skip
         return True
 
@@ -239,7 +240,7 @@ class RequestService:
         return True
 
     def send_link_node_status(self, link: Link) -> None:
-        """Sends the link statistics, at 1 Hz."""
+        """Sends the link statistics; called at 1 Hz by default."""
         counts = link.parser.counts
         link.send(
             "LINK_NODE_STATUS",
