@@ -1,4 +1,4 @@
-"""White noise for N vehicles, one generator for each vehicle, so that no flight depends on other vehicles.
+"""White noise for N vehicles; each has its own generators, so that no flight depends on other vehicles.
 
 A vehicle's noise depends on the seed, its number and the purpose of the noise, not on the number of vehicles
 or processes. Numbers are drawn in blocks, because one call for each vehicle and step would be too slow.
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-BLOCK = 64
-"""Samples drawn together."""
+BLOCK_LENGTH = 64
+"""Number of samples that each generator draws together."""
 
 
 class NoisePurpose(IntEnum):
@@ -40,16 +40,18 @@ class WhiteNoise:
 
     def __init__(self, seed: int, vehicles: Sequence[int], purpose: NoisePurpose, width: int) -> None:
         self._generators = [np.random.default_rng([seed, vehicle, int(purpose)]) for vehicle in vehicles]
-        self._block = np.zeros((len(self._generators), BLOCK, width))
-        self._samples = np.zeros((BLOCK, len(self._generators), width))
-        self._at = BLOCK
+        self._generated = np.zeros((len(self._generators), BLOCK_LENGTH, width))
+        """(N, BLOCK_LENGTH, width) as the generators fill it; `_samples` has the same content by sample."""
+        self._samples = np.zeros((BLOCK_LENGTH, len(self._generators), width))
+        self._next = BLOCK_LENGTH
+        """Index of the next sample in the block."""
 
     def sample(self) -> FloatArray:
         """The next sample of each vehicle (N, width); valid until the next call."""
-        if self._at == BLOCK:
-            self._at = 0
-            for row, generator in zip(self._block, self._generators, strict=True):
+        if self._next == BLOCK_LENGTH:
+            self._next = 0
+            for row, generator in zip(self._generated, self._generators, strict=True):
                 generator.standard_normal(out=row)
-            np.copyto(self._samples, self._block.transpose(1, 0, 2))
-        self._at += 1
-        return self._samples[self._at - 1]
+            np.copyto(self._samples, self._generated.transpose(1, 0, 2))
+        self._next += 1
+        return self._samples[self._next - 1]

@@ -17,8 +17,8 @@ from vehicle_sim.world.files import built_in_worlds, load_world
 from vehicle_sim.world.world import World
 from vehicle_sim.yaml_fields import FileProblem
 
-LAST_DOMAIN = 101
-"""The ports of higher domains overlap the operating system's ephemeral ports."""
+MAX_DOMAIN = 101
+"""Ports of higher domains are in the operating system's range of ephemeral ports."""
 EPILOG = """\
 Each vehicle N (from 0) has MAVLink system id N+1 and uses MAVLink 2 on
   UDP 18570+N  to a ground station at port 14550 (all vehicles share that port)
@@ -55,15 +55,14 @@ def _home(text: str) -> SimulationOrigin:
 
 
 def _parameter(text: str) -> tuple[str, ParameterValue]:
-    name, equals, value = text.partition("=")
+    name, _, value = text.partition("=")
     try:
         number = float(value)
-        Parameters({name: number})
+        Parameters({name: number})  # raises if the name or the value is invalid
     except UnknownParameterError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER") from None
-    del equals
     return name, int(number) if number.is_integer() else number
 
 
@@ -99,7 +98,7 @@ def _number(text: str, quantity: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class WindOption:
-    """Steady wind (towards north and east) and gusts (one sigma), m/s."""
+    """Steady wind, blowing towards north and east, and standard deviation of the gusts."""
 
     north_m_s: float
     east_m_s: float
@@ -154,8 +153,8 @@ def _port(text: str) -> int:
 
 
 def _domain(text: str) -> int:
-    if not (text.isdecimal() and int(text) <= LAST_DOMAIN):
-        raise argparse.ArgumentTypeError(f"ROS 2 domain {text!r}: give 0 to {LAST_DOMAIN}")
+    if not (text.isdecimal() and int(text) <= MAX_DOMAIN):
+        raise argparse.ArgumentTypeError(f"ROS 2 domain {text!r}: give 0 to {MAX_DOMAIN}")
     return int(text)
 
 
@@ -212,7 +211,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--lockstep", action="store_true",
         help="time advances only up to the time_boot_ms of a client's SYSTEM_TIME")  # fmt: skip
     ports = parser.add_argument_group("ports", "of instance 0; the next instance uses the next port")
-    default = Ports()
+    default_ports = Ports()
     ports.add_argument("--bind", default="127.0.0.1", metavar="ADDR", help="address to listen on")
     ports.add_argument("--gcs-host", default="127.0.0.1", metavar="ADDR", help="address to which UDP is sent")
     for name, help_text in (
@@ -222,8 +221,8 @@ def build_parser() -> argparse.ArgumentParser:
         ("api-remote-port", "UDP port of the onboard computer; 0: no onboard link"),
         ("tcp-port", "port of the TCP server; 0: no TCP server"),
     ):
-        value = getattr(default, name.replace("-port", "").replace("-", "_"))
-        ports.add_argument(f"--{name}", type=_port, default=value, metavar="P", help=f"{help_text} ({value})")
+        port = getattr(default_ports, name.replace("-port", "").replace("-", "_"))
+        ports.add_argument(f"--{name}", type=_port, default=port, metavar="P", help=f"{help_text} ({port})")
     ros2 = parser.add_argument_group("ROS 2", "PX4's topics over DDS; needs the extra: pip install '.[ros2]'")
     ros2.add_argument("--ros2", type=_domain, nargs="?", const=0, default=None, metavar="DOMAIN",
         help="publish and subscribe PX4's topics in this DDS domain (without a number: 0)")  # fmt: skip
@@ -236,7 +235,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """The arguments of a command line; if they are invalid, the program ends with an error message."""
+    """Parses a command line; invalid arguments end the program with an error message."""
     parser = build_parser()
     arguments = parser.parse_args(argv)
     if not 0 <= arguments.first_instance <= 254 - arguments.instances:
@@ -247,12 +246,12 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         parser.error(
             "--ros2-namespace is for one vehicle; without this option several vehicles use px4_1, px4_2 …"
         )
-    single_process = "--lockstep" if arguments.lockstep else "--script" if arguments.script else None
-    if single_process and arguments.processes > 1:
+    single_process_option = "--lockstep" if arguments.lockstep else "--script" if arguments.script else None
+    if single_process_option and arguments.processes > 1:
         parser.error(
-            f"--processes {arguments.processes}: with {single_process} all vehicles fly in one process"
+            f"--processes {arguments.processes}: with {single_process_option} all vehicles fly in one process"
         )
-    if single_process or math.isinf(arguments.speed):
+    if single_process_option or math.isinf(arguments.speed):
         # Lockstep, a fault script and maximum speed work only within one process.
         arguments.processes = arguments.processes or 1
     return arguments

@@ -1,4 +1,4 @@
-"""One vehicle's parameters under PX4's names, types and order.
+"""One vehicle's parameters, with the names, types and order of PX4.
 
 The values at boot were read from PX4 v1.16 (SIH quadrotor, gimbal on) and are in `data/parameters.json`. As
 in PX4, the store accepts any value without a range check.
@@ -35,10 +35,10 @@ _VOLATILE_NAMES = frozenset(
         "SENS_DPRES_OFF",
     }
 )
-EXTERNAL_MODES = 8
+EXTERNAL_MODE_SLOTS = 8
 NO_PRIORITY = -1
 """CAL_*_PRIO of a sensor without a priority."""
-_NOT_VOLATILE_CALIBRATION = ("_ID", "_PRIO", "_ROT", "_ROLL", "_PITCH", "_YAW")
+_NOT_VOLATILE_CALIBRATION_SUFFIXES = ("_ID", "_PRIO", "_ROT", "_ROLL", "_PITCH", "_YAW")
 
 
 _SET_AT_BOOT = frozenset(
@@ -49,13 +49,13 @@ _SET_AT_BOOT = frozenset(
         "UXRCE_DDS_KEY", "UXRCE_DDS_PTCFG",
     }
 )  # fmt: skip
-"""Parameters that PX4 sets at its first boot: detected sensors, and values of the start script."""
+"""Parameters that PX4 or its start script sets at the first boot, for example ids of detected sensors."""
 _DEFAULTS = {"SENS_BOARD_X_OFF": 0.0, "SENS_DPRES_OFF": 0.0, "UXRCE_DDS_KEY": 1, "UXRCE_DDS_PTCFG": 0}
-"""Defaults of parameters that PX4 sets at boot; sensor ids default to 0, priorities to -1."""
+"""Defaults of parameters that PX4 sets at boot, except sensor ids (0) and priorities (-1)."""
 
 
 class Change(Enum):
-    """How a parameter changed: PX4 reports values that are set, but not resets and statistics."""
+    """Kind of a change; PX4 reports set values, but not resets and statistics."""
 
     SET = "set"
     RESET = "reset"
@@ -88,19 +88,19 @@ def load_boot_parameters(path: Path = DATA_FILE) -> tuple[BootParameter, ...]:
     """The values at boot, in the order of PX4's list."""
     entries: dict[str, tuple[str, ParameterValue]] = json.loads(path.read_text(encoding="utf-8"))
     parameters: list[BootParameter] = []
-    for index, (name, (kind, value)) in enumerate(entries.items()):
-        kind_name: ParameterType = "INT32" if kind == "int32" else "FLOAT"
-        parameters.append(BootParameter(name, kind_name, coerce(name, kind_name, value), index))
+    for index, (name, (json_type, value)) in enumerate(entries.items()):
+        type_: ParameterType = "INT32" if json_type == "int32" else "FLOAT"
+        parameters.append(BootParameter(name, type_, coerce(name, type_, value), index))
     return tuple(parameters)
 
 
-def coerce(name: str, kind: ParameterType, value: ParameterValue) -> ParameterValue:
+def coerce(name: str, type_: ParameterType, value: ParameterValue) -> ParameterValue:
     """The value as PX4 stores it: a 32-bit integer (wrapping) or a single-precision float.
 
     Raises:
         ValueError: NaN or infinity for an integer parameter.
     """
-    if kind == "FLOAT":
+    if type_ == "FLOAT":
         try:
             return struct.unpack("<f", struct.pack("<f", float(value)))[0]
         except OverflowError:
@@ -113,7 +113,7 @@ def coerce(name: str, kind: ParameterType, value: ParameterValue) -> ParameterVa
 def is_volatile(name: str) -> bool:
     """Whether PX4 changes the parameter by itself; such values are not part of the hash."""
     if name.startswith("CAL_"):
-        return not name.endswith(_NOT_VOLATILE_CALIBRATION)
+        return not name.endswith(_NOT_VOLATILE_CALIBRATION_SUFFIXES)
     return name in _VOLATILE_NAMES
 
 
@@ -122,31 +122,32 @@ class Parameters:
 
     Args:
         overrides: values set at construction, as if stored before boot.
-        storage: a JSON file that keeps changed values over restarts; read here, written at each change.
+        storage: a JSON file that keeps changed values over restarts; read at construction, written at each
+            change.
     """
 
     def __init__(
         self, overrides: Mapping[str, ParameterValue] | None = None, *, storage: Path | None = None
     ) -> None:
-        at_boot = load_boot_parameters()
-        self._names = tuple(each.name for each in at_boot)
-        self._by_name = {each.name: each for each in at_boot}
-        self._values: dict[str, ParameterValue] = {each.name: each.value for each in at_boot}
-        self.mode_hashes = [0] * EXTERNAL_MODES
+        boot_parameters = load_boot_parameters()
+        self._names = tuple(each.name for each in boot_parameters)
+        self._by_name = {each.name: each for each in boot_parameters}
+        self._values: dict[str, ParameterValue] = {each.name: each.value for each in boot_parameters}
+        self.mode_hashes = [0] * EXTERNAL_MODE_SLOTS
         """COM_MODE0_HASH to COM_MODE7_HASH, which PX4 lists only after an external mode has used them."""
         self._listeners: list[Listener] = []
         self.change = Change.SET
-        """Kind of the current change, while listeners are called."""
+        """Kind of the current change, for the listeners."""
         self._storage: Path | None = None
         if storage is not None and storage.exists():
             self._load(storage)
-            stored = frozenset(overrides or ())
+            set_names = frozenset(overrides or ())
         else:
-            stored = _SET_AT_BOOT.union(overrides or ())
+            set_names = _SET_AT_BOOT.union(overrides or ())
         for name, value in (overrides or {}).items():
             self.set(name, value)
-        self.set_at_boot = tuple(name for name in self._names if name in stored)
-        """Parameters stored at this boot, by PX4, its start script or `overrides`."""
+        self.set_at_boot = tuple(name for name in self._names if name in set_names)
+        """Names of parameters set at this boot by PX4, its start script or `overrides`."""
         self._storage = storage
 
     def __len__(self) -> int:
@@ -199,7 +200,7 @@ class Parameters:
         return self._names[index] if 0 <= index < len(self._names) else None
 
     def default_of(self, name: str) -> ParameterValue:
-        """The value at boot after all parameters were reset."""
+        """The boot value, which the log contains as the parameter's default."""
         return self._boot_parameter(name).value
 
     def set(self, name: str, value: ParameterValue) -> ParameterValue:
@@ -207,10 +208,10 @@ class Parameters:
 
         Raises:
             UnknownParameterError: no such name.
-            ValueError: a value outside the type's range.
+            ValueError: NaN or infinity for an integer parameter.
         """
         stored = coerce(name, self._boot_parameter(name).type, value)
-        if not _same(stored, self._values[name]):
+        if not _unchanged(self._values[name], stored):
             self._values[name] = stored
             self._save()
             for listener in tuple(self._listeners):
@@ -227,17 +228,17 @@ class Parameters:
         for name in self._names:
             if _matches(name, only) and not _matches(name, keep):
                 self.reset(name)
-        for slot in range(EXTERNAL_MODES):
+        for slot in range(EXTERNAL_MODE_SLOTS):
             if _matches(_hash_name(slot), only) and not _matches(_hash_name(slot), keep):
                 self.store_mode_hash(slot, 0)
 
     def store_mode_hash(self, slot: int, value: int) -> None:
-        """Stores the hash of the name of the external mode that uses a slot, from 0."""
+        """Stores the hash of the name of the external mode in a slot; slots start at 0."""
         self.mode_hashes[slot] = value
         self._save()
 
     def store_statistic(self, name: str, value: ParameterValue) -> None:
-        """Stores a statistic of PX4, which PX4 sends only on request."""
+        """Stores a statistic that PX4 itself counts; PX4 sends the value only on request."""
         self._change(name, value, Change.STATISTIC)
 
     def _change(self, name: str, value: ParameterValue, change: Change) -> None:
@@ -249,7 +250,9 @@ class Parameters:
 
     def changed_names(self) -> tuple[str, ...]:
         """Names of parameters that differ from the boot value, in PX4's list order."""
-        return tuple(name for name in self._names if not _same(self._values[name], self._by_name[name].value))
+        return tuple(
+            name for name in self._names if not _unchanged(self._by_name[name].value, self._values[name])
+        )
 
     def add_listener(self, listener: Listener) -> Callable[[], None]:
         """Calls `listener(name, value)` after each change; the returned function removes the listener."""
@@ -282,18 +285,18 @@ class Parameters:
             raise ValueError(
                 f"the parameter file {storage} does not contain an object of names and values; remove it"
             )
-        for slot in range(EXTERNAL_MODES):
+        for slot in range(EXTERNAL_MODE_SLOTS):
             self.mode_hashes[slot] = int(coerce(_hash_name(slot), "INT32", stored.get(_hash_name(slot), 0)))
         for name, value in stored.items():
-            # A stored 0 means that the parameter was reset; at boot PX4 sets sensor ids and airframe again.
-            if name in self._by_name and (value or not _is_detected_at_boot(name)):
+            # A stored 0 means that the parameter was reset; PX4 sets sensor ids and airframe at each boot.
+            if name in self._by_name and (value or not _is_set_at_every_boot(name)):
                 number = float(value) if isinstance(value, str) else value
                 self._values[name] = coerce(name, self._by_name[name].type, number)
 
     def _save(self) -> None:
         if self._storage is None:
             return
-        values = {name: _jsonable(self._values[name]) for name in self.changed_names()}
+        values = {name: _to_json(self._values[name]) for name in self.changed_names()}
         values |= {_hash_name(slot): value for slot, value in enumerate(self.mode_hashes) if value}
         temporary = self._storage.with_name(self._storage.name + ".new")
         temporary.parent.mkdir(parents=True, exist_ok=True)
@@ -313,19 +316,19 @@ def _matches(name: str, patterns: Sequence[str]) -> bool:
 
 
 def _reset_value(name: str, boot_value: ParameterValue) -> ParameterValue:
-    """The default: the boot value, except for parameters that PX4 or its start script sets at boot."""
+    """The default; differs from the boot value if PX4 or its start script sets the parameter at boot."""
     if name.startswith("CAL_") and name.endswith("_PRIO"):
         return NO_PRIORITY
-    return 0 if _is_detected_at_boot(name) else _DEFAULTS.get(name, boot_value)
+    return 0 if _is_set_at_every_boot(name) else _DEFAULTS.get(name, boot_value)
 
 
-def _is_detected_at_boot(name: str) -> bool:
+def _is_set_at_every_boot(name: str) -> bool:
     return name == "SYS_AUTOSTART" or (name.startswith("CAL_") and name.endswith("_ID"))
 
 
-def _same(a: ParameterValue, b: ParameterValue) -> bool:
-    return a == b or (a != a and b != b)
+def _unchanged(old: ParameterValue, new: ParameterValue) -> bool:
+    return old == new or (math.isnan(old) and math.isnan(new))
 
 
-def _jsonable(value: ParameterValue) -> ParameterValue | str:
+def _to_json(value: ParameterValue) -> ParameterValue | str:
     return value if math.isfinite(value) else str(value)

@@ -24,12 +24,12 @@ MESSAGE_GROUPS: tuple[type[MessageGroup], ...] = (
 
 
 class Telemetry:
-    """Payloads of one vehicle."""
+    """Telemetry payloads of one vehicle."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._simulation = autopilot.view.simulation
         self._cache: dict[int, tuple[Layout, bytes] | None] = {}
-        self._step = -1
+        self._cached_step = -1
         self._builders: dict[int, Builder] = {}
         for group in MESSAGE_GROUPS:
             self._builders |= group(autopilot).builders()
@@ -40,15 +40,15 @@ class Telemetry:
         return frozenset(self._builders)
 
     def payload(self, msg_id: int) -> tuple[Layout, bytes] | None:
-        """Current layout and payload of a message; None: no data."""
+        """Layout and current payload of a message; None: no data."""
         step = self._simulation.steps
-        if step != self._step:
+        if step != self._cached_step:
             self._cache.clear()
-            self._step = step
+            self._cached_step = step
         elif msg_id in self._cache:
             return self._cache[msg_id]
         builder = self._builders.get(msg_id)
         payload = builder() if builder else None
-        built = None if payload is None else (LAYOUTS[msg_id], payload)
-        self._cache[msg_id] = built
-        return built
+        layout_and_payload = None if payload is None else (LAYOUTS[msg_id], payload)
+        self._cache[msg_id] = layout_and_payload
+        return layout_and_payload

@@ -11,15 +11,16 @@ from collections.abc import Callable
 log = logging.getLogger(__name__)
 
 RECEIVE_BYTES = 65536
-DATAGRAMS_PER_STEP = 200
-"""Maximum number of datagrams per step, so that a flood does not stop the simulation."""
-DATAGRAM_LIMIT = 1400
-TCP_BACKLOG_LIMIT = 1_000_000
-"""A client with more unread bytes than this is disconnected."""
+READS_PER_STEP = 200
+"""Maximum number of reads from a socket per step, so that a fast sender cannot delay the simulation."""
+MAX_DATAGRAM_BYTES = 1400
+MAX_BACKLOG_BYTES = 1_000_000
+"""The server disconnects a client with more unread bytes."""
 MAX_METHOD_LENGTH = 20
 MIN_METHOD_LENGTH = 3
-"""Fewest letters of an HTTP method ("GET")."""
-TLS_HANDSHAKE = b"\x16\x03"
+"""Length of the shortest HTTP method ("GET")."""
+TLS_HANDSHAKE_START = b"\x16\x03"
+"""Record type and major version."""
 _CAPITALS = string.ascii_uppercase.encode()
 
 
@@ -28,7 +29,7 @@ class PortUnavailable(OSError):
 
 
 class UdpTransport:
-    """One UDP port: sends to a fixed address until a datagram is received, then to the first sender."""
+    """One UDP port: sends to a fixed address until it receives a datagram, then to that datagram's sender."""
 
     def __init__(self, bind: str, port: int, remote: tuple[str, int] | None) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -48,9 +49,9 @@ class UdpTransport:
         return self.socket
 
     def receive(self) -> bytes:
-        """Bytes received from the remote side."""
+        """Bytes of the received datagrams, of all senders."""
         chunks: list[bytes] = []
-        for _ in range(DATAGRAMS_PER_STEP):
+        for _ in range(READS_PER_STEP):
             try:
                 data, sender = self.socket.recvfrom(RECEIVE_BYTES)
             except (BlockingIOError, InterruptedError):
@@ -77,38 +78,38 @@ class UdpTransport:
 
 
 def _datagrams(frames: list[bytes]) -> list[bytes]:
-    out: list[bytes] = []
+    datagrams: list[bytes] = []
     pending: list[bytes] = []
     size = 0
     for frame in frames:
-        if size + len(frame) > DATAGRAM_LIMIT and pending:
-            out.append(b"".join(pending))
+        if size + len(frame) > MAX_DATAGRAM_BYTES and pending:
+            datagrams.append(b"".join(pending))
             pending, size = [], 0
         pending.append(frame)
         size += len(frame)
     if pending:
-        out.append(b"".join(pending))
-    return out
+        datagrams.append(b"".join(pending))
+    return datagrams
 
 
-def is_web_client(first: bytes) -> bool | None:
-    """Whether a connection comes from a web browser: it starts with an HTTP method and a space, or with TLS.
+def is_web_client(first_bytes: bytes) -> bool | None:
+    """Whether a client is a web browser: its first bytes are an HTTP method and a space, or TLS.
 
     Any web page can make the browser send bytes to this port, but the page cannot choose the first bytes.
     None: more bytes are needed.
     """
-    letters = len(first) - len(first.lstrip(_CAPITALS))
-    if letters == len(first) or first == TLS_HANDSHAKE[:1]:
+    letters = len(first_bytes) - len(first_bytes.lstrip(_CAPITALS))
+    if letters == len(first_bytes) or first_bytes == TLS_HANDSHAKE_START[:1]:
         return None if letters <= MAX_METHOD_LENGTH else False
-    if first.startswith(TLS_HANDSHAKE):
+    if first_bytes.startswith(TLS_HANDSHAKE_START):
         return True
-    return MIN_METHOD_LENGTH <= letters <= MAX_METHOD_LENGTH and first[letters] == ord(" ")
+    return MIN_METHOD_LENGTH <= letters <= MAX_METHOD_LENGTH and first_bytes[letters] == ord(" ")
 
 
 class TcpServer:
     """One TCP port for one client at a time; a second client waits until the first one has disconnected.
 
-    A web browser that connects is disconnected, and its bytes are ignored.
+    The server disconnects a web browser, and ignores its bytes.
     """
 
     def __init__(
@@ -139,7 +140,7 @@ class TcpServer:
 
     @property
     def readable(self) -> socket.socket:
-        """The socket to wait on: the client's, otherwise the listening one."""
+        """The socket to wait on: the client's socket, or without a client the listening socket."""
         return self._client or self.socket
 
     def receive(self) -> bytes:
@@ -147,7 +148,7 @@ class TcpServer:
         if self._client is None:
             self._accept()
         chunks: list[bytes] = []
-        for _ in range(DATAGRAMS_PER_STEP):
+        for _ in range(READS_PER_STEP):
             if self._client is None:
                 break
             try:
@@ -161,20 +162,20 @@ class TcpServer:
                 self._disconnect()
                 break
             chunks.append(data)
-        return self._without_web_client(b"".join(chunks))
+        return self._data_unless_web_client(b"".join(chunks))
 
-    def _without_web_client(self, data: bytes) -> bytes:
-        """Returns the client's data; nothing if the client is a web browser, or while it may be one."""
+    def _data_unless_web_client(self, data: bytes) -> bytes:
+        """The client's data; empty if the client is a web browser, or while the client may be one."""
         if self._first_bytes is None:
             return data
-        first = self._first_bytes + data
-        is_web = is_web_client(first)
+        first_bytes = self._first_bytes + data
+        is_web = is_web_client(first_bytes)
         if is_web is None:
-            self._first_bytes = first
+            self._first_bytes = first_bytes
             return b""
         if not is_web:
             self._first_bytes = None
-            return first
+            return first_bytes
         self._disconnect()
         if not self._reported_web_client:
             self._reported_web_client = True
@@ -200,7 +201,7 @@ class TcpServer:
             self._disconnect()
             return
         del self._backlog[:sent]
-        if len(self._backlog) > TCP_BACKLOG_LIMIT:
+        if len(self._backlog) > MAX_BACKLOG_BYTES:
             self._disconnect()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The console over MAVLink: SERIAL_CONTROL with device SHELL, 70 bytes per message, one message per step.
+"""The vehicle's console over MAVLink: SERIAL_CONTROL with device SHELL, at most one message per step.
 
 As in PX4, only the flag RESPOND keeps the console open; timeout, baud rate and the flag EXCLUSIVE are
 ignored.
@@ -19,8 +19,9 @@ SHELL = 10
 REPLY, RESPOND = 1, 2
 """SERIAL_CONTROL_FLAG."""
 PART_BYTES = 70
-MAX_WAITING_BYTES = 200_000
-"""Maximum of output bytes that wait to be sent; further output is discarded."""
+"""Length of SERIAL_CONTROL.data."""
+MAX_UNSENT_BYTES = 200_000
+"""Maximum number of output bytes that wait to be sent; further output is discarded."""
 
 
 class Terminal(Protocol):
@@ -32,7 +33,7 @@ class Terminal(Protocol):
         ...
 
     def receive_text(self, text: str) -> str:
-        """Processes typed characters; returns the output."""
+        """Processes received characters; returns the output."""
         ...
 
     def step(self) -> str:
@@ -44,9 +45,9 @@ class Terminal(Protocol):
 class _Session:
     """The console session of one link."""
 
-    console: Terminal
+    terminal: Terminal
     client: tuple[int, int]
-    waiting: bytearray = field(default_factory=bytearray)
+    unsent: bytearray = field(default_factory=bytearray)
 
 
 class ShellService:
@@ -55,13 +56,13 @@ class ShellService:
     def __init__(self, context: Context) -> None:
         self._context = context
         self.console: Callable[[], Terminal] | None = None
-        """Creates a console; None: the vehicle has no console."""
+        """Creates a terminal for a link; None: the vehicle has no console."""
         self._sessions: dict[str, _Session] = {}
         self.handlers = {"SERIAL_CONTROL": self.receive}
 
     @property
     def busy(self) -> bool:
-        """Whether a console has output to send."""
+        """Whether a console is open."""
         return bool(self._sessions)
 
     def receive(self, link: Link, message: Message) -> None:
@@ -78,7 +79,7 @@ class ShellService:
                 session = self._sessions[link.name] = _Session(self.console(), message.sender)
             session.client = message.sender
             text = bytes(message.data[:count]).decode("utf-8", "replace")
-            self._queue_output(session, session.console.receive_text(text))
+            self._queue_output(session, session.terminal.receive_text(text))
         if not message.flags & RESPOND:
             self._sessions.pop(link.name, None)
 
@@ -91,11 +92,11 @@ class ShellService:
             session = self._sessions.get(link.name)
             if session is None:
                 continue
-            if session.console.busy:
-                self._queue_output(session, session.console.step())
-            if session.waiting:
-                part = bytes(session.waiting[:PART_BYTES])
-                del session.waiting[:PART_BYTES]
+            if session.terminal.busy:
+                self._queue_output(session, session.terminal.step())
+            if session.unsent:
+                part = bytes(session.unsent[:PART_BYTES])
+                del session.unsent[:PART_BYTES]
                 link.send(
                     "SERIAL_CONTROL", device=SHELL, flags=REPLY, count=len(part), data=part,
                     target_system=session.client[0], target_component=session.client[1],
@@ -103,5 +104,5 @@ class ShellService:
 
     @staticmethod
     def _queue_output(session: _Session, text: str) -> None:
-        free_bytes = MAX_WAITING_BYTES - len(session.waiting)
-        session.waiting += text.encode("utf-8")[: max(0, free_bytes)]
+        free_bytes = MAX_UNSENT_BYTES - len(session.unsent)
+        session.unsent += text.encode("utf-8")[: max(0, free_bytes)]

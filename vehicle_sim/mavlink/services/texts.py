@@ -9,9 +9,11 @@ from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
 
-CHUNK = 50
+CHUNK_LENGTH = 50
+MAX_REPEATED_EVENTS = 101
+"""Maximum number of events repeated for one request."""
 RESET = 1
-"""MAV_EVENT_CURRENT_SEQUENCE_FLAGS."""
+"""Flag of CURRENT_EVENT_SEQUENCE."""
 
 
 class TextService:
@@ -26,27 +28,26 @@ class TextService:
         if isinstance(announcement, Event):
             self._context.broadcast("EVENT", **_event_fields(announcement))
             return
-        chunks = [announcement.text[at : at + CHUNK] for at in range(0, len(announcement.text), CHUNK)] or [
-            ""
-        ]
+        text = announcement.text
+        chunks = [text[start : start + CHUNK_LENGTH] for start in range(0, len(text), CHUNK_LENGTH)] or [""]
         for link in self._context.links:
             if not self._context.gcs_connected(link):
                 continue
-            for number, chunk in enumerate(chunks):
+            for chunk_seq, chunk in enumerate(chunks):
                 link.send(
-                    "STATUSTEXT", severity=announcement.severity, text=chunk, chunk_seq=number,
+                    "STATUSTEXT", severity=announcement.severity, text=chunk, chunk_seq=chunk_seq,
                     id=announcement.id,
                 )  # fmt: skip
 
     def request(self, link: Link, message: Message) -> None:
-        """Repeats requested events, or reports that an event is no longer stored."""
+        """Repeats requested events; replies with RESPONSE_EVENT_ERROR for each event that is not stored."""
         if not self._context.addresses_autopilot(message):
             return
         recent = self._context.autopilot.announcer.recent
         stored = {event.sequence: event for event in recent}
         oldest = recent[0].sequence if recent else 0
-        span = (message.last_sequence - message.first_sequence) & 0xFFFF
-        for offset in range(min(span, 100) + 1):
+        count = 1 + ((message.last_sequence - message.first_sequence) & 0xFFFF)
+        for offset in range(min(count, MAX_REPEATED_EVENTS)):
             sequence = (message.first_sequence + offset) & 0xFFFF
             if sequence in stored:
                 link.send("EVENT", **_event_fields(stored[sequence]))
@@ -63,7 +64,7 @@ class TextService:
         link.send("CURRENT_EVENT_SEQUENCE", sequence=sequence, flags=flags)
 
     def start_event_sequence(self, link: Link) -> None:
-        """Sends the reset of the event sequence; called when a ground station first connects on a link."""
+        """Sends CURRENT_EVENT_SEQUENCE with RESET; called when a ground station first connects on a link."""
         self.send_current_sequence(link, RESET)
 
 

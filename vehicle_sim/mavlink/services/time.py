@@ -1,4 +1,4 @@
-"""TIMESYNC and PING: offset of both clocks, and round-trip time."""
+"""TIMESYNC and PING, which measure the offset between two clocks and the round-trip time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from vehicle_sim.mavlink.link import Link
 
 
 class TimeService:
-    """Replies to TIMESYNC and PING requests, and sends requests."""
+    """Sends TIMESYNC and PING requests, and replies to received requests."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
