@@ -23,7 +23,7 @@ from vehicle_sim.vehicle_view import VehicleView
 FOLDER = "camera"
 FOCAL_LENGTH_MM = 4.5
 SENSOR_WIDTH_MM, SENSOR_HEIGHT_MM = 5.2, 3.9
-"""Gives a field of view of 60 by 47 degrees without zoom."""
+"""Without zoom the field of view is 60 by 47 degrees."""
 ZOOM_MAX = 4.0
 CAPACITY_BYTES = 32 * 1024**3
 MIN_INTERVAL_S = 0.5
@@ -41,7 +41,7 @@ class CameraMode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """One picture in the list."""
+    """One entry in the list of captures."""
 
     index: int
     """Index from 0."""
@@ -63,7 +63,7 @@ class Camera:
         view: the vehicle's state, for position and clock.
         gimbal: the gimbal that carries the camera.
         home: the home position, for altitudes above home.
-        files: the vehicle's files, which receive the pictures.
+        files: the vehicle's files, where the camera stores the pictures.
     """
 
     def __init__(self, view: VehicleView, gimbal: Gimbal, home: Home, files: VehicleFiles) -> None:
@@ -75,19 +75,19 @@ class Camera:
         self.used_bytes = 0
         self.interval_s = 0.0
         """Interval of the running image sequence; 0: no sequence."""
-        self._remaining = 0
-        self._next_at_s = math.inf
+        self._remaining_pictures = 0
+        self._next_picture_at_s = math.inf
 
     # --- settings --------------------------------------------------------------------------------------
 
     @property
     def hfov_rad(self) -> float:
-        """Horizontal field of view with zoom."""
+        """Horizontal field of view at the current zoom."""
         return 2.0 * math.atan(0.5 * SENSOR_WIDTH_MM / (FOCAL_LENGTH_MM * self.zoom))
 
     @property
     def vfov_rad(self) -> float:
-        """Vertical field of view."""
+        """Vertical field of view at the current zoom."""
         return 2.0 * math.atan(math.tan(0.5 * self.hfov_rad) * HEIGHT / WIDTH)
 
     @property
@@ -116,26 +116,26 @@ class Camera:
     @property
     def sequence_runs(self) -> bool:
         """Whether an image sequence is running."""
-        return self._next_at_s < math.inf
+        return self._next_picture_at_s < math.inf
 
     def start(self, interval_s: float, count: int) -> None:
-        """Starts an image sequence with a picture now; count 0: the sequence runs until `stop`."""
+        """Starts an image sequence with a picture in the next step; with count 0 it runs until `stop`."""
         self.interval_s = 0.0 if count == 1 else max(MIN_INTERVAL_S, interval_s)
-        self._remaining = count if count > 0 else MAX_PICTURES
-        self._next_at_s = self._view.time_s
+        self._remaining_pictures = count if count > 0 else MAX_PICTURES
+        self._next_picture_at_s = self._view.time_s
 
     def stop(self) -> None:
         """Ends the image sequence."""
-        self._next_at_s, self.interval_s, self._remaining = math.inf, 0.0, 0
+        self._next_picture_at_s, self.interval_s, self._remaining_pictures = math.inf, 0.0, 0
 
     def step(self) -> Capture | None:
         """Takes the picture that is due; None: no picture is due."""
-        if self._view.time_s < self._next_at_s - 1e-9:
+        if self._view.time_s < self._next_picture_at_s - 1e-9:
             return None
-        self._remaining -= 1
-        self._next_at_s += self.interval_s
+        self._remaining_pictures -= 1
+        self._next_picture_at_s += self.interval_s
         capture = self._take_picture()
-        if self._remaining <= 0 or len(self.captures) >= MAX_PICTURES:
+        if self._remaining_pictures <= 0 or len(self.captures) >= MAX_PICTURES:
             self.stop()
         return capture
 
@@ -173,12 +173,14 @@ class Camera:
         return capture
 
     def _true_pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """True position and attitude of the camera, which determine the picture; the gimbal keeps the horizon
-        level."""
+        """True position [m, NED] and attitude of the camera, from which the picture is drawn.
+
+        The gimbal's roll and pitch count as relative to the horizon, its yaw as relative to the vehicle.
+        """
         truth, row = self._view.simulation.truth, self._view.row
         q = truth.q_ned_frd[row]
         if self._gimbal.enabled:
             actual, yaw = self._gimbal.actual, float(euler_of(q[None, :])[0, 2])
             q = np.array(quaternion_of(actual.roll_rad, actual.pitch_rad, yaw + actual.yaw_rad))
-        eye = truth.position_ned_m[row] - np.array([0.0, 0.0, CAMERA_ABOVE_VEHICLE_M])
-        return eye, q
+        position_ned_m = truth.position_ned_m[row] - np.array([0.0, 0.0, CAMERA_ABOVE_VEHICLE_M])
+        return position_ned_m, q

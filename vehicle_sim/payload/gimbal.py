@@ -1,7 +1,7 @@
-"""A three-axis gimbal and its manager: control, setpoints and motion.
+"""A three-axis gimbal and its manager: who controls the gimbal, setpoints and motion.
 
-The manager behaves like PX4's with MNT_MODE_IN 4. With MNT_MODE_OUT 0 it drives servos, which reach the
-setpoint immediately. Servo angles are at most half of MNT_RANGE_* to either side, and relative to the body
+The manager behaves like PX4's with MNT_MODE_IN 4. With MNT_MODE_OUT 0 the manager drives servos, which reach
+the setpoint immediately, up to half of MNT_RANGE_* to either side. Servo angles are relative to the body,
 unless MNT_DO_STAB compensates the vehicle's attitude. With MNT_MODE_OUT 2 the manager commands a separate
 gimbal device. The device has a lag and a maximum rate, and keeps a locked yaw relative to north.
 """
@@ -38,12 +38,16 @@ class Flag(IntFlag):
     YAW_LOCK = 16
 
 
-LOCKS = (Flag.ROLL_LOCK, Flag.PITCH_LOCK, Flag.YAW_LOCK)
+AXIS_LOCKS = (Flag.ROLL_LOCK, Flag.PITCH_LOCK, Flag.YAW_LOCK)
 
 
 @dataclass(slots=True)
 class Angles:
-    """Roll and pitch relative to the horizon; yaw relative to north with YAW_LOCK, else to the vehicle."""
+    """Euler angles of the gimbal.
+
+    Setpoints of roll and pitch are relative to the horizon, those of yaw to north (with YAW_LOCK) or to the
+    vehicle. Actual angles of servos are relative to the body, the actual yaw of a device to the vehicle.
+    """
 
     roll_rad: float = 0.0
     pitch_rad: float = 0.0
@@ -63,12 +67,12 @@ class Gimbal:
     """Manager and device of one vehicle.
 
     Args:
-        waypoint: returns the position that the vehicle flies to; None: no position.
+        waypoint: returns the position that the vehicle flies to, or None.
     """
 
     def __init__(self, view: VehicleView, waypoint: Callable[[], GlobalPosition | None]) -> None:
         self._view = view
-        self._waypoint = waypoint
+        self._get_waypoint = waypoint
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         self.primary = (0, 0)
         self.setpoint = Angles()
@@ -76,8 +80,10 @@ class Gimbal:
         self.rates = AngleRates()
         self._rate_setpoints: tuple[float, float] | None = None
         self._servo_inputs: tuple[float, ...] | None = None
-        """Inputs of the current servo angles, which are computed again only if an input changes; None: the
-        angles also depend on the vehicle's attitude, and are computed in each update."""
+        """Inputs of the current servo angles; `update` computes the angles again only if an input changes.
+
+        None: the angles also depend on the vehicle's attitude or a rate; each `update` computes the angles.
+        """
         self.at_rest = False
         """Whether `update` has no effect until a command, a parameter or the landed state changes."""
         self._roi: GlobalPosition | None = None
@@ -109,9 +115,10 @@ class Gimbal:
     def configure(
         self, system: int, component: int, sender: tuple[int, int], autopilot: tuple[int, int]
     ) -> None:
-        """Handles the primary control of DO_GIMBAL_MANAGER_CONFIGURE: -1 keep, -2 self, -3 release, 0 clear.
+        """Handles the primary control of DO_GIMBAL_MANAGER_CONFIGURE.
 
-        As in PX4, -2 gives control to the autopilot, and -3 works only for the component in control.
+        System -1 changes nothing, -2 gives control to the autopilot (as in PX4, not to the sender), and -3
+        releases control if the sender has control. Otherwise the given component gets control.
         """
         if system == -1:
             return
@@ -176,7 +183,7 @@ class Gimbal:
             )
 
     def centre(self) -> None:
-        """Points straight ahead and level."""
+        """Sets all angles to zero: level, and straight ahead, or to the north with a yaw lock."""
         self._clear_targets()
         self.setpoint = Angles()
 
@@ -189,12 +196,11 @@ class Gimbal:
         self.flags |= Flag.YAW_LOCK
 
     def clear_roi(self) -> None:
-        """Clears the region of interest: returns to neutral, and keeps the yaw lock."""
+        """Clears the region of interest, and sets all angles to zero; the yaw lock remains."""
         self.centre()
 
     def point_at_next_waypoint(self, roll_deg: float, pitch_deg: float, yaw_deg: float) -> None:
-        """Points at the next waypoint with offsets; without a waypoint the gimbal is neutral, with a yaw
-        lock."""
+        """Points at the next waypoint with offsets and a yaw lock; without a waypoint all angles are zero."""
         self.centre()
         offsets = (
             math.radians(each) if math.isfinite(each) else 0.0 for each in (roll_deg, pitch_deg, yaw_deg)
@@ -205,7 +211,7 @@ class Gimbal:
     def lock_roll_and_pitch(self, *, centred: bool) -> None:
         """Handles DO_MOUNT_CONTROL without angles: locks roll and pitch to the horizon.
 
-        With `centred` the gimbal also points ahead.
+        With `centred` the gimbal also points straight ahead.
         """
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         if centred:
@@ -221,7 +227,7 @@ class Gimbal:
     def update(self, dt_s: float) -> None:
         """Advances the gimbal by `dt_s`."""
         is_fixed = self._rate_setpoints is None and self._roi is None and self._waypoint_offsets is None
-        self.at_rest = is_fixed and self._inputs() == self._servo_inputs
+        self.at_rest = is_fixed and self._current_servo_inputs() == self._servo_inputs
         if self.at_rest:
             return
         if self._rate_setpoints is not None:
@@ -243,30 +249,30 @@ class Gimbal:
         if self.yaw_locked:
             goal_yaw_frd = wrap_angle(goal_yaw_frd - self._view.estimate.yaw_ned_rad)
         actual, rates = self.actual, self.rates
-        rates.roll_rad_s = _rate(wrap_angle(self.setpoint.roll_rad - actual.roll_rad))
-        rates.pitch_rad_s = _rate(self.setpoint.pitch_rad - actual.pitch_rad)
-        rates.yaw_rad_s = _rate(wrap_angle(goal_yaw_frd - actual.yaw_rad))
+        rates.roll_rad_s = _device_rate(wrap_angle(self.setpoint.roll_rad - actual.roll_rad))
+        rates.pitch_rad_s = _device_rate(self.setpoint.pitch_rad - actual.pitch_rad)
+        rates.yaw_rad_s = _device_rate(wrap_angle(goal_yaw_frd - actual.yaw_rad))
         actual.roll_rad = wrap_angle(actual.roll_rad + rates.roll_rad_s * dt_s)
         actual.pitch_rad += rates.pitch_rad_s * dt_s
         actual.yaw_rad = wrap_angle(actual.yaw_rad + rates.yaw_rad_s * dt_s)
 
-    def _inputs(self) -> tuple[float, ...]:
-        """The inputs of the servo angles without the vehicle's attitude."""
+    def _current_servo_inputs(self) -> tuple[float, ...]:
+        """All inputs of the servo angles, except the vehicle's attitude."""
         setpoint, view = self.setpoint, self._view
         landed = view.simulation.setpoints.landed.item(view.row)
         return setpoint.roll_rad, setpoint.pitch_rad, setpoint.yaw_rad, landed, view.parameter_changes
 
     def _set_servos(self) -> None:
         stabilisation, setpoint = self._view.choice("MNT_DO_STAB"), self.setpoint
-        inputs = self._inputs()
+        inputs = self._current_servo_inputs()
         landed = bool(inputs[3])
         depends_on_attitude = stabilisation in (STABILISE_ALL, STABILISE_YAW)
         self._servo_inputs = None if depends_on_attitude or self._rate_setpoints is not None else inputs
         estimate = self._view.estimate
-        vehicle = (estimate.roll_rad, estimate.pitch_rad, estimate.yaw_ned_rad)
-        absolute = [
+        vehicle_angles = (estimate.roll_rad, estimate.pitch_rad, estimate.yaw_ned_rad)
+        relative_to_earth = [
             self._roi is not None or self._waypoint_offsets is not None or bool(self.flags & flag)
-            for flag in LOCKS
+            for flag in AXIS_LOCKS
         ]
         stabilised = (
             stabilisation == STABILISE_ALL,
@@ -274,7 +280,7 @@ class Gimbal:
             stabilisation in (STABILISE_ALL, STABILISE_YAW),
         )
         angles = [
-            wrap_angle(angle - vehicle[k]) if stabilised[k] and absolute[k] else wrap_angle(angle)
+            wrap_angle(angle - vehicle_angles[k] if stabilised[k] and relative_to_earth[k] else angle)
             for k, angle in enumerate((setpoint.roll_rad, setpoint.pitch_rad, setpoint.yaw_rad))
         ]
         roll, pitch, yaw = (
@@ -283,7 +289,7 @@ class Gimbal:
         )
         if landed:
             lowest, highest = (
-                math.radians(self._view.parameter(f"MNT_LND_P_{end}")) for end in ("MIN", "MAX")
+                math.radians(self._view.parameter(name)) for name in ("MNT_LND_P_MIN", "MNT_LND_P_MAX")
             )
             pitch = max(lowest, min(highest, pitch))
         if self._rate_setpoints is not None:
@@ -302,8 +308,8 @@ class Gimbal:
         angles = (self.actual.roll_rad, self.actual.pitch_rad, self.actual.yaw_rad)
         offsets = (math.radians(self._view.parameter(f"MNT_OFF_{axis}")) for axis in AXES)
         roll, pitch, yaw = (
-            max(-1.0, min(1.0, (angle + offset) / half)) if half > 0.0 else 0.0
-            for angle, offset, half in zip(angles, offsets, self._half_ranges_rad(), strict=True)
+            max(-1.0, min(1.0, (angle + offset) / half_range)) if half_range > 0.0 else 0.0
+            for angle, offset, half_range in zip(angles, offsets, self._half_ranges_rad(), strict=True)
         )
         return (roll, pitch, yaw)
 
@@ -320,19 +326,20 @@ class Gimbal:
     def _apply_flags(self, flags: int) -> None:
         self._clear_targets()
         if flags & (Flag.RETRACT | Flag.NEUTRAL):
-            # As in PX4 the locks are kept, except the yaw lock of a separate device.
+            # As in PX4, the locks remain, except the yaw lock of a separate device.
             self.setpoint = Angles()
             if self.has_device:
                 self.flags &= ~Flag.YAW_LOCK
             return
-        locked, lock = self.yaw_locked, bool(flags & Flag.YAW_LOCK)
+        was_locked, is_locked = self.yaw_locked, bool(flags & Flag.YAW_LOCK)
         heading = self._view.estimate.yaw_ned_rad
-        if self.has_device and lock != locked:
-            self.setpoint.yaw_rad = wrap_angle(self.setpoint.yaw_rad + (heading if lock else -heading))
+        if self.has_device and is_locked != was_locked:
+            self.setpoint.yaw_rad = wrap_angle(self.setpoint.yaw_rad + (heading if is_locked else -heading))
         self.flags = Flag(flags & 0x1F)
 
     def _clear_targets(self) -> None:
-        """Clears rates, region of interest and waypoint; called by each command that moves the gimbal."""
+        """Clears rates, region of interest and waypoint offsets; called by each command that moves the
+        gimbal."""
         self.at_rest = False
         self._rate_setpoints = None
         self._roi = self._waypoint_offsets = None
@@ -344,10 +351,10 @@ class Gimbal:
             self.setpoint = Angles(*angles_of((w / norm, x / norm, y / norm, z / norm)))
 
     def _set_rates(self, pitch_rate_rad_s: float, yaw_rate_rad_s: float) -> None:
-        self._rate_setpoints = (_limited(pitch_rate_rad_s), _limited(yaw_rate_rad_s))
+        self._rate_setpoints = (_limited_rate(pitch_rate_rad_s), _limited_rate(yaw_rate_rad_s))
 
     def _aim_at_waypoint(self, offsets: Angles) -> None:
-        position = self._waypoint()
+        position = self._get_waypoint()
         if position is None:
             return
         self._aim_at(position)
@@ -365,11 +372,11 @@ class Gimbal:
         self.setpoint = Angles(0.0, math.atan2(up, math.hypot(north, east)), math.atan2(east, north))
 
 
-def _limited(rate_rad_s: float) -> float:
+def _limited_rate(rate_rad_s: float) -> float:
     if not math.isfinite(rate_rad_s):
         return 0.0
     return max(-RATE_LIMIT_RAD_S, min(RATE_LIMIT_RAD_S, rate_rad_s))
 
 
-def _rate(error_rad: float) -> float:
+def _device_rate(error_rad: float) -> float:
     return max(-RATE_LIMIT_RAD_S, min(RATE_LIMIT_RAD_S, error_rad / TIME_CONSTANT_S))

@@ -23,10 +23,11 @@ WIDTH, HEIGHT = 320, 240
 FLAT_RANGE_M = 3000.0
 TERRAIN_RANGE_M = 600.0
 HAZE_M = 900.0
+"""Distance at which 1/e of a surface's colour remains in the haze."""
 JPEG_QUALITY = 85
 PRISM_GREY = 150.0
-_ZENITH, _HORIZON = np.array([70.0, 120.0, 190.0]), np.array([190.0, 205.0, 215.0])
-_GRASS, _SOIL, _LINE = (
+_ZENITH_COLOUR, _HORIZON_COLOUR = np.array([70.0, 120.0, 190.0]), np.array([190.0, 205.0, 215.0])
+_DARK_GREEN, _LIGHT_GREEN, _LINE_COLOUR = (
     np.array([92.0, 122.0, 70.0]),
     np.array([112.0, 128.0, 84.0]),
     np.array([205.0, 205.0, 190.0]),
@@ -45,7 +46,7 @@ class ExifPosition:
 
 
 class Painter:
-    """Draws one world."""
+    """Draws pictures of one world."""
 
     def __init__(self, world: World) -> None:
         self._caster = RayCaster(world)
@@ -55,25 +56,26 @@ class Painter:
     def draw(
         self, position_ned_m: FloatArray, q_ned_camera: FloatArray, hfov_rad: float
     ) -> NDArray[np.uint8]:
-        """(HEIGHT, WIDTH, 3) RGB from a position (3,), an attitude (4,) and a horizontal field of view."""
-        rays = self._rays(q_ned_camera, hfov_rad)
+        """RGB picture (HEIGHT, WIDTH, 3) from a position (3,), attitude (4,) and horizontal field of view."""
+        rays = self._ray_directions(q_ned_camera, hfov_rad)
         origin = np.broadcast_to(position_ned_m, rays.shape)
         hits = self._caster.cast(origin, rays, self._range_m)
-        colour = _sky(rays)
-        haze = colour.copy()
+        colour = _sky_colours(rays)
+        sky = colour.copy()
         is_hit = hits.target != NOTHING
         points = origin[is_hit] + rays[is_hit] * hits.distance_m[is_hit, None]
         target = hits.target[is_hit]
-        surface = np.where((target == GROUND)[:, None], _ground(points, hits.distance_m[is_hit]), PRISM_GREY)
+        distance_m = hits.distance_m[is_hit]
+        surface = np.where((target == GROUND)[:, None], _ground_colours(points, distance_m), PRISM_GREY)
         for number in range(len(self._world.boxes)):
             on_box = target == number
             if on_box.any():
-                surface[on_box] = self._box(number, points[on_box])
-        clear = np.exp(-hits.distance_m[is_hit] / HAZE_M)[:, None]
-        colour[is_hit] = clear * surface + (1.0 - clear) * haze[is_hit]
+                surface[on_box] = self._box_colours(number, points[on_box])
+        surface_share = np.exp(-distance_m / HAZE_M)[:, None]
+        colour[is_hit] = surface_share * surface + (1.0 - surface_share) * sky[is_hit]
         return np.clip(np.rint(colour), 0, 255).astype(np.uint8).reshape(HEIGHT, WIDTH, 3)
 
-    def _rays(self, q_ned_camera: FloatArray, hfov_rad: float) -> FloatArray:
+    def _ray_directions(self, q_ned_camera: FloatArray, hfov_rad: float) -> FloatArray:
         focal = 0.5 * WIDTH / math.tan(0.5 * hfov_rad)
         right = (np.arange(WIDTH) + 0.5 - 0.5 * WIDTH) / focal
         down = (np.arange(HEIGHT) + 0.5 - 0.5 * HEIGHT) / focal
@@ -83,7 +85,7 @@ class Painter:
         rays = rays.reshape(-1, 3) / np.linalg.norm(rays.reshape(-1, 3), axis=1, keepdims=True)
         return rays @ rotation_matrix(q_ned_camera[None, :])[0].T
 
-    def _box(self, number: int, points: FloatArray) -> FloatArray:
+    def _box_colours(self, number: int, points: FloatArray) -> FloatArray:
         """Colours of points on a box: a hue for each box, a shade for each face, a line at every metre of
         height."""
         box = self._world.boxes[number]
@@ -93,17 +95,17 @@ class Painter:
         y = np.abs(c * east - s * north) / (0.5 * box.width_m)
         height = -points[:, 2] - box.base_alt_home_m
         on_roof = height > box.height_m - 1e-3
-        light = np.where(on_roof, 1.0, np.where(x > y, 0.8, 0.62))
-        light = light * np.where(~on_roof & (np.mod(height, 1.0) < 0.06), 0.75, 1.0)
+        brightness = np.where(on_roof, 1.0, np.where(x > y, 0.8, 0.62))
+        brightness = brightness * np.where(~on_roof & (np.mod(height, 1.0) < 0.06), 0.75, 1.0)
         hue = 2.4 * number
         tint = np.array(
             [170 + 50 * math.cos(hue), 140 + 40 * math.cos(hue + 2.1), 120 + 50 * math.cos(hue + 4.2)]
         )
-        return light[:, None] * tint
+        return brightness[:, None] * tint
 
 
 def jpeg(pixels: NDArray[np.uint8], position: ExifPosition | None, time_unix_s: float) -> bytes:
-    """The JPEG file, with position and time in its EXIF data."""
+    """Encodes a picture as JPEG, with position and time in the EXIF data."""
     picture = Image.fromarray(pixels)
     exif = Image.Exif()
     exif[_EXIF_MODEL] = "Simulated camera"
@@ -112,41 +114,41 @@ def jpeg(pixels: NDArray[np.uint8], position: ExifPosition | None, time_unix_s: 
         exif.get_ifd(_EXIF_GPS).update(
             {
                 1: "N" if position.lat_deg >= 0 else "S",
-                2: _degrees(position.lat_deg),
+                2: _degrees_minutes_seconds(position.lat_deg),
                 3: "E" if position.lon_deg >= 0 else "W",
-                4: _degrees(position.lon_deg),
+                4: _degrees_minutes_seconds(position.lon_deg),
                 5: 0 if position.alt_amsl_m >= 0 else 1,
                 6: round(abs(position.alt_amsl_m), 3),
             }
         )
-    out = io.BytesIO()
-    picture.save(out, "JPEG", quality=JPEG_QUALITY, exif=exif)
-    return out.getvalue()
+    file = io.BytesIO()
+    picture.save(file, "JPEG", quality=JPEG_QUALITY, exif=exif)
+    return file.getvalue()
 
 
-def _degrees(angle_deg: float) -> tuple[float, float, float]:
-    """Degrees, minutes and seconds for EXIF."""
+def _degrees_minutes_seconds(angle_deg: float) -> tuple[float, float, float]:
+    """Converts degrees to degrees, minutes and seconds, without sign."""
     minutes, seconds = divmod(abs(angle_deg) * 3600.0, 60.0)
     degrees, minutes = divmod(minutes, 60.0)
     return degrees, minutes, round(seconds, 5)
 
 
-def _sky(rays: FloatArray) -> FloatArray:
-    up = np.clip(-rays[:, 2], 0.0, 1.0)[:, None] ** 0.5
-    return (1.0 - up) * _HORIZON + up * _ZENITH
+def _sky_colours(rays: FloatArray) -> FloatArray:
+    elevation_share = np.clip(-rays[:, 2], 0.0, 1.0)[:, None] ** 0.5
+    return (1.0 - elevation_share) * _HORIZON_COLOUR + elevation_share * _ZENITH_COLOUR
 
 
-def _ground(points: FloatArray, distance_m: FloatArray) -> FloatArray:
+def _ground_colours(points: FloatArray, distance_m: FloatArray) -> FloatArray:
     """Squares of 10 m in two greens with lines between them; near the camera also a line every metre."""
     north, east = points[:, 0], points[:, 1]
-    field = np.mod(np.floor(north / 10.0) + np.floor(east / 10.0), 2.0)[:, None]
-    colour = field * _GRASS + (1.0 - field) * _SOIL
+    is_dark_square = np.mod(np.floor(north / 10.0) + np.floor(east / 10.0), 2.0)[:, None]
+    colour = is_dark_square * _DARK_GREEN + (1.0 - is_dark_square) * _LIGHT_GREEN
     for spacing, half_width, farthest in ((1.0, 0.03, 25.0), (10.0, 0.12, 250.0)):
         on_line = np.minimum(_distance_to_line(north, spacing), _distance_to_line(east, spacing)) < half_width
         on_line &= distance_m < farthest
-        colour = np.where(on_line[:, None], 0.5 * colour + 0.5 * _LINE, colour)
+        colour = np.where(on_line[:, None], 0.5 * colour + 0.5 * _LINE_COLOUR, colour)
     return colour
 
 
-def _distance_to_line(at: FloatArray, spacing: float) -> FloatArray:
-    return np.abs(at - spacing * np.rint(at / spacing))
+def _distance_to_line(coordinate: FloatArray, spacing: float) -> FloatArray:
+    return np.abs(coordinate - spacing * np.rint(coordinate / spacing))

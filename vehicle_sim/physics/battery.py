@@ -1,9 +1,9 @@
 """Batteries that drain linearly while armed, as in PX4's battery simulator.
 
-A full battery would be empty after SIM_BAT_DRAIN seconds, but the charge decreases only to SIM_BAT_MIN_PCT.
-Disarming restores full charge. While armed, the charge rises if SIM_BAT_MIN_PCT is set above the charge. The
-voltage is linear in the charge, from BAT1_V_EMPTY to BAT1_V_CHARGED per cell. The autopilot's estimate
-follows the charge within about a second. The current is not measured (-1), so consumption is not counted.
+A full battery would be empty after SIM_BAT_DRAIN seconds, but the charge stops at SIM_BAT_MIN_PCT. Disarming
+restores full charge. While armed, the charge rises if SIM_BAT_MIN_PCT is set above the charge. The voltage is
+linear in the charge, from BAT1_V_EMPTY to BAT1_V_CHARGED per cell. The autopilot's estimate follows the
+charge with a lag of about a second. The current is not measured (-1), so consumption is not counted.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ BoolArray = NDArray[np.bool_]
 
 _CURRENT_NOT_MEASURED_A = -1.0
 ESTIMATE_LAG_S = 1.0
-"""Time constant of the estimate (recorded after a battery was set to empty: 0.314, 0.173, 0.095 every 0.6
-s)."""
+"""Time constant of the estimate. The recorded estimate fell from 0.314 to 0.173 and 0.095 in steps of 0.6 s,
+after the battery was set to empty."""
 
 
 class Batteries:
@@ -42,18 +42,18 @@ class Batteries:
         )
         self._charge = np.ones(count)
         """(N,) true charge, 0..1; `state.remaining` is the autopilot's estimate."""
-        self._empty = np.zeros(count, dtype=np.bool_)
-        """(N,) batteries set to empty: their voltage is that of an empty battery, whatever the charge."""
-        self._set_manually = np.zeros(count, dtype=np.bool_)
-        """(N,) batteries whose charge was set, so that it may be below the minimum."""
+        self._forced_empty = np.zeros(count, dtype=np.bool_)
+        """(N,) batteries set to empty: they have the voltage of an empty battery at any charge."""
+        self._charge_was_set = np.zeros(count, dtype=np.bool_)
+        """(N,) batteries whose charge was set with `set_remaining`; the charge may be below the minimum."""
         self._estimate_gain = dt_s / (dt_s + ESTIMATE_LAG_S)
         self._drain_per_s = np.zeros(count)
-        self._minimum = np.zeros(count)
+        self._min_charge = np.zeros(count)
         self._empty_v = np.zeros(count)
-        self._span_v = np.zeros(count)
+        self._voltage_range_v = np.zeros(count)
         self._was_armed = np.zeros(count, dtype=np.bool_)
-        self._voltage_charge = self._charge
-        """(N,) charge that corresponds to the voltage: 0 for a battery set to empty."""
+        self._charge_of_voltage = self._charge
+        """(N,) charge that corresponds to the voltage; 0 for a battery set to empty."""
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads SIM_BAT_* and BAT1_* of vehicle `i`."""
@@ -63,32 +63,31 @@ class Batteries:
         drains = parameters.get("SIM_BAT_ENABLE") != 0 and drain_s > 0.0
         self.state.cell_count[i] = cells
         self._drain_per_s[i] = 1.0 / drain_s if drains else 0.0
-        self._minimum[i] = min(1.0, max(0.0, parameters.finite_value("SIM_BAT_MIN_PCT") / 100.0))
+        self._min_charge[i] = min(1.0, max(0.0, parameters.finite_value("SIM_BAT_MIN_PCT") / 100.0))
         self._empty_v[i] = empty * cells
-        self._span_v[i] = (charged - empty) * cells
+        self._voltage_range_v[i] = (charged - empty) * cells
         self._update_voltage()
 
     def refill(self, i: int) -> None:
         """Restores full charge of vehicle `i`."""
         self.set_remaining(i, 1.0)
-        self._set_manually[i] = False
+        self._charge_was_set[i] = False
 
     def set_empty(self, i: int, empty: bool) -> None:
-        """Sets the battery of vehicle `i` to the voltage of an empty battery, or back to normal."""
-        self._empty[i] = empty
+        """Gives the battery of vehicle `i` the voltage of an empty battery, or of its charge again."""
+        self._forced_empty[i] = empty
         self._update_voltage()
 
     def set_remaining(self, i: int, remaining: float) -> None:
-        """Sets the charge and the estimated charge of vehicle `i`; a charge below SIM_BAT_MIN_PCT stays
-        constant.
+        """Sets the charge of vehicle `i` and its estimate; a charge below SIM_BAT_MIN_PCT stays constant.
 
         Raises:
-            ValueError: not within 0..1.
+            ValueError: `remaining` is not within 0..1.
         """
         if not 0.0 <= remaining <= 1.0:
             raise ValueError(f"remaining is {remaining}; a battery's charge lies within 0..1")
         self._charge[i] = self.state.remaining[i] = remaining
-        self._set_manually[i] = True
+        self._charge_was_set[i] = True
         self._update_voltage()
 
     def step(self, armed: BoolArray) -> None:
@@ -96,19 +95,19 @@ class Batteries:
         just disarmed."""
         charge, remaining = self._charge, self.state.remaining
         if any_of(armed):
-            floor = np.where(self._set_manually, np.minimum(self._minimum, charge), self._minimum)
-            drained = np.maximum(charge - self._drain_per_s * self._dt_s, floor)
+            lowest = np.where(self._charge_was_set, np.minimum(self._min_charge, charge), self._min_charge)
+            drained = np.maximum(charge - self._drain_per_s * self._dt_s, lowest)
             np.copyto(charge, drained, where=armed)
         if any_of(self._was_armed):
             disarmed = self._was_armed & ~armed
             if any_of(disarmed):
                 charge[disarmed] = 1.0
-                self._set_manually[disarmed] = False
+                self._charge_was_set[disarmed] = False
         self._was_armed[:] = armed
         self._update_voltage()
-        remaining += self._estimate_gain * (self._voltage_charge - remaining)
+        remaining += self._estimate_gain * (self._charge_of_voltage - remaining)
 
     def _update_voltage(self) -> None:
-        self._voltage_charge = np.where(self._empty, 0.0, self._charge)
-        np.multiply(self._voltage_charge, self._span_v, out=self.state.voltage_v)
+        self._charge_of_voltage = np.where(self._forced_empty, 0.0, self._charge)
+        np.multiply(self._charge_of_voltage, self._voltage_range_v, out=self.state.voltage_v)
         self.state.voltage_v += self._empty_v

@@ -1,8 +1,8 @@
 """Six degrees of freedom of N quadrotors: rotors with lag, linear drag, gravity, and ground contact.
 
 The model is that of PX4's SIH. Thrust and moments are proportional to a rotor's lagged signal, and drag is
-linear in speed and body rate. The ground supports the vehicle while the weight exceeds the lift. The
-accelerations are one matrix times a vector of rotor thrusts, body rates and products of body rates.
+linear in speed and body rate. The ground supports a vehicle whose weight exceeds its lift. One matrix
+converts rotor thrusts, body rates and products of body rates to thrust and angular accelerations.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from vehicle_sim.state import ROTOR_COUNT, TruthState
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_RATES = slice(ROTOR_COUNT, ROTOR_COUNT + 3)
-_PRODUCTS = slice(ROTOR_COUNT + 3, ROTOR_COUNT + 12)
+_RATE_INPUTS = slice(ROTOR_COUNT, ROTOR_COUNT + 3)
+_RATE_PRODUCT_INPUTS = slice(ROTOR_COUNT + 3, ROTOR_COUNT + 12)
 
 
 class RigidBodies:
@@ -48,10 +48,10 @@ class RigidBodies:
         self.ground_down_m = np.zeros(count)
         """(N,) position down of the surface below each body; 0: the level of home."""
         self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
-        """(N, 16, 4) thrust [m/s²] and angular accelerations [rad/s²] for each input: 4 rotor thrusts, 3 body
-        rates, 9 products of body rates."""
+        """(N, 16, 4) acceleration by thrust along the down axis of the body [m/s²], and angular accelerations
+        [rad/s²], for each input: 4 rotor thrusts, 3 body rates, 9 products of body rates."""
         self._rotor_gain = np.ones((count, ROTOR_COUNT))
-        """(N, 4) fraction of the difference to its signal by which a rotor's thrust changes in one step."""
+        """(N, 4) change of a rotor's thrust in one step, relative to the difference of signal and thrust."""
         self._drag_per_s = np.zeros((count, 3))
 
     def configure(self, i: int, airframe: Airframe) -> None:
@@ -62,14 +62,14 @@ class RigidBodies:
         response[:] = 0.0
         response[:ROTOR_COUNT, 0] = -wrench[:, 0] / airframe.mass_kg
         response[:ROTOR_COUNT, 1:] = wrench[:, 1:] @ inverse.T
-        response[_RATES, 1:] = -airframe.drag_nm_per_rad_s * inverse.T
+        response[_RATE_INPUTS, 1:] = -airframe.drag_nm_per_rad_s * inverse.T
         gyroscopic = np.einsum("imk,mj->ijk", cross_table(), airframe.inertia_kg_m2).reshape(9, 3)
-        response[_PRODUCTS, 1:] = -gyroscopic @ inverse.T
+        response[_RATE_PRODUCT_INPUTS, 1:] = -gyroscopic @ inverse.T
         self._drag_per_s[i] = airframe.drag_n_per_m_s / airframe.mass_kg
         self._rotor_gain[i] = min(1.0, self._dt_s / max(airframe.rotor_time_constant_s, self._dt_s))
 
     def place(self, i: int, position_ned_m: FloatArray, yaw_ned_rad: float) -> None:
-        """Places vehicle `i` level and at rest; a position below the surface is raised to the surface."""
+        """Places vehicle `i` level and without motion; raises a position below the surface to the surface."""
         state = self.state
         state.position_ned_m[i] = position_ned_m
         state.position_ned_m[i, 2] = min(float(position_ned_m[2]), float(self.ground_down_m[i]))
@@ -85,7 +85,7 @@ class RigidBodies:
         self.matrix[:] = rotation_matrix(state.q_ned_frd)
 
     def set_attitude(self, i: int, q_ned_frd: FloatArray) -> None:
-        """Sets the attitude (4,) of vehicle `i`, at rest."""
+        """Sets the attitude (4,) of vehicle `i`, and stops its motion."""
         state = self.state
         state.q_ned_frd[i] = q_ned_frd
         state.rates_frd_rad_s[i] = state.velocity_ned_m_s[i] = state.acceleration_ned_m_s2[i] = 0.0
@@ -117,32 +117,32 @@ def _advance(
     """Advances by one step: positions by the old velocities, velocities and attitudes by the new
     accelerations."""
     for i in range(position.shape[0]):
-        thrust = roll = pitch = yaw = 0.0
+        thrust_m_s2 = roll_rad_s2 = pitch_rad_s2 = yaw_rad_s2 = 0.0
         for k in range(ROTOR_COUNT):
             rotors[i, k] += rotor_gain[i, k] * (motor_signal[i, k] * motor_health[i, k] - rotors[i, k])
-            thrust += rotors[i, k] * response[i, k, 0]
-            roll += rotors[i, k] * response[i, k, 1]
-            pitch += rotors[i, k] * response[i, k, 2]
-            yaw += rotors[i, k] * response[i, k, 3]
+            thrust_m_s2 += rotors[i, k] * response[i, k, 0]
+            roll_rad_s2 += rotors[i, k] * response[i, k, 1]
+            pitch_rad_s2 += rotors[i, k] * response[i, k, 2]
+            yaw_rad_s2 += rotors[i, k] * response[i, k, 3]
         for k in range(3):
-            drag = ROTOR_COUNT + k
-            roll += rates[i, k] * response[i, drag, 1]
-            pitch += rates[i, k] * response[i, drag, 2]
-            yaw += rates[i, k] * response[i, drag, 3]
+            rate_input = ROTOR_COUNT + k
+            roll_rad_s2 += rates[i, k] * response[i, rate_input, 1]
+            pitch_rad_s2 += rates[i, k] * response[i, rate_input, 2]
+            yaw_rad_s2 += rates[i, k] * response[i, rate_input, 3]
         for j in range(3):
             for k in range(3):
-                gyroscopic, rate_product = ROTOR_COUNT + 3 + 3 * j + k, rates[i, j] * rates[i, k]
-                roll += rate_product * response[i, gyroscopic, 1]
-                pitch += rate_product * response[i, gyroscopic, 2]
-                yaw += rate_product * response[i, gyroscopic, 3]
+                product_input, rate_product = ROTOR_COUNT + 3 + 3 * j + k, rates[i, j] * rates[i, k]
+                roll_rad_s2 += rate_product * response[i, product_input, 1]
+                pitch_rad_s2 += rate_product * response[i, product_input, 2]
+                yaw_rad_s2 += rate_product * response[i, product_input, 3]
         for k in range(3):
             gravity = GRAVITY_M_S2 if k == 2 else 0.0
             drag_m_s2 = drag_per_s[i, k] * (velocity[i, k] - wind_ned_m_s[i, k])
-            acceleration[i, k] = matrix[i, k, 2] * thrust + gravity - drag_m_s2
+            acceleration[i, k] = matrix[i, k, 2] * thrust_m_s2 + gravity - drag_m_s2
             position[i, k] += dt_s * velocity[i, k]
-        rates[i, 0] += dt_s * roll
-        rates[i, 1] += dt_s * pitch
-        rates[i, 2] += dt_s * yaw
+        rates[i, 0] += dt_s * roll_rad_s2
+        rates[i, 1] += dt_s * pitch_rad_s2
+        rates[i, 2] += dt_s * yaw_rad_s2
         # A descending vehicle is stopped even while it decelerates; a vehicle at rest stays while its weight
         # exceeds its lift.
         descent_m_s = velocity[i, 2]
