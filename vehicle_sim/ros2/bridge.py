@@ -1,4 +1,4 @@
-"""PX4's ROS 2 client of one vehicle: decodes and encodes messages, without DDS and without a clock."""
+"""PX4's uXRCE-DDS client of one vehicle: decodes and encodes messages; a `Port` exchanges them over DDS."""
 
 from __future__ import annotations
 
@@ -32,32 +32,32 @@ from vehicle_sim.ros2.topics import (
 from vehicle_sim.topics.states import States
 
 CONNECTED_AFTER_S: Final = {True: 6.4, False: 1.3}
-"""Time from boot to the first message, with and without time synchronization (`UXRCE_DDS_SYNCT`)."""
+"""Time from boot to the first message, by whether time is synchronized (`UXRCE_DDS_SYNCT`)."""
 CYCLE_US: Final = 10_000
-"""Period of the commander, which processes one command per cycle."""
+"""Period of PX4's commander, which processes one command per cycle."""
 COMMAND_QUEUE_LENGTH: Final = 4
 """Length of PX4's command queue; in a burst PX4 drops the oldest commands without a report."""
 Values = Mapping[str, Any]
 
 
 def _ignore(_command: Command) -> None:
-    """Ignores a command that no PX4 module handles over ROS 2."""
+    """Handler of commands that PX4 ignores over ROS 2."""
 
 
 class Port(Protocol):
-    """Transport of the messages; topics have the names of `topics.py`."""
+    """Transport of the messages; `topics.py` defines the topics' names."""
 
     def publish(self, topic: str, data: bytes) -> None:
         """Sends a message; does not block."""
         ...
 
     def take(self) -> Iterable[tuple[str, bytes]]:
-        """Received messages, a bounded number; does not block."""
+        """Received messages (topic, data), at most a limited number; does not block."""
         ...
 
 
 class AcknowledgingHost(CommandHost, Protocol):
-    """A command host that reports all acknowledgements, also of commands from MAVLink."""
+    """A command host that reports all acknowledgements, including those of commands from MAVLink."""
 
     def add_ack_listener(self, listener: Callable[[Command, int, int], None]) -> None:
         """Calls `listener(command, result, progress)` for each acknowledgement."""
@@ -72,8 +72,8 @@ class Bridge:
         states: the vehicle's state topics.
         handlers: handler of each command.
         mavlink_only: numbers of the commands that PX4 handles only over MAVLink.
-        port: carries the messages.
-        report: called once for each topic on which a malformed message is received.
+        port: transport of the messages.
+        report: called with an error message, once for each topic with a malformed message.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Bridge:
         port: Port,
         report: Callable[[str], None],
     ) -> None:
-        self._host, self._view, self._port, self._report = host, host.view, port, report
+        self._host, self._view, self._port, self._report_malformed = host, host.view, port, report
         self._handlers = {**handlers, **dict.fromkeys(mavlink_only, _ignore)}
         synchronized = self._view.optional_choice("UXRCE_DDS_SYNCT", 1) != 0
         offset_us = int(self._view.boot_time_unix_s * 1e6) if synchronized else 0
@@ -95,26 +95,26 @@ class Bridge:
             host.autopilot, states, port.publish, offset_us, synchronized=synchronized
         )  # fmt: skip
         self._commands: deque[tuple[Values, bool]] = deque(maxlen=COMMAND_QUEUE_LENGTH)
-        """(command, whether the service sent the command)."""
+        """Commands that wait for the commander; True for a command from the ROS 2 service."""
         self._executor_commands: deque[Values] = deque(maxlen=COMMAND_QUEUE_LENGTH)
-        self._cycle_at_us = 0
+        self._next_cycle_at_us = 0
         self._service_command: Command | None = None
-        """Command of the service that is not acknowledged yet."""
-        self._malformed: set[str] = set()
+        """Command from the ROS 2 service that is not acknowledged yet."""
+        self._reported_topics: set[str] = set()
         setpoints = SetpointInputs(host.autopilot)
         self._external = host.autopilot.commander.external
-        self._external_modes = ExternalModeTopics(host.autopilot, self._publish)
-        self._formats = MessageFormats(self._publish)
+        self._external_mode_topics = ExternalModeTopics(host.autopilot, self._publish)
+        self._message_formats = MessageFormats(self._publish)
         self._receivers: dict[str, Callable[[Values], None]] = {
             COMMAND: lambda values: self._commands.append((values, False)),
             SERVICE_REQUEST: lambda values: self._commands.append((values, True)),
             EXECUTOR_COMMAND: self._executor_commands.append,
-            **self._external_modes.receivers,
-            **self._formats.receivers,
+            **self._external_mode_topics.receivers,
+            **self._message_formats.receivers,
             **setpoints.receivers,
         }
-        self._types = {topic.name: topic.message for topic in INPUTS}
-        self._types[SERVICE_REQUEST] = MESSAGES["VehicleCommand"]
+        self._message_types = {topic.name: topic.message for topic in INPUTS}
+        self._message_types[SERVICE_REQUEST] = MESSAGES["VehicleCommand"]
         host.add_ack_listener(self._acknowledge)
 
     @property
@@ -123,21 +123,21 @@ class Bridge:
         return self._view.time_boot_us() >= self._connected_at_us
 
     def step(self) -> None:
-        """Exchanges messages; called after each simulation step."""
+        """Handles received messages and publishes outputs; called after each simulation step."""
         now_us = self._view.time_boot_us()
         received = self._port.take()
         if now_us < self._connected_at_us:
             return
         for topic, data in received:
             self._receive(topic, data)
-        self._formats.reply_to_newest()
-        if now_us >= self._cycle_at_us:
-            self._cycle_at_us = now_us + CYCLE_US
+        self._message_formats.reply_to_newest()
+        if now_us >= self._next_cycle_at_us:
+            self._next_cycle_at_us = now_us + CYCLE_US
             self._cycle()
         self._outputs.step(now_us)
 
     def _cycle(self) -> None:
-        self._external_modes.cycle()
+        self._external_mode_topics.cycle()
         if self._commands:
             self._run_command(*self._commands.popleft())
         if self._executor_commands:
@@ -153,11 +153,11 @@ class Bridge:
         if receiver is None:
             return
         try:
-            values = self._types[topic].decode(data)
+            values = self._message_types[topic].decode(data)
         except MalformedMessage as problem:
-            if topic not in self._malformed:
-                self._malformed.add(topic)
-                self._report(
+            if topic not in self._reported_topics:
+                self._reported_topics.add(topic)
+                self._report_malformed(
                     f"a message on {topic} was dropped. {problem}. Check the sender's px4_msgs version."
                 )
             return
@@ -175,7 +175,7 @@ class Bridge:
         self._external.commanded_by_executor = False
 
     def _forward_executor_command(self, values: Values) -> None:
-        """Forwards a command of the executor in charge as a command of the vehicle; rejects commands of other
+        """Queues a command of the executor in charge as a command of the vehicle; rejects commands of other
         executors."""
         system = self._host.autopilot_id[0]
         if values["source_component"] == EXECUTOR_COMPONENT + self._external.executor_in_charge:

@@ -1,4 +1,4 @@
-"""External modes of one vehicle over ROS 2: the topics, their queues, and PX4's publications."""
+"""External modes of one vehicle over ROS 2: received topics, their queues, and what PX4 publishes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MODE_SOURCE, EXECUTOR_SOURCE = 0, 1
 """ConfigOverrides.source_type."""
 LAND_COMPLETED_EVERY_US: Final = 50_000
 CONTROLLERS: Final = {f"flag_control_{each.name}_enabled": each.name for each in fields(Controllers)}
-"""Name of each controller, by the field of `config_control_setpoints`."""
+"""Field of `Controllers`, by field of `config_control_setpoints`."""
 Values = Mapping[str, Any]
 Publish = Callable[[str, str, Values], None]
 """`publish(topic, type, fields)`: publishes a message with the current time."""
@@ -42,12 +42,12 @@ class ExternalModeTopics:
         self._external = autopilot.commander.external
         self._view = autopilot.view
         self._publish = publish
-        # Messages until the commander handles them, in queues as long as PX4's.
+        # Received messages that wait for the commander; the queues are as long as PX4's.
         self._registrations: deque[Values] = deque(maxlen=2)
         self._removals: deque[Values] = deque(maxlen=1)
         self._overrides: deque[Values] = deque(maxlen=4)
         self._configurations: deque[Values] = deque(maxlen=1)
-        self._completed = _CompletedModes(autopilot)
+        self._completed_modes = _CompletedModes(autopilot)
         self.receivers: dict[str, Callable[[Values], None]] = {
             "/fmu/in/register_ext_component_request": self._registrations.append,
             "/fmu/in/unregister_ext_component": self._removals.append,
@@ -73,7 +73,7 @@ class ExternalModeTopics:
                 self._remove(self._removals.popleft())
             external.remove_unresponsive(commander.intended_or_replacement)
         self._configure()
-        for state in self._completed.take():
+        for state in self._completed_modes.take():
             self._publish(MODE_COMPLETED, "ModeCompleted", {"nav_state": state})
 
     # --- registration ----------------------------------------------------------------------------------
@@ -86,8 +86,8 @@ class ExternalModeTopics:
         )  # fmt: skip
         reply = self._external.register(request)
         self._reply(values, reply)
-        activates = values["activate_mode_immediately"] and values["register_mode_executor"]
-        if reply.success and reply.mode != NONE and activates and not self._commander.armed:
+        activate = values["activate_mode_immediately"] and values["register_mode_executor"]
+        if reply.success and reply.mode != NONE and activate and not self._commander.armed:
             self._commander.set_mode(NavState(reply.mode))
 
     def _reply(self, request: Values, reply: RegistrationReply) -> None:
@@ -112,65 +112,64 @@ class ExternalModeTopics:
     def _configure(self) -> None:
         while self._configurations:
             values = self._configurations.popleft()
-            chosen = {name: values[flag] for flag, name in CONTROLLERS.items()}
-            self._external.set_controllers(values["source_id"], Controllers(**chosen))
+            enabled = {name: values[flag] for flag, name in CONTROLLERS.items()}
+            self._external.set_controllers(values["source_id"], Controllers(**enabled))
         while self._overrides:
             values = self._overrides.popleft()
             overrides = Overrides(
                 values["disable_auto_disarm"], values["defer_failsafes"], values["defer_failsafes_timeout_s"]
             )
-            kind, source = values["source_type"], values["source_id"]
+            source_type, source = values["source_type"], values["source_id"]
             self._external.set_overrides(
                 overrides,
-                mode=source if kind == MODE_SOURCE else NONE,
-                executor=source if kind == EXECUTOR_SOURCE else NONE,
+                mode=source if source_type == MODE_SOURCE else NONE,
+                executor=source if source_type == EXECUTOR_SOURCE else NONE,
             )
 
     def _echo_completion(self, values: Values) -> None:
-        """Publishes a completion again: external modes and PX4 use one topic, so all readers get the
-        message."""
+        """Publishes the completion of an external mode on the topic on which PX4 reports its own modes."""
         self._publish(
             MODE_COMPLETED, "ModeCompleted", {"result": values["result"], "nav_state": values["nav_state"]}
         )
 
 
 class _CompletedModes:
-    """Completions of PX4's modes: reported once for take-off, return and mission, repeatedly for landing."""
+    """Finds completed modes of PX4: take-off, return and mission once, landing repeatedly."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._commander, self._navigator = autopilot.commander, autopilot.navigator
         self._view = autopilot.view
-        self._previous = self._commander.active
-        self._reported: NavState | None = None
-        """Mode whose completion was reported; None after another mode was active."""
-        self._landing_at_us = 0
+        self._previous_mode = self._commander.active
+        self._reported_mode: NavState | None = None
+        """Mode whose completion was reported last; disarming and later mode changes clear this value."""
+        self._next_landing_at_us = 0
 
     def take(self) -> list[NavState]:
         """Modes completed since the last call."""
-        active, previous = self._commander.active, self._previous
-        self._previous = active
+        active, previous = self._commander.active, self._previous_mode
+        self._previous_mode = active
         if not self._commander.armed:
-            self._reported = None
+            self._reported_mode = None
             return []
         if (
             previous is NavState.TAKEOFF
-            and self._reported is not previous
+            and self._reported_mode is not previous
             and self._takeoff_completed(active)
         ):
-            self._reported = previous
+            self._reported_mode = previous
             return [previous]
         if active is not previous:
-            self._reported = None
+            self._reported_mode = None
         if active is NavState.LAND and self._commander.landed:
             return [active] if self._landing_due() else []
-        if self._reported is active or not self._has_completed(active):
+        if self._reported_mode is active or not self._has_completed(active):
             return []
-        self._reported = active
+        self._reported_mode = active
         return [active]
 
     def _takeoff_completed(self, active: NavState) -> bool:
-        stays = active in (NavState.TAKEOFF, NavState.HOLD)
-        return stays and not self._commander.landed and self._navigator.takeoff_finished(NavState.TAKEOFF)
+        in_air = not self._commander.landed and active in (NavState.TAKEOFF, NavState.HOLD)
+        return in_air and self._navigator.takeoff_finished(NavState.TAKEOFF)
 
     def _has_completed(self, active: NavState) -> bool:
         if active is NavState.RTL:
@@ -179,9 +178,9 @@ class _CompletedModes:
 
     def _landing_due(self) -> bool:
         now_us = self._view.time_boot_us()
-        if now_us < self._landing_at_us:
+        if now_us < self._next_landing_at_us:
             return False
-        self._landing_at_us = (now_us // LAND_COMPLETED_EVERY_US + 1) * LAND_COMPLETED_EVERY_US
+        self._next_landing_at_us = (now_us // LAND_COMPLETED_EVERY_US + 1) * LAND_COMPLETED_EVERY_US
         return True
 
 

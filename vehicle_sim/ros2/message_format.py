@@ -12,13 +12,13 @@ REQUEST: Final = "/fmu/in/message_format_request"
 RESPONSE: Final = "/fmu/out/message_format_response"
 PROTOCOL_VERSION: Final = 1
 UNSET_HASH, UNSET_NAME = 3, "6"
-"""Recorded content of the fields that PX4 does not set in a response."""
+"""Recorded values of the fields that PX4 leaves unset in a response."""
 VERSIONED_TOPIC: Final = "vehicle_status_v1"
 """The only bridged topic with a version in its name; inside PX4 the name has no version."""
 
 
 def _hashes() -> dict[str, int]:
-    """Hash of the message type, by the topic's name inside PX4."""
+    """Hash of each topic's message type, by the name of the topic inside PX4."""
     hashes = {topic.name.rsplit("/", 1)[1]: topic.message.hash for topic in (*OUTPUTS, *INPUTS)}
     hashes["vehicle_status"] = hashes.pop(VERSIONED_TOPIC)
     hashes["vehicle_angular_velocity"] = MESSAGES["VehicleAngularVelocity"].hash
@@ -31,7 +31,7 @@ HASHES: Final = _hashes()
 def response(request: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of the MessageFormatResponse, except the time.
 
-    PX4 looks up the part of the name after the last slash; it knows no name without a slash.
+    PX4 looks up the part of the name after the last slash; a name without a slash is unknown to PX4.
     """
     fields: dict[str, Any] = {"protocol_version": PROTOCOL_VERSION, "message_hash": UNSET_HASH}
     if request["protocol_version"] != PROTOCOL_VERSION:
@@ -43,14 +43,14 @@ def response(request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class MessageFormats:
-    """Replies to the requests of one vehicle; to the last one of several requests at the same time."""
+    """Replies to the requests to one vehicle; of several requests in one step only the last gets a reply."""
 
     def __init__(self, publish: Callable[[str, str, Mapping[str, Any]], None]) -> None:
         self._publish = publish
         self._request: Mapping[str, Any] | None = None
-        self.receivers = {REQUEST: self._store}
+        self.receivers = {REQUEST: self._store_request}
 
-    def _store(self, request: Mapping[str, Any]) -> None:
+    def _store_request(self, request: Mapping[str, Any]) -> None:
         self._request = request
 
     def reply_to_newest(self) -> None:

@@ -32,7 +32,7 @@ class MalformedMessage(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field; length 0: a single value."""
+    """One field; length 0 means a single value, otherwise an array."""
 
     type: str
     name: str
@@ -41,7 +41,7 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class MessageType:
-    """One message type; `nested` contains the types that its fields may have."""
+    """One message type; `nested` contains the message types of its fields."""
 
     name: str
     fields: tuple[Field, ...]
@@ -50,7 +50,7 @@ class MessageType:
 
     @cached_property
     def flat(self) -> tuple[Field, ...]:
-        """Primitive fields in wire order; nested fields have names like `outer.inner` or `outer[n].inner`."""
+        """Primitive fields in wire order; those of nested types are named `outer.inner` or `outer[n].inner`."""
         return tuple(self._flat(""))
 
     def _flat(self, prefix: str) -> Iterator[Field]:
@@ -98,22 +98,22 @@ class MessageType:
         return value
 
     def _declarations(self) -> str:
-        out: list[str] = []
+        declarations: list[str] = []
         for field in self.fields:
-            out.append(f"{field.type}{f'[{field.length}]' if field.length else ''} {field.name}\n")
+            declarations.append(f"{field.type}{f'[{field.length}]' if field.length else ''} {field.name}\n")
             if field.type not in CODES:
-                out.append(self.nested[field.type]._declarations())
-        return "".join(out)
+                declarations.append(self.nested[field.type]._declarations())
+        return "".join(declarations)
 
     def blank(self) -> list[Any]:
-        """Argument of `pack` with all values zero."""
+        """Values for `pack`, all zero."""
         values: list[Any] = []
         for field in self.flat:
             values += [b""] if field.type == "char" else [0] * (field.length or 1)
         return values
 
     def pack(self, values: Sequence[Any]) -> bytes:
-        """Packs values in order, arrays flattened, into bytes with header.
+        """Packs the values of all `flat` fields, arrays expanded, into bytes with header.
 
         A float32 outside its range becomes infinite, as in C, so that a diverged estimate can be sent.
 
@@ -142,16 +142,16 @@ class MessageType:
             KeyError: no such field.
             struct.error: an integer does not fit its field.
         """
-        flat, index = self.blank(), self.index
+        flat_values, index = self.blank(), self.index
         for name, value in values.items():
             at = index[name]
             if isinstance(value, str):
-                flat[at] = value.encode()
+                flat_values[at] = value.encode()
             elif isinstance(value, list | tuple):
-                flat[at : at + len(value)] = value
+                flat_values[at : at + len(value)] = value
             else:
-                flat[at] = value
-        return self.pack(flat)
+                flat_values[at] = value
+        return self.pack(flat_values)
 
     def decode(self, data: bytes) -> dict[str, Any]:
         """Decodes bytes with header into named values; a text ends at its first NUL.
@@ -163,40 +163,41 @@ class MessageType:
             raise MalformedMessage(f"{self.name}: encapsulation {data[:2].hex()} is not little-endian CDR")
         if len(data) < len(HEADER) + self.size:
             raise MalformedMessage(f"{self.name}: {len(data)} bytes; needs {len(HEADER) + self.size}")
-        flat, values = self._struct.unpack_from(data, len(HEADER)), dict[str, Any]()
+        flat_values, values = self._struct.unpack_from(data, len(HEADER)), dict[str, Any]()
         at = 0
         for field in self.flat:
             if field.type == "char":
-                values[field.name] = flat[at].split(b"\0")[0].decode("utf-8", "replace")
+                values[field.name] = flat_values[at].split(b"\0")[0].decode("utf-8", "replace")
                 at += 1
             elif field.length:
-                values[field.name] = flat[at : at + field.length]
+                values[field.name] = flat_values[at : at + field.length]
                 at += field.length
             else:
-                values[field.name] = flat[at]
+                values[field.name] = flat_values[at]
                 at += 1
         return values
 
 
 def parse(text: str) -> dict[str, MessageType]:
-    """The types of a text like `px4_msgs.txt`; a nested type must precede the types that use it."""
+    """Parses message types in the format of `px4_msgs.txt`; nested types must precede the types that use
+    them."""
     types: dict[str, MessageType] = {}
     for section in text.split("\n[")[1:]:
         name, _, body = section.partition("]\n")
         fields: list[Field] = []
         constants: dict[str, int] = {}
         for line in filter(None, body.splitlines()):
-            head, equals, value = line.partition(" = ")
+            constant, equals, value = line.partition(" = ")
             if equals:
-                constants[head] = int(value)
+                constants[constant] = int(value)
                 continue
-            kind, _, field_name = line.partition(" ")
-            kind, _, length = kind.rstrip("]").partition("[")
-            fields.append(Field(kind, field_name, int(length or 0)))
+            declared_type, _, field_name = line.partition(" ")
+            type_name, _, length = declared_type.rstrip("]").partition("[")
+            fields.append(Field(type_name, field_name, int(length or 0)))
         nested = {field.type: types[field.type] for field in fields if field.type not in CODES}
         types[name] = MessageType(name, tuple(fields), constants, nested)
     return types
 
 
 MESSAGES: Final = parse((Path(__file__).parent / "px4_msgs.txt").read_text(encoding="utf-8"))
-"""Types by name."""
+"""Message types by name."""

@@ -1,4 +1,4 @@
-"""Publications of one vehicle over ROS 2, from the topic table that log and console also use."""
+"""Publications of one vehicle over ROS 2. The log and the console use the same table of topics."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ TICK_US = 20_000
 TIMESYNC_US, TRIPLET_US = 1_000_000, 50_000
 DDS_PROTOCOL = 2
 """TimesyncStatus.SOURCE_PROTOCOL_DDS."""
-LOITER = {
+DEFAULT_SETPOINT = {
     "type": 5, "loiter_radius": 80.0, "acceptance_radius": 2.0, "cruising_speed": -1.0,
     "cruising_throttle": math.nan,
 }  # fmt: skip
-"""Default field values of a position setpoint; they do not depend on the mission item."""
+"""Fields of a position setpoint that do not depend on the waypoint; type 5 is SETPOINT_TYPE_IDLE."""
 Publish = Callable[[str, bytes], None]
 
 
@@ -34,10 +34,10 @@ class _ArrayReader:
         self._values = message.blank()
         self._sources: list[tuple[Callable[[Simulation], Any], list[int]]] = []
         lengths = {field.name: field.length for field in message.flat}
-        self._sampled = message.index.get("timestamp_sample") if topic.sampled else None
-        for key, source in topic.sources.items():
+        self._timestamp_sample_index = message.index.get("timestamp_sample") if topic.sampled else None
+        for names, source in topic.sources.items():
             indices = [
-                message.index[name] + n for name in key.split() for n in range(lengths[name] or 1)
+                message.index[name] + n for name in names.split() for n in range(lengths[name] or 1)
             ]  # fmt: skip
             if callable(source):
                 self._sources.append((source, indices))
@@ -49,32 +49,32 @@ class _ArrayReader:
         """Encodes the current message."""
         values = self._values
         values[0] = timestamp_us
-        if self._sampled is not None:
-            values[self._sampled] = timestamp_us
+        if self._timestamp_sample_index is not None:
+            values[self._timestamp_sample_index] = timestamp_us
         for source, indices in self._sources:
-            current = source(simulation)[row]
+            source_value = source(simulation)[row]
             if len(indices) == 1:
-                values[indices[0]] = current
+                values[indices[0]] = source_value
             else:
-                for index, value in zip(indices, current.tolist(), strict=True):
+                for index, value in zip(indices, source_value.tolist(), strict=True):
                     values[index] = value
         return self._message.pack(values)
 
 
 class _Schedule:
-    """Time of the next publication of an output, and the value whose change causes a publication."""
+    """When an output is published: at `next_at_us`, or when its key differs from `published_key`."""
 
     def __init__(self, output: Output) -> None:
         self.output = output
-        self.at_us = 0
-        self.key: object = None
+        self.next_at_us = 0
+        self.published_key: object = None
 
     def period_ended(self, now_us: int) -> bool:
         """Whether the period has ended; if so, the next period begins."""
-        if now_us < self.at_us:
+        if now_us < self.next_at_us:
             return False
         every_us = self.output.every_us
-        self.at_us = (now_us // every_us + 1) * every_us
+        self.next_at_us = (now_us // every_us + 1) * every_us
         return True
 
 
@@ -94,20 +94,22 @@ class Outputs:
     ) -> None:
         self._autopilot, self._view = autopilot, autopilot.view
         self._publish, self._offset_us, self._synchronized = publish, offset_us, synchronized
-        arrays = {topic.layout.name: topic for topic in ARRAY_TOPICS}
-        by_name = {topic.layout.name: topic for topic in states.topics}
+        array_topics = {topic.layout.name: topic for topic in ARRAY_TOPICS}
+        state_topics = {topic.layout.name: topic for topic in states.topics}
         self._arrays = [
-            (_Schedule(output), _ArrayReader(arrays[output.source], output.message))
+            (_Schedule(output), _ArrayReader(array_topics[output.source], output.message))
             for output in OUTPUTS
-            if output.source in arrays
+            if output.source in array_topics
         ]
-        self._states: list[tuple[_Schedule, StateTopic]] = [
-            (_Schedule(output), by_name[output.source]) for output in OUTPUTS if output.source in by_name
+        states_on_dds: list[tuple[_Schedule, StateTopic]] = [
+            (_Schedule(output), state_topics[output.source])
+            for output in OUTPUTS
+            if output.source in state_topics
         ]
-        self._fast_states = [pair for pair in self._states if 0 < pair[0].output.every_us < TICK_US]
-        self._states = [pair for pair in self._states if pair not in self._fast_states]
-        self._tick_at_us = self._timesync_at_us = self._triplet_at_us = 0
-        self._waypoint: object = None
+        self._fast_states = [pair for pair in states_on_dds if 0 < pair[0].output.every_us < TICK_US]
+        self._states = [pair for pair in states_on_dds if pair not in self._fast_states]
+        self._next_tick_at_us = self._next_timesync_at_us = self._next_triplet_at_us = 0
+        self._published_waypoint: object = None
 
     def step(self, now_us: int) -> None:
         """Publishes the due topics; called after each simulation step."""
@@ -119,33 +121,33 @@ class Outputs:
         for schedule, topic in self._fast_states:
             if schedule.period_ended(now_us):
                 self._send(schedule.output, dict(topic.read()), now_us)
-        if now_us >= self._tick_at_us:
-            self._tick_at_us = (now_us // TICK_US + 1) * TICK_US
+        if now_us >= self._next_tick_at_us:
+            self._next_tick_at_us = (now_us // TICK_US + 1) * TICK_US
             self._publish_states(now_us)
 
     def _array_due(self, schedule: _Schedule, now_us: int) -> bool:
         if schedule.output.every_us > 0:
             return schedule.period_ended(now_us)
         count = self._view.simulation.sensors.gps_count
-        if count == schedule.key:
+        if count == schedule.published_key:
             return False
-        schedule.key = count
+        schedule.published_key = count
         return True
 
     def _publish_states(self, now_us: int) -> None:
         for schedule, topic in self._states:
             key = topic.key() if topic.key is not None else None
             periodic = schedule.output.every_us > 0 and schedule.period_ended(now_us)
-            if periodic or key != schedule.key:
-                schedule.key = key
+            if periodic or key != schedule.published_key:
+                schedule.published_key = key
                 values = dict(topic.read())
                 if "timestamp_sample" in values:
                     values["timestamp_sample"] += self._offset_us
                 self._send(schedule.output, values, now_us)
-        if self._synchronized and now_us >= self._timesync_at_us:
-            self._timesync_at_us = now_us + TIMESYNC_US
-            self._timesync(now_us)
-        self._triplet(now_us)
+        if self._synchronized and now_us >= self._next_timesync_at_us:
+            self._next_timesync_at_us = now_us + TIMESYNC_US
+            self._publish_timesync(now_us)
+        self._publish_triplet(now_us)
 
     def _send(self, output: Output, values: dict[str, Any], now_us: int) -> None:
         values["timestamp"] = now_us + self._offset_us
@@ -153,7 +155,7 @@ class Outputs:
             self._autopilot.commander.external.on_status_published(values["can_set_nav_states_mask"])
         self._publish(output.name, output.message.encode(values))
 
-    def _timesync(self, now_us: int) -> None:
+    def _publish_timesync(self, now_us: int) -> None:
         self._publish(
             TIMESYNC,
             MESSAGES["TimesyncStatus"].encode(
@@ -165,17 +167,17 @@ class Outputs:
             ),
         )  # fmt: skip
 
-    def _triplet(self, now_us: int) -> None:
-        """Publishes the waypoint: at 20 Hz while disarmed, otherwise when it changes."""
+    def _publish_triplet(self, now_us: int) -> None:
+        """Publishes the waypoint when the waypoint changes, and while disarmed also at 20 Hz."""
         armed, waypoint = self._autopilot.commander.armed, self._autopilot.waypoint
-        if waypoint == self._waypoint and (armed or now_us < self._triplet_at_us):
+        if waypoint == self._published_waypoint and (armed or now_us < self._next_triplet_at_us):
             return
-        self._waypoint, self._triplet_at_us = waypoint, (now_us // TRIPLET_US + 1) * TRIPLET_US
+        self._published_waypoint, self._next_triplet_at_us = waypoint, (now_us // TRIPLET_US + 1) * TRIPLET_US
         values: dict[str, Any] = {"timestamp": now_us + self._offset_us}
-        for part in ("previous", "current", "next"):
-            valid = part == "current" and waypoint is not None
+        for role in ("previous", "current", "next"):
+            valid = role == "current" and waypoint is not None
             lat_deg, lon_deg, alt_m = waypoint if valid and waypoint else (math.nan, math.nan, 0.0)
-            setpoint = LOITER | {"timestamp": now_us, "valid": valid, "yaw": math.nan}
+            setpoint = DEFAULT_SETPOINT | {"timestamp": now_us, "valid": valid, "yaw": math.nan}
             setpoint |= {"lat": lat_deg, "lon": lon_deg, "alt": alt_m}
-            values |= {f"{part}.{name}": value for name, value in setpoint.items()}
+            values |= {f"{role}.{name}": value for name, value in setpoint.items()}
         self._publish(TRIPLET, MESSAGES["PositionSetpointTriplet"].encode(values))
