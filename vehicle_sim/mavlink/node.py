@@ -95,7 +95,7 @@ class Node:
         return self.context.system_id
 
     def add_camera(self, camera: Camera) -> None:
-        """Adds a camera as a separate component."""
+        """Adds a camera as a separate MAVLink component."""
         self._camera = service = CameraService(self.context, camera)
 
         def send_heartbeats(link: Link) -> None:
@@ -141,8 +141,8 @@ class Node:
 
     @property
     def needs_every_step(self) -> bool:
-        """Whether `step` must be called after each simulation step; otherwise it is called only after each
-        tick of the autopilot."""
+        """Whether `step` must be called after each simulation step, not only after each tick of the
+        autopilot."""
         context = self.context
         return bool(context.links) or context.has_pending or self._camera is not None
 

@@ -1,7 +1,7 @@
 """Messages that PX4 streams by default on its two default links, and their rates.
 
-Rates in Hz as configured; measured rates of a real vehicle are up to 1 % lower. A message that is not in a
-link's table is not streamed on the link until a client sets an interval.
+Rates are those that PX4 configures, in Hz; measured rates of a real vehicle are up to 1 % lower. A message
+that is not in a link's table is not streamed on the link until a client sets an interval.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ API: Final[dict[str, float]] = GCS | {
 PROFILES: Final[dict[str, dict[str, float]]] = {"gcs": GCS, "api": API}
 
 RESTORED_HZ: Final[dict[str, float]] = {"ATTITUDE": 15.0}
-"""Rates after a client has set interval 0 ("default"), for messages whose rate then differs from boot."""
+"""Rates after a client has set interval 0 ("default"), if they differ from the rates at boot."""
 
 FIXED_INTERVAL: Final = frozenset({"HEARTBEAT", "CURRENT_EVENT_SEQUENCE", "EVENT"})
 """Messages for which PX4 accepts no interval."""

@@ -74,7 +74,7 @@ class Camera:
         self.captures: list[Capture] = []
         self.used_bytes = 0
         self.interval_s = 0.0
-        """Interval of the running image sequence; 0: no sequence."""
+        """Interval of the running image sequence; 0 for a single picture or without a sequence."""
         self._remaining_pictures = 0
         self._next_picture_at_s = math.inf
 

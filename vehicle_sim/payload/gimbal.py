@@ -88,7 +88,8 @@ class Gimbal:
         """Whether `update` has no effect until a command, a parameter or the landed state changes."""
         self._roi: GlobalPosition | None = None
         self._waypoint_offsets: Angles | None = None
-        """Offsets relative to the direction of the next waypoint; None: the gimbal does not point at it."""
+        """Offsets relative to the direction of the next waypoint; None: the gimbal does not point at a
+        waypoint."""
 
     @property
     def enabled(self) -> bool:

@@ -58,14 +58,15 @@ class Batteries:
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads SIM_BAT_* and BAT1_* of vehicle `i`."""
         cells = max(1, int(parameters.get("BAT1_N_CELLS")))
-        empty, charged = parameters.finite_value("BAT1_V_EMPTY"), parameters.finite_value("BAT1_V_CHARGED")
+        cell_empty_v = parameters.finite_value("BAT1_V_EMPTY")
+        cell_charged_v = parameters.finite_value("BAT1_V_CHARGED")
         drain_s = parameters.finite_value("SIM_BAT_DRAIN")
         drains = parameters.get("SIM_BAT_ENABLE") != 0 and drain_s > 0.0
         self.state.cell_count[i] = cells
         self._drain_per_s[i] = 1.0 / drain_s if drains else 0.0
         self._min_charge[i] = min(1.0, max(0.0, parameters.finite_value("SIM_BAT_MIN_PCT") / 100.0))
-        self._empty_v[i] = empty * cells
-        self._voltage_range_v[i] = (charged - empty) * cells
+        self._empty_v[i] = cell_empty_v * cells
+        self._voltage_range_v[i] = (cell_charged_v - cell_empty_v) * cells
         self._update_voltage()
 
     def refill(self, i: int) -> None:

@@ -114,7 +114,7 @@ def _advance(
     velocity: Rows, acceleration: Rows, q: Rows, matrix: Blocks, rates: Rows,
     rotors: Rows, on_ground: Flags,
 ) -> None:  # fmt: skip
-    """Advances by one step: positions by the old velocities, velocities and attitudes by the new
+    """Advances by one step: positions with the old velocities, velocities and attitudes with the new
     accelerations."""
     for i in range(position.shape[0]):
         thrust_m_s2 = roll_rad_s2 = pitch_rad_s2 = yaw_rad_s2 = 0.0
@@ -143,8 +143,8 @@ def _advance(
         rates[i, 0] += dt_s * roll_rad_s2
         rates[i, 1] += dt_s * pitch_rad_s2
         rates[i, 2] += dt_s * yaw_rad_s2
-        # A descending vehicle is stopped even while it decelerates; a vehicle at rest stays while its weight
-        # exceeds its lift.
+        # The ground stops a descending vehicle even while the vehicle decelerates. A vehicle at rest stays on
+        # the ground while its weight exceeds its lift.
         descent_m_s = velocity[i, 2]
         supported = position[i, 2] >= ground_down_m[i] and (
             descent_m_s > 0.0 or (acceleration[i, 2] >= 0.0 and descent_m_s >= 0.0)

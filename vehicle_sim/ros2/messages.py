@@ -50,7 +50,7 @@ class MessageType:
 
     @cached_property
     def flat(self) -> tuple[Field, ...]:
-        """Primitive fields in wire order; those of nested types are named `outer.inner` or `outer[n].inner`."""
+        """Primitive fields in wire order; nested fields are named `outer.inner` or `outer[n].inner`."""
         return tuple(self._flat(""))
 
     def _flat(self, prefix: str) -> Iterator[Field]:

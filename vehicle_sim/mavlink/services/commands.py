@@ -28,7 +28,7 @@ class CommandService:
         self._context = context
         self._commands = commands
         self._queue: list[Callable[[], None]] = []
-        """Mode changes run before the next tick; a command received after a mode change must wait for it."""
+        """Mode changes, which run before the next tick, and commands received after a waiting mode change."""
         self.handlers = {
             "COMMAND_LONG": self.command_long,
             "COMMAND_INT": self.command_int,

@@ -2,7 +2,7 @@
 
 Opcodes, errors and header are MAVLink's ("File Transfer Protocol"). Some behaviour was recorded on PX4: a
 directory can be opened and occupies the session, a burst ends after 40 kB, and an error contains the errno of
-the last failure system call. The only session has number 0: the reply to opening a file contains this number,
+the last failed system call. The only session has number 0: the reply to opening a file contains this number,
 and reading and closing require it; bursts and writes accept any number.
 """
 
@@ -37,7 +37,7 @@ BURST_MESSAGES_PER_STEP = 5
 
 
 class RequestFailed(Exception):
-    """A request has failure; `code` is the error code of the NAK."""
+    """A request has failed; `code` is the error code of the NAK."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)

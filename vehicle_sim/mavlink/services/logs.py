@@ -34,9 +34,9 @@ class Log:
 class _Listing:
     """Log entries still to be sent."""
 
-    next: int
-    last: int
-    count: int
+    next_number: int
+    last_number: int
+    log_count: int
 
 
 @dataclass(slots=True)
@@ -147,15 +147,15 @@ class LogService:
         if listing is None:
             return
         for _ in range(ENTRIES_PER_STEP):
-            if listing.next > min(listing.last, len(logs) - 1):
+            if listing.next_number > min(listing.last_number, len(logs) - 1):
                 self._listings.pop(link.name, None)
                 return
-            log = logs[listing.next]
+            log = logs[listing.next_number]
             link.send(
-                "LOG_ENTRY", id=listing.next, num_logs=listing.count, last_log_num=listing.last,
-                time_utc=log.time_utc_s, size=self._file_size(log.path),
+                "LOG_ENTRY", id=listing.next_number, num_logs=listing.log_count,
+                last_log_num=listing.last_number, time_utc=log.time_utc_s, size=self._file_size(log.path),
             )  # fmt: skip
-            listing.next += 1
+            listing.next_number += 1
 
     def _send_data(self, link: Link) -> None:
         transfer = self._transfers.get(link.name)

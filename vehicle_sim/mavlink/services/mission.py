@@ -25,7 +25,7 @@ CRITICAL_SEVERITY = 2
 ITEM_FIELDS = ("frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x",
                "y", "z")  # fmt: skip
 _INT_FRAMES, _FLOAT_FRAMES = {0: 5, 3: 6}, {5: 0, 6: 3}
-"""Frame of an item in MISSION_ITEM_INT and in MISSION_ITEM, where it differs from the stored frame."""
+"""Frame of an item in MISSION_ITEM_INT and in MISSION_ITEM, where the frame differs from the stored frame."""
 UNEXPECTED = "WPM: REJ. CMD: Req. WP was unexpected"
 BUSY = "WPM: REJ. CMD: Busy"
 

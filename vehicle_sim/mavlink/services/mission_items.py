@@ -1,4 +1,4 @@
-"""Which items PX4's mission protocol accepts, with its result codes, and the id of a stored plan."""
+"""Checks of items as in PX4's mission protocol, and the id of a stored plan."""
 
 from __future__ import annotations
 

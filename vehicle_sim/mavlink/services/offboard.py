@@ -8,7 +8,7 @@ from vehicle_sim.mavlink.link import Link
 
 
 class OffboardService:
-    """Receives setpoints from any link; a target system or component of 0 addresses all of them."""
+    """Receives setpoints from any link; target system 0 means all vehicles, component 0 all components."""
 
     def __init__(self, context: Context) -> None:
         self._context = context

@@ -29,6 +29,7 @@ VERSION_1_16_0 = 17826047
 GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
 UID = 0x4954_414C_4449_4E4F
 """Uid that every PX4 build for Linux reports; all simulated vehicles have this uid."""
+MIN_INTERVAL_US = 4000
 EMPTY_STREAM_INTERVALS_US = {BY_NAME["DEBUG_VECT"].id: 100_000}
 """Interval, by message id, of streams that PX4 configures but that have no data in simulation."""
 EMPTY_STREAMS = frozenset(
@@ -50,7 +51,7 @@ NOT_ON_REQUEST = frozenset(
 
 
 class RequestService:
-    """Handles REQUEST_MESSAGE, SET_ and GET_MESSAGE_INTERVAL, and the deprecated request commands."""
+    """Handles requests for messages, commands for message intervals, and the deprecated request commands."""
 
     def __init__(self, context: Context, send_ping: Callable[[Link], None], files: VehicleFiles) -> None:
         self._context = context
@@ -106,7 +107,7 @@ class RequestService:
         return ACCEPTED
 
     def set_interval(self, command: Command) -> int:
-        """Handles SET_MESSAGE_INTERVAL: negative means off, 0 (or NaN) default, otherwise microseconds."""
+        """Handles SET_MESSAGE_INTERVAL [µs]: negative stops the stream, 0 or NaN restores the default."""
         if command.p7 != 0.0 and math.isfinite(command.p7):
             return FAILED
         msg_id = int(command.p1) & 0xFFFF if math.isfinite(command.p1) else 0
@@ -128,7 +129,7 @@ class RequestService:
         elif not math.isfinite(interval) or interval < 0.0:
             link.set_interval(msg_id, 0, now_us)
         else:
-            link.set_interval(msg_id, max(4000, int(interval)), now_us)
+            link.set_interval(msg_id, max(MIN_INTERVAL_US, int(interval)), now_us)
         return ACCEPTED
 
     def get_interval(self, command: Command) -> int:
