@@ -4,7 +4,8 @@ A strapdown prediction runs at half the IMU rate, because PX4's filter also comb
 filter (`kalman.py`) is corrected by one module for each sensor: `gnss.py`, `barometer.py`, `magnetometer.py`
 and `vision.py`. Without these sensors, `constraints.py` limits the drift. Outputs follow corrections smoothly
 (EKF2_TAU_POS, EKF2_TAU_VEL). A reset of the filter moves the outputs at once by the same amount. Without
-aiding the estimate drifts with the errors of the IMU, and becomes invalid after EKF2_NOAID_TOUT.
+aiding the estimate drifts with the errors of the IMU; position and velocity become invalid after
+EKF2_NOAID_TOUT.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ RANGE_EVERY_STEPS = 10
 DEAD_RECKONING_AFTER_S = 1.0
 _SAMPLES_PER_PREDICTION = 2
 _ALIGN_SAMPLES = 25
+"""Number of IMU samples that the alignment averages."""
 _BARO_SAMPLES = 2
 """Number of barometer samples that are averaged, as PX4's sensor hub does with samples at 20 Hz
 (SENS_BARO_RATE): the recorded pressure altitude has a noise of 0.06 m, a single sample 0.09 m."""
@@ -67,25 +69,27 @@ class Estimator:
         self.state = blank_estimate(count)
         self.fusion = blank_fusion(count)
         self.kalman = Kalman(count, self._predict_s, self.state.q_ned_frd)
-        self._yaw = YawEstimator(count, self.state.q_ned_frd)
+        self._yaw_estimator = YawEstimator(count, self.state.q_ned_frd)
         self._angle_sum, self._velocity_sum = np.zeros((count, 3)), np.zeros((count, 3))
-        self._gnss = Gnss(count, self.kalman, self.fusion, self._yaw)
+        self._gnss = Gnss(count, self.kalman, self.fusion, self._yaw_estimator)
         self._barometer = Barometer(count, self.kalman, self.fusion)
         self._magnetometer = Magnetometer(count, self.kalman, self.fusion)
         self._constraints = Constraints(count, self.kalman, self.fusion)
         self._vision = Vision(count)
         self._terrain = Terrain(count, dt_s * RANGE_EVERY_STEPS)
-        self._gyro = GyroFilter(count, dt_s)
+        self._gyro_filter = GyroFilter(count, dt_s)
         self._samples = self._predictions = 0
         self._constrain_every = round(CONSTRAINT_INTERVAL_S / self._predict_s)
-        self._started = np.zeros(count, dtype=np.bool_)
+        self._aligned = np.zeros(count, dtype=np.bool_)
+        """(N,) vehicles whose alignment is complete."""
         self._align_force_sum, self._align_field_sum = np.zeros((count, 3)), np.zeros((count, 3))
-        self._align_sample_count = np.zeros(count, dtype=np.int64)
+        self._align_samples = np.zeros(count, dtype=np.int64)
         self._delta_angle = np.zeros((count, 3))
         self._delta_velocity = np.zeros((count, 3))
         self._output_offset = np.zeros((count, 2, 3))
         """(N, 2, 3) output minus filter state, for velocity and position; decays after a correction."""
         self._offset_decay = np.ones((count, 2))
+        """(N, 2) factor per prediction of the velocity's and the position's output offset."""
         self._aided_at_s = np.full(count, -math.inf)
         self._no_aid_limit_s = np.zeros(count)
         self._vision_height_at_s = np.full(count, -math.inf)
@@ -115,7 +119,7 @@ class Estimator:
             self._terrain,
         ):
             module.configure(i, parameters)
-        self._gyro.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))
+        self._gyro_filter.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))
         for k, name in enumerate(("EKF2_TAU_VEL", "EKF2_TAU_POS")):
             self._offset_decay[i, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
         self._no_aid_limit_s[i] = 1e-6 * value("EKF2_NOAID_TOUT") + HORIZON_S
@@ -129,10 +133,10 @@ class Estimator:
         self._constraints.reset(i)
         self._vision.reset(i)
         self._terrain.reset(i)
-        self._gyro.reset(i)
-        self._yaw.reset(i)
-        self._started[i] = False
-        sums = self._align_force_sum, self._align_field_sum, self._align_sample_count
+        self._gyro_filter.reset(i)
+        self._yaw_estimator.reset(i)
+        self._aligned[i] = False
+        sums = self._align_force_sum, self._align_field_sum, self._align_samples
         for rows in (*sums, self._delta_angle, self._delta_velocity, self._output_offset):
             rows[i] = 0
         self._aided_at_s[i] = self._vision_height_at_s[i] = -math.inf
@@ -141,9 +145,9 @@ class Estimator:
     def update(self, sensors: SensorState) -> None:
         """Processes the sensor samples of this step."""
         state = self.state
-        if not all_of(self._started):
+        if not all_of(self._aligned):
             self._align(sensors)
-        self._gyro.update(
+        self._gyro_filter.update(
             sensors.gyro_frd_rad_s, state.rates_frd_rad_s, state.angular_acceleration_frd_rad_s2
         )
         _add_sample(
@@ -180,16 +184,16 @@ class Estimator:
         np.copyto(self._armed, armed)
 
     def add_vision(self, i: int, sample: VisionSample) -> None:
-        """Stores an external position, velocity or heading of vehicle `i` for fusion (EKF2_EV_CTRL)."""
+        """Stores an external position, velocity or heading of vehicle `i` for the next fusion."""
         self._vision.add_sample(i, sample)
 
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Sets the local origin of vehicle `i`; its global position does not change."""
         state = self.state
-        old = (state.origin_lat_deg[i], state.origin_lon_deg[i], state.origin_alt_amsl_m[i])
-        if np.isfinite(old[0]):
-            north_m, east_m = to_local(old[0], old[1], np.asarray(lat_deg), np.asarray(lon_deg))
-            shift = np.array([north_m, east_m, alt_amsl_m - old[2]])
+        old_lat_deg, old_lon_deg = state.origin_lat_deg[i], state.origin_lon_deg[i]
+        if np.isfinite(old_lat_deg):
+            north_m, east_m = to_local(old_lat_deg, old_lon_deg, np.asarray(lat_deg), np.asarray(lon_deg))
+            shift = np.array([north_m, east_m, alt_amsl_m - state.origin_alt_amsl_m[i]])
             self.kalman.position[i] += shift
             state.position_ned_m[i] += shift
             self._barometer.bias_m[i] += shift[2]
@@ -199,22 +203,22 @@ class Estimator:
     def _align(self, sensors: SensorState) -> None:
         """Initializes roll and pitch from the accelerometer and the heading from the magnetometer after a
         start."""
-        new = ~self._started
-        self._align_force_sum[new] += sensors.accel_frd_m_s2[new]
-        self._align_field_sum[new] += sensors.mag_frd_gauss[new]
-        self._align_sample_count[new] += 1
-        for i in map(int, np.flatnonzero(new & (self._align_sample_count >= _ALIGN_SAMPLES))):
+        unaligned = ~self._aligned
+        self._align_force_sum[unaligned] += sensors.accel_frd_m_s2[unaligned]
+        self._align_field_sum[unaligned] += sensors.mag_frd_gauss[unaligned]
+        self._align_samples[unaligned] += 1
+        for i in map(int, np.flatnonzero(unaligned & (self._align_samples >= _ALIGN_SAMPLES))):
             ax, ay, az = self._align_force_sum[i]
             roll, pitch = math.atan2(-ay, -az), math.atan2(ax, math.hypot(ay, az))
-            level = rotation_matrix(quaternion_from_euler(roll, pitch, 0.0)[None, :])
-            field = rotate(level, self._align_field_sum[i : i + 1])[0]
-            yaw = self._magnetometer.align(i, self._now_s, field)
+            tilt_matrix = rotation_matrix(quaternion_from_euler(roll, pitch, 0.0)[None, :])
+            level_field = rotate(tilt_matrix, self._align_field_sum[i : i + 1])[0]
+            yaw = self._magnetometer.align(i, self._now_s, level_field)
             self.state.q_ned_frd[i] = quaternion_from_euler(roll, pitch, yaw)
             self.state.valid_attitude[i] = True
             self.state.valid_altitude[i] = True
             self._barometer.align(i, self._now_s, float(sensors.baro_alt_amsl_m[i]))
             self.kalman.motion[i] = 0.0
-            self._started[i] = True
+            self._aligned[i] = True
         self.kalman.matrix[:] = rotation_matrix(self.state.q_ned_frd)
 
     def _predict(self) -> None:
@@ -228,7 +232,8 @@ class Estimator:
             state.velocity_ned_m_s, state.position_ned_m, state.acceleration_ned_m_s2, state.heading_rad,
         )  # fmt: skip
         if self._predictions % YAW_PREDICTIONS_PER_STEP == 0:
-            self._yaw.predict(self._angle_sum, self._velocity_sum, self._predict_s * YAW_PREDICTIONS_PER_STEP)
+            step_s = self._predict_s * YAW_PREDICTIONS_PER_STEP
+            self._yaw_estimator.predict(self._angle_sum, self._velocity_sum, step_s)
             self._angle_sum.fill(0.0)
             self._velocity_sum.fill(0.0)
         self._predictions += 1
@@ -242,10 +247,10 @@ class Estimator:
             state.position_ned_m[:, 0], state.position_ned_m[:, 1], state.origin_lat_deg, state.origin_lon_deg
         )
         np.subtract(state.origin_alt_amsl_m, state.position_ned_m[:, 2], out=state.alt_amsl_m)
-        variance = self.kalman.variances(VELOCITY, POSITION + 3)
-        state.horizontal_accuracy_m[:] = np.sqrt(variance[:, 3] + variance[:, 4])
-        state.vertical_accuracy_m[:] = np.sqrt(variance[:, 5])
-        state.speed_accuracy_m_s[:] = np.sqrt(variance[:, 0] + variance[:, 1])
+        variances = self.kalman.variances(VELOCITY, POSITION + 3)
+        state.horizontal_accuracy_m[:] = np.sqrt(variances[:, 3] + variances[:, 4])
+        state.vertical_accuracy_m[:] = np.sqrt(variances[:, 5])
+        state.speed_accuracy_m_s[:] = np.sqrt(variances[:, 0] + variances[:, 1])
         if self._predictions % _TIMEOUTS_EVERY_PREDICTIONS == 0:
             self._stop_without_samples(now_s)
         unaided_s = now_s - self._aided_at_s
@@ -253,7 +258,7 @@ class Estimator:
         aided = unaided_s < self._no_aid_limit_s
         state.valid_position[:] = aided
         state.valid_velocity[:] = aided
-        state.valid_altitude[:] = self._started & ~fusion.fake_hgt
+        state.valid_altitude[:] = self._aligned & ~fusion.fake_hgt
 
     def _stop_without_samples(self, now_s: float) -> None:
         """Stops the fusion of sensors that send no data; called about 12 times per second."""
@@ -263,28 +268,28 @@ class Estimator:
         np.copyto(self.fusion.vision_hgt, now_s - self._vision_height_at_s <= DEAD_RECKONING_AFTER_S)
 
     def _fuse(self, sensors: SensorState, counts: list[int], constrain: bool) -> None:
-        """Fuses new samples. The outputs follow corrections smoothly, and resets immediately."""
+        """Fuses new samples. The outputs follow corrections smoothly, and follow resets immediately."""
         kalman, fusion, state, now_s = self.kalman, self.fusion, self.state, self._now_s
-        old, self._sample_counts = self._sample_counts, counts
-        gnss_due = counts[0] != old[0]
-        baro_due = counts[1] != old[1] and counts[1] % _BARO_SAMPLES == 0
-        if counts[1] != old[1]:
+        old_counts, self._sample_counts = self._sample_counts, counts
+        gnss_due = counts[0] != old_counts[0]
+        baro_due = counts[1] != old_counts[1] and counts[1] % _BARO_SAMPLES == 0
+        if counts[1] != old_counts[1]:
             self._barometer.add(sensors)
-        if counts[2] != old[2]:
+        if counts[2] != old_counts[2]:
             self._add_mag(sensors)
         mag_due = self._mag_samples == _MAG_SAMPLES
         if not (gnss_due or baro_due or mag_due or constrain or self._vision.has_samples):
             return
-        before = kalman.motion.copy()
+        old_motion = kalman.motion.copy()
         kalman.propagate_covariance()
         if gnss_due:
-            aided = self._gnss.fuse(now_s, sensors, state, self._started)
+            aided = self._gnss.fuse(now_s, sensors, state, self._aligned)
             self._aided_at_s[aided] = now_s
             state.gps_rejected[:] = self._gnss.rejected
             state.valid_position |= aided
             state.valid_velocity |= aided
         if baro_due:
-            self._barometer.fuse(now_s, now_s - self._baro_at_s, self._started)
+            self._barometer.fuse(now_s, now_s - self._baro_at_s, self._aligned)
             self._baro_at_s = now_s
         if baro_due or gnss_due:
             self._publish_ratios(now_s)
@@ -294,9 +299,9 @@ class Estimator:
             self._fuse_vision()
         if constrain:
             aided = fusion.gnss_pos | fusion.gnss_vel | self._vision.aided(now_s)
-            moving = self._armed | fusion.in_air
-            self._constraints.update(aided, moving, self._started)
-        self._output_offset -= kalman.motion - before - kalman.reset_shift
+            armed_or_flying = self._armed | fusion.in_air
+            self._constraints.update(aided, armed_or_flying, self._aligned)
+        self._output_offset -= kalman.motion - old_motion - kalman.reset_shift
         kalman.reset_shift.fill(0.0)
 
     def _publish_ratios(self, now_s: float) -> None:
@@ -306,8 +311,8 @@ class Estimator:
         state.innovation_ratio_position[:] = np.where(fusion.gnss_pos, self._gnss.test_ratio[:, 1], 0.0)
         gps_ratio = np.where(fusion.gps_hgt, self._gnss.test_ratio[:, 2], 0.0)
         baro_ratio = np.where(fusion.baro_hgt, self._barometer.test_ratio, 0.0)
-        sources = np.maximum(fusion.gps_hgt * 1 + fusion.baro_hgt * 1, 1)
-        state.innovation_ratio_height[:] = (gps_ratio + baro_ratio) / sources
+        source_count = np.maximum(fusion.gps_hgt * 1 + fusion.baro_hgt * 1, 1)
+        state.innovation_ratio_height[:] = (gps_ratio + baro_ratio) / source_count
         baro_below = np.where(fusion.baro_hgt, self._barometer.below_sigma, 0.0)
         fusion.check_accelerometer(now_s, baro_below, np.where(fusion.gps_hgt, self._gnss.below_sigma, 0.0))
         np.copyto(self.kalman.bad_accel, fusion.bad_acc_vertical)
@@ -325,7 +330,7 @@ class Estimator:
             np.isnan(state.height_above_ground_m), -self.kalman.position[:, 2], state.height_above_ground_m
         )
         self._magnetometer.fuse(
-            now_s, now_s - self._mag_at_s, self._mag_sum / _MAG_SAMPLES, self._mag_fresh & self._started,
+            now_s, now_s - self._mag_at_s, self._mag_sum / _MAG_SAMPLES, self._mag_fresh & self._aligned,
             height > ABOVE_ANOMALIES_M,
         )  # fmt: skip
         state.innovation_ratio_mag[:] = self._magnetometer.test_ratio
@@ -334,21 +339,21 @@ class Estimator:
 
     def _fuse_vision(self) -> None:
         state, kalman, now_s = self.state, self.kalman, self._now_s
-        gnss = self.fusion.gnss_pos | self.fusion.gnss_vel
-        for result in self._vision.fuse(kalman, gnss & ~self.fusion.dead_reckoning, now_s):
+        gnss_fused = self.fusion.gnss_pos | self.fusion.gnss_vel
+        for result in self._vision.fuse(kalman, gnss_fused & ~self.fusion.dead_reckoning, now_s):
             i = result.row
-            if result.horizontal:
+            if result.horizontal_fused:
                 self._aided_at_s[i] = now_s
                 state.valid_position[i] = state.valid_velocity[i] = True
-            if result.vertical:
+            if result.vertical_fused:
                 self._vision_height_at_s[i] = now_s
-            noise = self._vision.heading_variance(i)
-            if math.isfinite(noise) and math.isfinite(result.heading_rad):
+            heading_variance = self._vision.heading_variance(i)
+            if math.isfinite(heading_variance) and math.isfinite(result.heading_rad):
                 count = len(state.heading_rad)
-                innovation, variance = np.zeros(count), np.full(count, np.inf)
-                innovation[i] = math.remainder(result.heading_rad - float(state.heading_rad[i]), math.tau)
-                variance[i] = noise
-                kalman.fuse(YAW, innovation, variance)
+                innovations, variances = np.zeros(count), np.full(count, np.inf)
+                innovations[i] = math.remainder(result.heading_rad - float(state.heading_rad[i]), math.tau)
+                variances[i] = heading_variance
+                kalman.fuse(YAW, innovations, variances)
 
 
 @kernel
@@ -361,20 +366,20 @@ def _add_sample(dt_s: float, gyro: Rows, accel: Rows, delta_angle: Rows, delta_v
 
 @kernel
 def _publish_motion(
-    dt_s: float, delta_angle: Rows, delta_velocity: Rows, angle_sum: Rows, velocity_change: Rows, decay: Rows,
-    residual: Blocks, vector: Rows, change_m_s: Rows, q: Rows, velocity: Rows, position: Rows,
-    acceleration: Rows, heading_rad: Column,
+    dt_s: float, delta_angle: Rows, delta_velocity: Rows, angle_sum: Rows, velocity_sum: Rows,
+    offset_decay: Rows, output_offset: Blocks, vector: Rows, velocity_change: Rows, q: Rows, velocity: Rows,
+    position: Rows, acceleration: Rows, heading_rad: Column,
 ) -> None:  # fmt: skip
     """Writes the outputs after a prediction, adds the step to the yaw estimator's sums, and clears the
     IMU sums."""
     for i in range(q.shape[0]):
         for k in range(3):
             angle_sum[i, k] += delta_angle[i, k]
-            velocity_change[i, k] += delta_velocity[i, k]
+            velocity_sum[i, k] += delta_velocity[i, k]
             delta_angle[i, k] = delta_velocity[i, k] = 0.0
-            residual[i, 0, k] *= decay[i, 0]
-            residual[i, 1, k] *= decay[i, 1]
-            velocity[i, k] = vector[i, k] + residual[i, 0, k]
-            position[i, k] = vector[i, 3 + k] + residual[i, 1, k]
-            acceleration[i, k] = change_m_s[i, k] / dt_s
+            output_offset[i, 0, k] *= offset_decay[i, 0]
+            output_offset[i, 1, k] *= offset_decay[i, 1]
+            velocity[i, k] = vector[i, k] + output_offset[i, 0, k]
+            position[i, k] = vector[i, 3 + k] + output_offset[i, 1, k]
+            acceleration[i, k] = velocity_change[i, k] / dt_s
         heading_rad[i] = heading(q[i])

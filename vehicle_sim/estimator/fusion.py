@@ -1,4 +1,4 @@
-"""Flags and counters of each estimator, as PX4's EKF2 reports them: fusion, faults and resets."""
+"""State of each estimator's fusion: flags and counters as PX4's EKF2 reports them, and their times."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 HEIGHT_TIMEOUT_S = 5.0
-"""After this time of rejections a height source is stopped, or the height is reset to the source
+"""After rejections for this time the fusion of a height source stops, or the height is reset to the source
 (hgt_fusion_timeout_max)."""
 RESET_TIMEOUT_S = 7.0
-"""After this time of rejections, position, velocity or heading is reset to its source (reset_timeout_max)."""
+"""After rejections for this time, position, velocity or heading is reset to its source
+(reset_timeout_max)."""
 HORIZON_S = 0.12
-"""PX4 fuses samples of this age (its delayed time horizon), and detects missing samples that much later."""
-BAD_ACCEL_RESETS_AFTER_S = 0.5
+"""PX4 fuses samples of this age (its delayed time horizon), so it detects missing samples this much later."""
+_BAD_ACCEL_RESET_AFTER_S = 0.5
 _BAD_ACCEL_HOLD_S = 3.0
 _COUNTERS = ("vxy_reset_counter", "vz_reset_counter", "xy_reset_counter", "z_reset_counter")
 _FAULT_SIGMA, _CONFIRMATION_SIGMA = 3.0, 1.0
-"""Innovations in standard deviations: one source indicates a fault above the first value, and a source of the
-other kind confirms the fault above the second value."""
+"""Innovations in standard deviations. Above the first value one height source indicates a fault; above the
+second value a source of the other kind (GNSS, barometer) confirms it."""
 
 
 @dataclass(slots=True)
 class Fusion:
     """Flags (N,) with the names of estimator_status_flags; counters (N,) with the names of
-    vehicle_local_position."""
+    vehicle_local_position; times since boot."""
 
     gnss_pos: BoolArray
     gnss_vel: BoolArray
@@ -49,7 +50,7 @@ class Fusion:
     vehicle_at_rest: BoolArray
     in_air: BoolArray
     aided_once: BoolArray
-    """GNSS has aided the estimate since the start; the first fusion of another source is then a reset."""
+    """GNSS has aided the estimate since its start; if not, keeping the position is not counted as a reset."""
     vision_hgt: BoolArray
     dead_reckoning: BoolArray
     bad_acc_vertical: BoolArray
@@ -59,7 +60,7 @@ class Fusion:
     gps_receiving: BoolArray
     """The receiver sends fixes."""
     resets: IntArray
-    """(4, N) the four counters that follow."""
+    """(4, N) array of the next four counters, which are its rows."""
     vxy_reset_counter: IntArray
     vz_reset_counter: IntArray
     xy_reset_counter: IntArray
@@ -74,23 +75,22 @@ class Fusion:
     """(N,) how far resets have moved the estimate down since the last barometer fusion."""
 
     def height_reset_due(self, now_s: float) -> BoolArray:
-        """(N,) vehicles whose height must be reset: no accepted height for too long, or a faulty
-        accelerometer."""
+        """(N,) vehicles whose height must be reset, because no height was accepted for too long or the
+        accelerometer is faulty."""
         no_height = now_s - self.height_fused_at_s > HEIGHT_TIMEOUT_S
-        return no_height | (now_s - self.accel_good_at_s > BAD_ACCEL_RESETS_AFTER_S)
+        return no_height | (now_s - self.accel_good_at_s > _BAD_ACCEL_RESET_AFTER_S)
 
     def check_accelerometer(self, now_s: float, baro_below: FloatArray, gnss_below: FloatArray) -> None:
-        """Detects a faulty accelerometer: two kinds of height sources both measure a height above the
-        estimate.
+        """Detects a faulty accelerometer, if barometer and GNSS both measure a height above the estimate.
 
         Args:
-            now_s: since boot.
+            now_s: time since boot.
             baro_below: (N,) how far the estimate is below the barometer's height, in standard deviations of
                 the innovation.
-            gnss_below: (N,) how far the estimate is below GNSS height or velocity, the greater of the two.
+            gnss_below: (N,) the same for GNSS height or vertical velocity, the greater of the two.
         """
-        larger, smaller = np.maximum(baro_below, gnss_below), np.minimum(baro_below, gnss_below)
-        bad = (larger > _FAULT_SIGMA) & (smaller > _CONFIRMATION_SIGMA)
+        largest, smallest = np.maximum(baro_below, gnss_below), np.minimum(baro_below, gnss_below)
+        bad = (largest > _FAULT_SIGMA) & (smallest > _CONFIRMATION_SIGMA)
         self.accel_bad_at_s[bad] = now_s
         self.accel_good_at_s[~bad] = now_s
         ongoing = self.bad_acc_vertical & (now_s - self.accel_bad_at_s < _BAD_ACCEL_HOLD_S)

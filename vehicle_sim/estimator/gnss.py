@@ -1,9 +1,9 @@
 """Fusion of GNSS: PX4's quality checks (EKF2_REQ_*), gates, timeouts and resets.
 
-Fixes are used once the checks have passed for one second (the first time: for EKF2_REQ_GPS_H). Position and
-velocity are each rejected as a whole if one axis is outside its gate. The estimate is reset to the fix
-after 7 s of rejected velocity and position, or after 14 s of rejected position alone. Fusion stops after 7 s
-without a good fix.
+Fixes are used after the checks have passed for EKF2_REQ_GPS_H; after a later failure one second is enough.
+Position and velocity are each rejected as a whole if one axis is outside its gate. The estimate is reset to
+the fix after 7 s of rejected velocity and position, or after 14 s of rejected position alone. Fusion stops
+after 7 s without a good fix.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ VERTICAL_NOISE_FACTOR = 1.5
 MAX_TEST_RATIO = 2.0
 """Upper limit of the test ratios in ESTIMATOR_STATUS."""
 _CHECKS = {"EKF2_REQ_NSATS": 1, "EKF2_REQ_PDOP": 2, "EKF2_REQ_EPH": 4, "EKF2_REQ_EPV": 8, "EKF2_REQ_SACC": 16}
-"""Bits of EKF2_GPS_CHECK."""
+"""Limits, each with its bit in EKF2_GPS_CHECK."""
 
 
 class Gnss:
@@ -51,27 +51,30 @@ class Gnss:
         count: N.
         kalman: the filter.
         fusion: flags of the filter.
-        yaw: the yaw estimator.
+        yaw_estimator: estimates headings from the velocities.
     """
 
-    def __init__(self, count: int, kalman: Kalman, fusion: Fusion, yaw: YawEstimator) -> None:
-        self._kalman, self._fusion, self._yaw = kalman, fusion, yaw
+    def __init__(self, count: int, kalman: Kalman, fusion: Fusion, yaw_estimator: YawEstimator) -> None:
+        self._kalman, self._fusion, self._yaw_estimator = kalman, fusion, yaw_estimator
         self.test_ratio = np.zeros((count, 3))
         """(N, 3) innovation divided by gate, for velocity, position and height."""
         self.below_sigma = np.zeros(count)
         """(N,) how far the estimate is below GNSS height or vertical velocity, in standard deviations of the
         innovation."""
-        self._control = np.zeros(count, dtype=np.int64)
+        self._fused_bits = np.zeros(count, dtype=np.int64)
+        """(N,) EKF2_GPS_CTRL."""
         self._limits = np.zeros((count, len(_CHECKS)))
-        self._first_wait_s = np.zeros(count)
+        self._first_required_s = np.zeros(count)
         self._noise = np.zeros((count, 2))
         self._gates = np.ones((count, 2))
+        """(N, 2) for position and velocity, as in `_noise`."""
         self._max_noise_m = np.full(count, np.inf)
         self._passed_once = np.zeros(count, dtype=np.bool_)
         self._received_at_s = np.full(count, -math.inf)
         self._failed_at_s = np.zeros(count)
         self._passed_at_s = np.full(count, -math.inf)
-        self._passing_since_s = np.zeros(count)
+        self._first_passed_at_s = np.zeros(count)
+        """(N,) time of the first fix that passed, after FIX_TIMEOUT_S without one."""
         self.position_at_s = np.full(count, -math.inf)
         """(N,) time when a position was last fused."""
         self.velocity_at_s = np.full(count, -math.inf)
@@ -80,11 +83,11 @@ class Gnss:
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads EKF2_GPS_* and EKF2_REQ_* of vehicle `i`."""
         value = parameters.finite_value
-        self._control[i] = int(parameters.get("EKF2_GPS_CTRL"))
+        self._fused_bits[i] = int(parameters.get("EKF2_GPS_CTRL"))
         checks = int(parameters.get("EKF2_GPS_CHECK"))
         for k, (name, bit) in enumerate(_CHECKS.items()):
             self._limits[i, k] = value(name) if checks & bit else (0.0 if k == 0 else math.inf)
-        self._first_wait_s[i] = value("EKF2_REQ_GPS_H")
+        self._first_required_s[i] = value("EKF2_REQ_GPS_H")
         self._noise[i] = value("EKF2_GPS_P_NOISE"), value("EKF2_GPS_V_NOISE")
         self._gates[i] = max(value("EKF2_GPS_P_GATE"), 1.0), max(value("EKF2_GPS_V_GATE"), 1.0)
         self._max_noise_m[i] = max(value("EKF2_NOAID_NOISE"), 0.01)
@@ -116,7 +119,7 @@ class Gnss:
         """Fuses the newest fixes.
 
         Args:
-            now_s: since boot.
+            now_s: time since boot.
             sensors: `gps_fresh` marks the receivers with a new fix.
             state: the estimates; the first good fix sets their local origin.
             ready: (N,) vehicles with a known attitude.
@@ -124,14 +127,14 @@ class Gnss:
         Returns:
             (N,) vehicles that were aided.
         """
-        fresh = sensors.gps_fresh & ready & (self._control != 0)
+        fresh = sensors.gps_fresh & ready & (self._fused_bits != 0)
         self._received_at_s[fresh] = now_s
         passed = self._check(now_s, sensors, fresh)
-        missing = passed & np.isnan(state.origin_lat_deg)
-        if missing.any():
-            state.origin_lat_deg[missing] = sensors.gps_lat_deg[missing]
-            state.origin_lon_deg[missing] = sensors.gps_lon_deg[missing]
-            state.origin_alt_amsl_m[missing] = sensors.gps_alt_amsl_m[missing]
+        no_origin = passed & np.isnan(state.origin_lat_deg)
+        if no_origin.any():
+            state.origin_lat_deg[no_origin] = sensors.gps_lat_deg[no_origin]
+            state.origin_lon_deg[no_origin] = sensors.gps_lon_deg[no_origin]
+            state.origin_alt_amsl_m[no_origin] = sensors.gps_alt_amsl_m[no_origin]
         position = self._local_position(sensors, state, passed)
         velocity = np.where(passed[:, None], sensors.gps_velocity_ned_m_s, 0.0)
         return self._fuse(now_s, sensors, passed, position, velocity)
@@ -149,8 +152,8 @@ class Gnss:
         )
         np.copyto(self._fusion.gps_quality_bad, ~good, where=fresh)
         self._failed_at_s[fresh & ~good] = now_s
-        self._passing_since_s[good & (now_s - self._passed_at_s > FIX_TIMEOUT_S)] = now_s
-        required_s = np.where(self._passed_once, RECHECK_S, self._first_wait_s)
+        self._first_passed_at_s[good & (now_s - self._passed_at_s > FIX_TIMEOUT_S)] = now_s
+        required_s = np.where(self._passed_once, RECHECK_S, self._first_required_s)
         passed = good & (now_s - self._failed_at_s >= required_s)
         self._passed_once |= passed
         self._passed_at_s[passed] = now_s
@@ -175,15 +178,15 @@ class Gnss:
         position: FloatArray,
         velocity: FloatArray,
     ) -> BoolArray:
-        kalman, fusion, control = self._kalman, self._fusion, self._control
+        kalman, fusion, fused_bits = self._kalman, self._fusion, self._fused_bits
         use_position, use_velocity = (
-            passed & (control & POSITION_BIT != 0),
-            passed & (control & VELOCITY_BIT != 0),
+            passed & (fused_bits & POSITION_BIT != 0),
+            passed & (fused_bits & VELOCITY_BIT != 0),
         )
         accuracy = np.maximum(sensors.gps_horizontal_accuracy_m, self._noise[:, 0])
         position_variance = np.minimum(accuracy, self._max_noise_m) ** 2
         speed_variance = np.maximum(sensors.gps_speed_accuracy_m_s, self._noise[:, 1]) ** 2
-        climb_variance = speed_variance * VERTICAL_NOISE_FACTOR**2
+        vertical_speed_variance = speed_variance * VERTICAL_NOISE_FACTOR**2
         height_variance = (
             np.maximum(sensors.gps_vertical_accuracy_m, VERTICAL_NOISE_FACTOR * self._noise[:, 0]) ** 2
         )
@@ -191,7 +194,7 @@ class Gnss:
             [
                 speed_variance,
                 speed_variance,
-                climb_variance,
+                vertical_speed_variance,
                 position_variance,
                 position_variance,
                 height_variance,
@@ -201,14 +204,14 @@ class Gnss:
         measured = np.concatenate([velocity, position], axis=1)
 
         starting = (use_position & ~fusion.gnss_pos) | (use_velocity & ~fusion.gnss_vel)
-        both_timeout = (now_s - self.velocity_at_s > RESET_TIMEOUT_S) & (
+        both_timed_out = (now_s - self.velocity_at_s > RESET_TIMEOUT_S) & (
             now_s - self.position_at_s > RESET_TIMEOUT_S
         )
-        position_timeout = use_position & fusion.gnss_pos & (now_s - self.position_at_s > POSITION_RESET_S)
+        position_timed_out = use_position & fusion.gnss_pos & (now_s - self.position_at_s > POSITION_RESET_S)
         heading_reset = self._reset_heading(now_s, use_velocity, velocity[:, :2], speed_variance)
         resetting = (
             passed
-            & (starting | both_timeout | position_timeout | heading_reset)
+            & (starting | both_timed_out | position_timed_out | heading_reset)
             & (use_position | use_velocity)
         )
         if resetting.any():
@@ -220,24 +223,24 @@ class Gnss:
         sigma = np.sqrt(covariance + variances)
         normalized = innovation / sigma
         ratio = np.abs(normalized)
-        worst = np.stack([ratio[:, :3].max(axis=1), ratio[:, 3:5].max(axis=1), ratio[:, 5]], axis=1)
-        worst /= self._gates[:, (1, 0, 0)]
-        np.copyto(self.test_ratio, np.minimum(worst, MAX_TEST_RATIO), where=passed[:, None])
+        test_ratio = np.stack([ratio[:, :3].max(axis=1), ratio[:, 3:5].max(axis=1), ratio[:, 5]], axis=1)
+        test_ratio /= self._gates[:, (1, 0, 0)]
+        np.copyto(self.test_ratio, np.minimum(test_ratio, MAX_TEST_RATIO), where=passed[:, None])
         # Down is positive: an estimate below the measurement has a negative innovation.
         np.copyto(self.below_sigma, -np.minimum(normalized[:, 2], normalized[:, 5]), where=passed)
 
         velocity_accepted, position_accepted = (
-            use_velocity & (worst[:, 0] <= 1.0),
-            use_position & (worst[:, 1] <= 1.0),
+            use_velocity & (test_ratio[:, 0] <= 1.0),
+            use_position & (test_ratio[:, 1] <= 1.0),
         )
-        # With a faulty accelerometer, a vertical speed outside its gate is fused, clipped to the gate.
-        clipped = use_velocity & fusion.bad_acc_vertical & (ratio[:, :2].max(axis=1) <= self._gates[:, 1])
-        if clipped.any():
+        # With a faulty accelerometer, a vertical speed outside its gate is limited to the gate and fused.
+        is_clipped = use_velocity & fusion.bad_acc_vertical & (ratio[:, :2].max(axis=1) <= self._gates[:, 1])
+        if is_clipped.any():
             limit = self._gates[:, 1] * sigma[:, 2]
-            clipped_speed = predicted[:, 2] + np.clip(innovation[:, 2], -limit, limit)
-            np.copyto(measured[:, 2], clipped_speed, where=clipped)
-            velocity_accepted |= clipped
-        height_accepted = passed & fusion.gps_hgt & (worst[:, 2] <= 1.0)
+            limited_speed = predicted[:, 2] + np.clip(innovation[:, 2], -limit, limit)
+            np.copyto(measured[:, 2], limited_speed, where=is_clipped)
+            velocity_accepted |= is_clipped
+        height_accepted = passed & fusion.gps_hgt & (test_ratio[:, 2] <= 1.0)
         accepted = np.stack([velocity_accepted] * 3 + [position_accepted] * 2 + [height_accepted], axis=1)
         if accepted.any():
             innovation = np.where(accepted, measured - predicted, 0.0)
@@ -246,7 +249,7 @@ class Gnss:
         self.position_at_s[position_accepted] = now_s
         self._height_at_s[height_accepted] = now_s
         fusion.height_fused_at_s[height_accepted] = now_s
-        self._control_height(now_s, passed, measured, height_variance, climb_variance)
+        self._control_height(now_s, passed, measured, height_variance, vertical_speed_variance)
         return velocity_accepted | position_accepted
 
     def _reset_heading(
@@ -257,15 +260,15 @@ class Gnss:
         Returns:
             (N,) vehicles whose heading was reset to the yaw estimator's heading.
         """
-        kalman, fusion, yaw = self._kalman, self._fusion, self._yaw
-        yaw.fuse(velocity_ne, variance, use_velocity, fusion.in_air)
-        accepted_at_s = np.maximum(self.velocity_at_s, self._passing_since_s)
+        kalman, fusion = self._kalman, self._fusion
+        self._yaw_estimator.fuse(velocity_ne, variance, use_velocity, fusion.in_air)
+        accepted_at_s = np.maximum(self.velocity_at_s, self._first_passed_at_s)
         rejected_long = (
             use_velocity & fusion.gnss_vel & fusion.in_air & (now_s - accepted_at_s > YAW_RESET_AFTER_S)
         )
         if not rejected_long.any():
             return rejected_long
-        heading, heading_variance = yaw.headings()
+        heading, heading_variance = self._yaw_estimator.headings()
         difference = wrap_pi(heading - yaw_of(kalman.q_ned_frd))
         heading_reset = (
             rejected_long
@@ -303,12 +306,12 @@ class Gnss:
         passed: BoolArray,
         measured: FloatArray,
         height_variance: FloatArray,
-        climb_variance: FloatArray,
+        vertical_speed_variance: FloatArray,
     ) -> None:
         """Starts, resets or stops the fusion of GNSS height; each reset also shifts the barometer's
         offset."""
         kalman, fusion = self._kalman, self._fusion
-        enabled = passed & (self._control & HEIGHT_BIT != 0)
+        enabled = passed & (self._fused_bits & HEIGHT_BIT != 0)
         starting = enabled & ~fusion.gps_hgt
         rejected_long = fusion.gps_hgt & passed & (now_s - self._height_at_s > HEIGHT_TIMEOUT_S)
         reset_due = passed & fusion.gps_hgt & fusion.height_reset_due(now_s)
@@ -318,7 +321,7 @@ class Gnss:
             return
         fusion.height_shift_m += np.where(resetting, measured[:, 5] - kalman.position[:, 2], 0.0)
         kalman.reset_state(resetting, POSITION + 2, measured[:, 5], height_variance)
-        kalman.reset_state(resetting & fusion.gnss_vel, VELOCITY + 2, measured[:, 2], climb_variance)
+        kalman.reset_state(resetting & fusion.gnss_vel, VELOCITY + 2, measured[:, 2], vertical_speed_variance)
         fusion.z_reset_counter += resetting
         fusion.vz_reset_counter += reset_due
         fusion.gps_hgt |= starting

@@ -1,8 +1,8 @@
 """Filtered body rates for the rate controller: PX4's low-pass filter and derivative as one matrix product.
 
-A second-order Butterworth low-pass (IMU_GYRO_CUTOFF) is followed by a difference with a first-order low-pass
-(IMU_DGYRO_CUTOFF). Both filters together are one linear map of five numbers per axis. A cutoff of zero or
-above half the sample rate disables a filter.
+A second-order Butterworth low-pass (IMU_GYRO_CUTOFF) filters the rates. The difference of two filtered rates
+passes a first-order low-pass (IMU_DGYRO_CUTOFF). Both filters together are one 5 x 5 matrix for each vehicle.
+A cutoff of zero disables a filter; a cutoff of half the sample rate or more disables the first filter.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from vehicle_sim.kernels import Blocks, Rows, kernel
 FloatArray = NDArray[np.float64]
 
 _INPUT, _DELAY_1, _DELAY_2, _OUTPUT, _DERIVATIVE = range(5)
+"""Indices in the state of one axis."""
 
 
 class GyroFilter:
@@ -29,7 +30,7 @@ class GyroFilter:
 
     def __init__(self, count: int, dt_s: float) -> None:
         self._dt_s = dt_s
-        self._map = np.zeros((count, 5, 5))
+        self._matrix = np.zeros((count, 5, 5))
         self._state = np.zeros((count, 3, 5))
         for i in range(count):
             self.configure(i, 0.0, 0.0)
@@ -40,18 +41,18 @@ class GyroFilter:
         alpha = 1.0
         if derivative_cutoff_hz > 0.0:
             alpha = self._dt_s / (self._dt_s + 1.0 / (2.0 * math.pi * derivative_cutoff_hz))
-        new = self._map[i]
-        new[:] = 0.0
-        new[_INPUT, _DELAY_1] = 1.0
-        new[_DELAY_1, _DELAY_1] = -a[0]
-        new[_DELAY_2, _DELAY_1] = -a[1]
-        new[_DELAY_1, _DELAY_2] = 1.0
-        new[_INPUT, _OUTPUT] = b[0]
-        new[_DELAY_1, _OUTPUT] = b[1] - b[0] * a[0]
-        new[_DELAY_2, _OUTPUT] = b[2] - b[0] * a[1]
-        new[:, _DERIVATIVE] = (alpha / self._dt_s) * new[:, _OUTPUT]
-        new[_OUTPUT, _DERIVATIVE] -= alpha / self._dt_s
-        new[_DERIVATIVE, _DERIVATIVE] = 1.0 - alpha
+        matrix = self._matrix[i]
+        matrix[:] = 0.0
+        matrix[_INPUT, _DELAY_1] = 1.0
+        matrix[_DELAY_1, _DELAY_1] = -a[0]
+        matrix[_DELAY_2, _DELAY_1] = -a[1]
+        matrix[_DELAY_1, _DELAY_2] = 1.0
+        matrix[_INPUT, _OUTPUT] = b[0]
+        matrix[_DELAY_1, _OUTPUT] = b[1] - b[0] * a[0]
+        matrix[_DELAY_2, _OUTPUT] = b[2] - b[0] * a[1]
+        matrix[:, _DERIVATIVE] = (alpha / self._dt_s) * matrix[:, _OUTPUT]
+        matrix[_OUTPUT, _DERIVATIVE] -= alpha / self._dt_s
+        matrix[_DERIVATIVE, _DERIVATIVE] = 1.0 - alpha
 
     def reset(self, i: int) -> None:
         """Clears the filter state of vehicle `i`."""
@@ -59,7 +60,7 @@ class GyroFilter:
 
     def update(self, gyro_frd_rad_s: FloatArray, rates_out: FloatArray, acceleration_out: FloatArray) -> None:
         """Filters samples (N, 3); writes filtered rates and angular accelerations (N, 3)."""
-        _filter(gyro_frd_rad_s, self._map, self._state, rates_out, acceleration_out)
+        _filter(gyro_frd_rad_s, self._matrix, self._state, rates_out, acceleration_out)
 
 
 def _butterworth(
@@ -78,18 +79,18 @@ def _butterworth(
 
 
 @kernel
-def _filter(gyro: Rows, mapping: Blocks, state: Blocks, rates: Rows, acceleration: Rows) -> None:
+def _filter(gyro: Rows, matrix: Blocks, state: Blocks, rates: Rows, acceleration: Rows) -> None:
     for i in range(gyro.shape[0]):
         for axis in range(3):
-            old = state[i, axis]
-            old[_INPUT] = gyro[i, axis]
+            values = state[i, axis]
+            values[_INPUT] = gyro[i, axis]
             delay_1 = delay_2 = output = derivative = 0.0
             for k in range(5):
-                delay_1 += old[k] * mapping[i, k, _DELAY_1]
-                delay_2 += old[k] * mapping[i, k, _DELAY_2]
-                output += old[k] * mapping[i, k, _OUTPUT]
-                derivative += old[k] * mapping[i, k, _DERIVATIVE]
-            old[_DELAY_1], old[_DELAY_2], old[_OUTPUT], old[_DERIVATIVE] = (
+                delay_1 += values[k] * matrix[i, k, _DELAY_1]
+                delay_2 += values[k] * matrix[i, k, _DELAY_2]
+                output += values[k] * matrix[i, k, _OUTPUT]
+                derivative += values[k] * matrix[i, k, _DERIVATIVE]
+            values[_DELAY_1], values[_DELAY_2], values[_OUTPUT], values[_DERIVATIVE] = (
                 delay_1,
                 delay_2,
                 output,

@@ -1,4 +1,4 @@
-"""Initial estimates: of a whole fleet, or of one vehicle that restarts."""
+"""Creates the initial estimates of a fleet, and resets the estimate of a vehicle that restarts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from vehicle_sim.state import EstimateState
 
-_UNKNOWN = frozenset(
+_NAN_FIELDS = frozenset(
     {
         "lat_deg",
         "lon_deg",
@@ -19,7 +19,7 @@ _UNKNOWN = frozenset(
         "height_above_ground_m",
     }
 )
-_VECTORS = frozenset(
+_VECTOR_FIELDS = frozenset(
     {
         "position_ned_m",
         "velocity_ned_m_s",
@@ -34,14 +34,14 @@ def blank_estimate(count: int) -> EstimateState:
     """Estimates of N vehicles that are level, at rest and without a global position."""
     values: dict[str, np.ndarray] = {}
     for field in fields(EstimateState):
-        if field.name in _VECTORS:
+        if field.name in _VECTOR_FIELDS:
             values[field.name] = np.zeros((count, 3))
         elif field.name == "q_ned_frd":
             values[field.name] = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (count, 1))
         elif field.name.startswith("valid_") or field.name == "gps_rejected":
             values[field.name] = np.zeros(count, dtype=np.bool_)
         else:
-            values[field.name] = np.full(count, np.nan if field.name in _UNKNOWN else 0.0)
+            values[field.name] = np.full(count, np.nan if field.name in _NAN_FIELDS else 0.0)
     return EstimateState(**values)
 
 

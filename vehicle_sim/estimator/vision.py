@@ -40,15 +40,15 @@ class VisionSample:
 
 @dataclass(frozen=True, slots=True)
 class VisionResult:
-    """Result of a measurement for one vehicle."""
+    """Which parts of a vehicle's sample were fused."""
 
     row: int
-    horizontal: bool
-    """Position or velocity was fused."""
-    vertical: bool
+    horizontal_fused: bool
+    """The horizontal position or velocity was fused."""
+    vertical_fused: bool
     """The vertical position was fused."""
     heading_rad: float
-    """NaN: not measured."""
+    """The measured heading, which the caller fuses; NaN: not measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,17 +122,17 @@ class Vision:
         settings = self._settings[i]
         if settings is None:
             return VisionResult(i, False, False, math.nan)
-        is_first = now_s - self._accepted_at_s[i] > SAMPLE_TIMEOUT_S
-        horizontal, vertical = bool(settings.control & EV_HPOS), bool(settings.control & EV_VPOS)
+        is_reset = now_s - self._accepted_at_s[i] > SAMPLE_TIMEOUT_S
+        use_horizontal, use_vertical = bool(settings.control & EV_HPOS), bool(settings.control & EV_VPOS)
         position_accepted, height_accepted = self._fuse_axes(
-            i, kalman, POSITION, sample.position_ned_m, (horizontal, horizontal, vertical),
+            i, kalman, POSITION, sample.position_ned_m, (use_horizontal, use_horizontal, use_vertical),
             settings.position_gate,
-            max(settings.position_noise_m**2, _variance_or_zero(sample.position_variance_m2)), is_first,
+            max(settings.position_noise_m**2, _variance_or_zero(sample.position_variance_m2)), is_reset,
         )  # fmt: skip
         velocity_accepted, _ = self._fuse_axes(
             i, kalman, VELOCITY, sample.velocity_ned_m_s, (bool(settings.control & EV_VEL),) * 3,
             settings.velocity_gate,
-            max(settings.velocity_noise_m_s**2, _variance_or_zero(sample.velocity_variance_m2_s2)), is_first,
+            max(settings.velocity_noise_m_s**2, _variance_or_zero(sample.velocity_variance_m2_s2)), is_reset,
         )  # fmt: skip
         if position_accepted or velocity_accepted:
             self._accepted_at_s[i] = now_s
@@ -140,10 +140,10 @@ class Vision:
 
     def _fuse_axes(
         self, i: int, kalman: Kalman, first: int, measured: Vector, selected: tuple[bool, ...], gate: float,
-        variance: float, is_first: bool,
+        variance: float, is_reset: bool,
     ) -> tuple[bool, bool]:  # fmt: skip
-        """Fuses the selected axes. Returns whether both horizontal axes, and the vertical axis, were
-        fused."""
+        """Fuses the selected axes. Returns whether both horizontal axes were fused, and whether the
+        vertical axis was fused."""
         count = len(kalman.vector)
         accepted = [False, False, False]
         mask = np.zeros(count, dtype=np.bool_)
@@ -154,7 +154,7 @@ class Vision:
             index = first + axis
             innovation = measured[axis] - float(kalman.vector[i, index - VELOCITY])
             sigma = math.sqrt(float(kalman.variance(index)[i]) + variance)
-            if is_first:
+            if is_reset:
                 kalman.reset_state(mask, index, measured[axis], np.full(count, variance))
             elif abs(innovation) <= gate * sigma:
                 kalman.fuse(index, np.where(mask, innovation, 0.0), np.where(mask, variance, np.inf))

@@ -1,8 +1,9 @@
-"""Heading from GNSS velocity without a magnetometer: five hypotheses per vehicle, weighted by their fit.
+"""Estimates the heading from GNSS velocity without a magnetometer, by five weighted hypotheses.
 
 This is PX4's EKF-GSF. The accelerometer levels one attitude, which is rotated to five headings. Each
-hypothesis integrates its own velocity and corrects its heading by the fixes. If the main filter keeps
-rejecting velocities and its heading differs from this estimator's, the main filter takes this heading.
+hypothesis integrates its own velocity, and the GNSS velocities correct its heading. If the main filter keeps
+rejecting velocities and its heading differs from this estimator's heading, the main filter is reset to this
+heading.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ TILT_GAIN_PER_S = 0.2
 BIAS_GAIN_PER_S = 0.04
 """Fraction of a tilt correction that is attributed to the gyroscope's bias, while the vehicle rotates
 slowly."""
-SLOW_RAD_S = math.radians(10.0)
+SLOW_ROTATION_RAD_S = math.radians(10.0)
 BIAS_LIMIT_RAD_S = 0.05
 FORCE_SMOOTHING_PER_S = 2.0
 FORCE_ATTENUATION = 2.0
@@ -58,7 +59,7 @@ class YawEstimator:
         self._bias = np.zeros((count, 3))
         self._force = np.tile([0.0, 0.0, -GRAVITY_M_S2], (count, 1))
         self._velocity_change = np.zeros((count, 3))
-        self._pending_s = 0.0
+        self._unfused_s = 0.0
         self._running = np.zeros(count, dtype=np.bool_)
         self._states = np.zeros((3, count, HYPOTHESES))
         """Velocity north and east, and the angle from the levelled attitude's heading to the hypothesis'
@@ -74,7 +75,7 @@ class YawEstimator:
         self._stop(np.arange(len(self._running)) == i)
 
     def _stop(self, mask: BoolArray) -> None:
-        """Stops the hypotheses and copies the main filter's attitude."""
+        """Stops the hypotheses and resets their attitude to the main filter's attitude."""
         np.copyto(self._q, self._main_q, where=mask[:, None])
         self._matrix[:] = rotation_matrix(self._q)
         self._running &= ~mask
@@ -87,7 +88,7 @@ class YawEstimator:
             delta_velocity: (N, 3) change of velocity measured by the accelerometers [m/s].
             dt_s: time since the last call.
         """
-        _turn_and_level(
+        _rotate_and_level(
             dt_s,
             delta_angle,
             delta_velocity,
@@ -97,7 +98,7 @@ class YawEstimator:
             self._q,
             self._matrix,
         )
-        self._pending_s += dt_s
+        self._unfused_s += dt_s
 
     def fuse(
         self, velocity_ne: FloatArray, variance: FloatArray, fresh: BoolArray, in_air: BoolArray
@@ -110,16 +111,16 @@ class YawEstimator:
             fresh: (N,) vehicles with a new good fix; all others continue with their IMU.
             in_air: (N,) vehicles in the air; on the ground velocity does not show a heading.
         """
-        dt_s, self._pending_s = self._pending_s, 0.0
+        dt_s, self._unfused_s = self._unfused_s, 0.0
         self._advance(dt_s)
         if (self._running & ~in_air).any():
             self._stop(self._running & ~in_air)
         new = fresh & in_air & ~self._running
         if new.any():
             self._start(new, velocity_ne, variance)
-        accepted = fresh & self._running & ~new
-        if accepted.any():
-            self._update_weights(accepted, velocity_ne, variance)
+        updated = fresh & self._running & ~new
+        if updated.any():
+            self._update_weights(updated, velocity_ne, variance)
 
     def _start(self, new: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
         self._stop(new)
@@ -145,26 +146,26 @@ class YawEstimator:
             covariance[:, axis] += gradient * covariance[:, 2]
         self._variances += _NOISE_PER_S * dt_s
 
-    def _update_weights(self, accepted: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
+    def _update_weights(self, updated: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
         """Corrects each hypothesis by the velocity and updates its weight by its likelihood."""
-        covariance, accepted_rows = self._covariance, accepted[:, None]
-        noise = np.where(accepted, variance, 1.0)[:, None]
+        covariance, updated_rows = self._covariance, updated[:, None]
+        noise = np.where(updated, variance, 1.0)[:, None]
         (nn, ee), ne = self._variances[:2] + noise, covariance[0, 1].copy()
         determinant = np.maximum(nn * ee - ne * ne, 1e-12)
         innovation = velocity_ne.T[:, :, None] - self._states[:2]
         north, east = innovation
         ratio = (ee * north * north - 2.0 * ne * north * east + nn * east * east) / determinant
         innovation *= np.sqrt(np.minimum(MAX_SQUARED_SIGMA / np.maximum(ratio, 1e-9), 1.0))
-        cross_covariance = covariance[:, :2] * accepted_rows
-        by_north = (cross_covariance[:, 0] * ee - cross_covariance[:, 1] * ne) / determinant
-        by_east = (cross_covariance[:, 1] * nn - cross_covariance[:, 0] * ne) / determinant
-        self._states += by_north * north + by_east * east
-        for gain, column in ((by_north, cross_covariance[:, 0]), (by_east, cross_covariance[:, 1])):
+        cross_covariance = covariance[:, :2] * updated_rows
+        north_gain = (cross_covariance[:, 0] * ee - cross_covariance[:, 1] * ne) / determinant
+        east_gain = (cross_covariance[:, 1] * nn - cross_covariance[:, 0] * ne) / determinant
+        self._states += north_gain * north + east_gain * east
+        for gain, column in ((north_gain, cross_covariance[:, 0]), (east_gain, cross_covariance[:, 1])):
             covariance -= gain[:, None] * column
         density = np.exp(-0.5 * np.minimum(ratio, MAX_SQUARED_SIGMA)) / np.sqrt(determinant)
         weights = np.maximum(self._weights * density, 1e-30)
         weights = np.maximum(weights / weights.sum(axis=1, keepdims=True), MIN_WEIGHT)
-        np.copyto(self._weights, weights / weights.sum(axis=1, keepdims=True), where=accepted_rows)
+        np.copyto(self._weights, weights / weights.sum(axis=1, keepdims=True), where=updated_rows)
 
     def headings(self) -> tuple[FloatArray, FloatArray]:
         """(N,) weighted mean of the hypotheses' headings [rad], and the variance [rad²], which is infinite if
@@ -177,7 +178,7 @@ class YawEstimator:
 
 
 @kernel
-def _turn_and_level(
+def _rotate_and_level(
     dt_s: float, delta_angle: Rows, delta_velocity: Rows, bias: Rows, force: Rows, velocity_change: Rows,
     q: Rows, matrix: Blocks,
 ) -> None:  # fmt: skip
@@ -191,22 +192,22 @@ def _turn_and_level(
             delta_angle[i, 1] / dt_s - bias[i, 1],
             delta_angle[i, 2] / dt_s - bias[i, 2],
         )
-        size = length(fx, fy, fz)
-        attenuation = min(FORCE_ATTENUATION * abs(size / GRAVITY_M_S2 - 1.0), 1.0)
-        gain = TILT_GAIN_PER_S * (1.0 - attenuation) ** 2 / max(size, 1.0)
+        magnitude = length(fx, fy, fz)
+        attenuation = min(FORCE_ATTENUATION * abs(magnitude / GRAVITY_M_S2 - 1.0), 1.0)
+        gain = TILT_GAIN_PER_S * (1.0 - attenuation) ** 2 / max(magnitude, 1.0)
         down_x, down_y, down_z = matrix[i, 2, 0], matrix[i, 2, 1], matrix[i, 2, 2]
         correction = (
             gain * (down_y * fz - down_z * fy),
             gain * (down_z * fx - down_x * fz),
             gain * (down_x * fy - down_y * fx),
         )
-        bias_gain = BIAS_GAIN_PER_S * dt_s if length(rx, ry, rz) < SLOW_RAD_S else 0.0
-        gain_ned = rotated(matrix[i], delta_velocity[i, 0], delta_velocity[i, 1], delta_velocity[i, 2])
+        bias_gain = BIAS_GAIN_PER_S * dt_s if length(rx, ry, rz) < SLOW_ROTATION_RAD_S else 0.0
+        delta_ned = rotated(matrix[i], delta_velocity[i, 0], delta_velocity[i, 1], delta_velocity[i, 2])
         for k in range(3):
             bias[i, k] = constrain(
                 bias[i, k] - bias_gain * correction[k], -BIAS_LIMIT_RAD_S, BIAS_LIMIT_RAD_S
             )
-            velocity_change[i, k] += gain_ned[k]
+            velocity_change[i, k] += delta_ned[k]
         rotate_attitude(
             q[i],
             (rx + correction[0]) * dt_s,
