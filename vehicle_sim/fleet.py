@@ -1,4 +1,4 @@
-"""N simulated PX4 vehicles, without sockets and wall clock."""
+"""N simulated PX4 vehicles. This module uses no sockets and no wall clock."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ class VehicleSim:
         first_instance: PX4's instance number of the first vehicle; system id is instance + 1.
         parameters: parameter values of all vehicles, as if set before boot.
         stores: parameter stores, one for each vehicle, used instead of `parameters`.
-        files: folders, one for each vehicle; default: temporary folders.
+        files: the files of each vehicle; default: files in temporary folders.
         links: (name, profile) of the links that each vehicle has from the start.
         seed: seed of sensor noise and gusts.
-        first_noise_number: number from which the noise of the first vehicle is seeded
-            (`Simulation.first_vehicle`); default: the instance number, so that a vehicle flies the same in
-            any shard of a fleet.
+        first_noise_number: number of the first vehicle in the seeds of noise and gusts
+            (`first_vehicle` of `Simulation`); default: `first_instance`, so that a vehicle flies the same
+            in any shard of a fleet.
         home: global position of the first vehicle.
         boot_time_unix_s: UTC at boot.
         sensor_noise: False: no sensor noise.
         start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
         start_yaw_ned_rad: (N,) start headings; default: north.
-        world: ground, obstacles and lidars; default: flat and empty, as PX4's own simulation.
+        world: ground, obstacles and lidars; default: flat and empty, as in PX4's own simulation.
         script: fault script.
         camera: whether each vehicle has a camera; the recorded PX4 had none.
         log: whether the vehicles write onboard logs as SDLOG_MODE requires.
@@ -116,13 +116,13 @@ class VehicleSim:
                 )
         self._logs = FleetLogs(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
-        self._steps_nodes = camera
+        self._has_node_input = camera
         """Whether any vehicle has had a link, a ROS 2 port or a camera; without them, nodes only run delayed
         actions."""
         for row in range(count):
             for name, profile in links:
                 self.add_link(row, name, profile)
-        self._interrupted: set[tuple[int, str]] = set()
+        self._interrupted_links: set[tuple[int, str]] = set()
         """(row, link) of the links that are interrupted."""
         self._script = ScriptRunner(script, self) if script is not None else None
         self._remainder_s = 0.0
@@ -138,7 +138,7 @@ class VehicleSim:
         self.remove_link(row, name)
         link = Link(name, profile, self.nodes[row].system_id)
         self._links[row][name] = link
-        self._steps_nodes = True
+        self._has_node_input = True
         self.nodes[row].add_link(link)
         return link
 
@@ -151,7 +151,7 @@ class VehicleSim:
             report: called once for each topic with an invalid message.
         """
         node = self.nodes[row]
-        self._steps_nodes = True
+        self._has_node_input = True
         self._bridges[row] = Bridge(
             node.context, self._states[row], node.commands, node.mavlink_commands, port, report
         )
@@ -163,8 +163,8 @@ class VehicleSim:
             self.nodes[row].remove_link(link)
 
     def feed(self, row: int, link: str, data: bytes) -> None:
-        """Passes bytes received on a link to the vehicle in a row (from 0)."""
-        if (row, link) not in self._interrupted:
+        """Passes bytes received on a link to vehicle `row` (from 0)."""
+        if (row, link) not in self._interrupted_links:
             self.nodes[row].receive(self._links[row][link], data)
 
     def drain(self, row: int, link: str) -> bytes:
@@ -174,16 +174,16 @@ class VehicleSim:
     def frames(self, row: int, link: str) -> list[bytes]:
         """Frames that the vehicle has sent on a link since the last call."""
         frames = self._links[row][link].drain()
-        return [] if (row, link) in self._interrupted else frames
+        return [] if (row, link) in self._interrupted_links else frames
 
     def set_link_up(self, row: int, link: str, up: bool) -> None:
         """Interrupts a link (or "all") in both directions, or restores it."""
         names = ("gcs", "api", "tcp", *self._links[row]) if link == "all" else (link,)
         for name in names:
             if up:
-                self._interrupted.discard((row, name))
+                self._interrupted_links.discard((row, name))
             else:
-                self._interrupted.add((row, name))
+                self._interrupted_links.add((row, name))
 
     def set_parameter(self, row: int, name: str, value: ParameterValue) -> None:
         """Changes a parameter directly, without MAVLink."""
@@ -202,7 +202,7 @@ class VehicleSim:
         """Advances the simulation by `dt_s`; a remainder shorter than a step is added to the next call."""
         self._remainder_s += dt_s
         step_s = self.simulation.dt_s
-        while self._remainder_s >= step_s * 0.999:
+        while self._remainder_s >= step_s * 0.999:  # tolerates rounding errors
             self._remainder_s -= step_s
             self._step_once()
 
@@ -215,7 +215,7 @@ class VehicleSim:
             self._ticks.update(self._active_autopilots)
             if self._script is not None:
                 self._script.step()
-        if self._steps_nodes:
+        if self._has_node_input:
             for node in self._active_nodes:
                 if tick_due or node.needs_every_step:
                     node.step()
@@ -229,7 +229,7 @@ class VehicleSim:
             self._logs.step(self.simulation.steps * STEP_US)
 
     def deactivate(self, row: int) -> None:
-        """Stops autopilot, MAVLink and ROS 2 of a vehicle permanently, after its flight."""
+        """Stops autopilot, MAVLink and ROS 2 of a vehicle permanently; called after its flight."""
         self._active_autopilots = [
             each for each in self._active_autopilots if each is not self.autopilots[row]
         ]
@@ -240,13 +240,15 @@ class VehicleSim:
         setpoints.level[row], setpoints.armed[row] = ControlLevel.DISARMED, False
 
     def _handle_collision(self, collision: Collision) -> None:
-        """Stops the motors of a vehicle that hit an obstacle, and reports the collision; PX4 has no message
-        for it."""
+        """Stops the motors of a vehicle that hit an obstacle, and reports the collision.
+
+        PX4 itself reports no collisions.
+        """
         autopilot = self.autopilots[collision.row]
         autopilot.announcer.text(2, f"Collision with {collision.obstacle}: motors stopped")
         autopilot.commander.disarm(force=True)
 
     def close(self) -> None:
-        """Closes files that are being written, as a shutdown does."""
+        """Ends all logs, as a shutdown does."""
         if self._logs is not None:
             self._logs.close()

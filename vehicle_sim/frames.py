@@ -1,10 +1,9 @@
-"""Frame maths of the simulator: products and rotations of (N, …) arrays, each in two NumPy calls.
+"""Frame maths of the simulator: products and rotations of (N, …) arrays.
 
-For a single vehicle plain floats are ten times as fast (`quaternion_of`, `angles_of`, `wrap_angle`).
-
-Every product is bilinear, so it is an outer product times a constant table. An outer product costs two array
-operations for any N, and formulas for each component cost twenty. Quaternions are (w, x, y, z); `q_ned_frd`
-takes FRD vectors to NED.
+Every product is bilinear, so it is an outer product times a constant table. This costs two array operations;
+formulas for each component would cost twenty. For a single vehicle plain floats are ten times as fast
+(`quaternion_of`, `angles_of`, `wrap_angle`). Quaternions are (w, x, y, z); `q_ned_frd` rotates FRD vectors to
+NED.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ def _table(rows: int, columns: int, entries: list[tuple[int, int, float]]) -> Fl
 
 
 def _hamilton(columns: tuple[int, ...]) -> FloatArray:
-    """Table of the Hamilton product a ⊗ b where b has only the given components."""
-    signs = {
+    """Table of the Hamilton product a ⊗ b for a b that has only the components `columns`."""
+    terms_by_component = {
         0: [(0, 0, 1), (1, 1, -1), (2, 2, -1), (3, 3, -1)],
         1: [(0, 1, 1), (1, 0, 1), (2, 3, 1), (3, 2, -1)],
         2: [(0, 2, 1), (1, 3, -1), (2, 0, 1), (3, 1, 1)],
@@ -39,20 +38,20 @@ def _hamilton(columns: tuple[int, ...]) -> FloatArray:
     width = len(columns)
     entries = [
         (a * width + columns.index(b), k, float(sign))
-        for k, terms in signs.items()
+        for k, terms in terms_by_component.items()
         for a, b, sign in terms
         if b in columns
     ]
     return _table(4 * width, 4, entries)
 
 
-_PRODUCT = _hamilton((0, 1, 2, 3))
-_RATE = 0.5 * _hamilton((1, 2, 3))
+_QUATERNION_PRODUCT = _hamilton((0, 1, 2, 3))
+_HALF_RATE_PRODUCT = 0.5 * _hamilton((1, 2, 3))
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def _rotation_table() -> FloatArray:
-    def at(i: int, j: int) -> int:
+    def product_index(i: int, j: int) -> int:
         return 4 * i + j
 
     entries: list[tuple[int, int, float]] = []
@@ -60,24 +59,26 @@ def _rotation_table() -> FloatArray:
         for column in range(3):
             k = 3 * row + column
             if row == column:
-                entries += [(at(n, n), k, 1.0 if n in (0, row + 1) else -1.0) for n in range(4)]
+                entries += [(product_index(n, n), k, 1.0 if n in (0, row + 1) else -1.0) for n in range(4)]
             else:
-                third = 3 - row - column
+                third_axis = 3 - row - column
                 sign = -1.0 if (column - row) % 3 == 1 else 1.0
-                entries += [(at(row + 1, column + 1), k, 2.0), (at(0, third + 1), k, 2.0 * sign)]
+                entries.append((product_index(row + 1, column + 1), k, 2.0))
+                entries.append((product_index(0, third_axis + 1), k, 2.0 * sign))
     return _table(16, 9, entries)
 
 
-_ROTATION = _rotation_table()
-_YAW_PARTNERS = np.array([3, 2, 2, 3])
+_ROTATION_MATRIX = _rotation_table()
+_YAW_FACTORS = np.array([3, 2, 2, 3])
 """For each component of a quaternion, the other factor of the products in the heading formula."""
 _CROSS = _table(9, 3, [(5, 0, 1.0), (7, 0, -1.0), (6, 1, 1.0), (2, 1, -1.0), (1, 2, 1.0), (3, 2, -1.0)])
-
-
-_SQUARES = 0.25 * _table(
+_COMPONENT_SQUARES = 0.25 * _table(
     9, 4, [(4 * axis, k, 1.0 if k in (0, axis + 1) else -1.0) for axis in range(3) for k in range(4)]
 )
-_SIGNS = _table(9, 3, [(7, 0, 1.0), (5, 0, -1.0), (2, 1, 1.0), (6, 1, -1.0), (3, 2, 1.0), (1, 2, -1.0)])
+_COMPONENT_SIGNS = _table(
+    9, 3, [(7, 0, 1.0), (5, 0, -1.0), (2, 1, 1.0), (6, 1, -1.0), (3, 2, 1.0), (1, 2, -1.0)]
+)
+"""From a rotation matrix: the squares of the quaternion's components, and the signs of x, y and z."""
 
 
 def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -87,16 +88,16 @@ def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
 def _times(rows: FloatArray, table: FloatArray) -> FloatArray:
     """rows · table, as a separate product for each row.
 
-    BLAS adds in an order that depends on the number of rows, so the last bit of a vehicle's state would
-    depend on the size of the fleet. A table with two entries per column does not need this, because the order
-    does not matter there.
+    BLAS adds in an order that depends on the number of rows, so with one product for all rows the last bit of
+    a vehicle's state would depend on the size of the fleet. A table with two entries per column needs no
+    separate products, because the order of two summands does not matter.
     """
     return rows @ table if len(rows) == 1 else (rows[:, None, :] @ table)[:, 0, :]
 
 
 def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a ⊗ b, (N, 4) each: first b, then a."""
-    return _times(_outer(a, b), _PRODUCT)
+    """a ⊗ b, (N, 4) each: the rotation b, followed by the rotation a."""
+    return _times(_outer(a, b), _QUATERNION_PRODUCT)
 
 
 def conjugate(q: FloatArray) -> FloatArray:
@@ -106,12 +107,12 @@ def conjugate(q: FloatArray) -> FloatArray:
 
 def quaternion_rate(q: FloatArray, rates_frd_rad_s: FloatArray) -> FloatArray:
     """dq/dt of `q_ned_frd` (N, 4) for body rates (N, 3)."""
-    return _times(_outer(q, rates_frd_rad_s), _RATE)
+    return _times(_outer(q, rates_frd_rad_s), _HALF_RATE_PRODUCT)
 
 
 def rotation_matrix(q: FloatArray) -> FloatArray:
     """(N, 3, 3) for unit quaternions (N, 4)."""
-    return _times(_outer(q, q), _ROTATION).reshape(-1, 3, 3)
+    return _times(_outer(q, q), _ROTATION_MATRIX).reshape(-1, 3, 3)
 
 
 def rotate(matrix: FloatArray, vector: FloatArray) -> FloatArray:
@@ -141,7 +142,7 @@ def normalized(q: FloatArray) -> FloatArray:
 
 def yaw_of(q: FloatArray) -> FloatArray:
     """Heading (N,) of `q_ned_frd`, -pi..pi, clockwise from north."""
-    products = q * q.take(_YAW_PARTNERS, axis=1)
+    products = q * q.take(_YAW_FACTORS, axis=1)
     doubled = 2.0 * (products[:, ::2] + products[:, 1::2])
     return np.arctan2(doubled[:, 0], 1.0 - doubled[:, 1])
 
@@ -160,8 +161,8 @@ def quaternion_from_matrix(matrix: FloatArray) -> FloatArray:
     Not valid for half turns about a tilted axis, because the signs are lost; no controller needs them.
     """
     flat = matrix.reshape(-1, 9)
-    magnitude = np.sqrt(np.maximum(_times(flat, _SQUARES) + 0.25, 0.0))
-    magnitude[:, 1:] = np.copysign(magnitude[:, 1:], flat @ _SIGNS)
+    magnitude = np.sqrt(np.maximum(_times(flat, _COMPONENT_SQUARES) + 0.25, 0.0))
+    magnitude[:, 1:] = np.copysign(magnitude[:, 1:], flat @ _COMPONENT_SIGNS)
     return normalized(magnitude)
 
 

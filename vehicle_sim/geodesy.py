@@ -1,6 +1,6 @@
-"""Conversion between local metres and latitude and longitude, for the GPS and the navigator.
+"""Conversion between local metres and latitude and longitude.
 
-Azimuthal equidistant projection around a reference point on PX4's sphere of 6,371,000 m.
+The projection is PX4's: azimuthal equidistant around a reference point, on a sphere of 6,371,000 m radius.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ def to_global(
     north_m: FloatArray, east_m: FloatArray, origin_lat_deg: FloatArray, origin_lon_deg: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Latitude and longitude [deg] of a point north and east of an origin [m]; the inverse of `to_local`."""
-    x, y = np.asarray(north_m) / EARTH_RADIUS_M, np.asarray(east_m) / EARTH_RADIUS_M
+    north_rad, east_rad = np.asarray(north_m) / EARTH_RADIUS_M, np.asarray(east_m) / EARTH_RADIUS_M
     lat0 = np.radians(origin_lat_deg)
-    angle = np.hypot(x, y)
+    angle = np.hypot(north_rad, east_rad)
     sin_angle, cos_angle = np.sin(angle), np.cos(angle)
     scale = np.where(angle > 0.0, sin_angle / np.where(angle > 0.0, angle, 1.0), 1.0)
     sin_lat0, cos_lat0 = np.sin(lat0), np.cos(lat0)
-    lat = np.arcsin(np.clip(cos_angle * sin_lat0 + x * scale * cos_lat0, -1.0, 1.0))
-    d_lon = np.arctan2(y * scale, cos_lat0 * cos_angle - x * scale * sin_lat0)
+    lat = np.arcsin(np.clip(cos_angle * sin_lat0 + north_rad * scale * cos_lat0, -1.0, 1.0))
+    d_lon = np.arctan2(east_rad * scale, cos_lat0 * cos_angle - north_rad * scale * sin_lat0)
     return np.degrees(lat), np.asarray(origin_lon_deg) + np.degrees(d_lon)
 
 

@@ -32,7 +32,7 @@ class Home:
 
 
 class HomeUpdater:
-    """Updates the home position of one vehicle."""
+    """Sets and updates the home position of one vehicle."""
 
     def __init__(self, view: VehicleView, home: Home) -> None:
         self._view = view
@@ -41,10 +41,10 @@ class HomeUpdater:
     def set(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_deg: float = math.nan) -> None:
         """Sets home to a commanded position."""
         origin_lat, origin_lon, origin_alt = self._view.origin
-        n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
+        north_m, east_m = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         home = self.home
         home.lat_deg, home.lon_deg, home.alt_amsl_m = lat_deg, lon_deg, alt_amsl_m
-        home.position_ned_m = (float(n), float(e), -(alt_amsl_m - origin_alt))
+        home.position_ned_m = (float(north_m), float(east_m), -(alt_amsl_m - origin_alt))
         home.yaw_ned_rad = math.radians(yaw_deg)
         home.set_at_us, home.manual = self._view.time_boot_us(), True
 
@@ -53,8 +53,8 @@ class HomeUpdater:
         home = self.home
         if home.valid:
             lat, lon, alt = self._view.origin
-            n, e = to_local(home.lat_deg, home.lon_deg, lat, lon)  # type: ignore[arg-type]
-            home.position_ned_m = (float(n), float(e), alt - home.alt_amsl_m)
+            north_m, east_m = to_local(home.lat_deg, home.lon_deg, lat, lon)  # type: ignore[arg-type]
+            home.position_ned_m = (float(north_m), float(east_m), alt - home.alt_amsl_m)
 
     def set_to_current_position(self) -> bool:
         """Sets home to the current position; False: no valid position."""
@@ -73,7 +73,7 @@ class HomeUpdater:
         return True
 
     def _set_to_gps_position(self) -> None:
-        """Sets home to the GPS position every two seconds; used without a valid local position."""
+        """Sets home to the GPS position, at most every two seconds; used without a valid local position."""
         sensors, i, now_us = self._view.simulation.sensors, self._view.row, self._view.time_boot_us()
         home = self.home
         if int(sensors.gps_fix_type[i]) < FIX_3D or now_us - home.set_at_us < GPS_HOME_EVERY_US:
@@ -93,7 +93,7 @@ class HomeUpdater:
             self.set_to_current_position()
 
     def update_disarmed(self) -> None:
-        """Updates home of a disarmed vehicle that has moved by more than 1 m."""
+        """Sets home of a disarmed vehicle, and again after the vehicle has moved by more than 1 m."""
         estimate = self._view.estimate
         if not self._is_automatic:
             return

@@ -9,7 +9,7 @@ A NumPy call takes a microsecond even for few vehicles, and a step would need hu
   formulas.
 - The annotations of a kernel are its only types: `Column`, `Rows`, `Blocks`, `Flags`, `Integers`,
   `IntegerRows`, `float`, `int`, `bool`. A kernel is compiled when its module is imported, never in flight.
-  Formulas must be defined above the kernel. Arrays are contiguous (C order).
+  Formulas must be defined above the kernel that calls them. Arrays are contiguous (C order).
 - The compiler must not reorder sums (`fastmath` is off), and uses only instructions that all processors of an
   architecture have: the same seed gives the same flight everywhere. Division by zero gives infinity or NaN,
   as in NumPy. Comparisons are written so that NaN takes the same branch as in NumPy.
@@ -48,16 +48,16 @@ Rows = NDArray[np.float64]
 Blocks = NDArray[np.float64]
 """(N, m, k) one matrix for each vehicle."""
 Flags = NDArray[np.bool_]
-"""(N,)."""
+"""(N,) one flag for each vehicle."""
 Integers = NDArray[np.int64]
-"""(N,)."""
+"""(N,) one integer for each vehicle."""
 IntegerRows = NDArray[np.int64]
-"""(N, m)."""
+"""(N, m) m integers for each vehicle."""
 F = TypeVar("F", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).resolve().parent
 UNUSED_AFTER_S = 7 * 86400.0
-"""Compiled code of older or newer sources is deleted if it was not loaded for this long."""
+"""Compiled code of other versions of the sources is deleted if no process has loaded it for this long."""
 _TYPES: dict[str, Any] = {
     "Column": numba.float64[::1],
     "Rows": numba.float64[:, ::1],
@@ -83,11 +83,13 @@ def _sources_digest() -> str:
 
 
 def _cache_folder() -> Path | None:
-    """Folder of compiled code: next to the sources, otherwise the user's cache; None: no folder is
-    writable."""
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    """Folder of the compiled code; None: no folder is writable.
+
+    The folder is in NUMBA_CACHE_DIR if set, otherwise next to the sources or in the user's cache.
+    """
+    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     configured = os.environ.get("NUMBA_CACHE_DIR")
-    folders = [Path(configured)] if configured else [PACKAGE / "__pycache__", home / "offboard-gcs"]
+    folders = [Path(configured)] if configured else [PACKAGE / "__pycache__", user_cache / "offboard-gcs"]
     name = f"kernels-{_sources_digest()}"
     for folder in folders:
         try:
@@ -102,10 +104,10 @@ def _cache_folder() -> Path | None:
 
 
 def _remove_unused(folder: Path) -> None:
-    for old in folder.glob("kernels-*"):
+    for cached in folder.glob("kernels-*"):
         with contextlib.suppress(OSError):
-            if time.clock_gettime(time.CLOCK_REALTIME) - (old / "lock").stat().st_mtime > UNUSED_AFTER_S:
-                shutil.rmtree(old, ignore_errors=True)
+            if time.clock_gettime(time.CLOCK_REALTIME) - (cached / "lock").stat().st_mtime > UNUSED_AFTER_S:
+                shutil.rmtree(cached, ignore_errors=True)
 
 
 _folder = _cache_folder()
@@ -118,8 +120,7 @@ if not _config.CPU_NAME:
 
 @contextlib.contextmanager
 def _compile_lock() -> Generator[None]:
-    """Lock: of processes that start at the same time, one compiles a kernel, and the others wait and then
-    load the result."""
+    """Lets one of the processes that start together compile a kernel; the others wait and load the result."""
     if _folder is None:
         yield
         return

@@ -1,7 +1,7 @@
 """Lockstep: a client controls how far simulated time advances, so that flights are reproducible bit for bit.
 
-The client sends SYSTEM_TIME with the `time_boot_ms` to advance to. The simulator first handles earlier
-messages on that link, advances all vehicles to that time, and then sends SYSTEM_TIME on the link.
+The client sends SYSTEM_TIME on a link; its `time_boot_ms` is the time to advance to. The simulator handles
+the earlier messages on this link, advances all vehicles to the time, and then sends SYSTEM_TIME on the link.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tests whether any or all elements of a mask are true, ten times faster than NumPy for a few vehicles.
+"""Tests of small arrays for true or nonzero elements, ten times faster than NumPy for a few vehicles.
 
 Each simulation step makes thirteen such tests; each `ndarray.any` has an overhead of microseconds.
 """

@@ -1,7 +1,7 @@
-"""Arming checks of external components: PX4 sends them a request about three times a second.
+"""Arming checks of external components: PX4 requests replies every 0.312 s of vehicle time.
 
-Times are recorded from PX4 v1.16. One request is sent every 0.312 s of vehicle time. A component is
-unresponsive after four unanswered requests in a row, or after eleven if it has never replied.
+A component is unresponsive after four unanswered requests in a row, or after eleven if it has never replied.
+The times come from recordings of PX4 v1.16.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS, Requirements, add_requirements
+from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS, Requirements, with_external_mode
 
 SLOTS = 8
 NONE = -1
@@ -18,19 +18,20 @@ REQUEST_EVERY_US, REPLY_WITHIN_US = 312_000, 50_000
 TOLERATED_MISSES, TOLERATED_MISSES_BEFORE_REPLY = 3, 10
 """Number of unanswered requests in a row that have no effect: after the first reply, and before it."""
 RECOVERIES = 3
-"""Number of times that an unresponsive component becomes responsive again by a reply."""
+"""Number of times that a reply makes an unresponsive component responsive again."""
 REPLY_QUEUE_LENGTH = 4
-"""PX4's queue length: more replies at the same time replace the oldest."""
+"""PX4's queue length; a further reply replaces the oldest reply in the queue."""
 MAX_EVENTS = 5
 REQUEST_IDS = 256
 
 ExternalEvent = tuple[int, int, bytes]
-"""Id, log levels and arguments of an event that a component reports; the first four arguments are unused."""
+"""Id, log levels and arguments of an event that a component reports; the bit mask of its modes replaces the
+first four bytes of the arguments."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmingCheckReply:
-    """An ArmingCheckReply."""
+    """A component's reply to a request (PX4's message ArmingCheckReply)."""
 
     request_id: int
     registration_id: int
@@ -76,7 +77,7 @@ class ArmingCheck:
 
 @dataclass(frozen=True, slots=True)
 class ExternalHealth:
-    """Requirements and findings of all external components."""
+    """Requirements and results of the arming checks of all external components."""
 
     requirements: Requirements = BUILT_IN_REQUIREMENTS
     unresponsive: int = 0
@@ -86,11 +87,12 @@ class ExternalHealth:
     registered: int = 0
     """Bit mask of the registered modes."""
     events: tuple[tuple[int, ExternalEvent], ...] = ()
-    """Findings, each with the bit mask of its modes."""
+    """Reported events, each with the bit mask of its modes."""
 
 
 NOTHING_REGISTERED = ExternalHealth()
 EVERY_MODE = 0xFFFFFFFF
+"""Bit mask of all modes."""
 
 
 class ArmingChecks:
@@ -107,12 +109,12 @@ class ArmingChecks:
 
     @property
     def is_full(self) -> bool:
-        """Whether no registration is free."""
+        """Whether no slot is free."""
         return len(self._checks) >= SLOTS
 
     def add(self, mode: int, replaces: int) -> int:
         """Registers a check in the first free slot; returns its registration id."""
-        registration_id = next(free for free in range(SLOTS) if free not in self._checks)
+        registration_id = next(slot for slot in range(SLOTS) if slot not in self._checks)
         self._checks[registration_id] = ArmingCheck(mode, replaces)
         return registration_id
 
@@ -122,7 +124,7 @@ class ArmingChecks:
             del self._checks[registration_id]
 
     def is_unresponsive(self, registration_id: int) -> bool:
-        """Whether the component of this check is unresponsive."""
+        """Whether a check is registered and its component is unresponsive."""
         return registration_id in self._checks and self._checks[registration_id].unresponsive
 
     def receive(self, reply: ArmingCheckReply) -> None:
@@ -130,7 +132,11 @@ class ArmingChecks:
         self._replies.append(reply)
 
     def update(self, now_us: int) -> int | None:
-        """Evaluates replies and timeouts; returns the id of a request to send to all components now."""
+        """Evaluates replies and timeouts.
+
+        Returns:
+            Id of a request to send to all components now; None: no request is due.
+        """
         if not self._checks:
             return None
         self._take_replies()
@@ -139,7 +145,7 @@ class ArmingChecks:
             all_answered = self._answered == self._checks.keys()
             if waited_us > REPLY_WITHIN_US and not self._misses_counted and not all_answered:
                 self._misses_counted = True
-                self._count_missing()
+                self._count_misses()
             if waited_us < REQUEST_EVERY_US:
                 return None
         self._requested_at_us, self._misses_counted = now_us, False
@@ -155,14 +161,14 @@ class ArmingChecks:
                 self._answered.add(reply.registration_id)
                 check.store_reply(reply)
 
-    def _count_missing(self) -> None:
+    def _count_misses(self) -> None:
         for registration_id, check in list(self._checks.items()):
-            missing = registration_id not in self._answered
-            if missing and check.count_miss() and check.mode == NONE:
+            unanswered = registration_id not in self._answered
+            if unanswered and check.count_miss() and check.mode == NONE:
                 del self._checks[registration_id]
 
     def health(self) -> ExternalHealth:
-        """The state of all checks."""
+        """Requirements and results of all checks."""
         if not self._checks:
             return NOTHING_REGISTERED
         requirements, unresponsive, not_armable, registered = BUILT_IN_REQUIREMENTS, 0, 0, 0
@@ -177,7 +183,7 @@ class ArmingChecks:
             else:
                 if check.mode != NONE:
                     requires = check.reply.requires
-                    requirements = add_requirements(
+                    requirements = with_external_mode(
                         requirements, modes, requires, can_run=check.reply.can_run
                     )
                 not_armable |= 0 if check.reply.can_run else modes

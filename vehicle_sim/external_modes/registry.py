@@ -1,7 +1,7 @@
 """External modes of one vehicle: registration, arming checks, replaced modes, executor in charge.
 
-The registry has no clock and no transport: time is an argument, and the caller sends the messages. The rules
-are those of PX4 v1.16, recorded over ROS 2.
+The registry has no clock and no transport: time is an argument, and the caller sends the messages. It follows
+recordings of PX4 v1.16 over ROS 2.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ NO_OVERRIDES, NO_CONTROLLERS = Overrides(), Controllers()
 
 @dataclass(frozen=True, slots=True)
 class Registration:
-    """A RegisterExtComponentRequest."""
+    """A component's request to be registered (PX4's message RegisterExtComponentRequest)."""
 
     name: str
     arming_check: bool = False
     mode: bool = False
     executor: bool = False
     replaces: int = NONE
-    """Navigation state of the mode to replace."""
+    """Navigation state of the mode that the external mode replaces."""
     activate: bool = False
-    """Whether to select the mode immediately."""
+    """Whether the external mode is selected immediately."""
 
     @property
     def is_consistent(self) -> bool:
@@ -52,7 +52,7 @@ class Registration:
 
 @dataclass(frozen=True, slots=True)
 class RegistrationReply:
-    """A RegisterExtComponentReply; NONE: not registered."""
+    """The ids of a registered component (PX4's message RegisterExtComponentReply); NONE: not registered."""
 
     success: bool = False
     arming_check: int = NONE
@@ -84,13 +84,14 @@ class ExternalModes:
         self.config_count = 0
         """Number of changes of `config_control_setpoints`."""
         self.mode_list_seq = 0
-        """Number of changes to the list of modes: AVAILABLE_MODES_MONITOR.seq.
+        """Number of changes to the list of modes (AVAILABLE_MODES_MONITOR.seq).
 
-        As recorded, it increases when a mode is registered, and when `vehicle_status` is published with a
-        changed mask of the modes that can be set.
+        As recorded, the number increases when a mode is registered, and when `vehicle_status` is published
+        with a changed mask of the modes that can be set.
         """
         self.on_mode_list_change: Callable[[], None] = _no_listener
-        self._settable = -1
+        self._published_settable = -1
+        """Bit mask in the last `vehicle_status`; -1: not published yet."""
 
     # --- registration ----------------------------------------------------------------------------------
 
@@ -99,18 +100,18 @@ class ExternalModes:
         if not request.is_consistent or not self._has_free_slots(request):
             return RegistrationReply()
         name = request.name[:NAME_LENGTH]
-        state = executor = check = NONE
+        nav_state = executor = check = NONE
         if request.mode:
             mode = ExternalMode(name, request.replaces)
-            state = self._slots.add(mode)
-            self._count_list_change()
+            nav_state = self._slots.add(mode)
+            self._report_list_change()
         if request.executor:
-            executor = self._slots.modes[state].executor = self._executors.add(Executor(name))
+            executor = self._slots.modes[nav_state].executor = self._executors.add(Executor(name))
         if request.arming_check:
-            check = self.checks.add(state, request.replaces)
+            check = self.checks.add(nav_state, request.replaces)
             if request.mode:
-                self._slots.modes[state].arming_check = check
-        return RegistrationReply(True, check, state, executor)
+                self._slots.modes[nav_state].arming_check = check
+        return RegistrationReply(True, check, nav_state, executor)
 
     def _has_free_slots(self, request: Registration) -> bool:
         if request.mode and request.replaces != NONE and self.is_replaced(request.replaces):
@@ -121,65 +122,73 @@ class ExternalModes:
             or (request.executor and self._executors.is_full)
         )
 
-    def _count_list_change(self) -> None:
+    def _report_list_change(self) -> None:
         self.mode_list_seq += 1
         self.on_mode_list_change()
 
     def on_status_published(self, settable: int) -> None:
         """Called when `vehicle_status` is published, with its bit mask of the modes that can be set."""
-        if settable != self._settable:
-            before, self._settable = self._settable, settable
-            if before >= 0:
-                self._count_list_change()
+        if settable != self._published_settable:
+            previous, self._published_settable = self._published_settable, settable
+            if previous >= 0:
+                self._report_list_change()
 
     def unregister(self, name: str, arming_check: int, mode: int) -> bool:
-        """Removes a component; returns whether its mode was removed. A mode with another name stays."""
+        """Removes a component; returns whether its mode was removed.
+
+        A mode with another name is not removed.
+        """
         if arming_check != NONE:
             self.checks.remove(arming_check, mode)
         return mode != NONE and self._remove_mode(mode, name[:NAME_LENGTH])
 
-    def _remove_mode(self, state: int, name: str) -> bool:
-        executor = self._slots.modes[state].executor if state in self._slots.modes else NONE
-        if not self._slots.remove(state, name):
+    def _remove_mode(self, nav_state: int, name: str) -> bool:
+        executor = self._slots.modes[nav_state].executor if nav_state in self._slots.modes else NONE
+        if not self._slots.remove(nav_state, name):
             return False
         self._executors.executors.pop(executor, None)
         if self._in_charge == executor:
             self._in_charge = AUTOPILOT
         return True
 
-    def remove_unresponsive(self, intended: int) -> None:
-        """Removes modes whose component is unresponsive, except the intended mode."""
-        for state, mode in list(self._slots.modes.items()):
-            if state != intended and self.checks.is_unresponsive(mode.arming_check):
-                self.checks.remove(mode.arming_check, state)
-                self._remove_mode(state, mode.name)
+    def remove_unresponsive(self, intended_mode: int) -> None:
+        """Removes the modes whose component is unresponsive, except the intended mode."""
+        for nav_state, mode in list(self._slots.modes.items()):
+            if nav_state != intended_mode and self.checks.is_unresponsive(mode.arming_check):
+                self.checks.remove(mode.arming_check, nav_state)
+                self._remove_mode(nav_state, mode.name)
 
     # --- modes -----------------------------------------------------------------------------------------
 
-    def mode(self, state: int) -> ExternalMode | None:
+    @property
+    def has_modes(self) -> bool:
+        """Whether an external mode is registered."""
+        return bool(self._slots.modes)
+
+    def mode(self, nav_state: int) -> ExternalMode | None:
         """The mode registered for a navigation state."""
-        return self._slots.modes.get(state)
+        return self._slots.modes.get(nav_state)
 
     def health(self) -> ExternalHealth:
-        """Requirements and findings of all external components."""
+        """Requirements and results of the arming checks of all external components."""
         return self.checks.health()
 
-    def replaced_mode(self, state: int) -> int:
-        """The mode that an external mode replaces, or else the mode itself."""
-        mode = self.mode(state)
-        return state if mode is None or mode.replaces == NONE else mode.replaces
+    def replaced_mode(self, nav_state: int) -> int:
+        """The mode that the external mode `nav_state` replaces; `nav_state` if it replaces none."""
+        mode = self.mode(nav_state)
+        return nav_state if mode is None or mode.replaces == NONE else mode.replaces
 
-    def effective_mode(self, state: int) -> int:
-        """The replacement of a mode, if one is registered and responsive, or else the mode itself."""
-        replacement = self._slots.replacement(state) if self._slots.modes else None
+    def effective_mode(self, nav_state: int) -> int:
+        """The external mode that replaces `nav_state`; `nav_state` if no responsive mode replaces it."""
+        replacement = self._slots.replacement(nav_state) if self._slots.modes else None
         if replacement is None:
-            return state
+            return nav_state
         unresponsive = self.checks.is_unresponsive(self._slots.modes[replacement].arming_check)
-        return state if unresponsive else replacement
+        return nav_state if unresponsive else replacement
 
-    def is_replaced(self, state: int) -> bool:
-        """Whether an external mode replaces a mode."""
-        return self._slots.replacement(state) is not None
+    def is_replaced(self, nav_state: int) -> bool:
+        """Whether an external mode replaces `nav_state`."""
+        return self._slots.replacement(nav_state) is not None
 
     def settable(self, built_in: int) -> int:
         """Bit mask of the modes that can be set.
@@ -187,43 +196,38 @@ class ExternalModes:
         Args:
             built_in: bit mask of PX4's own modes.
         """
-        for state, mode in self._slots.modes.items():
-            built_in |= 1 << state
+        for nav_state, mode in self._slots.modes.items():
+            built_in |= 1 << nav_state
             if 0 <= mode.replaces <= LAST_MODE:
                 built_in &= ~(1 << mode.replaces)
         return built_in
 
-    def set_controllers(self, state: int, controllers: Controllers) -> None:
+    def set_controllers(self, nav_state: int, controllers: Controllers) -> None:
         """Sets the controllers of a mode; ignored for a mode that is not registered."""
-        mode = self.mode(state)
+        mode = self.mode(nav_state)
         if mode is not None:
             mode.controllers = controllers
             self.config_count += 1
 
-    def controllers(self, state: int) -> Controllers:
+    def controllers(self, nav_state: int) -> Controllers:
         """Controllers that run in a mode."""
-        mode = self.mode(state)
+        mode = self.mode(nav_state)
         return NO_CONTROLLERS if mode is None else mode.controllers
 
     # --- executors and overrides -----------------------------------------------------------------------
-
-    @property
-    def has_modes(self) -> bool:
-        """Whether an external mode is registered."""
-        return bool(self._slots.modes)
 
     @property
     def executor_in_charge(self) -> int:
         """Id of the executor in charge; during a failsafe the autopilot is in charge."""
         return AUTOPILOT if self.failsafe_acts else self._in_charge
 
-    def on_mode_change(self, state: int) -> None:
+    def on_mode_change(self, nav_state: int) -> None:
         """Called after a change of the intended mode; puts the executor of the new mode in charge.
 
         If the mode has no executor, the autopilot is in charge, unless the executor in charge selected the
         mode.
         """
-        mode = self.mode(state)
+        mode = self.mode(nav_state)
         if mode is not None and mode.executor != NONE:
             self._in_charge = mode.executor
         elif not self.commanded_by_executor:
@@ -236,19 +240,19 @@ class ExternalModes:
         if executor in self._executors.executors:
             self._executors.executors[executor].overrides = overrides
 
-    def overrides(self, active: int) -> Overrides:
-        """The overrides that apply: those of the active mode and of the executor in charge."""
+    def overrides(self, active_mode: int) -> Overrides:
+        """The combined overrides of the active mode and of the executor in charge."""
         if not self._slots.modes:
             return NO_OVERRIDES
-        mode = self.mode(active)
+        mode = self.mode(active_mode)
         mode_overrides = NO_OVERRIDES if mode is None else mode.overrides
         executor = self._executors.executors.get(self.executor_in_charge)
         if executor is None:
             return mode_overrides
         executor_overrides = executor.overrides
-        deferral = executor_overrides if executor_overrides.defer_failsafes else mode_overrides
+        deferring = executor_overrides if executor_overrides.defer_failsafes else mode_overrides
         return dataclasses.replace(
-            deferral,
+            deferring,
             disable_auto_disarm=mode_overrides.disable_auto_disarm or executor_overrides.disable_auto_disarm,
         )
 
@@ -272,6 +276,6 @@ def _no_listener() -> None:
     """Default listener without effect."""
 
 
-def is_external(state: int) -> bool:
+def is_external(nav_state: int) -> bool:
     """Whether a navigation state belongs to an external mode."""
-    return FIRST_MODE <= state <= LAST_MODE
+    return FIRST_MODE <= nav_state <= LAST_MODE

@@ -21,7 +21,7 @@ class Requirements(NamedTuple):
     prevent_arming: int = 0x3C3020
     manual_control: int = 0x8447
     other: int = 0x7F800000
-    """Modes that cannot run: external modes that are not registered, or report that they cannot run."""
+    """Bit mask of the external modes that are not registered or report that they cannot run."""
 
 
 BUILT_IN_REQUIREMENTS = Requirements()
@@ -30,16 +30,16 @@ REPORTED = (
     "angular_velocity", "attitude", "local_alt", "local_position", "local_position_relaxed",
     "global_position", "mission", "home_position", "prevent_arming", "manual_control",
 )  # fmt: skip
-"""Requirements that an ArmingCheckReply states, in fields `mode_req_*`."""
+"""Requirements that a component reports in the fields `mode_req_*` of ArmingCheckReply."""
 
 
-def add_requirements(
+def with_external_mode(
     requirements: Requirements, modes: int, requires: frozenset[str], *, can_run: bool
 ) -> Requirements:
-    """The requirements of all modes, including those that an external mode reports.
+    """The requirements of all modes after an external mode has reported its requirements.
 
     Args:
-        requirements: the requirements so far.
+        requirements: the requirements before the report.
         modes: bit mask of the external mode and the mode that it replaces.
         requires: names in `REPORTED` that the external mode requires.
         can_run: whether the external mode can run.

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 FIRST_MODE, LAST_MODE = 23, 30
 """Navigation states of external modes."""
-EXECUTORS = 5
+MAX_EXECUTORS = 5
 NONE = -1
+"""No mode, no arming check, no executor."""
 _FNV_OFFSET, _FNV_PRIME = 0x811C9DC5, 0x01000193
 
 
@@ -74,7 +75,7 @@ class ModeSlots:
     """Registered modes by navigation state.
 
     Args:
-        hashes: for each slot the hash of the last mode's name; 0: never used. They are kept over restarts.
+        hashes: for each slot the hash of the last mode's name; 0: never used. The hashes outlast a reboot.
         store_hash: `store_hash(slot, value)` changes the hash of a slot.
     """
 
@@ -90,36 +91,37 @@ class ModeSlots:
     def add(self, mode: ExternalMode) -> int:
         """Stores a mode; returns its navigation state.
 
-        A known name gets its old slot; a new name gets the first free slot that was never used, otherwise the
-        first free slot. A second mode of the same name gets its slot in the same way, and its hash is 0.
+        A known name gets its old slot. A new name gets the first free slot that was never used, otherwise the
+        first free slot. If a mode of the same name occupies the old slot, the slot is chosen as for a new
+        name, and the hash of that slot is 0.
         """
-        hashed = name_hash(mode.name)
-        free = [n for n in range(LAST_MODE - FIRST_MODE + 1) if FIRST_MODE + n not in self.modes]
-        unused = next((n for n in free if self._hashes[n] == 0), None)
-        known = next((n for n, value in enumerate(self._hashes) if value == hashed), None)
-        if known in free:
-            slot = known
-        elif known is not None and unused is not None:
-            slot = unused
-        elif known is not None:
-            slot = free[0]
+        new_hash = name_hash(mode.name)
+        free_slots = [n for n in range(LAST_MODE - FIRST_MODE + 1) if FIRST_MODE + n not in self.modes]
+        never_used = next((n for n in free_slots if self._hashes[n] == 0), None)
+        same_name = next((n for n, value in enumerate(self._hashes) if value == new_hash), None)
+        if same_name in free_slots:
+            slot = same_name
+        elif same_name is not None and never_used is not None:
+            slot = never_used
+        elif same_name is not None:
+            slot = free_slots[0]
             self._store_hash(slot, 0)
         else:
-            slot = free[0] if unused is None else unused
-            self._store_hash(slot, hashed)
+            slot = free_slots[0] if never_used is None else never_used
+            self._store_hash(slot, new_hash)
         self.modes[FIRST_MODE + slot] = mode
         return FIRST_MODE + slot
 
-    def remove(self, state: int, name: str) -> bool:
+    def remove(self, nav_state: int, name: str) -> bool:
         """Removes a mode if it has this name."""
-        if state not in self.modes or self.modes[state].name != name:
+        if nav_state not in self.modes or self.modes[nav_state].name != name:
             return False
-        del self.modes[state]
+        del self.modes[nav_state]
         return True
 
-    def replacement(self, state: int) -> int | None:
-        """Navigation state of the external mode that replaces a mode; None: no replacement."""
-        return next((number for number, mode in self.modes.items() if mode.replaces == state), None)
+    def replacement(self, nav_state: int) -> int | None:
+        """Navigation state of the external mode that replaces `nav_state`; None: no mode replaces it."""
+        return next((external for external, mode in self.modes.items() if mode.replaces == nav_state), None)
 
 
 class Executors:
@@ -131,10 +133,10 @@ class Executors:
     @property
     def is_full(self) -> bool:
         """Whether no id is free."""
-        return len(self.executors) >= EXECUTORS
+        return len(self.executors) >= MAX_EXECUTORS
 
     def add(self, executor: Executor) -> int:
         """Stores an executor; returns its id."""
-        number = next(number for number in range(1, EXECUTORS + 1) if number not in self.executors)
-        self.executors[number] = executor
-        return number
+        executor_id = next(n for n in range(1, MAX_EXECUTORS + 1) if n not in self.executors)
+        self.executors[executor_id] = executor
+        return executor_id
