@@ -1,4 +1,4 @@
-"""One vehicle's onboard log: start and stop by SDLOG_MODE, file names, and write errors."""
+"""The onboard log of one vehicle: start and stop by SDLOG_MODE, file names, limits and write errors."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ STOP_DELAY_US: Final = 1_000_000
 FILE_NAME_DELAY_US: Final = 45_000
 """Delay between the start of a log and the text with its file name."""
 TICK_US: Final = 20_000
-"""Period of the log's state topics: one autopilot tick. In the same step the autopilot also reads the
-estimate, which the simulation converts to plain numbers once per step."""
+"""Period of the log's state topics: one autopilot tick. Log and autopilot read the estimate in the same step,
+so that the simulation converts it to plain numbers only once."""
 DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)
-"""SDLOG_MODE; WHILE_AUX1 requires an RC receiver, which a simulated vehicle does not have."""
-FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
-BY_ARMING: Final = frozenset({WHILE_ARMED, BOOT_TO_DISARM, ARMED_TO_SHUTDOWN})
-UNTIL_SHUTDOWN: Final = frozenset({BOOT_TO_SHUTDOWN, ARMED_TO_SHUTDOWN})
+"""Values of SDLOG_MODE; WHILE_AUX1 requires an RC receiver, which a simulated vehicle does not have."""
+BOOT_MODES: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
+ARMING_MODES: Final = frozenset({WHILE_ARMED, BOOT_TO_DISARM, ARMED_TO_SHUTDOWN})
+SHUTDOWN_MODES: Final = frozenset({BOOT_TO_SHUTDOWN, ARMED_TO_SHUTDOWN})
+"""Modes in which a log starts at boot, starts at arming, or continues until shutdown."""
 MIN_FREE_BYTES: Final = 50 << 20
 """With less free space, no log starts and a running log ends."""
 MAX_BYTES: Final = 1 << 30
@@ -54,7 +55,7 @@ class Logger:
     Args:
         autopilot: the autopilot to log.
         states: state topics of the autopilot.
-        files: the vehicle's files, in which the log is written.
+        files: the vehicle's files, which contain the log.
         recorders: recorders that sample the array topics; None: the vehicle never logs.
         free_space: returns the free bytes on a folder's disk.
     """
@@ -79,15 +80,15 @@ class Logger:
         self._recorder: Recorder | None = None
         self._file: FileIO | None = None
         self._pending: list[bytes] = []
-        self._started = False
+        self._is_ready = False
         self._armed = False
         self._started_manually = False
         self._stop_at_us: int | None = None
         self._announce_at_us: int | None = None
-        self._check_at_us = 0
-        self._tick_at_us = 0
+        self._next_check_us = 0
+        self._next_sample_us = 0
         if recorders is not None:
-            self._announcer.add_listener(self._log_message)
+            self._announcer.add_listener(self._log_announcement)
             self._view.parameters.add_listener(self._log_parameter)
 
     @property
@@ -107,13 +108,13 @@ class Logger:
 
     def step(self, now_us: int) -> None:
         """Called after each simulation step."""
-        if not self._started:
+        if not self._is_ready:
             if now_us < LOGGING_POSSIBLE_AFTER_US:
                 return
-            self._started = True
+            self._is_ready = True
             self._autopilot.commander.checks.logging = False
             self._delete_old_logs()
-            if self.mode in FROM_BOOT:
+            if self.mode in BOOT_MODES:
                 self._start(now_us)
         armed = self._autopilot.commander.armed
         if armed is not self._armed:
@@ -124,9 +125,9 @@ class Logger:
         if self._announce_at_us is not None and now_us >= self._announce_at_us:
             self._announce_at_us = None
             self._announcer.text(6, f"[logger] ./{self.path}\t")
-        if self._file is not None and now_us >= self._tick_at_us:
-            self._tick_at_us = (now_us // TICK_US + 1) * TICK_US
-            self._tick(now_us)
+        if self._file is not None and now_us >= self._next_sample_us:
+            self._next_sample_us = (now_us // TICK_US + 1) * TICK_US
+            self._sample_states(now_us)
 
     def start_manually(self) -> bool:
         """Starts logging until `stop_manual_log`; returns whether a file is being written."""
@@ -137,9 +138,10 @@ class Logger:
         return self.running
 
     def stop_manual_log(self) -> None:
-        """Ends logging started by `start_manually`; a log that SDLOG_MODE requires continues."""
+        """Ends logging started by `start_manually`; the log continues in mode BOOT_TO_SHUTDOWN, and while the
+        vehicle is armed in the ARMING_MODES."""
         self._started_manually = False
-        if not (self._armed and self.mode in BY_ARMING) and self.mode != BOOT_TO_SHUTDOWN:
+        if not (self._armed and self.mode in ARMING_MODES) and self.mode != BOOT_TO_SHUTDOWN:
             self.stop()
 
     def flush(self) -> None:
@@ -158,7 +160,7 @@ class Logger:
         self._close()
 
     def write(self, data: bytes) -> None:
-        """Writes samples of the array topics, and pending messages."""
+        """Writes pending messages and then samples of the array topics."""
         self._pending.append(data)
         self._write_pending()
 
@@ -166,20 +168,25 @@ class Logger:
 
     def _on_arming_change(self, armed: bool, now_us: int) -> None:
         mode = self.mode
-        if armed and mode in BY_ARMING:
+        if armed and mode in ARMING_MODES:
             if self._stop_at_us is not None:
                 self.stop()
             if not self.running:
                 self._start(now_us)
-        elif not armed and mode in BY_ARMING - UNTIL_SHUTDOWN and self.running and not self._started_manually:
+        elif (
+            not armed
+            and mode in ARMING_MODES - SHUTDOWN_MODES
+            and self.running
+            and not self._started_manually
+        ):
             self._stop_at_us = now_us + STOP_DELAY_US
 
-    def _tick(self, now_us: int) -> None:
+    def _sample_states(self, now_us: int) -> None:
         data = self._states.due(now_us)
         if data:
             self._pending.append(data)
-        if now_us >= self._check_at_us:
-            self._check_at_us = now_us + CHECK_EVERY_US
+        if now_us >= self._next_check_us:
+            self._next_check_us = now_us + CHECK_EVERY_US
             self._check_size()
 
     def _check_size(self) -> None:
@@ -213,7 +220,7 @@ class Logger:
         self.path, self.written_bytes, self.started_at_us = path, 0, now_us
         profile = self._view.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
         recorder = self._recorders.for_profile(profile)
-        self._check_at_us = now_us + CHECK_EVERY_US
+        self._next_check_us = now_us + CHECK_EVERY_US
         self._pending = [ulog.header(now_us), ulog.flag_bits(), *self._info_messages()]
         layouts = [topic.layout for topic in recorder.topics] + list(self._states.layouts)
         self._pending += [_formats(tuple(layouts)), _parameters(self._view.parameters)]
@@ -258,7 +265,7 @@ class Logger:
         ]
 
     def _delete_old_logs(self) -> None:
-        """Deletes the oldest days beyond SDLOG_DIRS_MAX."""
+        """Deletes the oldest folders (one for each day) beyond SDLOG_DIRS_MAX."""
         days_kept = self._view.optional_choice("SDLOG_DIRS_MAX", 0)
         if days_kept <= 0 or self.mode == DISABLED:
             return
@@ -269,7 +276,7 @@ class Logger:
         except OSError:
             return  # no log yet
 
-    def _log_message(self, item: StatusText | Event) -> None:
+    def _log_announcement(self, item: StatusText | Event) -> None:
         if self._file is None:
             return
         if isinstance(item, Event):
@@ -279,17 +286,17 @@ class Logger:
 
     def _log_parameter(self, name: str, value: ParameterValue) -> None:
         if self._file is not None:
-            integer = self._view.parameters.type_of(name) == "INT32"
-            self._pending.append(ulog.parameter(name, value, integer=integer))
+            is_int = self._view.parameters.type_of(name) == "INT32"
+            self._pending.append(ulog.parameter(name, value, integer=is_int))
 
     def _write_pending(self) -> None:
         data, self._pending = b"".join(self._pending), []
         if self._file is None or not data:
             return
         try:
-            rest = memoryview(data)
-            while rest:
-                rest = rest[self._file.write(rest) :]
+            unwritten = memoryview(data)
+            while unwritten:
+                unwritten = unwritten[self._file.write(unwritten) :]
             self.written_bytes += len(data)
         except OSError as error:
             self._close()
@@ -322,15 +329,15 @@ def _formats(layouts: tuple[TopicLayout, ...]) -> bytes:
 
 
 def _parameters(parameters: Parameters) -> bytes:
-    """All parameter values, then the defaults of the parameters that differ."""
-    out: list[bytes] = []
+    """All parameter values, then the defaults of the parameters that differ from them."""
+    messages: list[bytes] = []
     for name, value in parameters.items():
-        out.append(ulog.parameter(name, value, integer=parameters.type_of(name) == "INT32"))
+        messages.append(ulog.parameter(name, value, integer=parameters.type_of(name) == "INT32"))
     for name in parameters.changed_names():
         integer = parameters.type_of(name) == "INT32"
         default = parameters.default_of(name)
-        out.append(ulog.default_parameter(name, default, integer=integer, kinds=ulog.AIRFRAME_DEFAULT))
-    return b"".join(out)
+        messages.append(ulog.default_parameter(name, default, integer=integer, sources=ulog.AIRFRAME_DEFAULT))
+    return b"".join(messages)
 
 
 class FleetLogs:

@@ -1,7 +1,7 @@
 """Samples the array topics of all vehicles that log.
 
-A step costs one small copy per array. NumPy encodes forty samples of all vehicles together, so that logging
-takes about one per cent of the simulation's computing time.
+A step costs one small copy per array. NumPy encodes the samples of BLOCK_MS and of all vehicles together, so
+that logging takes about one per cent of the simulation's computing time.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from vehicle_sim.simulation import Simulation
 from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, Period, Source
 
 BLOCK_MS = 400
-"""Duration of the samples that are collected before they are written."""
+"""Samples are collected for this time before they are written."""
+GPS_BLOCK_SAMPLES = 4
+"""Number of GPS samples that are collected before they are written."""
 
 
-class Sink(Protocol):
+class LogWriter(Protocol):
     """The writer of one vehicle's log."""
 
     row: int
@@ -31,12 +33,12 @@ class Sink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _SourceColumns:
-    """One source of values: its columns in the buffer of a group, and the topic fields of these columns."""
+    """A source of values, its columns in the buffer of a group, and the topic's fields for these columns."""
 
     names: tuple[str, ...]
-    """One field, or one field for each column."""
+    """Name of one array field for all columns, or the name of a field for each column."""
     source: Source
-    at: int
+    first: int
     """Index of the first column."""
     width: int
     """Number of columns."""
@@ -51,33 +53,33 @@ class _Group:
         self.due_us = 0
         """Time of the next sample."""
         self._sample_count = -1
-        self._used = 0
+        self._filled = 0
         self._encodings: list[tuple[ArrayTopic, NDArray[Any], list[_SourceColumns]]] = []
-        """Each topic with its constant fields, and the columns of its other fields."""
+        """Each topic, a record with its constant fields, and the columns of its other fields."""
         self._columns: list[_SourceColumns] = []
         width = 0
         for topic in topics:
             template = topic.layout.blank()
             lengths = {field.name: field.length for field in topic.layout.fields}
             topic_columns: list[_SourceColumns] = []
-            for key, source in topic.sources.items():
+            for joined_names, source in topic.sources.items():
                 if not callable(source):
-                    template[key] = source
+                    template[joined_names] = source
                     continue
-                names = tuple(key.split())
+                names = tuple(joined_names.split())
                 column = _SourceColumns(names, source, width, max(len(names), lengths[names[0]]))
                 width += column.width
                 topic_columns.append(column)
             self._columns += topic_columns
             self._encodings.append((topic, template, topic_columns))
-        self._length = max(1, BLOCK_MS // period) if isinstance(period, int) else 4
-        self._values = np.zeros((self._length, simulation.count, width))
-        self._times_us = np.zeros((self._length, 1), dtype=np.uint64)
+        self._capacity = max(1, BLOCK_MS // period) if isinstance(period, int) else GPS_BLOCK_SAMPLES
+        self._values = np.zeros((self._capacity, simulation.count, width))
+        self._times_us = np.zeros((self._capacity, 1), dtype=np.uint64)
 
     def sample(self, now_us: int) -> bool:
         """Takes a sample; returns whether the buffer is then full.
 
-        A group with the rate of a sensor takes a sample only after a new measurement of the sensor.
+        A group with the period GPS_SAMPLES takes a sample only after a new GPS measurement.
         """
         period = self._period
         if isinstance(period, str):
@@ -87,45 +89,45 @@ class _Group:
             self._sample_count = count
         else:
             self.due_us = (now_us // (period * 1000) + 1) * period * 1000
-        k = self._used
+        k = self._filled
         row, simulation = self._values[k], self._simulation
         for column in self._columns:
             values = column.source(simulation)
             if column.width == 1:
-                row[:, column.at] = values
+                row[:, column.first] = values
             else:
-                row[:, column.at : column.at + column.width] = values
+                row[:, column.first : column.first + column.width] = values
         self._times_us[k] = now_us
-        self._used = k + 1
-        return self._used == self._length
+        self._filled = k + 1
+        return self._filled == self._capacity
 
-    def write(self, sinks: Sequence[Sink]) -> None:
+    def write(self, writers: Sequence[LogWriter]) -> None:
         """Writes the collected samples."""
-        used, self._used = self._used, 0
-        if not used:
+        filled, self._filled = self._filled, 0
+        if not filled:
             return
-        rows = [sink.row for sink in sinks]
-        values = self._values[:used]
+        rows = [writer.row for writer in writers]
+        values = self._values[:filled]
         if len(rows) != values.shape[1]:
             values = values[:, rows]
-        parts: list[list[bytes]] = [[] for _ in sinks]
+        encoded_by_writer: list[list[bytes]] = [[] for _ in writers]
         for topic, template, columns in self._encodings:
-            records = np.empty((used, len(rows)), dtype=topic.layout.dtype)
+            records = np.empty((filled, len(rows)), dtype=topic.layout.dtype)
             records[:] = template
-            records["timestamp"] = self._times_us[:used]
+            records["timestamp"] = self._times_us[:filled]
             if topic.sampled:
-                records["timestamp_sample"] = self._times_us[:used]
+                records["timestamp_sample"] = self._times_us[:filled]
             for column in columns:
-                at, names = column.at, column.names
+                first, names = column.first, column.names
                 if len(names) == 1 and column.width > 1:
-                    records[names[0]] = values[:, :, at : at + column.width]
+                    records[names[0]] = values[:, :, first : first + column.width]
                     continue
                 for k, name in enumerate(names):
-                    records[name] = values[:, :, at + k]
-            for m, part in enumerate(parts):
-                part.append(records[:, m].tobytes())
-        for sink, part in zip(sinks, parts, strict=True):
-            sink.write(b"".join(part))
+                    records[name] = values[:, :, first + k]
+            for m, encoded in enumerate(encoded_by_writer):
+                encoded.append(records[:, m].tobytes())
+        for writer, encoded in zip(writers, encoded_by_writer, strict=True):
+            writer.write(b"".join(encoded))
 
 
 class Recorder:
@@ -137,34 +139,34 @@ class Recorder:
         for topic in self.topics:
             by_period.setdefault(topic.period(profile) or 0, []).append(topic)
         self._groups = [_Group(simulation, period, topics) for period, topics in by_period.items()]
-        self._sinks: list[Sink] = []
+        self._writers: list[LogWriter] = []
 
-    def add(self, sink: Sink) -> None:
+    def add(self, writer: LogWriter) -> None:
         """Starts logging for a vehicle."""
         self.flush()
-        self._sinks.append(sink)
+        self._writers.append(writer)
 
-    def remove_and_flush(self, sink: Sink) -> None:
+    def remove_and_flush(self, writer: LogWriter) -> None:
         """Writes the collected samples of a vehicle, and stops logging for it."""
         self.flush()
-        self.remove_without_flush(sink)
+        self.remove_without_flush(writer)
 
-    def remove_without_flush(self, sink: Sink) -> None:
+    def remove_without_flush(self, writer: LogWriter) -> None:
         """Stops logging for a vehicle without writing; called after a write error."""
-        self._sinks = [each for each in self._sinks if each is not sink]
+        self._writers = [each for each in self._writers if each is not writer]
 
     def flush(self) -> None:
         """Writes the collected samples, even if the buffer is not full."""
         for group in self._groups:
-            group.write(tuple(self._sinks))
+            group.write(tuple(self._writers))
 
     def step(self, now_us: int) -> None:
         """Called after each simulation step."""
-        if not self._sinks:
+        if not self._writers:
             return
         for group in self._groups:
             if now_us >= group.due_us and group.sample(now_us):
-                group.write(tuple(self._sinks))
+                group.write(tuple(self._writers))
 
 
 class Recorders:
@@ -174,6 +176,7 @@ class Recorders:
         self._simulation = simulation
         self._by_profile: dict[int, Recorder] = {}
         self.steps: list[Callable[[int], None]] = []
+        """`Recorder.step` of each recorder."""
 
     def for_profile(self, profile: int) -> Recorder:
         """The recorder of a profile (SDLOG_PROFILE); created at the first call."""

@@ -1,6 +1,7 @@
 """Encodes the messages of PX4's log format ULog, version 1, independent of the logged content.
 
-Format: docs.px4.io, "ULog File Format". Little-endian, fields packed in the order they are declared.
+The format is described at docs.px4.io, "ULog File Format": little-endian, fields packed in the order of their
+declaration.
 """
 
 from __future__ import annotations
@@ -11,16 +12,17 @@ from vehicle_sim.topics.layout import TYPES, TopicLayout
 
 MAGIC = b"ULog\x01\x12\x35"
 VERSION = 1
-_HEAD = struct.Struct("<HB")
-INCOMPAT_NOTHING = bytes(8)
-HAS_DEFAULTS = b"\x01" + bytes(7)
+_MESSAGE_HEADER = struct.Struct("<HB")
+NO_INCOMPATIBLE_FLAGS = bytes(8)
+DEFAULTS_FLAG = b"\x01" + bytes(7)
+"""Incompatible and compatible flags of the flag message; DEFAULTS_FLAG: the log contains default values."""
 SYSTEM_DEFAULT, AIRFRAME_DEFAULT = 1, 2
-"""Bits for the source of a default value: firmware, airframe."""
+"""Bits for the sources of a default value: firmware and airframe."""
 
 
-def message(kind: str, body: bytes) -> bytes:
-    """A message; `kind` is the letter of the message type."""
-    return _HEAD.pack(len(body), ord(kind)) + body
+def message(letter: str, body: bytes) -> bytes:
+    """A message; `letter` is the type of the message."""
+    return _MESSAGE_HEADER.pack(len(body), ord(letter)) + body
 
 
 def header(start_us: int) -> bytes:
@@ -30,7 +32,7 @@ def header(start_us: int) -> bytes:
 
 def flag_bits() -> bytes:
     """The flag message: the file contains default values and no appended data."""
-    return message("B", HAS_DEFAULTS + INCOMPAT_NOTHING + bytes(24))
+    return message("B", DEFAULTS_FLAG + NO_INCOMPATIBLE_FLAGS + bytes(24))
 
 
 def _key_value(declaration: str, value: bytes) -> bytes:
@@ -38,17 +40,18 @@ def _key_value(declaration: str, value: bytes) -> bytes:
     return bytes((len(key),)) + key + value
 
 
-def info(name: str, value: str | int, kind: str = "uint32_t") -> bytes:
+def info(name: str, value: str | int, number_type: str = "uint32_t") -> bytes:
     """An information message about the log: a text, or a number of the given type."""
     if isinstance(value, str):
         text = value.encode("utf-8")
         return message("I", _key_value(f"char[{len(text)}] {name}", text))
-    return message("I", _key_value(f"{kind} {name}", struct.pack("<" + TYPES[kind][0], value)))
+    return message("I", _key_value(f"{number_type} {name}", struct.pack("<" + TYPES[number_type][0], value)))
 
 
 def _parameter_body(name: str, value: float, *, integer: bool) -> bytes:
-    kind = "int32_t" if integer else "float"
-    return _key_value(f"{kind} {name}", struct.pack("<" + TYPES[kind][0], int(value) if integer else value))
+    number_type = "int32_t" if integer else "float"
+    number = struct.pack("<" + TYPES[number_type][0], int(value) if integer else value)
+    return _key_value(f"{number_type} {name}", number)
 
 
 def parameter(name: str, value: float, *, integer: bool) -> bytes:
@@ -57,9 +60,9 @@ def parameter(name: str, value: float, *, integer: bool) -> bytes:
     return message("P", _parameter_body(name, value, integer=integer))
 
 
-def default_parameter(name: str, value: float, *, integer: bool, kinds: int) -> bytes:
-    """The default value of a parameter."""
-    return message("Q", bytes((kinds,)) + _parameter_body(name, value, integer=integer))
+def default_parameter(name: str, value: float, *, integer: bool, sources: int) -> bytes:
+    """The default value of a parameter; `sources` are bits, for example AIRFRAME_DEFAULT."""
+    return message("Q", bytes((sources,)) + _parameter_body(name, value, integer=integer))
 
 
 def logged_text(severity: int, time_us: int, text: str) -> bytes:
@@ -69,8 +72,8 @@ def logged_text(severity: int, time_us: int, text: str) -> bytes:
 
 def topic_format(layout: TopicLayout) -> bytes:
     """The format message: names and types of a topic's fields."""
-    text = "".join(f"{f.type}{f'[{f.length}]' if f.length else ''} {f.name};" for f in layout.fields)
-    return message("F", f"{layout.name}:{text}".encode("ascii"))
+    declarations = "".join(f"{f.type}{f'[{f.length}]' if f.length else ''} {f.name};" for f in layout.fields)
+    return message("F", f"{layout.name}:{declarations}".encode("ascii"))
 
 
 def subscription(layout: TopicLayout) -> bytes:

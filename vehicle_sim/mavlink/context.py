@@ -1,4 +1,4 @@
-"""Context of all MAVLink services of a vehicle: the autopilot, the links, and replies."""
+"""Context of all MAVLink services of a vehicle: the autopilot, the links, replies and delayed actions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GCS_TIMEOUT_S = 2.5
 
 
 class Context:
-    """Data and replies that all MAVLink services of one vehicle share."""
+    """Data, replies and delayed actions that all MAVLink services of one vehicle share."""
 
     def __init__(self, autopilot: Autopilot, system_id: int) -> None:
         self.autopilot = autopilot
@@ -26,13 +26,14 @@ class Context:
         self.system_id = system_id
         self.links: list[Link] = []
         self.telemetry = Telemetry(autopilot)
-        self._soon: list[Callable[[], None]] = []
+        self._next_actions: list[Callable[[], None]] = []
         """Actions of `call_soon`."""
-        self._woken = False
+        self._run_requested = False
         """Whether a service has requested a call of `run_due`."""
         self.gcs_timeout_s = GCS_TIMEOUT_S
         """Simulated time; longer if the simulation runs faster than real time."""
         self._timers: list[tuple[float, Callable[[], None]]] = []
+        """(simulated time [s], action of `call_later`)."""
         self.known_senders: set[tuple[int, int]] = set()
         """(system id, component id) of all senders so far."""
         self._ack_listeners: list[AckListener] = []
@@ -80,9 +81,9 @@ class Context:
         )  # fmt: skip
 
     def call_soon(self, action: Callable[[], None]) -> None:
-        """Runs an action before the next tick. PX4's commander also replies from its own loop, milliseconds
-        later."""
-        self._soon.append(action)
+        """Runs an action before the next tick, as PX4's commander replies milliseconds later from its own
+        loop."""
+        self._next_actions.append(action)
 
     def call_later(self, seconds: float, action: Callable[[], None]) -> None:
         """Runs an action once after a simulated time."""
@@ -90,23 +91,23 @@ class Context:
 
     @property
     def has_pending(self) -> bool:
-        """Whether an action is pending."""
-        return bool(self._soon or self._timers or self._woken)
+        """Whether an action or a call of `run_due` is pending."""
+        return bool(self._next_actions or self._timers or self._run_requested)
 
     def wake(self) -> None:
         """Requests a call of `run_due`, for a service that has work without having received a message."""
-        self._woken = True
+        self._run_requested = True
 
     def run_due(self) -> None:
         """Runs the actions that are due."""
-        self._woken = False
-        if self._soon:
-            actions, self._soon = self._soon, []
+        self._run_requested = False
+        if self._next_actions:
+            actions, self._next_actions = self._next_actions, []
             for action in actions:
                 action()
         if self._timers:
             now_s = self.view.time_s
-            due = [action for at_s, action in self._timers if at_s <= now_s]
-            self._timers = [(at_s, action) for at_s, action in self._timers if at_s > now_s]
+            due = [action for due_s, action in self._timers if due_s <= now_s]
+            self._timers = [(due_s, action) for due_s, action in self._timers if due_s > now_s]
             for action in due:
                 action()

@@ -1,4 +1,4 @@
-"""Message layouts of the generated dialect as tables, and packing and unpacking with them.
+"""Message layouts of the generated dialect as tables, which pack and unpack payloads.
 
 This is the only module of the simulator that imports the dialect. Its classes are read once for field order,
 struct format and CRC extra; pymavlink does not encode or decode messages.
@@ -27,7 +27,7 @@ class Layout:
     is_text: tuple[bool, ...]
     packer: struct.Struct
     slots: tuple[tuple[str, int, bool], ...]
-    """(field, array length, is text) in wire order."""
+    """(field name, array length, whether the field is a text) in wire order."""
     id_bytes: bytes
     """The message id as bytes of a MAVLink 2 header."""
     crc_extra_byte: bytes
@@ -35,17 +35,19 @@ class Layout:
 
 def _layout(cls: Any) -> Layout:
     types = dict(zip(cls.fieldnames, cls.fieldtypes, strict=True))
-    names: tuple[str, ...] = tuple(cls.ordered_fieldnames)
-    text = tuple(types[name] == "char" for name in names)
-    lengths = tuple(0 if is_text else length for length, is_text in zip(cls.array_lengths, text, strict=True))
+    field_names: tuple[str, ...] = tuple(cls.ordered_fieldnames)
+    text_flags = tuple(types[name] == "char" for name in field_names)
+    lengths = tuple(
+        0 if is_text else length for length, is_text in zip(cls.array_lengths, text_flags, strict=True)
+    )
     return Layout(
         cls.id,
         cls.msgname,
-        names,
+        field_names,
         lengths,
-        text,
+        text_flags,
         struct.Struct(cls.unpacker.format),
-        tuple(zip(names, lengths, text, strict=True)),
+        tuple(zip(field_names, lengths, text_flags, strict=True)),
         int(cls.id).to_bytes(3, "little"),
         bytes((cls.crc_extra,)),
     )
@@ -86,15 +88,15 @@ class Message:
 
 
 def _fields(layout: Layout, flat: tuple[Any, ...]) -> Iterator[tuple[str, Any]]:
-    at = 0
+    index = 0
     for name, length, is_text in zip(layout.fields, layout.array_lengths, layout.is_text, strict=True):
         if length:
-            yield name, list(flat[at : at + length])
-            at += length
+            yield name, list(flat[index : index + length])
+            index += length
             continue
-        value = flat[at]
+        value = flat[index]
         yield name, value.split(b"\0", 1)[0].decode("ascii", "replace") if is_text else value
-        at += 1
+        index += 1
 
 
 def unpack(layout: Layout, payload: bytes) -> dict[str, Any]:
@@ -107,11 +109,11 @@ def pack(name: str, /, **fields: Any) -> tuple[Layout, bytes]:
     """Layout and payload of a message from its fields; missing fields are zero."""
     layout = BY_NAME[name]
     flat: list[Any] = []
-    used = 0
+    known_count = 0
     for field, length, is_text in layout.slots:
         value = fields.get(field)
         if field in fields:
-            used += 1
+            known_count += 1
         if length:
             items = list(value or ())[:length]
             flat += items + [0] * (length - len(items))
@@ -119,7 +121,7 @@ def pack(name: str, /, **fields: Any) -> tuple[Layout, bytes]:
             flat.append(value.encode("ascii", "replace") if isinstance(value, str) else value or b"")
         else:
             flat.append(0 if value is None else value)
-    if used != len(fields):
+    if known_count != len(fields):
         unknown = sorted(fields.keys() - set(layout.fields))
         raise TypeError(f"{name} has no field {', '.join(unknown)}")
     return layout, layout.packer.pack(*flat)

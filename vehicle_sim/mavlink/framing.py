@@ -14,12 +14,12 @@ STX_V1 = 0xFE
 
 _crc = crc16.mcrf4xx
 _HEADER = struct.Struct("BBBBBB")
-"""From the payload length to the component id."""
+"""The fields from the payload length to the component id."""
 _CRC = struct.Struct("<H")
 
 
 def frame_v2(layout: Layout, payload: bytes, sequence: int, system_id: int, component_id: int) -> bytes:
-    """One MAVLink 2 frame; trailing zeros of the payload are removed, except the first byte."""
+    """One MAVLink 2 frame; trailing zeros of the payload are removed, but the first byte is kept."""
     payload = payload.rstrip(b"\0") or b"\0"
     body = _HEADER.pack(len(payload), 0, 0, sequence, system_id, component_id) + layout.id_bytes + payload
     return b"\xfd" + body + _CRC.pack(_crc(body + layout.crc_extra_byte))
@@ -44,59 +44,58 @@ class FrameParser:
         self._sequences: dict[tuple[int, int], int] = {}
 
     def feed(self, data: bytes) -> list[Message]:
-        """All complete messages that end in `data`."""
+        """The messages that `data` completes."""
         self._buffer += data
-        buffer, out, at = self._buffer, [], 0
+        buffer, messages, index = self._buffer, [], 0
         end = len(buffer)
-        while at < end:
-            start = buffer[at]
-            if start not in (STX_V2, STX_V1):
-                at += 1
+        while index < end:
+            if buffer[index] not in (STX_V2, STX_V1):
+                index += 1
                 continue
-            total = self._length(at)
-            if total is None or at + total > end:
+            frame_length = self._frame_length(index)
+            if frame_length is None or index + frame_length > end:
                 break
-            message = self._read(bytes(buffer[at : at + total]))
+            message = self._parse(bytes(buffer[index : index + frame_length]))
             if message is None:
-                at += 1
+                index += 1
                 continue
-            at += total
+            index += frame_length
             if message is not _UNKNOWN:
-                out.append(message)
-        del buffer[:at]
-        return out
+                messages.append(message)
+        del buffer[:index]
+        return messages
 
-    def _length(self, at: int) -> int | None:
+    def _frame_length(self, index: int) -> int | None:
         buffer = self._buffer
-        if buffer[at] == STX_V1:
-            return None if len(buffer) < at + 2 else 8 + buffer[at + 1]
-        if len(buffer) < at + 3:
+        if buffer[index] == STX_V1:
+            return None if len(buffer) < index + 2 else 8 + buffer[index + 1]
+        if len(buffer) < index + 3:
             return None
-        return 12 + buffer[at + 1] + (13 if buffer[at + 2] & 1 else 0)
+        return 12 + buffer[index + 1] + (13 if buffer[index + 2] & 1 else 0)
 
-    def _read(self, frame: bytes) -> Message | None:
+    def _parse(self, frame: bytes) -> Message | None:
         if frame[0] == STX_V2:
             if frame[2] & ~1:
                 return None
-            head, size = 10, frame[1]
+            header_size, payload_size = 10, frame[1]
             sequence, system_id, component_id = frame[4], frame[5], frame[6]
             msg_id = frame[7] | frame[8] << 8 | frame[9] << 16
         else:
-            head, size = 6, frame[1]
+            header_size, payload_size = 6, frame[1]
             sequence, system_id, component_id, msg_id = frame[2], frame[3], frame[4], frame[5]
         layout = LAYOUTS.get(msg_id)
         if layout is None:
             self.counts.unknown += 1
             return _UNKNOWN
-        body = frame[1 : head + size]
-        if _crc(body + layout.crc_extra_byte) != _CRC.unpack_from(frame, head + size)[0]:
+        body = frame[1 : header_size + payload_size]
+        if _crc(body + layout.crc_extra_byte) != _CRC.unpack_from(frame, header_size + payload_size)[0]:
             self.counts.bad_crc += 1
             return None
-        self._count(system_id, component_id, sequence)
-        values = unpack(layout, frame[head : head + size])
+        self._count_frame(system_id, component_id, sequence)
+        values = unpack(layout, frame[header_size : header_size + payload_size])
         return Message(layout, values, system_id, component_id, frame)
 
-    def _count(self, system_id: int, component_id: int, sequence: int) -> None:
+    def _count_frame(self, system_id: int, component_id: int, sequence: int) -> None:
         self.counts.frames += 1
         last = self._sequences.get((system_id, component_id))
         if last is not None:
@@ -105,4 +104,4 @@ class FrameParser:
 
 
 _UNKNOWN = Message(LAYOUTS[0], {}, 0, 0, b"")
-"""Placeholder for a valid frame with an unknown message id, which is skipped."""
+"""Placeholder for a frame with an unknown message id, which is skipped without a check of its CRC."""

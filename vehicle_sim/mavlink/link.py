@@ -1,4 +1,4 @@
-"""One MAVLink channel of one vehicle: sequence numbers, parser, stream schedule and send queue."""
+"""One MAVLink link of one vehicle: sequence numbers, parser, stream schedule and send queue."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from vehicle_sim.mavlink.rates import PROFILES, RESTORED_HZ
 NEVER_US = 1 << 62
 OUTBOX_LIMIT_BYTES = 4_000_000
 """Maximum of queued bytes; a longer queue is dropped completely, similar to a full UDP buffer."""
+LATE_INTERVAL_US = 4000
+"""A stream that is late by an interval or more sends its next message after this time at most."""
 
 
 class Link:
-    """A channel named `name` that streams by `profile` ("gcs" or "api")."""
+    """A link that streams by `profile` ("gcs" or "api")."""
 
     def __init__(self, name: str, profile: str, system_id: int) -> None:
         self.name = name
@@ -25,7 +27,7 @@ class Link:
         self.parser = FrameParser()
         self.gcs_heartbeat_at_s = -math.inf
         self.ports: tuple[int, int | None] | None = None
-        """Local and remote port (remote None: TCP); None: the link has no socket."""
+        """Local and remote port, without a remote port for TCP; None: the link has no socket."""
         self.sent_frames = 0
         self.sent_bytes = 0
         self.received_bytes = 0
@@ -42,9 +44,8 @@ class Link:
         self._generation = 0
         self._generations: dict[int, int] = {}
         """Generation of the newest interval, by message id; entries of earlier generations are not sent."""
-        self._dropped_bytes = 0
-        for name_, hz in PROFILES[profile].items():
-            self.set_interval(BY_NAME[name_].id, int(1e6 / hz), 0)
+        for message_name, hz in PROFILES[profile].items():
+            self.set_interval(BY_NAME[message_name].id, int(1e6 / hz), 0)
 
     # --- sending ---------------------------------------------------------------------------------------
 
@@ -66,9 +67,8 @@ class Link:
         self.send_raw(frame_v2(layout, payload, sequence, self.system_id, component_id))
 
     def send_raw(self, frame: bytes) -> None:
-        """Queues an unchanged frame; forwarded frames keep their sender."""
+        """Queues a frame unchanged, so that a forwarded frame keeps its sender."""
         if self._outbox_bytes > OUTBOX_LIMIT_BYTES:
-            self._dropped_bytes += self._outbox_bytes
             self._outbox.clear()
             self._outbox_bytes = 0
         self._outbox.append(frame)
@@ -78,8 +78,8 @@ class Link:
 
     def drain(self) -> list[bytes]:
         """Returns all queued frames and clears the queue."""
-        out, self._outbox, self._outbox_bytes = self._outbox, [], 0
-        return out
+        frames, self._outbox, self._outbox_bytes = self._outbox, [], 0
+        return frames
 
     def feed(self, data: bytes) -> list[Message]:
         """Parses received bytes; returns the messages."""
@@ -113,7 +113,7 @@ class Link:
 
     @property
     def next_due_us(self) -> int:
-        """Time of the next due message."""
+        """Time at which the next message is due."""
         return self._schedule[0][0] if self._schedule else NEVER_US
 
     def due(self, now_us: int) -> list[int]:
@@ -121,15 +121,15 @@ class Link:
         schedule = self._schedule
         if not schedule or schedule[0][0] > now_us:
             return []
-        out: list[int] = []
+        due_ids: list[int] = []
         while schedule and schedule[0][0] <= now_us:
             due_us, msg_id, generation = heapq.heappop(schedule)
-            interval = self._intervals_us.get(msg_id)
-            if interval is None or self._generations[msg_id] != generation:
+            interval_us = self._intervals_us.get(msg_id)
+            if interval_us is None or self._generations[msg_id] != generation:
                 continue
-            out.append(msg_id)
-            next_us = due_us + interval
+            due_ids.append(msg_id)
+            next_us = due_us + interval_us
             if next_us <= now_us:
-                next_us = now_us + min(interval, 4000)
+                next_us = now_us + min(interval_us, LATE_INTERVAL_US)
             heapq.heappush(schedule, (next_us, msg_id, generation))
-        return out
+        return due_ids

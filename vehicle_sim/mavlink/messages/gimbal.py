@@ -1,4 +1,4 @@
-"""Messages of the gimbal manager and the gimbal device; not built while the gimbal module is off."""
+"""Messages of the gimbal manager and the gimbal device; none is sent while the gimbal is disabled."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import math
 
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.message_group import MessageGroup
+
+CAPABILITIES = 132530
+"""GIMBAL_MANAGER_CAP_FLAGS, as PX4 reports them."""
 
 
 class GimbalMessages(MessageGroup):
@@ -33,7 +36,7 @@ class GimbalMessages(MessageGroup):
         return pack(
             "GIMBAL_MANAGER_INFORMATION",
             time_boot_ms=self._view.time_boot_ms(),
-            cap_flags=132530,
+            cap_flags=CAPABILITIES,
             gimbal_device_id=gimbal.device_id,
             roll_min=-roll, roll_max=roll, pitch_min=-pitch, pitch_max=pitch, yaw_min=-yaw, yaw_max=yaw,
         )[1]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Flags and state of HEARTBEAT, from the commander's state."""
+"""The fields `base_mode` and `system_status` of HEARTBEAT, from the commander's state."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.offboard import SetpointKind
 
-ARMED, STABILIZE = 128, 16
-"""MAV_MODE_FLAG."""
+ARMED_FLAG, STABILIZE_FLAG = 128, 16
+"""Values of MAV_MODE_FLAG."""
 UNINITIALIZED, CALIBRATING, STANDBY, ACTIVE, CRITICAL, TERMINATED = 0, 2, 3, 4, 5, 8
-"""MAV_STATE."""
+"""Values of MAV_STATE."""
 
 
 def base_mode(commander: Commander) -> int:
-    """HEARTBEAT.base_mode."""
-    flags = MODES[commander.active].base_flags | (ARMED if commander.armed else 0)
-    return flags | STABILIZE if _controls_attitude(commander) else flags
+    """The field `base_mode` of HEARTBEAT."""
+    flags = MODES[commander.active].base_flags | (ARMED_FLAG if commander.armed else 0)
+    return flags | STABILIZE_FLAG if _controls_attitude(commander) else flags
 
 
 def _controls_attitude(commander: Commander) -> bool:
@@ -29,7 +29,7 @@ def _controls_attitude(commander: Commander) -> bool:
 
 
 def system_status(commander: Commander) -> int:
-    """MAV_STATE."""
+    """The field `system_status` of HEARTBEAT."""
     if commander.terminated:
         return TERMINATED
     if commander.armed:

@@ -36,5 +36,5 @@ def packer(name: str) -> Callable[..., bytes]:
 
 
 def i16(value: float) -> int:
-    """Rounds to the range of a signed 16-bit integer."""
+    """Rounds a value and limits it to the range of a signed 16-bit integer."""
     return max(-32768, min(32767, round(value)))

@@ -1,4 +1,4 @@
-"""Messages with position, motion and setpoints of the vehicle."""
+"""Messages with position, motion, setpoints and actuator outputs of the vehicle."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from vehicle_sim.mavlink.messages.message_group import NAN, MessageGroup, i16, p
 
 _ATTITUDE = packer("ATTITUDE")
 _ATTITUDE_QUATERNION = packer("ATTITUDE_QUATERNION")
-_LOCAL = packer("LOCAL_POSITION_NED")
-_GLOBAL = packer("GLOBAL_POSITION_INT")
-_TARGET_LOCAL = packer("POSITION_TARGET_LOCAL_NED")
-_TARGET_ATTITUDE = packer("ATTITUDE_TARGET")
-_SERVO = packer("SERVO_OUTPUT_RAW")
+_LOCAL_POSITION = packer("LOCAL_POSITION_NED")
+_GLOBAL_POSITION = packer("GLOBAL_POSITION_INT")
+_LOCAL_POSITION_TARGET = packer("POSITION_TARGET_LOCAL_NED")
+_ATTITUDE_TARGET = packer("ATTITUDE_TARGET")
+_SERVO_OUTPUTS = packer("SERVO_OUTPUT_RAW")
 
 _NO_SETPOINT = (NAN, NAN, NAN)
 _IDLE_ACCELERATION_NED = (0.0, 0.0, 100.0)
@@ -25,13 +25,13 @@ _IDLE_ACCELERATION_NED = (0.0, 0.0, 100.0)
 UNUSED_OUTPUT_US = 900
 OUTPUTS = 16
 FIRST_MOTOR_FUNCTION, FIRST_GIMBAL_FUNCTION = 101, 420
-"""PWM_MAIN_FUNC*: motors 1 to 12; the gimbal's roll, pitch and yaw."""
+"""Values of PWM_MAIN_FUNC*: the first of twelve motors; the gimbal's roll, which pitch and yaw follow."""
 FUNCTION_NAMES = tuple(f"PWM_MAIN_FUNC{n}" for n in range(1, OUTPUTS + 1))
 PREARM_ALWAYS = 2
 
 
 class MotionMessages(MessageGroup):
-    """Builders of attitude, position and setpoint messages."""
+    """Builders of attitude, position, setpoint and output messages."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         super().__init__(autopilot)
@@ -58,20 +58,22 @@ class MotionMessages(MessageGroup):
         estimate = self._view.estimate
         if not estimate.valid_altitude:
             return None
-        return _LOCAL(self._view.time_boot_ms(), *estimate.position_ned_m, *estimate.velocity_ned_m_s)
+        return _LOCAL_POSITION(
+            self._view.time_boot_ms(), *estimate.position_ned_m, *estimate.velocity_ned_m_s
+        )
 
     def global_position_int(self) -> bytes | None:
         estimate, home = self._view.estimate, self._autopilot.home
         if not estimate.valid_position or not math.isfinite(estimate.lat_deg):
             return None
-        relative = estimate.alt_amsl_m - home.alt_amsl_m if home.valid else 0.0
+        above_home_m = estimate.alt_amsl_m - home.alt_amsl_m if home.valid else 0.0
         vn, ve, vd = estimate.velocity_ned_m_s
-        return _GLOBAL(
+        return _GLOBAL_POSITION(
             self._view.time_boot_ms(),
             round(estimate.lat_deg * 1e7),
             round(estimate.lon_deg * 1e7),
             round(estimate.alt_amsl_m * 1000),
-            round(relative * 1000),
+            round(above_home_m * 1000),
             i16(vn * 100),
             i16(ve * 100),
             i16(vd * 100),
@@ -103,19 +105,18 @@ class MotionMessages(MessageGroup):
 
     def altitude(self) -> bytes:
         estimate, home = self._view.estimate, self._autopilot.home
-        baro = self._baro_alt_amsl_m
-        known = estimate.valid_position and math.isfinite(estimate.alt_amsl_m)
-        relative = estimate.alt_amsl_m - home.alt_amsl_m if known and home.valid else NAN
-        above_ground = estimate.height_above_ground_m if known else NAN
+        has_altitude = estimate.valid_position and math.isfinite(estimate.alt_amsl_m)
+        above_home_m = estimate.alt_amsl_m - home.alt_amsl_m if has_altitude and home.valid else NAN
+        above_ground_m = estimate.height_above_ground_m if has_altitude else NAN
         return pack(
             "ALTITUDE",
             time_usec=self._view.time_boot_us(),
-            altitude_monotonic=baro,
-            altitude_amsl=estimate.alt_amsl_m if known else NAN,
-            altitude_local=-estimate.position_ned_m[2] if known else NAN,
-            altitude_relative=relative,
-            altitude_terrain=-estimate.position_ned_m[2] - above_ground,
-            bottom_clearance=above_ground,
+            altitude_monotonic=self._baro_alt_amsl_m,
+            altitude_amsl=estimate.alt_amsl_m if has_altitude else NAN,
+            altitude_local=-estimate.position_ned_m[2] if has_altitude else NAN,
+            altitude_relative=above_home_m,
+            altitude_terrain=-estimate.position_ned_m[2] - above_ground_m,
+            bottom_clearance=above_ground_m,
         )[1]
 
     @property
@@ -137,12 +138,12 @@ class MotionMessages(MessageGroup):
         )[1]
 
     def position_target_local_ned(self) -> bytes:
-        time_ms, (p, v, a, yaw, rate) = self._view.time_boot_ms(), self._setpoint()
-        mask = 0
+        time_ms, (p, v, a, yaw, yaw_rate) = self._view.time_boot_ms(), self._setpoint()
+        ignored = 0
         for bit, value in enumerate((*p, *v, *a)):
-            if value != value:
-                mask |= 1 << bit
-        return _TARGET_LOCAL(time_ms, *p, *v, *a, yaw, rate, mask, 1)
+            if math.isnan(value):
+                ignored |= 1 << bit
+        return _LOCAL_POSITION_TARGET(time_ms, *p, *v, *a, yaw, yaw_rate, ignored, 1)
 
     def _setpoint(self) -> tuple[Sequence[float], Sequence[float], Sequence[float], float, float]:
         """The position controller's setpoint (NED): position, velocity, acceleration, yaw and yaw rate."""
@@ -151,24 +152,24 @@ class MotionMessages(MessageGroup):
         p, v = target.position_ned_m[i].tolist(), target.velocity_ned_m_s[i].tolist()
         a = target.acceleration_ned_m_s2[i].tolist()
         disarmed = int(self._view.simulation.setpoints.level[i]) == ControlLevel.DISARMED
-        if disarmed or not any(each == each for each in (*p, *v, *a)):
+        if disarmed or all(map(math.isnan, (*p, *v, *a))):
             return _NO_SETPOINT, _NO_SETPOINT, _IDLE_ACCELERATION_NED, heading, 0.0
-        yaw, rate = float(target.yaw_ned_rad[i]), float(target.yaw_rate_ned_rad_s[i])
+        yaw, yaw_rate = float(target.yaw_ned_rad[i]), float(target.yaw_rate_ned_rad_s[i])
         # PX4's position controller replaces a missing yaw by the current heading, and a missing yaw rate by
         # zero.
         return (
             p,
             v,
             a,
-            heading if yaw != yaw else yaw,
-            0.0 if rate != rate else rate,
+            heading if math.isnan(yaw) else yaw,
+            0.0 if math.isnan(yaw_rate) else yaw_rate,
         )
 
     def position_target_global_int(self) -> bytes | None:
         waypoint = self._autopilot.waypoint
         if waypoint is None:
             return None
-        _, v, a, yaw, rate = self._setpoint()
+        _, v, a, yaw, yaw_rate = self._setpoint()
         return pack(
             "POSITION_TARGET_GLOBAL_INT",
             time_boot_ms=self._view.time_boot_ms(),
@@ -176,7 +177,7 @@ class MotionMessages(MessageGroup):
             lat_int=round(waypoint[0] * 1e7),
             lon_int=round(waypoint[1] * 1e7),
             alt=waypoint[2],
-            vx=v[0], vy=v[1], vz=v[2], afx=a[0], afy=a[1], afz=a[2], yaw=yaw, yaw_rate=rate,
+            vx=v[0], vy=v[1], vz=v[2], afx=a[0], afy=a[1], afz=a[2], yaw=yaw, yaw_rate=yaw_rate,
         )[1]  # fmt: skip
 
     def attitude_target(self) -> bytes:
@@ -187,20 +188,21 @@ class MotionMessages(MessageGroup):
             thrust = offboard.reported_thrust
             if offboard.invalid_attitude is not None:
                 q, rates = offboard.invalid_attitude, (NAN, NAN, NAN)
-        return _TARGET_ATTITUDE(self._view.time_boot_ms(), *q, *rates, float(thrust), 0)
+        return _ATTITUDE_TARGET(self._view.time_boot_ms(), *q, *rates, float(thrust), 0)
 
     def hil_state_quaternion(self) -> bytes:
-        """Contains the true state, as in PX4's SIH."""
+        """Contains the true state, as in PX4's SIH; like PX4, it sends the acceleration in m/s²."""
         simulation, i = self._view.simulation, self._view.row
         truth, home = simulation.truth, simulation.home
         north, east, down = truth.position_ned_m[i].tolist()
         lat, lon = to_global(north, east, home.lat_deg, home.lon_deg)  # type: ignore[arg-type]
         vn, ve, vd = (i16(100.0 * speed) for speed in truth.velocity_ned_m_s[i].tolist())
-        p, q, r = truth.rates_frd_rad_s[i].tolist()
+        roll_rate, pitch_rate, yaw_rate = truth.rates_frd_rad_s[i].tolist()
         ax, ay, az = (i16(value) for value in truth.acceleration_ned_m_s2[i].tolist())
         return pack(
             "HIL_STATE_QUATERNION", time_usec=self._view.time_boot_us(),
-            attitude_quaternion=truth.q_ned_frd[i].tolist(), rollspeed=p, pitchspeed=q, yawspeed=r,
+            attitude_quaternion=truth.q_ned_frd[i].tolist(),
+            rollspeed=roll_rate, pitchspeed=pitch_rate, yawspeed=yaw_rate,
             lat=round(float(lat) * 1e7), lon=round(float(lon) * 1e7),
             alt=round((home.alt_amsl_m - down) * 1000),
             vx=vn, vy=ve, vz=vd, xacc=ax, yacc=ay, zacc=az,
@@ -215,7 +217,7 @@ class MotionMessages(MessageGroup):
 
     def servo_output_raw(self) -> bytes:
         values, port = self._outputs_us(), 0
-        return _SERVO(self._view.time_boot_us() & 0xFFFFFFFF, *values[:8], port, *values[8:])
+        return _SERVO_OUTPUTS(self._view.time_boot_us() & 0xFFFFFFFF, *values[:8], port, *values[8:])
 
     def _outputs_us(self) -> list[int]:
         motors = [round(value) for value in self._view.simulation.motors_us[self._view.row].tolist()]
@@ -236,10 +238,10 @@ class MotionMessages(MessageGroup):
         return self._functions
 
     def _servos_us(self) -> dict[int, int]:
-        """Pulses by servo function of the gimbal; empty before arming, unless COM_PREARM_MODE is 2
+        """Pulses of the gimbal's servos by output function; empty before arming, unless COM_PREARM_MODE is 2
         (always)."""
         controls = self._autopilot.gimbal.servo_controls()
-        armed = self._autopilot.commander.armed or self._view.choice("COM_PREARM_MODE") == PREARM_ALWAYS
-        if controls is None or not armed:
+        active = self._autopilot.commander.armed or self._view.choice("COM_PREARM_MODE") == PREARM_ALWAYS
+        if controls is None or not active:
             return {}
         return {FIRST_GIMBAL_FUNCTION + k: round(1500.0 + 500.0 * value) for k, value in enumerate(controls)}

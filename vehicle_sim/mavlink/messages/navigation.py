@@ -1,4 +1,4 @@
-"""Messages about home, the local origin, the orbit, remote identification and the time to home."""
+"""Messages about home, time to home, local origin and orbit, and messages for remote identification."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from vehicle_sim.mavlink.messages.message_group import MessageGroup, i16
 ODID_EPOCH_UNIX_S = 1546300800
 """Start of the timestamp in OPEN_DRONE_ID_SYSTEM: 2019-01-01 00:00 UTC."""
 ON_GROUND, AIRBORNE, EMERGENCY = 1, 2, 3
-"""MAV_ODID_STATUS."""
+"""Values of MAV_ODID_STATUS."""
 
 
 class NavigationMessages(MessageGroup):
-    """Builders of messages about home, origin, orbit, remote identification and the time to home."""
+    """Builders of these messages."""
 
     def home_position(self) -> bytes | None:
         home = self._autopilot.home
@@ -31,7 +31,7 @@ class NavigationMessages(MessageGroup):
             x=home.position_ned_m[0],
             y=home.position_ned_m[1],
             z=home.position_ned_m[2],
-            q=_heading(home.yaw_ned_rad),
+            q=_heading_quaternion(home.yaw_ned_rad),
             time_usec=home.set_at_us,
         )[1]
 
@@ -109,7 +109,7 @@ class NavigationMessages(MessageGroup):
         )[1]
 
     def time_estimate_to_target(self) -> bytes:
-        """Contains only the time to home, increased by RTL_TIME_*."""
+        """Contains only the time to home, with the factor and margin of RTL_TIME_*."""
         seconds = 0
         if self._autopilot.commander.armed and self._autopilot.home.valid:
             view = self._view
@@ -121,7 +121,7 @@ class NavigationMessages(MessageGroup):
         )[1]  # fmt: skip
 
 
-def _heading(yaw_rad: float) -> tuple[float, float, float, float]:
+def _heading_quaternion(yaw_rad: float) -> tuple[float, float, float, float]:
     """Quaternion of a heading; all NaN if home has no heading."""
     if math.isnan(yaw_rad):
         return (math.nan, math.nan, math.nan, math.nan)
