@@ -1,9 +1,9 @@
 """Frame maths of the simulator: products and rotations of (N, …) arrays.
 
-Every product is bilinear, so it is an outer product times a constant table. This costs two array operations;
-formulas for each component would cost twenty. For a single vehicle plain floats are ten times as fast
-(`quaternion_of`, `angles_of`, `wrap_angle`). Quaternions are (w, x, y, z); `q_ned_frd` rotates FRD vectors to
-NED.
+Every product is bilinear, so it is an outer product times a constant table. A product costs two array
+operations; formulas for each component would cost twenty. For a single vehicle plain floats are ten times as
+fast (`quaternion_of`, `angles_of`, `wrap_angle`). Quaternions are (w, x, y, z); `q_ned_frd` rotates FRD
+vectors to NED.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ def _table(rows: int, columns: int, entries: list[tuple[int, int, float]]) -> Fl
     return table
 
 
-def _hamilton(columns: tuple[int, ...]) -> FloatArray:
-    """Table of the Hamilton product a ⊗ b for a b that has only the components `columns`."""
+def _hamilton(b_components: tuple[int, ...]) -> FloatArray:
+    """Table of the Hamilton product a ⊗ b, where b has only the given components."""
     terms_by_component = {
         0: [(0, 0, 1), (1, 1, -1), (2, 2, -1), (3, 3, -1)],
         1: [(0, 1, 1), (1, 0, 1), (2, 3, 1), (3, 2, -1)],
         2: [(0, 2, 1), (1, 3, -1), (2, 0, 1), (3, 1, 1)],
         3: [(0, 3, 1), (1, 2, 1), (2, 1, -1), (3, 0, 1)],
     }
-    width = len(columns)
+    width = len(b_components)
     entries = [
-        (a * width + columns.index(b), k, float(sign))
+        (a * width + b_components.index(b), k, float(sign))
         for k, terms in terms_by_component.items()
         for a, b, sign in terms
-        if b in columns
+        if b in b_components
     ]
     return _table(4 * width, 4, entries)
 

@@ -1,11 +1,10 @@
 """Estimates of attitude, velocity and position from the sensors, like PX4's EKF2.
 
-A strapdown prediction runs at half the IMU rate, because PX4's filter also combines two samples. A Kalman
-filter (`kalman.py`) is corrected by one module for each sensor: `gnss.py`, `barometer.py`, `magnetometer.py`
-and `vision.py`. Without these sensors, `constraints.py` limits the drift. Outputs follow corrections smoothly
-(EKF2_TAU_POS, EKF2_TAU_VEL). A reset of the filter moves the outputs at once by the same amount. Without
-aiding the estimate drifts with the errors of the IMU; position and velocity become invalid after
-EKF2_NOAID_TOUT.
+A strapdown prediction runs at half the IMU rate, as in PX4. One module for each sensor corrects the Kalman
+filter (`kalman.py`): `gnss.py`, `barometer.py`, `magnetometer.py` and `vision.py`. Without these sensors,
+`constraints.py` limits the drift. Outputs follow corrections smoothly (EKF2_TAU_POS, EKF2_TAU_VEL). A reset
+of the filter moves the outputs at once by the same amount. Without aiding the estimate drifts with the errors
+of the IMU; position and velocity become invalid after EKF2_NOAID_TOUT.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from vehicle_sim.estimator.gnss import Gnss
 from vehicle_sim.estimator.gyro_filter import GyroFilter
 from vehicle_sim.estimator.kalman import Kalman
 from vehicle_sim.estimator.kalman_loops import POSITION, VELOCITY, YAW
-from vehicle_sim.estimator.magnetometer import ABOVE_ANOMALIES_M, Magnetometer
+from vehicle_sim.estimator.magnetometer import ANOMALY_HEIGHT_M, Magnetometer
 from vehicle_sim.estimator.outputs import blank_estimate, reset_row
 from vehicle_sim.estimator.terrain import Terrain
 from vehicle_sim.estimator.vision import Vision, VisionSample
@@ -45,10 +44,10 @@ RANGE_EVERY_STEPS = 10
 DEAD_RECKONING_AFTER_S = 1.0
 _SAMPLES_PER_PREDICTION = 2
 _ALIGN_SAMPLES = 25
-"""Number of IMU samples that the alignment averages."""
+"""Number of IMU samples that the alignment adds up."""
 _BARO_SAMPLES = 2
-"""Number of barometer samples that are averaged, as PX4's sensor hub does with samples at 20 Hz
-(SENS_BARO_RATE): the recorded pressure altitude has a noise of 0.06 m, a single sample 0.09 m."""
+"""Number of barometer samples that are averaged, as in PX4's sensor hub (20 Hz, SENS_BARO_RATE). The recorded
+pressure altitude has a noise of 0.06 m, a single sample 0.09 m."""
 _PUBLISH_EVERY_PREDICTIONS = 5
 _TIMEOUTS_EVERY_PREDICTIONS = 10
 _MAG_SAMPLES = 4
@@ -167,7 +166,7 @@ class Estimator:
             self._fuse(sensors, counts, constrain)
 
     def update_range(self, range_m: FloatArray, in_air: BoolArray, armed: BoolArray) -> None:
-        """Updates the height above ground, every RANGE_EVERY_STEPS samples.
+        """Updates the height above ground and the flight state; called every RANGE_EVERY_STEPS samples.
 
         Args:
             range_m: (N,) ranges; NaN: no measurement.
@@ -305,7 +304,7 @@ class Estimator:
         kalman.reset_shift.fill(0.0)
 
     def _publish_ratios(self, now_s: float) -> None:
-        """Updates the test ratios of ESTIMATOR_STATUS, and checks the accelerometer."""
+        """Publishes the test ratios of ESTIMATOR_STATUS, and checks the accelerometer."""
         state, fusion = self.state, self.fusion
         state.innovation_ratio_velocity[:] = np.where(fusion.gnss_vel, self._gnss.test_ratio[:, 0], 0.0)
         state.innovation_ratio_position[:] = np.where(fusion.gnss_pos, self._gnss.test_ratio[:, 1], 0.0)
@@ -318,7 +317,7 @@ class Estimator:
         np.copyto(self.kalman.bad_accel, fusion.bad_acc_vertical)
 
     def _add_mag(self, sensors: SensorState) -> None:
-        """Averages samples before the fusion, as PX4's sensor hub does."""
+        """Adds a sample to the average that is fused, as in PX4's sensor hub."""
         fresh = self._mag_fresh & sensors.mag_fresh if self._mag_samples else sensors.mag_fresh.copy()
         self._mag_fresh = fresh
         self._mag_sum += sensors.mag_frd_gauss
@@ -331,7 +330,7 @@ class Estimator:
         )
         self._magnetometer.fuse(
             now_s, now_s - self._mag_at_s, self._mag_sum / _MAG_SAMPLES, self._mag_fresh & self._aligned,
-            height > ABOVE_ANOMALIES_M,
+            height > ANOMALY_HEIGHT_M,
         )  # fmt: skip
         state.innovation_ratio_mag[:] = self._magnetometer.test_ratio
         self._mag_at_s, self._mag_samples = now_s, 0

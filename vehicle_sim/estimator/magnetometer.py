@@ -26,10 +26,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 SAMPLE_TIMEOUT_S = 1.0
-ABOVE_ANOMALIES_M = 1.5
+ANOMALY_HEIGHT_M = 1.5
 """Height above ground at which magnetic anomalies of the ground no longer disturb the field."""
 CONSISTENCY_S = 0.66 + HORIZON_S
-"""Time constant of the smoothed heading innovation: PX4 weights a new sample every 0.07 s by 0.1."""
+"""Time constant of the smoothed heading error; in PX4 a sample every 0.07 s has the weight 0.1."""
 UNDISTURBED_S = 1.0
 """The fusion starts again only when the field has not been disturbed for this time."""
 FIELD_CHANGE_GAUSS = 0.01
@@ -39,14 +39,14 @@ FIELD_SMOOTHING = 0.1
 MAX_TEST_RATIO = 2.0
 """Upper limit of the test ratio in ESTIMATOR_STATUS."""
 TYPE_HEADING, TYPE_NONE = 1, 5
-"""EKF2_MAG_TYPE: the magnetometer corrects only the heading; it is not used."""
+"""Values of EKF2_MAG_TYPE: the magnetometer corrects only the heading; the magnetometer is not used."""
 STRENGTH_CHECK, INCLINATION_CHECK = 1, 2
 """Bits of EKF2_MAG_CHECK."""
-CONTROL_AFTER_S = 1.0
+GOOD_HEADING_AFTER_S = 1.0
 """`heading_good_for_control` becomes true this long after the alignment in flight."""
 DECLINATION_VARIANCE_RAD2 = 0.5
-"""PX4 uses this value as the variance; with it, the standard deviation of the field's east component matches
-PX4's log."""
+"""PX4 uses this value as the variance. With this variance, the standard deviation of the field's east
+component matches PX4's log."""
 
 
 class Magnetometer:
@@ -168,7 +168,7 @@ class Magnetometer:
             reset_allowed = ~(fusion.gnss_pos | fusion.gnss_vel) | fusion.vehicle_at_rest
             self._reset_field(failing & reset_allowed, now_s)
             self._stop(failing & ~reset_allowed)
-        settled = fusion.mag_aligned_in_flight & (now_s - self._aligned_at_s > CONTROL_AFTER_S)
+        settled = fusion.mag_aligned_in_flight & (now_s - self._aligned_at_s > GOOD_HEADING_AFTER_S)
         corrects_heading = fusion.mag_hdg | fusion.mag_3d
         np.copyto(fusion.heading_good_for_control, settled | ~corrects_heading, where=fresh)
 
@@ -270,8 +270,8 @@ class Magnetometer:
         return accepted
 
     def _fuse_declination(self, mask: BoolArray) -> None:
-        """Fuses the declination: without GNSS in flight, the horizontal direction of the field is not
-        observable."""
+        """Fuses the declination, because the field's horizontal direction is observable only in flight with
+        GNSS."""
         kalman = self._kalman
         north, east = kalman.earth_field[:, 0], kalman.earth_field[:, 1]
         horizontal_squared = np.maximum(north**2 + east**2, 1e-6)

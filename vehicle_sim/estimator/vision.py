@@ -29,7 +29,7 @@ UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class VisionSample:
-    """One measurement; NaN: not measured."""
+    """One external measurement; NaN: not measured."""
 
     position_ned_m: Vector = UNKNOWN
     velocity_ned_m_s: Vector = UNKNOWN
@@ -64,7 +64,7 @@ class _Settings:
 
 
 class Vision:
-    """Samples since the last fusion, and their fusion into the filters."""
+    """Stores the newest sample of each vehicle, and fuses the samples into the filters."""
 
     def __init__(self, count: int) -> None:
         self._settings: list[_Settings | None] = [None] * count

@@ -115,22 +115,22 @@ class YawEstimator:
         self._advance(dt_s)
         if (self._running & ~in_air).any():
             self._stop(self._running & ~in_air)
-        new = fresh & in_air & ~self._running
-        if new.any():
-            self._start(new, velocity_ne, variance)
-        updated = fresh & self._running & ~new
+        starting = fresh & in_air & ~self._running
+        if starting.any():
+            self._start(starting, velocity_ne, variance)
+        updated = fresh & self._running & ~starting
         if updated.any():
-            self._update_weights(updated, velocity_ne, variance)
+            self._correct_hypotheses(updated, velocity_ne, variance)
 
-    def _start(self, new: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
-        self._stop(new)
-        self._running |= new
-        self._weights[new] = 1.0 / HYPOTHESES
-        self._states[:2, new] = velocity_ne[new].T[:, :, None]
-        self._states[2, new] = _INITIAL_ANGLES
-        self._covariance[:, :, new] = 0.0
-        self._variances[:2, new] = variance[new][:, None]
-        self._variances[2, new] = (math.pi / HYPOTHESES) ** 2
+    def _start(self, starting: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
+        self._stop(starting)
+        self._running |= starting
+        self._weights[starting] = 1.0 / HYPOTHESES
+        self._states[:2, starting] = velocity_ne[starting].T[:, :, None]
+        self._states[2, starting] = _INITIAL_ANGLES
+        self._covariance[:, :, starting] = 0.0
+        self._variances[:2, starting] = variance[starting][:, None]
+        self._variances[2, starting] = (math.pi / HYPOTHESES) ** 2
 
     def _advance(self, dt_s: float) -> None:
         """Adds the change of velocity to each hypothesis, rotated by its heading."""
@@ -146,8 +146,8 @@ class YawEstimator:
             covariance[:, axis] += gradient * covariance[:, 2]
         self._variances += _NOISE_PER_S * dt_s
 
-    def _update_weights(self, updated: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
-        """Corrects each hypothesis by the velocity and updates its weight by its likelihood."""
+    def _correct_hypotheses(self, updated: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
+        """Corrects each hypothesis by the velocity, and updates the weights by the likelihoods."""
         covariance, updated_rows = self._covariance, updated[:, None]
         noise = np.where(updated, variance, 1.0)[:, None]
         (nn, ee), ne = self._variances[:2] + noise, covariance[0, 1].copy()

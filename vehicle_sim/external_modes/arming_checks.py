@@ -48,7 +48,7 @@ class ArmingCheck:
     """Navigation state of the component's mode; NONE: the check applies to every mode."""
     replaces: int = NONE
     reply: ArmingCheckReply | None = None
-    missed: int = 0
+    misses: int = 0
     unresponsive: bool = False
     times_unresponsive: int = 0
 
@@ -59,8 +59,8 @@ class ArmingCheck:
 
     def count_miss(self) -> bool:
         """Counts an unanswered request; True: the component has just become unresponsive."""
-        self.missed += 1
-        if self.unresponsive or self.missed <= (
+        self.misses += 1
+        if self.unresponsive or self.misses <= (
             TOLERATED_MISSES_BEFORE_REPLY if self.reply is None else TOLERATED_MISSES
         ):
             return False
@@ -69,8 +69,8 @@ class ArmingCheck:
         return True
 
     def store_reply(self, reply: ArmingCheckReply) -> None:
-        """Stores a reply; a component that may recover is responsive again."""
-        self.reply, self.missed = reply, 0
+        """Stores a reply; an unresponsive component becomes responsive again, at most RECOVERIES times."""
+        self.reply, self.misses = reply, 0
         if self.times_unresponsive <= RECOVERIES:
             self.unresponsive = False
 

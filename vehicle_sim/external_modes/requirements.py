@@ -1,4 +1,4 @@
-"""Requirements of the flight modes: each requirement is a bit mask of the navigation states that have it."""
+"""Requirements of the flight modes: each field is a bit mask of navigation states."""
 
 from __future__ import annotations
 

@@ -138,8 +138,8 @@ class Logger:
         return self.running
 
     def stop_manual_log(self) -> None:
-        """Ends logging started by `start_manually`; the log continues in mode BOOT_TO_SHUTDOWN, and while the
-        vehicle is armed in the ARMING_MODES."""
+        """Ends logging started by `start_manually`. The log continues in mode BOOT_TO_SHUTDOWN, and in the
+        ARMING_MODES while the vehicle is armed."""
         self._started_manually = False
         if not (self._armed and self.mode in ARMING_MODES) and self.mode != BOOT_TO_SHUTDOWN:
             self.stop()
@@ -187,9 +187,9 @@ class Logger:
             self._pending.append(data)
         if now_us >= self._next_check_us:
             self._next_check_us = now_us + CHECK_EVERY_US
-            self._check_size()
+            self._check_limits()
 
-    def _check_size(self) -> None:
+    def _check_limits(self) -> None:
         if self.written_bytes >= MAX_BYTES:
             self.stop()
             self._announcer.text(4, "[logger] logging stopped: the log has reached 1 GiB\t")
@@ -212,7 +212,7 @@ class Logger:
             if free < MIN_FREE_BYTES:
                 self._report_full_disk(free)
                 return
-            path, started_at = self._path()
+            path, started_at = self._new_path()
             self._file = FileIO(self._files.host_path(path), "wb")
         except OSError as error:
             self._report_error("logging not started", error)
@@ -238,7 +238,7 @@ class Logger:
         )  # fmt: skip
         self._announce_at_us = now_us + FILE_NAME_DELAY_US
 
-    def _path(self) -> tuple[str, datetime]:
+    def _new_path(self) -> tuple[str, datetime]:
         offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
         started_at = datetime.fromtimestamp(self._view.time_unix_us() // 1_000_000 + offset_s, UTC)
         stem = f"{FOLDER}/{started_at:%Y-%m-%d}/{started_at:%H_%M_%S}"
@@ -276,13 +276,15 @@ class Logger:
         except OSError:
             return  # no log yet
 
-    def _log_announcement(self, item: StatusText | Event) -> None:
+    def _log_announcement(self, announcement: StatusText | Event) -> None:
         if self._file is None:
             return
-        if isinstance(item, Event):
-            self._pending.append(self._states.event(item))
+        if isinstance(announcement, Event):
+            self._pending.append(self._states.event(announcement))
         else:
-            self._pending.append(ulog.logged_text(item.severity, self._view.time_boot_us(), item.text))
+            self._pending.append(
+                ulog.logged_text(announcement.severity, self._view.time_boot_us(), announcement.text)
+            )
 
     def _log_parameter(self, name: str, value: ParameterValue) -> None:
         if self._file is not None:

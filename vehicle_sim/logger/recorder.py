@@ -45,7 +45,7 @@ class _SourceColumns:
 
 
 class _Group:
-    """Topics that are sampled together."""
+    """Topics with the same period, which are sampled together."""
 
     def __init__(self, simulation: Simulation, period: Period, topics: Sequence[ArrayTopic]) -> None:
         self._simulation = simulation
@@ -54,7 +54,7 @@ class _Group:
         """Time of the next sample."""
         self._sample_count = -1
         self._filled = 0
-        self._encodings: list[tuple[ArrayTopic, NDArray[Any], list[_SourceColumns]]] = []
+        self._topic_encodings: list[tuple[ArrayTopic, NDArray[Any], list[_SourceColumns]]] = []
         """Each topic, a record with its constant fields, and the columns of its other fields."""
         self._columns: list[_SourceColumns] = []
         width = 0
@@ -71,7 +71,7 @@ class _Group:
                 width += column.width
                 topic_columns.append(column)
             self._columns += topic_columns
-            self._encodings.append((topic, template, topic_columns))
+            self._topic_encodings.append((topic, template, topic_columns))
         self._capacity = max(1, BLOCK_MS // period) if isinstance(period, int) else GPS_BLOCK_SAMPLES
         self._values = np.zeros((self._capacity, simulation.count, width))
         self._times_us = np.zeros((self._capacity, 1), dtype=np.uint64)
@@ -111,7 +111,7 @@ class _Group:
         if len(rows) != values.shape[1]:
             values = values[:, rows]
         encoded_by_writer: list[list[bytes]] = [[] for _ in writers]
-        for topic, template, columns in self._encodings:
+        for topic, template, columns in self._topic_encodings:
             records = np.empty((filled, len(rows)), dtype=topic.layout.dtype)
             records[:] = template
             records["timestamp"] = self._times_us[:filled]

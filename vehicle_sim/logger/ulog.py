@@ -35,9 +35,9 @@ def flag_bits() -> bytes:
     return message("B", DEFAULTS_FLAG + NO_INCOMPATIBLE_FLAGS + bytes(24))
 
 
-def _key_value(declaration: str, value: bytes) -> bytes:
-    key = declaration.encode("ascii")
-    return bytes((len(key),)) + key + value
+def _key_value(key: str, value: bytes) -> bytes:
+    encoded_key = key.encode("ascii")
+    return bytes((len(encoded_key),)) + encoded_key + value
 
 
 def info(name: str, value: str | int, number_type: str = "uint32_t") -> bytes:

@@ -1,7 +1,7 @@
 """Message layouts of the generated dialect as tables, which pack and unpack payloads.
 
-This is the only module of the simulator that imports the dialect. Its classes are read once for field order,
-struct format and CRC extra; pymavlink does not encode or decode messages.
+This is the only module of the simulator that imports the dialect. It reads the dialect's classes once for
+field order, struct format and CRC extra; pymavlink does not encode or decode messages.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ class Layout:
     array_lengths: tuple[int, ...]
     """0 for scalars and strings."""
     is_text: tuple[bool, ...]
+    """Whether each field is a text."""
     packer: struct.Struct
     slots: tuple[tuple[str, int, bool], ...]
     """(field name, array length, whether the field is a text) in wire order."""

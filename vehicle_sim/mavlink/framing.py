@@ -27,7 +27,7 @@ def frame_v2(layout: Layout, payload: bytes, sequence: int, system_id: int, comp
 
 @dataclass(slots=True)
 class ParserCounts:
-    """Counters of a link, for LINK_NODE_STATUS."""
+    """Counters of a parser, for LINK_NODE_STATUS."""
 
     frames: int = 0
     bad_crc: int = 0
