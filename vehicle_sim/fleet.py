@@ -53,7 +53,7 @@ class VehicleSim:
         start_yaw_ned_rad: (N,) start headings; default: north.
         world: ground, obstacles and lidars; default: flat and empty, as in PX4's own simulation.
         script: fault script.
-        camera: whether each vehicle has a camera; the recorded PX4 had none.
+        camera: whether each vehicle has a camera; the recorded PX4 had no camera.
         log: whether the vehicles write onboard logs as SDLOG_MODE requires.
     """
 
@@ -177,7 +177,7 @@ class VehicleSim:
         return [] if (row, link) in self._interrupted_links else frames
 
     def set_link_up(self, row: int, link: str, up: bool) -> None:
-        """Interrupts a link (or "all") in both directions, or restores it."""
+        """Interrupts a link in both directions, or restores the link; "all" means all links."""
         names = ("gcs", "api", "tcp", *self._links[row]) if link == "all" else (link,)
         for name in names:
             if up:

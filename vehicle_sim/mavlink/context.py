@@ -44,7 +44,7 @@ class Context:
         return self.system_id, AUTOPILOT_COMPONENT
 
     def gcs_connected(self, link: Link) -> bool:
-        """Whether a ground station is connected on a link; otherwise no status texts are sent there."""
+        """Whether a ground station is connected on a link; otherwise this link carries no status texts."""
         return self.view.time_s - link.gcs_heartbeat_at_s < self.gcs_timeout_s
 
     def addresses_autopilot(self, message: Message) -> bool:

@@ -1,4 +1,4 @@
-"""One MAVLink link of one vehicle: sequence numbers, parser, stream schedule and send queue."""
+"""A MAVLink link of one vehicle: sequence numbers, parser, stream schedule and send queue."""
 
 from __future__ import annotations
 
