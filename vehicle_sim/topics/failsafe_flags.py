@@ -36,7 +36,7 @@ def fault_flags(view: VehicleView, commander: Commander, home: Home) -> dict[str
         "auto_mission_missing": not checks.has_mission,
         "offboard_control_signal_lost": not commander.offboard.has_signal(),
         "home_position_invalid": not home.valid,
-        "manual_control_signal_lost": not checks.manual_control(),
+        "manual_control_signal_lost": not checks.has_manual_control(),
         "gcs_connection_lost": not checks.gcs_connected(),
         "battery_warning": checks.battery_warning,
         "geofence_breached": bool(checks.fence),
