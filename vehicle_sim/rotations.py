@@ -1,7 +1,7 @@
-"""Frame maths of the compiled loops, for one vehicle (`frames.py` is for whole fleets).
+"""Rotations of one vehicle, for compiled loops (`frames.py` computes rotations of all vehicles at once).
 
-Quaternions are (w, x, y, z) and rotate FRD vectors to NED. Rows of (N, 4) and (N, 3, 3) arrays are read and
-written in place.
+Quaternions are (w, x, y, z) and rotate FRD vectors to NED. An attitude `q` (4,) or a matrix (3, 3) can be one
+row of an array for N vehicles; functions that write then change this array.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def quaternion_product(
 
 @formula
 def rotate_attitude(q: FloatArray, x: float, y: float, z: float) -> None:
-    """Rotates the attitude `q` (4,) by a small angle (x, y, z) [rad] about the body's axes."""
+    """Rotates the attitude `q` (4,) by small angles x, y and z [rad] about the body's axes."""
     w0, x0, y0, z0 = q[0], q[1], q[2], q[3]
     w1 = w0 + 0.5 * (-x0 * x - y0 * y - z0 * z)
     x1 = x0 + 0.5 * (w0 * x + y0 * z - z0 * y)
@@ -45,7 +45,7 @@ def rotate_attitude(q: FloatArray, x: float, y: float, z: float) -> None:
 
 @formula
 def write_matrix(q: FloatArray, matrix: FloatArray) -> None:
-    """Writes the rotation matrix (3, 3) of the attitude `q` (4,)."""
+    """Writes the rotation matrix of the attitude `q` (4,) to `matrix` (3, 3)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     matrix[0, 0] = w * w + x * x - y * y - z * z
     matrix[1, 1] = w * w - x * x + y * y - z * z
@@ -60,7 +60,7 @@ def write_matrix(q: FloatArray, matrix: FloatArray) -> None:
 
 @formula
 def rotated(matrix: FloatArray, x: float, y: float, z: float) -> Vector:
-    """matrix · (x, y, z)."""
+    """The rotated vector: matrix · (x, y, z)."""
     return (
         matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z,
         matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z,
@@ -70,7 +70,7 @@ def rotated(matrix: FloatArray, x: float, y: float, z: float) -> Vector:
 
 @formula
 def rotated_back(matrix: FloatArray, x: float, y: float, z: float) -> Vector:
-    """matrixᵀ · (x, y, z)."""
+    """The vector after the inverse rotation: matrixᵀ · (x, y, z)."""
     return (
         matrix[0, 0] * x + matrix[1, 0] * y + matrix[2, 0] * z,
         matrix[0, 1] * x + matrix[1, 1] * y + matrix[2, 1] * z,

@@ -1,4 +1,4 @@
-"""Runs the vehicles of one process: creates them from the command line and opens their ports."""
+"""Runs the vehicles of one process, as the command line describes them, and opens their ports."""
 
 from __future__ import annotations
 
@@ -24,17 +24,21 @@ from vehicle_sim.storage.metadata import BUILT_IN
 from vehicle_sim.worker_pool import Shard
 
 
-def _stores(arguments: argparse.Namespace, shard: Shard) -> list[Parameters]:
+def _instances(arguments: argparse.Namespace, shard: Shard) -> range:
+    first_instance = arguments.first_instance + shard.first
+    return range(first_instance, first_instance + shard.count)
+
+
+def _parameter_stores(arguments: argparse.Namespace, shard: Shard) -> list[Parameters]:
     overrides = dict(arguments.param)
     directory: Path | None = arguments.data_dir
     if directory is not None:
         directory.mkdir(parents=True, exist_ok=True)
-    first = arguments.first_instance + shard.first
     return [
         Parameters(
-            overrides, storage=None if directory is None else directory / f"parameters-{first + n}.json"
+            overrides, storage=None if directory is None else directory / f"parameters-{instance}.json"
         )
-        for n in range(shard.count)
+        for instance in _instances(arguments, shard)
     ]
 
 
@@ -42,8 +46,9 @@ def _files(arguments: argparse.Namespace, shard: Shard) -> list[VehicleFiles]:
     directory: Path | None = arguments.data_dir
     if directory is None:
         return [VehicleFiles(None, BUILT_IN) for _ in range(shard.count)]
-    first = arguments.first_instance + shard.first
-    return [VehicleFiles(directory / f"files-{first + n}", BUILT_IN) for n in range(shard.count)]
+    return [
+        VehicleFiles(directory / f"files-{instance}", BUILT_IN) for instance in _instances(arguments, shard)
+    ]
 
 
 def _set_wind_and_battery(fleet: VehicleSim, wind: WindOption | None, battery_percent: float | None) -> None:
@@ -56,7 +61,7 @@ def _set_wind_and_battery(fleet: VehicleSim, wind: WindOption | None, battery_pe
 
 
 def _open_ros2(fleet: VehicleSim, first_instance: int, arguments: argparse.Namespace) -> bool:
-    """Connects each vehicle to DDS; returns False, after printing the reason, if that fails."""
+    """Connects each vehicle to DDS. If this fails, prints the reason and returns False."""
     try:
         from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable
     except ImportError:
@@ -68,20 +73,21 @@ def _open_ros2(fleet: VehicleSim, first_instance: int, arguments: argparse.Names
         for row in range(len(fleet.nodes)):
             instance = first_instance + row
             namespace = arguments.ros2_namespace or (f"px4_{instance}" if instance else "")
-            fleet.open_ros2(row, domain.open(namespace), _reporter(instance))
+            fleet.open_ros2(row, domain.open(namespace), _error_printer(instance))
     except DdsUnavailable as problem:
         print(f"--ros2: {problem}", file=sys.stderr, flush=True)
         return False
-    where = arguments.ros2_interface or "loopback"
-    print(f"ROS 2 topics in DDS domain {arguments.ros2} on {where}", flush=True)
+    interface = arguments.ros2_interface or "loopback"
+    print(f"ROS 2 topics in DDS domain {arguments.ros2} on {interface}", flush=True)
     return True
 
 
-def _reporter(instance: int) -> Callable[[str], None]:
+def _error_printer(instance: int) -> Callable[[str], None]:
     return lambda text: print(f"vehicle {instance + 1}: {text}", file=sys.stderr, flush=True)
 
 
 def _print_ports(server: SimServer, first_instance: int) -> bool:
+    """Prints the ports of each vehicle; returns whether any port is open."""
     has_port = False
     for row, vehicle in enumerate(server.vehicles):
         instance = first_instance + row
@@ -91,13 +97,13 @@ def _print_ports(server: SimServer, first_instance: int) -> bool:
                 file=sys.stderr,
                 flush=True,
             )
-        parts = [
+        port_texts = [
             f"{name} {'TCP' if isinstance(transport, TcpServer) else 'UDP'} {transport.port}"
             for name, transport in vehicle.transports.items()
         ]
-        has_port = has_port or bool(parts)
-        if parts:
-            print(f"vehicle {instance + 1} ready (instance {instance}): {', '.join(parts)}", flush=True)
+        has_port = has_port or bool(port_texts)
+        if port_texts:
+            print(f"vehicle {instance + 1} ready (instance {instance}): {', '.join(port_texts)}", flush=True)
     return has_port
 
 
@@ -109,20 +115,22 @@ def run_shard(argv: Sequence[str], shard: Shard) -> int:
         shard: the vehicles of this process.
 
     Returns:
-        The exit code: 1 if no port could be opened, 2 if the data folder or ROS 2 is unusable.
+        The exit code: 0, 1 if no port could be opened, or 2 if the data folder or ROS 2 cannot be used.
     """
     arguments = parse(argv)
     try:
-        stores = _stores(arguments, shard)
+        stores = _parameter_stores(arguments, shard)
     except (ValueError, OSError) as error:
         print(f"--data-dir: {error}", file=sys.stderr, flush=True)
         return 2
     first_instance = arguments.first_instance + shard.first
-    # In lockstep, runs must not depend on the time of day.
-    unix_s = DEFAULT_BOOT_TIME_UNIX_S if arguments.lockstep else time.clock_gettime(time.CLOCK_REALTIME)
+    # In lockstep, the results must not depend on the time of day.
+    boot_time_unix_s = (
+        DEFAULT_BOOT_TIME_UNIX_S if arguments.lockstep else time.clock_gettime(time.CLOCK_REALTIME)
+    )
     fleet = VehicleSim(
         shard.count, first_instance=first_instance, stores=stores, files=_files(arguments, shard),
-        links=(), seed=arguments.seed, home=arguments.home, boot_time_unix_s=unix_s,
+        links=(), seed=arguments.seed, home=arguments.home, boot_time_unix_s=boot_time_unix_s,
         log=not arguments.no_log, world=arguments.world, script=arguments.script,
         camera=arguments.camera, start_ned_m=row_east(shard.count, shard.first),
     )  # fmt: skip
@@ -139,8 +147,8 @@ def run_shard(argv: Sequence[str], shard: Shard) -> int:
     server = SimServer(
         fleet, first_instance=first_instance, ports=ports, bind=arguments.bind, gcs_host=arguments.gcs_host
     )
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda _number, _frame: server.stop())
+    for stop_signal in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(stop_signal, lambda _number, _frame: server.stop())
     parent = multiprocessing.parent_process()
     if parent is not None:
         server.stop_when_readable(parent.sentinel)

@@ -2,15 +2,15 @@
 
     name: GPS lost over the field
     events:
-      - {at_s: 40, gps: lost}                            seconds since boot
+      - {at_s: 40, gps: lost}                      # 40 seconds since boot
       - {when: airborne, after_s: 5, wind_ned_m_s: [0, 8, 0], gusts_m_s: 2}
       - {when: mission, after_s: 20, vehicles: [1], motor: {number: 2, works: false}}
       - {above_m: 15, battery_percent: 12}
       - {when: landed, gps: ok, link: {name: gcs, up: true}}
       - {at_s: 60, driver: {name: sensor_baro_sim, runs: false}}
-      - {when: disarmed, side_down: left}                placed on the left side, for a calibration
+      - {when: disarmed, side_down: left}          # on its left side, for a calibration
 
-Each event happens once for each vehicle, in the step in which the vehicle reaches its condition.
+Each event happens once for each vehicle, `after_s` after the vehicle reaches the event's condition.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from vehicle_sim.sensors.faults import Driver
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.yaml_fields import Fields, read_yaml
 
-STATES = ("armed", "disarmed", "airborne", "landed")
-MODES = {mode.name.lower(): mode for mode in NavState}
+VEHICLE_STATES = ("armed", "disarmed", "airborne", "landed")
+MODE_BY_NAME = {mode.name.lower(): mode for mode in NavState}
 GPS_STATES = ("ok", "lost", "stuck")
 LINK_NAMES = ("gcs", "api", "tcp", "all")
 MAX_TIME_S = 1e6
 
 
 class HasSystemId(Protocol):
-    """A vehicle with a MAVLink system id."""
+    """A MAVLink node of a vehicle."""
 
     @property
     def system_id(self) -> int:
@@ -65,7 +65,7 @@ class Fleet(Protocol):
         ...
 
     def set_link_up(self, row: int, link: str, up: bool) -> None:
-        """Interrupts a link (or "all") in both directions, or restores it."""
+        """Restores (`up`) or interrupts a link in both directions; link "all": all links of the vehicle."""
         ...
 
     def set_parameter(self, row: int, name: str, value: ParameterValue) -> None:
@@ -74,18 +74,19 @@ class Fleet(Protocol):
 
 
 Action = Callable[[Fleet, int], None]
+"""Changes one vehicle (row) of a fleet."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event: condition, vehicles, actions."""
+    """One event of a script, with exactly one condition: `at_s`, `state` or `above_m`."""
 
     at_s: float | None
-    """Time since boot; None: `state` is the condition."""
+    """Time since boot; None: not the condition."""
     state: str
-    """State or mode that is the condition; empty: `at_s` or `above_m` is the condition."""
+    """State or mode; empty: not the condition."""
     above_m: float | None
-    """True altitude above home; None: not the condition."""
+    """True altitude above `Simulation.home`; None: not the condition."""
     after_s: float
     """Delay between the condition and the actions."""
     vehicles: tuple[int, ...]
@@ -100,8 +101,8 @@ class Event:
         if self.above_m is not None:
             # The true state, because the estimate may already be faulty.
             return -float(fleet.simulation.truth.position_ned_m[row, 2]) > self.above_m
-        if self.state in MODES:
-            return commander.armed and commander.active is MODES[self.state]
+        if self.state in MODE_BY_NAME:
+            return commander.armed and commander.active is MODE_BY_NAME[self.state]
         airborne = commander.armed and not commander.landed
         return {
             "armed": commander.armed,
@@ -119,46 +120,51 @@ class Script:
     events: tuple[Event, ...]
 
 
+@dataclass(slots=True)
+class _PendingEvent:
+    """An event that has not happened yet for the vehicle in `row`."""
+
+    event: Event
+    row: int
+    reached_at_s: float | None = None
+    """Time at which the vehicle reached the condition; None: not reached yet."""
+
+
 class ScriptRunner:
-    """Runs a script on a fleet; call `step` after the autopilots."""
+    """Runs a script on a fleet; call `step` after the step of the autopilots."""
 
     def __init__(self, script: Script, fleet: Fleet) -> None:
         self._fleet = fleet
-        self._waiting: list[tuple[Event, int, list[float]]] = []
-        """Event, row, and the time when the condition became true (empty list: not yet)."""
-        for event in script.events:
-            rows = [
-                n
-                for n, node in enumerate(fleet.nodes)
-                if not event.vehicles or node.system_id in event.vehicles
-            ]
-            self._waiting += [(event, row, []) for row in rows]
+        self._pending = [
+            _PendingEvent(event, row)
+            for event in script.events
+            for row, node in enumerate(fleet.nodes)
+            if not event.vehicles or node.system_id in event.vehicles
+        ]
         self._has_flown = [False] * len(fleet.nodes)
 
     def step(self) -> None:
         """Executes the events that are due."""
-        if not self._waiting:
+        if not self._pending:
             return
         now_s = self._fleet.time_s
         for row, autopilot in enumerate(self._fleet.autopilots):
             self._has_flown[row] = self._has_flown[row] or (
                 autopilot.commander.armed and not autopilot.commander.landed
             )
-        waiting: list[tuple[Event, int, list[float]]] = []
-        for event, row, since in self._waiting:
-            # A vehicle that has not flown yet has not landed.
-            if (
-                not since
-                and event.is_reached(self._fleet, row)
-                and (event.state != "landed" or self._has_flown[row])
-            ):
-                since.append(now_s)
-            if since and now_s >= since[0] + event.after_s - 1e-9:
+        still_pending: list[_PendingEvent] = []
+        for pending in self._pending:
+            event, row = pending.event, pending.row
+            # "landed" is a landing after a flight, not the time before the first takeoff.
+            possible = event.state != "landed" or self._has_flown[row]
+            if pending.reached_at_s is None and event.is_reached(self._fleet, row) and possible:
+                pending.reached_at_s = now_s
+            if pending.reached_at_s is not None and now_s >= pending.reached_at_s + event.after_s - 1e-9:
                 for action in event.actions:
                     action(self._fleet, row)
             else:
-                waiting.append((event, row, since))
-        self._waiting = waiting
+                still_pending.append(pending)
+        self._pending = still_pending
 
 
 def load_script(path: str) -> Script:
@@ -189,7 +195,7 @@ def _event(fields: Fields) -> Event:
     if len(conditions) != 1:
         raise fields.problem(None, "needs one of at_s, when, above_m, to say when it happens")
     at_s = fields.number("at_s", 0.0, low=0.0, high=MAX_TIME_S)
-    state = fields.text("when", "", choices=() if "when" not in conditions else (*STATES, *MODES))
+    state = fields.text("when", "", choices=(*VEHICLE_STATES, *MODE_BY_NAME) if "when" in conditions else ())
     above_m = fields.number("above_m", 0.0, low=-500, high=20_000)
     after_s = fields.number("after_s", 0.0, low=0.0, high=MAX_TIME_S)
     vehicles = _vehicles(fields)
@@ -211,116 +217,118 @@ def _vehicles(fields: Fields) -> tuple[int, ...]:
     if not fields.has("vehicles"):
         return ()
     return tuple(
-        int(each) for each in fields.numbers("vehicles", None, "a list of system ids such as [1, 2]")
+        int(number) for number in fields.numbers("vehicles", None, "a list of system ids such as [1, 2]")
     )
 
 
 def _actions(fields: Fields) -> tuple[Action, ...]:
-    return tuple(make(fields) for key, make in ACTIONS.items() if fields.has(key))
+    return tuple(create(fields) for key, create in ACTIONS.items() if fields.has(key))
 
 
-def _gps(fields: Fields) -> Action:
+def _gps_action(fields: Fields) -> Action:
     state = fields.text("gps", choices=GPS_STATES)
 
-    def act(fleet: Fleet, row: int) -> None:
+    def apply(fleet: Fleet, row: int) -> None:
         fleet.simulation.set_gps_enabled(row, state != "lost")
         fleet.simulation.set_gps_stuck(row, state == "stuck")
         if state == "ok":
             fleet.simulation.set_gps_offset(row, np.zeros(3))
 
-    return act
+    return apply
 
 
-def _gps_offset(fields: Fields) -> Action:
+def _gps_offset_action(fields: Fields) -> Action:
     offset = np.array(fields.numbers("gps_offset_ned_m", 3, "[north, east, down] in metres"))
     return lambda fleet, row: fleet.simulation.set_gps_offset(row, offset)
 
 
-def _driver(fields: Fields) -> Action:
-    nested = fields.mapping("driver")
-    if nested is None:
+def _driver_action(fields: Fields) -> Action:
+    driver_fields = fields.mapping("driver")
+    if driver_fields is None:
         raise fields.problem("driver", "must be {name: sensor_gps_sim, runs: false}")
-    driver = Driver(nested.text("name", choices=tuple(each.value for each in Driver)))
-    runs = nested.flag("runs", False)
-    nested.finish()
+    driver = Driver(driver_fields.text("name", choices=tuple(each.value for each in Driver)))
+    runs = driver_fields.flag("runs", False)
+    driver_fields.finish()
     return lambda fleet, row: fleet.simulation.set_driver(row, driver, runs)
 
 
-def _side(fields: Fields) -> Action:
+def _side_action(fields: Fields) -> Action:
     side = Side(fields.text("side_down", choices=tuple(each.value for each in Side)))
     q_ned_frd = quaternion_from_euler(*side.roll_pitch_rad, 0.0)
     return lambda fleet, row: fleet.simulation.set_attitude_if_disarmed(row, q_ned_frd)
 
 
-def _motor(fields: Fields) -> Action:
-    nested = fields.mapping("motor")
-    if nested is None:
+def _motor_action(fields: Fields) -> Action:
+    motor_fields = fields.mapping("motor")
+    if motor_fields is None:
         raise fields.problem("motor", "must be {number: 1, works: false}")
-    number, works = nested.integer("number", low=1, high=4), nested.flag("works", False)
-    nested.finish()
+    number, works = motor_fields.integer("number", low=1, high=4), motor_fields.flag("works", False)
+    motor_fields.finish()
 
-    def act(fleet: Fleet, row: int) -> None:
+    def apply(fleet: Fleet, row: int) -> None:
         fleet.simulation.motor_health[row, number - 1] = 1.0 if works else 0.0
 
-    return act
+    return apply
 
 
-def _battery(fields: Fields) -> Action:
-    charge = fields.number("battery_percent", low=0.0, high=100.0) / 100.0
-    return lambda fleet, row: fleet.simulation.set_battery_remaining(row, charge)
+def _battery_action(fields: Fields) -> Action:
+    remaining = fields.number("battery_percent", low=0.0, high=100.0) / 100.0
+    return lambda fleet, row: fleet.simulation.set_battery_remaining(row, remaining)
 
 
-def _wind(fields: Fields) -> Action:
+def _wind_action(fields: Fields) -> Action:
     wind = np.array(fields.numbers("wind_ned_m_s", 3, "[north, east, down] in m/s"))
     return lambda fleet, row: fleet.simulation.set_wind(wind, row)
 
 
-def _gusts(fields: Fields) -> Action:
-    strength = fields.number("gusts_m_s", low=0.0, high=30.0)
-    return lambda fleet, row: fleet.simulation.set_gusts(strength, row)
+def _gusts_action(fields: Fields) -> Action:
+    sigma_m_s = fields.number("gusts_m_s", low=0.0, high=30.0)
+    return lambda fleet, row: fleet.simulation.set_gusts(sigma_m_s, row)
 
 
-def _noise(fields: Fields) -> Action:
-    strength = fields.number("sensor_noise", low=0.0, high=100.0)
-    return lambda fleet, row: fleet.simulation.set_sensor_noise(row, strength)
+def _noise_action(fields: Fields) -> Action:
+    factor = fields.number("sensor_noise", low=0.0, high=100.0)
+    return lambda fleet, row: fleet.simulation.set_sensor_noise(row, factor)
 
 
-def _link(fields: Fields) -> Action:
-    nested = fields.mapping("link")
-    if nested is None:
+def _link_action(fields: Fields) -> Action:
+    link_fields = fields.mapping("link")
+    if link_fields is None:
         raise fields.problem("link", "must be {name: gcs, up: false}")
-    name, up = nested.text("name", "all", choices=LINK_NAMES), nested.flag("up", False)
-    nested.finish()
+    name, up = link_fields.text("name", "all", choices=LINK_NAMES), link_fields.flag("up", False)
+    link_fields.finish()
     return lambda fleet, row: fleet.set_link_up(row, name, up)
 
 
-def _parameter(fields: Fields) -> Action:
-    nested = fields.mapping("parameter")
-    if nested is None:
+def _parameter_action(fields: Fields) -> Action:
+    parameter_fields = fields.mapping("parameter")
+    if parameter_fields is None:
         raise fields.problem("parameter", "must be {name: …, value: …}")
-    name, value = nested.text("name"), nested.number("value", low=-math.inf, high=math.inf)
+    name = parameter_fields.text("name")
+    value = parameter_fields.number("value", low=-math.inf, high=math.inf)
     try:
         Parameters({name: value})
     except (UnknownParameterError, ValueError) as error:
-        raise nested.problem("name", f"cannot be set: {error}") from None
-    nested.finish()
+        raise parameter_fields.problem("name", f"cannot be set: {error}") from None
+    parameter_fields.finish()
 
-    def act(fleet: Fleet, row: int) -> None:
+    def apply(fleet: Fleet, row: int) -> None:
         fleet.set_parameter(row, name, value)
 
-    return act
+    return apply
 
 
 ACTIONS: dict[str, Callable[[Fields], Action]] = {
-    "gps": _gps,
-    "gps_offset_ned_m": _gps_offset,
-    "driver": _driver,
-    "side_down": _side,
-    "motor": _motor,
-    "battery_percent": _battery,
-    "wind_ned_m_s": _wind,
-    "gusts_m_s": _gusts,
-    "sensor_noise": _noise,
-    "link": _link,
-    "parameter": _parameter,
+    "gps": _gps_action,
+    "gps_offset_ned_m": _gps_offset_action,
+    "driver": _driver_action,
+    "side_down": _side_action,
+    "motor": _motor_action,
+    "battery_percent": _battery_action,
+    "wind_ned_m_s": _wind_action,
+    "gusts_m_s": _gusts_action,
+    "sensor_noise": _noise_action,
+    "link": _link_action,
+    "parameter": _parameter_action,
 }
+"""Functions that create an action, by the name of the field that they read."""

@@ -20,10 +20,11 @@ from vehicle_sim.autopilot.offboard import (
 )
 from vehicle_sim.state import ROTOR_COUNT
 
-Values = Mapping[str, Any]
+MessageValues = Mapping[str, Any]
 STICK_RANGE = 1000.0
+"""Full deflection of a stick in MANUAL_CONTROL."""
 MAX_RATE_RAD_S = 50.0
-KINDS = {
+KIND_BY_FLAG = {
     "position": SetpointKind.POSITION,
     "velocity": SetpointKind.VELOCITY,
     "acceleration": SetpointKind.ACCELERATION,
@@ -32,16 +33,16 @@ KINDS = {
     "thrust_and_torque": SetpointKind.THRUST_TORQUE,
     "direct_actuator": SetpointKind.ACTUATORS,
 }
-"""Kind of setpoint by flag of OffboardControlMode; the first flag that is set counts."""
+"""Kind of setpoint for each flag of OffboardControlMode; the first flag that is set applies."""
 
 
 class SetpointInputs:
-    """Passes each message to the autopilot of one vehicle."""
+    """Passes the setpoints and stick positions that one vehicle receives to its autopilot."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot = autopilot
         self._thrust_frd: Vector = (0.0, 0.0, 0.0)
-        self.receivers: dict[str, Callable[[Values], None]] = {
+        self.receivers: dict[str, Callable[[MessageValues], None]] = {
             "/fmu/in/manual_control_input": self._sticks,
             "/fmu/in/offboard_control_mode": self._control_mode,
             "/fmu/in/trajectory_setpoint": self._trajectory,
@@ -53,21 +54,23 @@ class SetpointInputs:
             "/fmu/in/goto_setpoint": self._goto,
         }
 
-    def _control_mode(self, v: Values) -> None:
-        kind = next((kind for flag, kind in KINDS.items() if v[flag]), SetpointKind.NONE)
+    def _control_mode(self, v: MessageValues) -> None:
+        kind = next((kind for flag, kind in KIND_BY_FLAG.items() if v[flag]), SetpointKind.NONE)
         self._autopilot.offboard.receive_control_mode(kind)
 
-    def _trajectory(self, v: Values) -> None:
-        position, velocity, acceleration = (_limited(v[n]) for n in ("position", "velocity", "acceleration"))
+    def _trajectory(self, v: MessageValues) -> None:
+        position, velocity, acceleration = (
+            _limited_vector(v[name]) for name in ("position", "velocity", "acceleration")
+        )
         kind = trajectory_kind(position, velocity, acceleration)
-        # A setpoint with only NaN is valid too: the position controller then keeps the velocity at zero.
+        # A setpoint with only NaN is valid; the position controller then keeps the velocity at zero.
         kind = SetpointKind.ACCELERATION if kind is SetpointKind.NONE else kind
-        (yaw_rad, yaw_rate_rad_s, _) = _limited((v["yaw"], v["yawspeed"], 0.0))
+        yaw_rad, yaw_rate_rad_s = _limited(v["yaw"]), _limited(v["yawspeed"])
         self._autopilot.apply_topic_setpoint(
             Setpoint(kind, position, velocity, acceleration, yaw_rad, yaw_rate_rad_s)
         )
 
-    def _attitude(self, v: Values) -> None:
+    def _attitude(self, v: MessageValues) -> None:
         w, x, y, z = v["q_d"]
         norm = math.sqrt(w * w + x * x + y * y + z * z)
         if not (math.isfinite(norm) and norm > 1e-6):
@@ -81,7 +84,7 @@ class SetpointInputs:
             )
         )  # fmt: skip
 
-    def _rates(self, v: Values) -> None:
+    def _rates(self, v: MessageValues) -> None:
         roll, pitch, yaw = (
             max(-MAX_RATE_RAD_S, min(MAX_RATE_RAD_S, v[axis])) if math.isfinite(v[axis]) else 0.0
             for axis in ("roll", "pitch", "yaw")
@@ -94,45 +97,49 @@ class SetpointInputs:
             )
         )
 
-    def _thrust(self, v: Values) -> None:
+    def _thrust(self, v: MessageValues) -> None:
         """Stores the thrust, which is applied with the next torque setpoint."""
         self._thrust_frd = v["xyz"]
 
-    def _torque(self, v: Values) -> None:
+    def _torque(self, v: MessageValues) -> None:
         self._autopilot.apply_topic_setpoint(thrust_torque_setpoint(self._thrust_frd, v["xyz"]))
 
-    def _motors(self, v: Values) -> None:
+    def _motors(self, v: MessageValues) -> None:
         self._autopilot.apply_topic_setpoint(motor_setpoint(v["control"][:ROTOR_COUNT]))
 
-    def _goto(self, v: Values) -> None:
+    def _goto(self, v: MessageValues) -> None:
         self._autopilot.receive_goto(
             Goto(
-                _limited(v["position"]),
+                _limited_vector(v["position"]),
                 v["heading"] if v["flag_control_heading"] else math.nan,
-                _speed(v["max_horizontal_speed"]) if v["flag_set_max_horizontal_speed"] else math.nan,
-                _speed(v["max_vertical_speed"]) if v["flag_set_max_vertical_speed"] else math.nan,
+                _speed_limit(v["max_horizontal_speed"]) if v["flag_set_max_horizontal_speed"] else math.nan,
+                _speed_limit(v["max_vertical_speed"]) if v["flag_set_max_vertical_speed"] else math.nan,
             )
         )
 
-    def _sticks(self, v: Values) -> None:
+    def _sticks(self, v: MessageValues) -> None:
         if not v["valid"]:
             return
         autopilot = self._autopilot
-        throttle = 0.5 * (v["throttle"] + 1.0)
-        axes = (v["pitch"], v["roll"], throttle, v["yaw"])
-        if not all(abs(each) <= 1.0 for each in axes):
+        axes = (v["pitch"], v["roll"], 0.5 * (v["throttle"] + 1.0), v["yaw"])
+        if not all(abs(axis) <= 1.0 for axis in axes):
             return
-        pitch, roll, stick_throttle, yaw = (round(each * STICK_RANGE) for each in axes)
-        if autopilot.sticks.receive(pitch, roll, stick_throttle, yaw):
+        pitch, roll, throttle, yaw = (round(axis * STICK_RANGE) for axis in axes)
+        if autopilot.sticks.receive(pitch, roll, throttle, yaw):
             autopilot.commander.checks.manual_control_at_s = autopilot.view.time_s
             autopilot.commander.on_stick_input()
 
 
-def _limited(values: tuple[float, ...]) -> Vector:
-    """Replaces infinite values by NaN, and limits finite values to a plausible range."""
-    x, y, z = (max(-LIMIT, min(LIMIT, each)) if math.isfinite(each) else math.nan for each in values)
-    return x, y, z
+def _limited(value: float) -> float:
+    """Replaces an infinite value by NaN, and clips a finite value to ±LIMIT."""
+    return max(-LIMIT, min(LIMIT, value)) if math.isfinite(value) else math.nan
 
 
-def _speed(speed_m_s: float) -> float:
+def _limited_vector(values: tuple[float, float, float]) -> Vector:
+    x, y, z = values
+    return _limited(x), _limited(y), _limited(z)
+
+
+def _speed_limit(speed_m_s: float) -> float:
+    """The speed limit; NaN (no limit) if the value is invalid."""
     return speed_m_s if 0.0 < speed_m_s < LIMIT else math.nan

@@ -1,4 +1,4 @@
-"""The topics that PX4 v1.16 bridges to ROS 2 by default, with their types, sources and measured rates."""
+"""The topics that PX4 v1.16 bridges to ROS 2 by default, with their types and measured rates."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import Final
 from vehicle_sim.ros2.messages import MESSAGES, MessageType
 
 MIN_PERIOD_US: Final = 10_000
-"""Shortest period at which the client sends a topic [µs]."""
+"""Shortest period at which PX4's uXRCE-DDS client sends a topic [µs]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Output:
     """A topic that the vehicle publishes.
 
-    `source` is the name in the simulator's topic table. It is empty for topics that are published on an
-    event, and for topics that a multicopter never publishes.
+    `source` is the topic's name in the simulator (`topics/`). The name is empty if the topic is published on
+    an event, or if a multicopter never publishes the topic.
     """
 
     name: str
     type: str
     source: str = ""
     every_us: int = 0
-    """Period [µs]; 0: published at each change, -1: with each GPS sample."""
+    """Period [µs]; 0: published at each change or event, -1: with each GPS sample."""
 
     @property
     def message(self) -> MessageType:
@@ -45,7 +45,7 @@ class Input:
 
     @property
     def depth(self) -> int:
-        """Length of the reader's queue: twice the topic's queue length inside the vehicle."""
+        """Length of the DDS reader's queue: twice the length of the uORB topic's queue."""
         return 2 * self.message.constants.get("ORB_QUEUE_LENGTH", 1)
 
 
@@ -57,7 +57,7 @@ COMMAND: Final = "/fmu/in/vehicle_command"
 EXECUTOR_COMMAND: Final = "/fmu/in/vehicle_command_mode_executor"
 SERVICE_REQUEST: Final = "/fmu/vehicle_commandRequest"
 SERVICE_REPLY: Final = "/fmu/vehicle_commandReply"
-"""The service `/fmu/vehicle_command`: on the wire one topic for requests and one for replies."""
+"""Topics of the service `/fmu/vehicle_command`; DDS has one for requests and one for replies."""
 
 OUTPUTS: Final = (
     Output("/fmu/out/register_ext_component_reply", "RegisterExtComponentReply"),
@@ -122,6 +122,6 @@ INPUTS: Final = (
 
 
 def dds_name(name: str, namespace: str = "") -> str:
-    """A topic's name on the wire: `rt/px4_1/fmu/out/…`; `rq` and `rr` for a service."""
+    """A topic's name in DDS, such as `rt/px4_1/fmu/out/…`; a service has `rq` (request) or `rr` (reply)."""
     prefix = {SERVICE_REQUEST: "rq", SERVICE_REPLY: "rr"}.get(name, "rt")
     return prefix + (f"/{namespace}" if namespace else "") + name

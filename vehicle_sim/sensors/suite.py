@@ -1,9 +1,8 @@
-"""IMU, magnetometer, barometer and GPS of N vehicles, with their noise.
+"""IMU, magnetometer, barometer and GPS of N vehicles, with noise, faults, calibrations and drivers.
 
-Rates and noise (one sigma) were measured on PX4's SIH, disarmed and armed: the IMU has ten times the
-noise while motors run; GPS at 8 Hz: 0.2 m horizontally, 0.5 m vertically, 0.06 to 0.16 m/s; barometer at
-20 Hz: 0.09 m; magnetometer at 50 Hz: 0.012 to 0.018 gauss. The noise is white, and independent for each
-vehicle (`noise.py`).
+Rates and noise (one sigma) were measured on PX4's SIH, disarmed and armed: magnetometer 50 Hz, barometer
+20 Hz, GPS 8 Hz; while motors run, the IMU has 3 to 17 times the noise. The noise is white, and independent
+for each vehicle (`noise.py`).
 """
 
 from __future__ import annotations
@@ -48,8 +47,8 @@ GPS_HDOP = 0.7
 GPS_VDOP = 1.1
 SATELLITES_FOR_A_FIX = 4
 STALE_SAMPLES = {Driver.BARO: 34, Driver.MAG: 334}
-"""Number of equal samples after which a sensor is stale. PX4 allows a barometer 100 equal values (1.7 s, as
-recorded) and a magnetometer 1000 (6.7 s), and counts three values per sample."""
+"""Number of equal samples after which a sensor is stale. PX4 counts three values per sample, and accepts 100
+equal values of a barometer (1.7 s in a recording) and 1000 of a magnetometer (6.7 s)."""
 BARO_TEMPERATURE_DEG_C = 11.82
 """Temperature in SCALED_PRESSURE at home: 15 °C at sea level, minus 6.5 °C per kilometre."""
 
@@ -75,7 +74,7 @@ class SensorSuite:
         dt_s: step.
         home: global position of the local NED origin.
         seed: seed of the noise.
-        vehicles: number of each vehicle (`WhiteNoise`).
+        vehicles: number of each vehicle, which selects the vehicle's noise (`WhiteNoise`).
         noise: False: sensors without noise.
     """
 
@@ -85,13 +84,13 @@ class SensorSuite:
         self._count = count = len(vehicles)
         self._dt_s = dt_s
         self._home = home
-        self._imu_white = WhiteNoise(seed, vehicles, NoisePurpose.IMU, 6)
-        self._mag_white = WhiteNoise(seed, vehicles, NoisePurpose.MAG, 3)
-        self._baro_white = WhiteNoise(seed, vehicles, NoisePurpose.BARO, 1)
-        self._gps_white = WhiteNoise(seed, vehicles, NoisePurpose.GPS, 6)
+        self._imu_noise = WhiteNoise(seed, vehicles, NoisePurpose.IMU, 6)
+        self._mag_noise = WhiteNoise(seed, vehicles, NoisePurpose.MAG, 3)
+        self._baro_noise = WhiteNoise(seed, vehicles, NoisePurpose.BARO, 1)
+        self._gps_noise = WhiteNoise(seed, vehicles, NoisePurpose.GPS, 6)
         self._noise_factor = np.zeros(count)
-        """(N,) factor by which the noise of PX4's SIH is multiplied."""
-        self._mag_sigma = np.zeros((count, 3))
+        """(N,) factor on the noise of PX4's SIH."""
+        self._mag_sigma_gauss = np.zeros((count, 3))
         self._baro_sigma_m = np.zeros((count, 1))
         self._gps_sigma = np.zeros((count, 6))
         self._steps = 0
@@ -101,21 +100,22 @@ class SensorSuite:
         self._mag_offset = np.zeros((count, 3))
         self._baro_offset_hpa = np.zeros(count)
         self._baro_offset_deg_c = np.zeros(count)
-        self._repeats = {driver: np.zeros(count, dtype=np.int64) for driver in STALE_SAMPLES}
+        self._equal_samples = {driver: np.zeros(count, dtype=np.int64) for driver in STALE_SAMPLES}
+        """For each driver: (N,) number of equal samples since the sensor became stuck."""
         self._driver_runs = {driver: np.ones(count, dtype=np.bool_) for driver in Driver}
-        """Whether each driver runs; a stopped driver keeps its sensor's last sample."""
-        self._gyro_offset, self._accel_offset = np.zeros((count, 3)), np.zeros((count, 3))
-        self._accel_scale = np.ones((count, 3))
-        self._mag_calibration, self._mag_scale = np.zeros((count, 3)), np.ones((count, 3))
-        self._baro_calibration_hpa = np.zeros(count)
+        """For each driver: (N,) whether the driver runs; a sensor without a driver keeps its last sample."""
+        self._gyro_cal_offset, self._accel_cal_offset = np.zeros((count, 3)), np.zeros((count, 3))
+        self._accel_cal_scale = np.ones((count, 3))
+        self._mag_cal_offset, self._mag_cal_scale = np.zeros((count, 3)), np.ones((count, 3))
+        self._baro_cal_offset_hpa = np.zeros(count)
         self._board_matrix = np.tile(np.eye(3), (count, 1, 1))
-        """(N, 3, 3) rotation from sensors to body: SENS_BOARD_X_OFF, _Y_OFF."""
+        """(N, 3, 3) rotation from sensor board to body (SENS_BOARD_X_OFF, SENS_BOARD_Y_OFF)."""
         self._board_rotated = np.zeros(count, dtype=np.bool_)
         """(N,) vehicles whose sensor board is rotated."""
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
         self._set_noise_factor(1.0 if noise else 0.0)
-        self._field_ned = np.array(field_ned_gauss())
+        self._field_ned_gauss = np.array(field_ned_gauss())
         self.state = SensorState(
             gyro_frd_rad_s=np.zeros((count, 3)),
             accel_frd_m_s2=np.zeros((count, 3)),
@@ -150,12 +150,12 @@ class SensorSuite:
         self._mag_offset[i] = [parameters.finite_value(f"SIM_MAG_OFFSET_{axis}") for axis in "XYZ"]
         self._baro_offset_hpa[i] = 0.01 * parameters.finite_value("SIM_BARO_OFF_P")
         self._baro_offset_deg_c[i] = parameters.finite_value("SIM_BARO_OFF_T")
-        self._gyro_offset[i] = [parameters.finite_value(f"CAL_GYRO0_{axis}OFF") for axis in "XYZ"]
-        self._accel_offset[i] = [parameters.finite_value(f"CAL_ACC0_{axis}OFF") for axis in "XYZ"]
-        self._accel_scale[i] = [parameters.finite_value(f"CAL_ACC0_{axis}SCALE") for axis in "XYZ"]
-        self._mag_calibration[i] = [parameters.finite_value(f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
-        self._mag_scale[i] = [parameters.finite_value(f"CAL_MAG0_{axis}SCALE") for axis in "XYZ"]
-        self._baro_calibration_hpa[i] = 0.01 * parameters.finite_value("CAL_BARO0_OFF")
+        self._gyro_cal_offset[i] = [parameters.finite_value(f"CAL_GYRO0_{axis}OFF") for axis in "XYZ"]
+        self._accel_cal_offset[i] = [parameters.finite_value(f"CAL_ACC0_{axis}OFF") for axis in "XYZ"]
+        self._accel_cal_scale[i] = [parameters.finite_value(f"CAL_ACC0_{axis}SCALE") for axis in "XYZ"]
+        self._mag_cal_offset[i] = [parameters.finite_value(f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
+        self._mag_cal_scale[i] = [parameters.finite_value(f"CAL_MAG0_{axis}SCALE") for axis in "XYZ"]
+        self._baro_cal_offset_hpa[i] = 0.01 * parameters.finite_value("CAL_BARO0_OFF")
         roll, pitch = (math.radians(parameters.finite_value(f"SENS_BOARD_{axis}_OFF")) for axis in "XY")
         self._board_matrix[i] = rotation_matrix(np.array([quaternion_of(roll, pitch, 0.0)]))[0]
         self._board_rotated[i] = bool((self._board_matrix[i] != np.eye(3)).any())
@@ -173,7 +173,7 @@ class SensorSuite:
     def _set_noise_factor(self, noise_factor: float, i: int | None = None) -> None:
         rows = slice(None) if i is None else i
         self._noise_factor[rows] = noise_factor
-        self._mag_sigma[rows] = noise_factor * np.array(MAG_NOISE_GAUSS)
+        self._mag_sigma_gauss[rows] = noise_factor * np.array(MAG_NOISE_GAUSS)
         self._baro_sigma_m[rows] = noise_factor * BARO_NOISE_M
         self._gps_sigma[rows] = noise_factor * np.array(GPS_POSITION_NOISE_M + GPS_VELOCITY_NOISE_M_S)
 
@@ -197,30 +197,30 @@ class SensorSuite:
         """Whether a driver of vehicle `i` runs."""
         return bool(self._driver_runs[driver][i])
 
-    def sample(self, truth: TruthState, matrix: FloatArray, armed: BoolArray) -> None:
+    def sample(self, truth: TruthState, attitude_matrix: FloatArray, armed: BoolArray) -> None:
         """Takes the samples of this step.
 
         Args:
             truth: the true state.
-            matrix: (N, 3, 3) rotation matrices of the true attitudes.
+            attitude_matrix: (N, 3, 3) rotation matrices of the true attitudes.
             armed: (N,) vehicles whose motors run and add vibration to the IMU.
         """
         state = self.state
         _measure_imu(
-            truth.acceleration_ned_m_s2, truth.rates_frd_rad_s, matrix, armed, self._noise_factor,
-            self._imu_sigma_rest, self._imu_sigma_armed, self._imu_white.sample(), self._gyro_offset,
-            self._accel_offset, self._accel_scale, self._board_rotated, self._board_matrix,
-            self.faults.imu_offset, state.gyro_frd_rad_s, state.accel_frd_m_s2,
+            truth.acceleration_ned_m_s2, truth.rates_frd_rad_s, attitude_matrix, armed,
+            self._noise_factor, self._imu_sigma_rest, self._imu_sigma_armed, self._imu_noise.sample(),
+            self._gyro_cal_offset, self._accel_cal_offset, self._accel_cal_scale, self._board_rotated,
+            self._board_matrix, self.faults.imu_offset, state.gyro_frd_rad_s, state.accel_frd_m_s2,
         )  # fmt: skip
         steps = self._steps
         if steps % MAG_EVERY_STEPS == 0:
             state.mag_fresh[:] = self._driver_runs[Driver.MAG]
             _measure_magnetometer(
-                state.mag_fresh, self.faults.stuck[Driver.MAG], self._field_ned, matrix, self._mag_offset,
-                self._mag_white.sample(), self._mag_sigma, self._mag_calibration, self._mag_scale,
-                self._board_rotated, self._board_matrix, state.mag_frd_gauss,
+                state.mag_fresh, self.faults.stuck[Driver.MAG], self._field_ned_gauss, attitude_matrix,
+                self._mag_offset, self._mag_noise.sample(), self._mag_sigma_gauss, self._mag_cal_offset,
+                self._mag_cal_scale, self._board_rotated, self._board_matrix, state.mag_frd_gauss,
             )  # fmt: skip
-            self._drop_stale(Driver.MAG, state.mag_fresh, state.mag_stale)
+            self._reject_stale(Driver.MAG, state.mag_fresh, state.mag_stale)
             state.mag_count += 1
         if steps % BARO_EVERY_STEPS == 0:
             self._sample_baro(truth)
@@ -232,39 +232,41 @@ class SensorSuite:
         state = self.state
         state.baro_fresh[:] = self._driver_runs[Driver.BARO]
         measured = state.baro_fresh & ~self.faults.stuck[Driver.BARO]
-        noise_m = (self._baro_white.sample() * self._baro_sigma_m)[:, 0]
-        alt = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
-        pressure = pressure_hpa(alt) + (self._baro_offset_hpa - self._baro_calibration_hpa)
+        noise_m = (self._baro_noise.sample() * self._baro_sigma_m)[:, 0]
+        alt_amsl_m = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
+        pressure = pressure_hpa(alt_amsl_m) + (self._baro_offset_hpa - self._baro_cal_offset_hpa)
         np.copyto(state.baro_pressure_hpa, pressure, where=measured)
-        ratio = (100.0 * state.baro_pressure_hpa / _SEA_LEVEL_PA) ** (1.0 / _PRESSURE_EXPONENT)
-        state.baro_alt_amsl_m[:] = (1.0 - ratio) * _SEA_LEVEL_K / _LAPSE_K_M
-        temperature = 15.0 - _LAPSE_K_M * alt + self._baro_offset_deg_c
+        temperature_ratio = (100.0 * state.baro_pressure_hpa / _SEA_LEVEL_PA) ** (1.0 / _PRESSURE_EXPONENT)
+        state.baro_alt_amsl_m[:] = (1.0 - temperature_ratio) * _SEA_LEVEL_K / _LAPSE_K_M
+        temperature = 15.0 - _LAPSE_K_M * alt_amsl_m + self._baro_offset_deg_c
         np.copyto(state.baro_temperature_deg_c, temperature, where=measured)
-        self._drop_stale(Driver.BARO, state.baro_fresh, state.baro_stale)
+        self._reject_stale(Driver.BARO, state.baro_fresh, state.baro_stale)
         state.baro_count += 1
 
-    def _drop_stale(self, driver: Driver, fresh: BoolArray, stale: BoolArray) -> None:
-        """Marks a stuck sensor as stale after too many equal samples; without noise, equal samples are
-        normal."""
-        stuck, repeats = self.faults.stuck[driver], self._repeats[driver]
-        if not (any_of(stuck) or any_nonzero(repeats)):
+    def _reject_stale(self, driver: Driver, fresh: BoolArray, stale: BoolArray) -> None:
+        """Marks a stuck sensor as stale after too many equal samples, and rejects its samples.
+
+        Sensors without noise do not become stale, because their samples are equal anyway.
+        """
+        stuck, equal_samples = self.faults.stuck[driver], self._equal_samples[driver]
+        if not (any_of(stuck) or any_nonzero(equal_samples)):
             return
-        repeats += 1
-        repeats[~(stuck & fresh & (self._noise_factor > 0.0))] = 0
-        np.greater_equal(repeats, STALE_SAMPLES[driver], out=stale)
+        equal_samples += 1
+        equal_samples[~(stuck & fresh & (self._noise_factor > 0.0))] = 0
+        np.greater_equal(equal_samples, STALE_SAMPLES[driver], out=stale)
         fresh &= ~stale
 
     def _sample_gps(self, truth: TruthState) -> None:
         state = self.state
-        noise = self._gps_white.sample() * self._gps_sigma
+        noise = self._gps_noise.sample() * self._gps_sigma
         position = truth.position_ned_m + noise[:, :3] + self.faults.gps_offset_ned_m
         lat, lon = to_global(
             position[:, 0], position[:, 1], np.asarray(self._home.lat_deg), np.asarray(self._home.lon_deg)
         )
         fresh = state.gps_fresh
         fresh[:] = self._driver_runs[Driver.GPS]
-        fixed = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
-        # With too few satellites PX4's simulated receiver still reports a position, without a fix.
+        has_fix = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
+        # As in PX4, a simulated receiver with too few satellites measures positions, but reports no fix.
         measured = fresh & self._gps_enabled & ~self.faults.stuck[Driver.GPS]
         np.copyto(state.gps_lat_deg, lat, where=measured)
         np.copyto(state.gps_lon_deg, lon, where=measured)
@@ -273,7 +275,7 @@ class SensorSuite:
         velocity = np.where(self._gps_enabled[:, None], velocity, 0.0)
         reported = measured | (fresh & ~self._gps_enabled)
         np.copyto(state.gps_velocity_ned_m_s, velocity, where=reported[:, None])
-        for values, with_fix, without in (
+        for values, value_with_fix, value_without_fix in (
             (state.gps_satellites, self._satellites, np.where(self._gps_enabled, self._satellites, 0)),
             (state.gps_fix_type, 3, 0),
             (state.gps_horizontal_accuracy_m, GPS_HORIZONTAL_ACCURACY_M, 100.0),
@@ -282,47 +284,54 @@ class SensorSuite:
             (state.gps_hdop, GPS_HDOP, 100.0),
             (state.gps_vdop, GPS_VDOP, 100.0),
         ):
-            np.copyto(values, np.where(fixed, with_fix, without), where=fresh)
+            np.copyto(values, np.where(has_fix, value_with_fix, value_without_fix), where=fresh)
         state.gps_count += 1
 
 
 @kernel
 def _measure_imu(
-    acceleration: Rows, true_rates: Rows, matrix: Blocks, armed: Flags, noise_factor: Column,
-    sigma_rest: Column, sigma_armed: Column, white: Rows, gyro_offset: Rows, accel_offset: Rows,
-    accel_scale: Rows, board_rotated: Flags, board: Blocks, fault: Rows, gyro: Rows, accel: Rows,
+    acceleration: Rows, true_rates: Rows, attitude_matrix: Blocks, armed: Flags, noise_factor: Column,
+    sigma_rest: Column, sigma_armed: Column, noise: Rows, gyro_cal_offset: Rows, accel_cal_offset: Rows,
+    accel_cal_scale: Rows, board_rotated: Flags, board_matrix: Blocks, fault_offset: Rows, gyro: Rows,
+    accel: Rows,
 ) -> None:  # fmt: skip
-    """Samples the IMU: adds noise, then applies calibration, rotation of the board and faults."""
+    """Writes `gyro` and `accel`: adds noise, then applies calibration, rotation of the board and faults."""
     for i in range(gyro.shape[0]):
-        force = rotated_back(
-            matrix[i], acceleration[i, 0], acceleration[i, 1], acceleration[i, 2] - GRAVITY_M_S2
+        specific_force = rotated_back(
+            attitude_matrix[i], acceleration[i, 0], acceleration[i, 1], acceleration[i, 2] - GRAVITY_M_S2
         )
         for k in range(3):
-            rate_sigma, force_sigma = sigma_rest[k], sigma_rest[3 + k]
+            gyro_sigma, accel_sigma = sigma_rest[k], sigma_rest[3 + k]
             if armed[i]:
-                rate_sigma, force_sigma = sigma_armed[k], sigma_armed[3 + k]
-            gyro[i, k] = true_rates[i, k] + white[i, k] * (rate_sigma * noise_factor[i]) - gyro_offset[i, k]
-            specific_force = force[k] + white[i, 3 + k] * (force_sigma * noise_factor[i])
-            accel[i, k] = (specific_force - accel_offset[i, k]) * accel_scale[i, k]
+                gyro_sigma, accel_sigma = sigma_armed[k], sigma_armed[3 + k]
+            rate = true_rates[i, k] + noise[i, k] * (gyro_sigma * noise_factor[i])
+            gyro[i, k] = rate - gyro_cal_offset[i, k]
+            force = specific_force[k] + noise[i, 3 + k] * (accel_sigma * noise_factor[i])
+            accel[i, k] = (force - accel_cal_offset[i, k]) * accel_cal_scale[i, k]
         if board_rotated[i]:
-            gyro[i, 0], gyro[i, 1], gyro[i, 2] = rotated(board[i], gyro[i, 0], gyro[i, 1], gyro[i, 2])
-            accel[i, 0], accel[i, 1], accel[i, 2] = rotated(board[i], accel[i, 0], accel[i, 1], accel[i, 2])
+            gyro[i, 0], gyro[i, 1], gyro[i, 2] = rotated(
+                board_matrix[i], gyro[i, 0], gyro[i, 1], gyro[i, 2]
+            )
+            accel[i, 0], accel[i, 1], accel[i, 2] = rotated(
+                board_matrix[i], accel[i, 0], accel[i, 1], accel[i, 2]
+            )
         for k in range(3):
-            gyro[i, k] += fault[i, k]
-            accel[i, k] += fault[i, 3 + k]
+            gyro[i, k] += fault_offset[i, k]
+            accel[i, k] += fault_offset[i, 3 + k]
 
 
 @kernel
 def _measure_magnetometer(
-    fresh: Flags, stuck: Flags, field_ned: Column, matrix: Blocks, offset: Rows, white: Rows, sigma: Rows,
-    calibration: Rows, scale: Rows, board_rotated: Flags, board: Blocks, field: Rows,
+    fresh: Flags, stuck: Flags, field_ned: Column, attitude_matrix: Blocks, offset: Rows, noise: Rows,
+    sigma: Rows, cal_offset: Rows, cal_scale: Rows, board_rotated: Flags, board_matrix: Blocks, mag: Rows,
 ) -> None:  # fmt: skip
-    for i in range(field.shape[0]):
+    """Writes `mag` for each vehicle with a new sample that is not stuck."""
+    for i in range(mag.shape[0]):
         if not fresh[i] or stuck[i]:
             continue
-        field_frd = rotated_back(matrix[i], field_ned[0], field_ned[1], field_ned[2])
+        field_frd = rotated_back(attitude_matrix[i], field_ned[0], field_ned[1], field_ned[2])
         for k in range(3):
-            measured = field_frd[k] + offset[i, k] + white[i, k] * sigma[i, k]
-            field[i, k] = (measured - calibration[i, k]) * scale[i, k]
+            measured = field_frd[k] + offset[i, k] + noise[i, k] * sigma[i, k]
+            mag[i, k] = (measured - cal_offset[i, k]) * cal_scale[i, k]
         if board_rotated[i]:
-            field[i, 0], field[i, 1], field[i, 2] = rotated(board[i], field[i, 0], field[i, 1], field[i, 2])
+            mag[i, 0], mag[i, 1], mag[i, 2] = rotated(board_matrix[i], mag[i, 0], mag[i, 1], mag[i, 2])
