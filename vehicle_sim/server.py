@@ -18,16 +18,20 @@ from vehicle_sim.mavlink.transports import PortUnavailable, TcpServer, UdpTransp
 CYCLE_S = 0.008
 """Real-time period of the loop: two simulation steps at speed 1."""
 MAX_CYCLE_S = 0.02
-"""Maximum simulated time in one cycle at any speed: the period of the fastest streams."""
+"""Simulated time of one cycle at high speed: the period of the fastest streams."""
 LOCKSTEP_WAIT_S = 0.05
+"""Longest real time to wait for a message while no client requests a time."""
 MAX_CATCH_UP_S = 0.1
-"""Maximum simulated time in one cycle after a delay; on a slow machine, simulated time falls
-behind real time."""
+"""Longest delay that one cycle makes up [simulated time, times the speed above 1]. The rest of a longer delay
+is skipped, so simulated time falls behind real time on a slow machine."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Ports of instance 0; instance N adds N to each port except `gcs_remote`. 0: no such link."""
+    """Ports of instance 0; instance N adds N to each port except `gcs_remote`.
+
+    Remote port or TCP port 0: no such link. Local port 0: any free port.
+    """
 
     gcs_local: int = 18570
     gcs_remote: int = 14550
@@ -45,73 +49,74 @@ class VehiclePorts:
 
 
 class SimServer:
-    """A fleet with its sockets; the server adds the links, so `fleet` must have none."""
+    """A fleet with its sockets; the server adds the links, so `fleet` must have no links."""
 
     def __init__(
         self, fleet: VehicleSim, *, first_instance: int, ports: Ports, bind: str, gcs_host: str
     ) -> None:
         self.fleet = fleet
         self._selector = selectors.DefaultSelector()
-        """Selects the readable sockets; in a large fleet few vehicles receive messages at a time."""
-        self._registered: dict[UdpTransport | TcpServer, socket.socket] = {}
+        """Returns the sockets that have data, so that a cycle does not read every socket of a large fleet."""
+        self._registered_sockets: dict[UdpTransport | TcpServer, socket.socket] = {}
         self.vehicles = [
-            self._open(row, first_instance + row, ports, bind, gcs_host) for row in range(len(fleet.nodes))
+            self._open_ports(row, first_instance + row, ports, bind, gcs_host)
+            for row in range(len(fleet.nodes))
         ]
         self._stopping = False
         self._end_s = math.inf
         self.behind_s = 0.0
         """Total real time by which the simulation has fallen behind."""
 
-    def _open(self, row: int, instance: int, ports: Ports, bind: str, gcs_host: str) -> VehiclePorts:
-        vehicle = VehiclePorts()
+    def _open_ports(self, row: int, instance: int, ports: Ports, bind: str, gcs_host: str) -> VehiclePorts:
+        opened = VehiclePorts()
 
-        def attempt(name: str, make: Callable[[], UdpTransport | TcpServer]) -> None:
+        def open_port(name: str, create: Callable[[], UdpTransport | TcpServer]) -> None:
             try:
-                vehicle.transports[name] = make()
+                opened.transports[name] = create()
             except PortUnavailable as problem:
-                vehicle.problems.append(str(problem))
+                opened.problems.append(str(problem))
                 return
-            self._register(row, name, vehicle.transports[name])
+            self._register(row, name, opened.transports[name])
             if name != "tcp":
                 remote = ports.gcs_remote if name == "gcs" else ports.api_remote + instance
-                self.fleet.add_link(row, name, name).ports = (vehicle.transports[name].port, remote)
+                self.fleet.add_link(row, name, name).ports = (opened.transports[name].port, remote)
 
         if ports.gcs_remote:
-            local = ports.gcs_local + instance if ports.gcs_local else 0
-            attempt("gcs", lambda: UdpTransport(bind, local, (gcs_host, ports.gcs_remote)))
+            local_gcs = ports.gcs_local + instance if ports.gcs_local else 0
+            open_port("gcs", lambda: UdpTransport(bind, local_gcs, (gcs_host, ports.gcs_remote)))
         if ports.api_remote:
             local_api = ports.api_local + instance if ports.api_local else 0
-            attempt("api", lambda: UdpTransport(bind, local_api, (gcs_host, ports.api_remote + instance)))
+            open_port("api", lambda: UdpTransport(bind, local_api, (gcs_host, ports.api_remote + instance)))
         if ports.tcp:
-            attempt(
+            open_port(
                 "tcp",
                 lambda: TcpServer(
                     bind,
                     ports.tcp + instance,
-                    lambda: self._on_tcp_connect(row, vehicle),
-                    lambda: self._on_tcp_disconnect(row, vehicle),
+                    lambda: self._on_tcp_connect(row, opened),
+                    lambda: self._on_tcp_disconnect(row, opened),
                 ),
             )
-        return vehicle
+        return opened
 
     def _register(self, row: int, name: str, transport: UdpTransport | TcpServer) -> None:
-        registered = self._registered.get(transport)
-        if registered is not None:
-            self._selector.unregister(registered)
-        self._registered[transport] = transport.readable
+        registered_socket = self._registered_sockets.get(transport)
+        if registered_socket is not None:
+            self._selector.unregister(registered_socket)
+        self._registered_sockets[transport] = transport.readable
         self._selector.register(transport.readable, selectors.EVENT_READ, (row, name, transport))
 
-    def _on_tcp_connect(self, row: int, vehicle: VehiclePorts) -> None:
-        tcp = vehicle.transports["tcp"]
+    def _on_tcp_connect(self, row: int, vehicle_ports: VehiclePorts) -> None:
+        tcp = vehicle_ports.transports["tcp"]
         self.fleet.add_link(row, "tcp", "gcs").ports = (tcp.port, None)
         self._register(row, "tcp", tcp)
 
-    def _on_tcp_disconnect(self, row: int, vehicle: VehiclePorts) -> None:
+    def _on_tcp_disconnect(self, row: int, vehicle_ports: VehiclePorts) -> None:
         self.fleet.remove_link(row, "tcp")
-        self._register(row, "tcp", vehicle.transports["tcp"])
+        self._register(row, "tcp", vehicle_ports.transports["tcp"])
 
     def stop_when_readable(self, descriptor: int) -> None:
-        """Makes `run` return when this descriptor becomes readable: the parent process has ended."""
+        """Makes `run` return when this descriptor becomes readable, because the parent process has ended."""
         self._selector.register(descriptor, selectors.EVENT_READ, None)
 
     def stop(self) -> None:
@@ -122,7 +127,7 @@ class SimServer:
         """Simulates until `stop`, or for `duration_s` of simulated time; `speed` 1 is real time, inf is full
         speed."""
         self._end_s = self.fleet.time_s + duration_s
-        for node in self.fleet.nodes:  # the timeout of a ground station is real time
+        for node in self.fleet.nodes:  # a ground station times out in real time
             node.context.gcs_timeout_s = GCS_TIMEOUT_S * max(1.0, speed)
         if math.isinf(speed):
             self._run_full_speed()
@@ -160,37 +165,38 @@ class SimServer:
             self._send()
 
     def _run_at(self, speed: float) -> None:
-        started = time.monotonic()
-        start_s = self.fleet.time_s
+        real_start_s = time.monotonic()
+        simulated_start_s = self.fleet.time_s
         wait_s = 0.0
         while not self._is_over:
             self._receive(wait_s)
-            target_s = start_s + (time.monotonic() - started) * speed
+            target_s = simulated_start_s + (time.monotonic() - real_start_s) * speed
             backlog_s = target_s - self.fleet.time_s
             if backlog_s > MAX_CATCH_UP_S * max(1.0, speed):
-                lost_s = backlog_s - MAX_CATCH_UP_S * max(1.0, speed)
-                self.behind_s += lost_s / speed
-                start_s -= lost_s
-                backlog_s -= lost_s
+                skipped_s = backlog_s - MAX_CATCH_UP_S * max(1.0, speed)
+                self.behind_s += skipped_s / speed
+                simulated_start_s -= skipped_s
+                backlog_s -= skipped_s
             steps = int(backlog_s / self.fleet.simulation.dt_s)
             if steps > 0:
                 self.fleet.step(steps * self.fleet.simulation.dt_s)
             self._send()
-            used_s = time.monotonic() - started
-            due_s = (self.fleet.time_s + min(CYCLE_S * speed, MAX_CYCLE_S) - start_s) / speed - used_s
-            wait_s = max(0.0, min(CYCLE_S, due_s))
+            next_cycle_s = self.fleet.time_s + min(CYCLE_S * speed, MAX_CYCLE_S)
+            elapsed_s = time.monotonic() - real_start_s
+            until_next_cycle_s = (next_cycle_s - simulated_start_s) / speed - elapsed_s
+            wait_s = max(0.0, min(CYCLE_S, until_next_cycle_s))
 
     def close(self) -> None:
         """Closes all sockets."""
-        for vehicle in self.vehicles:
-            for transport in vehicle.transports.values():
+        for vehicle_ports in self.vehicles:
+            for transport in vehicle_ports.transports.values():
                 transport.close()
         self._selector.close()
 
     def _receive(self, wait_s: float, lockstep: Lockstep | None = None) -> None:
         """Passes received data to the fleet; waits up to `wait_s` for data."""
         for key, _ in self._selector.select(wait_s):
-            if key.data is None:
+            if key.data is None:  # the descriptor of `stop_when_readable`
                 self._stopping = True
                 continue
             row, name, transport = key.data
@@ -201,8 +207,8 @@ class SimServer:
                     lockstep.feed(row, name, data)
 
     def _send(self) -> None:
-        for row, vehicle in enumerate(self.vehicles):
-            for name, transport in vehicle.transports.items():
+        for row, vehicle_ports in enumerate(self.vehicles):
+            for name, transport in vehicle_ports.transports.items():
                 if isinstance(transport, UdpTransport) or transport.connected:
                     frames = self.fleet.frames(row, name)
                     if frames:

@@ -1,8 +1,8 @@
 """The simulated vehicles without autopilots: bodies, sensors, estimators and controllers.
 
-One `step()` advances all N vehicles by 4 ms, module by module in a fixed order. The simulation has no clock:
-time is the step count. Between two steps the autopilot reads `estimate`, `sensors` and `battery`, and writes
-`setpoints`; the autopilot never reads `truth`.
+One `step()` advances all N vehicles by 4 ms, module by module in a fixed order. Time is the step count times
+4 ms, independent of real time. Between two steps the autopilots read `estimate`, `sensors` and `battery`, and
+write `setpoints`; they never read `truth`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ FloatArray = NDArray[np.float64]
 STEP_S = 0.004
 """PX4's SIH runs at 250 Hz."""
 AUTOPILOT_EVERY_STEPS = 5
-"""The autopilots run at 50 Hz, as PX4's flight tasks."""
+"""The autopilots run at 50 Hz, like PX4's flight tasks."""
 BATTERY_EVERY_STEPS = 5
 WIND_EVERY_STEPS = 5
 
@@ -74,9 +74,9 @@ class Simulation:
         home: global position of local NED (0, 0, 0).
         start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
         yaw_ned_rad: (N,) start headings; default: north.
-        wind_ned_m_s: (3,) or (N, 3) steady wind; it acts through the drag.
+        wind_ned_m_s: (3,) or (N, 3) steady wind, which changes the drag.
         sensor_noise: False: no noise (for tests of exact equality).
-        world: ground and obstacles; default: flat and empty, as PX4's own simulation.
+        world: ground and obstacles; default: flat and empty, as in PX4's own simulation.
 
     Raises:
         ValueError: counts or shapes do not match, or the parameters describe no valid airframe.
@@ -109,7 +109,7 @@ class Simulation:
         self.steps = 0
         """Number of steps since boot."""
         self.time_s = 0.0
-        """Seconds since boot: the step count times the step length."""
+        """Simulated time since boot."""
         self._estimates: list[VehicleEstimate] | None = None
         self._start_ned_m = row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
         self._start_yaw_rad = np.zeros(count) if yaw_ned_rad is None else np.array(yaw_ned_rad, dtype=float)
@@ -126,7 +126,7 @@ class Simulation:
         self._estimator = Estimator(count, STEP_S)
         self._cascade = Cascade(count, STEP_S)
         self.motor_health = np.ones((count, 4))
-        """(N, 4) factor on each motor's thrust: 1 works, 0 stopped."""
+        """(N, 4) factor on each motor's thrust; 1: the motor works, 0: the motor does not turn."""
         self.world = world or World()
         self._lidar = Lidar(self.world, self._bodies.state)
         self._contact = None if self.world.empty else Contact(self.world, count)
@@ -166,7 +166,7 @@ class Simulation:
 
     @property
     def estimates(self) -> list[VehicleEstimate]:
-        """`estimate` as plain numbers, one row for each vehicle."""
+        """`estimate` as plain numbers, one item for each vehicle."""
         if self._estimates is None:
             self._estimates = vehicle_estimates(self._estimator.state)
         return self._estimates
@@ -215,12 +215,12 @@ class Simulation:
 
     @property
     def setpoints_applied(self) -> bool:
-        """Whether the position controller has already used the setpoints of the autopilots' last tick."""
-        tick = self.steps - self.steps % AUTOPILOT_EVERY_STEPS
-        return self.steps // OUTER_EVERY_STEPS > tick // OUTER_EVERY_STEPS
+        """Whether the position controller has run since the autopilots' last step."""
+        autopilot_step = self.steps - self.steps % AUTOPILOT_EVERY_STEPS
+        return self.steps // OUTER_EVERY_STEPS > autopilot_step // OUTER_EVERY_STEPS
 
     def _update_contact(self, contact: Contact) -> None:
-        """Updates the surface below each body, and detects collisions, which stop the vehicle's rotors."""
+        """Detects collisions, which stop the vehicle's motors, and updates the surface below each body."""
         state = self._bodies.state
         collisions = contact.collide(state.position_ned_m, state.velocity_ned_m_s)
         for collision in collisions:
@@ -249,7 +249,7 @@ class Simulation:
         return self._lidar.around_m(self.steps, self._bodies.matrix)[i]
 
     def reset_vehicle(self, i: int) -> None:
-        """Resets vehicle `i` as after a reboot: at its start position, at rest, with a full battery."""
+        """Resets vehicle `i` as after a reboot: at rest at its start position, with a full battery."""
         if self._contact is not None:
             self._contact.reset(i)
             self._bodies.ground_down_m[i] = self._contact.support_down_m(self._start_ned_m)[i]
@@ -284,7 +284,7 @@ class Simulation:
         self._sensors.set_gps_offset(i, offset_ned_m)
 
     def set_driver(self, i: int, driver: Driver, running: bool) -> None:
-        """Stops or starts the driver of a simulated sensor of vehicle `i`."""
+        """Starts or stops the driver of a simulated sensor of vehicle `i`."""
         self._sensors.set_driver(i, driver, running)
 
     def driver_runs(self, i: int, driver: Driver) -> bool:
@@ -315,11 +315,11 @@ class Simulation:
         """Sets gusts in addition to the steady wind; 0 ends the gusts.
 
         Args:
-            sigma_m_s: standard deviation of each horizontal axis.
+            sigma_m_s: standard deviation of the gusts in each horizontal axis.
             i: the vehicle; None: all vehicles.
 
         Raises:
-            ValueError: negative or not a number.
+            ValueError: the standard deviation is negative or not a number.
         """
         rows = slice(None) if i is None else i
         self._wind.set_gusts(sigma_m_s, i)
@@ -329,7 +329,7 @@ class Simulation:
         """Multiplies the sensor noise of PX4's SIH by a factor for vehicle `i`; 0: no noise.
 
         Raises:
-            ValueError: negative or not a number.
+            ValueError: the factor is negative or not a number.
         """
         self._sensors.set_noise(i, factor)
 
@@ -337,8 +337,8 @@ class Simulation:
         """Applies changed parameters of vehicle `i` (gains, limits, airframe, battery).
 
         Returns:
-            None, or why the parameters are not a valid airframe (SIH_MASS 0, rotors in a line); the old
-            values then stay in use.
+            None, or why the parameters describe no valid airframe (SIH_MASS 0, rotors in a line); the old
+            values then remain in use.
         """
         try:
             self._apply_parameters(i)
@@ -349,7 +349,7 @@ class Simulation:
     def _apply_parameters(self, i: int) -> None:
         parameters = self.parameters[i]
         airframe = Airframe.from_parameters(parameters)
-        mixer_from_parameters(parameters)
+        mixer_from_parameters(parameters)  # raises for an invalid geometry, before anything changes
         self._bodies.configure(i, airframe)
         self._batteries.configure(i, parameters)
         self._sensors.configure(i, parameters)
@@ -359,7 +359,7 @@ class Simulation:
 
 
 def row_east(count: int, first: int = 0) -> FloatArray:
-    """(N, 3) default start positions of a fleet: a row to the east, 3 m apart, from index `first` on."""
-    start = np.zeros((count, 3))
-    start[:, 1] = 3.0 * (first + np.arange(count))
-    return start
+    """(N, 3) default start positions of vehicles `first`, `first` + 1, …: a row to the east, 3 m apart."""
+    position_ned_m = np.zeros((count, 3))
+    position_ned_m[:, 1] = 3.0 * (first + np.arange(count))
+    return position_ned_m

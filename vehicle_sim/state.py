@@ -1,8 +1,8 @@
-"""The state of N vehicles as plain arrays, in one dataclass for each reader.
+"""The state of N vehicles as plain arrays: truth, sensors, estimate, battery and controller setpoints.
 
-`TruthState` belongs to the physics. The estimator reads only `SensorState`, and the autopilot reads only
-`EstimateState`. Frames are NED and FRD, units SI; quaternions are (w, x, y, z) and rotate FRD to NED. Arrays
-are overwritten in place every step; do not keep references to single rows.
+The estimator reads `SensorState`, and the autopilot reads `EstimateState`, never `TruthState`. Frames are NED
+and FRD, units are SI or in the name; quaternions are (w, x, y, z) and rotate FRD to NED. Each step overwrites
+the arrays in place; do not keep references to single rows.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class TruthState:
 
 @dataclass(slots=True)
 class SensorState:
-    """The newest sample of each sensor; `*_count` increases by one when all vehicles take a sample."""
+    """The newest sample of each sensor; all vehicles sample together, and `*_count` counts their samples."""
 
     gyro_frd_rad_s: FloatArray
     """(N, 3) each step, with noise."""
@@ -103,7 +103,7 @@ class SensorState:
     gps_satellites: IntArray
     """(N,)."""
     gps_fix_type: IntArray
-    """(N,) GPS_FIX_TYPE: 0 no receiver, 1 no fix, 3 three-dimensional."""
+    """(N,) GPS_FIX_TYPE, 0: no GPS, 1: no fix, 3: 3D fix."""
     gps_fresh: BoolArray
     """(N,)."""
     gps_count: int
@@ -142,7 +142,7 @@ class EstimateState:
     horizontal_accuracy_m: FloatArray
     """(N,) one sigma (eph of vehicle_local_position)."""
     vertical_accuracy_m: FloatArray
-    """(N,) epv."""
+    """(N,) one sigma (epv of vehicle_local_position)."""
     speed_accuracy_m_s: FloatArray
     """(N,)."""
     innovation_ratio_velocity: FloatArray
@@ -154,17 +154,17 @@ class EstimateState:
     innovation_ratio_mag: FloatArray
     """(N,)."""
     gps_rejected: BoolArray
-    """(N,) the newest GPS sample was outside its gate and was not fused."""
+    """(N,) whether the newest GPS sample was outside its gate and was not fused."""
     height_above_ground_m: FloatArray
     """(N,) from the range finder (dist_bottom); NaN: unknown."""
     valid_attitude: BoolArray
     """(N,)."""
     valid_velocity: BoolArray
-    """(N,) horizontal velocity may be used."""
+    """(N,) whether the horizontal velocity may be used."""
     valid_position: BoolArray
-    """(N,) horizontal position may be used."""
+    """(N,) whether the horizontal position may be used."""
     valid_altitude: BoolArray
-    """(N,) altitude and vertical speed may be used."""
+    """(N,) whether altitude and vertical speed may be used."""
 
 
 class VehicleEstimate(NamedTuple):
@@ -189,14 +189,14 @@ class VehicleEstimate(NamedTuple):
     valid_altitude: bool
 
 
-_estimate_of = cast(Callable[[tuple[Any, ...]], VehicleEstimate], partial(tuple.__new__, VehicleEstimate))
+_to_estimate = cast(Callable[[tuple[Any, ...]], VehicleEstimate], partial(tuple.__new__, VehicleEstimate))
 """Same as `VehicleEstimate._make`, but without a Python function call for each vehicle."""
 
 
 def vehicle_estimates(state: EstimateState) -> list[VehicleEstimate]:
-    """The estimates of all vehicles as plain numbers, converted together.
+    """The estimates of all vehicles as plain numbers.
 
-    Access to single array elements by the autopilots would take longer than this conversion.
+    This conversion takes less time than reading single array elements in each autopilot.
     """
     angles_rad = np.empty((3, len(state.lat_deg)))
     _write_angles(state.q_ned_frd, angles_rad)
@@ -204,13 +204,14 @@ def vehicle_estimates(state: EstimateState) -> list[VehicleEstimate]:
         state.position_ned_m, state.velocity_ned_m_s, state.acceleration_ned_m_s2, state.q_ned_frd,
         state.rates_frd_rad_s,
     )  # fmt: skip
-    numbers = (
+    scalars = (
         *angles_rad, state.lat_deg, state.lon_deg, state.alt_amsl_m, state.height_above_ground_m,
         state.valid_position, state.valid_velocity, state.valid_attitude, state.valid_altitude,
     )  # fmt: skip
-    columns = (map(tuple, rows.tolist()) for rows in vectors)
-    fields = zip(*columns, *(column.tolist() for column in numbers), strict=True)
-    return list(map(_estimate_of, fields))
+    vector_columns = (map(tuple, vector.tolist()) for vector in vectors)
+    scalar_columns = (scalar.tolist() for scalar in scalars)
+    rows = zip(*vector_columns, *scalar_columns, strict=True)
+    return list(map(_to_estimate, rows))
 
 
 @dataclass(slots=True)
@@ -222,7 +223,7 @@ class BatteryState:
     current_a: FloatArray
     """(N,) -1: not measured, as in PX4's simulated battery."""
     remaining: FloatArray
-    """(N,) 0..1."""
+    """(N,) remaining charge, 0..1."""
     consumed_mah: FloatArray
     """(N,)."""
     cell_count: IntArray
@@ -238,7 +239,7 @@ class TargetState:
     rates_frd_rad_s: FloatArray
     """(N, 3) body rate setpoint."""
     thrust: FloatArray
-    """(N,) collective 0..1."""
+    """(N,) collective thrust, 0..1."""
     position_ned_m: FloatArray
     """(N, 3) applied position setpoint; NaN: not controlled."""
     velocity_ned_m_s: FloatArray
@@ -250,7 +251,7 @@ class TargetState:
     yaw_rate_ned_rad_s: FloatArray
     """(N,)."""
     hover_thrust: FloatArray
-    """(N,) hover thrust in use (estimated if MPC_USE_HTE is set)."""
+    """(N,) hover thrust that the controllers use (estimated if MPC_USE_HTE is set)."""
 
 
 @formula
@@ -264,6 +265,6 @@ def angles_of(q_ned_frd: Column) -> Vector:
 
 @kernel
 def _write_angles(q_ned_frd: Rows, angles_rad: Rows) -> None:
-    """Writes roll, pitch and yaw, each into one row."""
+    """Writes roll, pitch and yaw of all vehicles to the rows of `angles_rad` (3, N)."""
     for i in range(q_ned_frd.shape[0]):
         angles_rad[0, i], angles_rad[1, i], angles_rad[2, i] = angles_of(q_ned_frd[i])

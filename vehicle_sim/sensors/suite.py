@@ -309,9 +309,7 @@ def _measure_imu(
             force = specific_force[k] + noise[i, 3 + k] * (accel_sigma * noise_factor[i])
             accel[i, k] = (force - accel_cal_offset[i, k]) * accel_cal_scale[i, k]
         if board_rotated[i]:
-            gyro[i, 0], gyro[i, 1], gyro[i, 2] = rotated(
-                board_matrix[i], gyro[i, 0], gyro[i, 1], gyro[i, 2]
-            )
+            gyro[i, 0], gyro[i, 1], gyro[i, 2] = rotated(board_matrix[i], gyro[i, 0], gyro[i, 1], gyro[i, 2])
             accel[i, 0], accel[i, 1], accel[i, 2] = rotated(
                 board_matrix[i], accel[i, 0], accel[i, 1], accel[i, 2]
             )

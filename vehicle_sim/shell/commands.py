@@ -16,7 +16,7 @@ from vehicle_sim.shell.parameters import ParamCommand
 from vehicle_sim.shell.status import VER, DriverCommand, LoggerCommand, MavlinkCommand, ModuleCommands
 from vehicle_sim.topics.states import States
 
-_NAMES = (
+_MODULE_NAMES = (
     "actuator_test airship_att_control airspeed_selector attitude_estimator_q battery_simulator bsondump "
     "camera_feedback camera_trigger cdev_test commander control_allocator controllib_test dataman dyn ekf2 "
     "failure fake_gps fake_imu fake_magnetometer flight_mode_manager fw_att_control "
@@ -31,25 +31,28 @@ _NAMES = (
     "temperature_compensation tests tone_alarm tune_control uorb uorb_tests uuv_att_control "
     "uuv_pos_control uxrce_dds_client ver vtol_att_control work_item_example work_queue wqueue_test"
 )
-BUILT_IN: tuple[str, ...] = tuple(_NAMES.split())
-"""The modules that `help` lists on PX4 v1.16 in simulation. A module without an entry in `Shell.commands`
-reports that it is not simulated."""
+BUILT_IN: tuple[str, ...] = tuple(_MODULE_NAMES.split())
+"""The modules that `help` lists on PX4 v1.16 in simulation. The console prints an error for a module without
+an entry in `Shell.commands`."""
 
 
 class Shell:
-    """Creates consoles for one vehicle."""
+    """Creates consoles for one vehicle.
+
+    `unsaved_names` returns the names of the parameters that are not saved yet.
+    """
 
     def __init__(
         self,
         context: Context,
-        unsaved: Callable[[], frozenset[str]],
+        unsaved_names: Callable[[], frozenset[str]],
         inject_failure: Handler,
         logger: Logger,
         states: States,
     ) -> None:
         autopilot, view, autopilot_id = context.autopilot, context.view, context.autopilot_id
         listener, modules = ListenerCommand(view, states), ModuleCommands(view)
-        mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, context.gcs_connected)
+        mavlink = MavlinkCommand(context.links, lambda msg_id: LAYOUTS[msg_id].name, context.gcs_connected)
         self._view = view
         self.commands: dict[str, Command] = {
             "commander": CommanderCommand(autopilot).command,
@@ -59,7 +62,7 @@ class Shell:
             "listener": listener.command,
             "logger": LoggerCommand(logger).command,
             "mavlink": mavlink.command,
-            "param": ParamCommand(view.parameters, unsaved).command,
+            "param": ParamCommand(view.parameters, unsaved_names).command,
             "sensors": modules.sensors,
             "system_time": modules.system_time,
             "uorb": listener.uorb,

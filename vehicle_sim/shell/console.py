@@ -15,7 +15,7 @@ MAX_LINE_LENGTH = 1000
 
 
 class CommandFailed(Exception):
-    """A command that ends with an error; `output` is the command's text."""
+    """A command has failed with exit code `code`; `output` is the command's output."""
 
     def __init__(self, output: str = "", code: int = 1) -> None:
         super().__init__(output)
@@ -23,7 +23,7 @@ class CommandFailed(Exception):
         self.code = code
 
 
-class Usage(Exception):
+class UsageError(Exception):
     """A command has invalid arguments; the text is the reason."""
 
 
@@ -31,14 +31,14 @@ Arguments = list[str]
 """Arguments of a command, without its name."""
 Output = str | Iterator[tuple[str, float]]
 """Output of a command: a text, or pairs of a text and the time to wait after the text [s]."""
-Run = Callable[[Arguments], Output]
+CommandFunction = Callable[[Arguments], Output]
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
     """One command of the console."""
 
-    run: Run
+    run: CommandFunction
     usage: str
     """The arguments that the command accepts, as the console prints them."""
 
@@ -59,23 +59,23 @@ def error(module: str, text: str) -> str:
 
 
 class Console:
-    """One session.
+    """One session of the console.
 
     Args:
         commands: the simulated commands, by name.
-        builtin: names of all modules of the build; modules not in `commands` report that they are not
-            simulated.
+        built_in: names of all modules of the build, also of modules that are not simulated.
         now_s: returns the simulated time.
     """
 
     def __init__(
-        self, commands: Mapping[str, Command], builtin: tuple[str, ...], now_s: Callable[[], float]
+        self, commands: Mapping[str, Command], built_in: tuple[str, ...], now_s: Callable[[], float]
     ) -> None:
-        self._commands, self._builtin, self._now_s = commands, builtin, now_s
+        self._commands, self._built_in, self._now_s = commands, built_in, now_s
         self._line = ""
-        self._lines: list[str] = []
+        self._waiting_lines: list[str] = []
+        """Complete lines that were typed while a command was running."""
         self._running: Iterator[tuple[str, float]] | None = None
-        self._name = ""
+        self._running_name = ""
         self._resume_at_s = math.inf
 
     @property
@@ -84,14 +84,14 @@ class Console:
         return self._running is not None
 
     def receive_text(self, text: str) -> str:
-        """Processes typed characters; returns the output."""
+        """Processes typed characters; returns the echo and the output."""
         output = ""
         for character in text:
             if character == "\n":
                 line, self._line = self._line, ""
                 output += character
                 if self.busy:
-                    self._lines.append(line)
+                    self._waiting_lines.append(line)
                 else:
                     output += self._process(line)
             elif len(self._line) < MAX_LINE_LENGTH:
@@ -100,12 +100,12 @@ class Console:
         return output
 
     def step(self) -> str:
-        """New output of the running command."""
+        """Continues the running command, then runs waiting lines; returns the output."""
         output = ""
         while self._running is not None and self._now_s() >= self._resume_at_s:
             output += self._advance()
-            while self._lines and not self.busy:
-                output += self._process(self._lines.pop(0))
+            while self._waiting_lines and not self.busy:
+                output += self._process(self._waiting_lines.pop(0))
         return output
 
     def _process(self, line: str) -> str:
@@ -114,22 +114,22 @@ class Console:
             return PROMPT
         name, arguments = words[0], words[1:]
         if name == "help":
-            return "".join(("Builtin Commands:\n", *(f"  {each}\n" for each in self._builtin), PROMPT))
+            return "".join(("Builtin Commands:\n", *(f"  {module}\n" for module in self._built_in), PROMPT))
         command = self._commands.get(name)
         if command is None:
-            if name in self._builtin:
-                return error(name, "the simulated vehicle has no such module") + self._failed(name, 1)
+            if name in self._built_in:
+                return error(name, "the simulated vehicle has no such module") + self._failure_text(name, 1)
             return f"Invalid command: {name}\ntype 'help' for a list of commands\n" + PROMPT
         try:
             output = command.run(arguments)
-        except Usage as problem:
+        except UsageError as problem:
             text = f"{problem}\n" if str(problem) else ""
-            return f"{text}Usage: {name} {command.usage}\n" + self._failed(name, 1)
-        except CommandFailed as failed:
-            return failed.output + self._failed(name, failed.code)
+            return f"{text}Usage: {name} {command.usage}\n" + self._failure_text(name, 1)
+        except CommandFailed as failure:
+            return failure.output + self._failure_text(name, failure.code)
         if isinstance(output, str):
             return output + PROMPT
-        self._running, self._name, self._resume_at_s = output, name, self._now_s()
+        self._running, self._running_name, self._resume_at_s = output, name, self._now_s()
         return self._advance()
 
     def _advance(self) -> str:
@@ -139,12 +139,12 @@ class Console:
         except StopIteration:
             self._running = None
             return PROMPT
-        except CommandFailed as failed:
+        except CommandFailed as failure:
             self._running = None
-            return failed.output + self._failed(self._name, failed.code)
+            return failure.output + self._failure_text(self._running_name, failure.code)
         self._resume_at_s = self._now_s() + wait_s
         return text
 
     @staticmethod
-    def _failed(name: str, code: int) -> str:
+    def _failure_text(name: str, code: int) -> str:
         return f"Command '{name}' failed, returned {code}.\n" + PROMPT

@@ -9,7 +9,7 @@ from vehicle_sim.autopilot.arming import Reason
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.commands.command import ACCEPTED, Command
-from vehicle_sim.shell.console import Arguments, CommandFailed, Usage, error, info, warning
+from vehicle_sim.shell.console import Arguments, CommandFailed, UsageError, error, info, warning
 from vehicle_sim.shell.console import Command as ShellCommand
 
 MODE_NAMES: Mapping[str, NavState] = {
@@ -24,12 +24,17 @@ FAILURE_UNITS: Mapping[str, int] = {
     "airspeed": 8, "battery": 100, "motor": 101, "servo": 102, "avoidance": 103, "rc_signal": 104,
     "mavlink_signal": 105,
 }  # fmt: skip
-"""FAILURE_UNIT."""
+"""FAILURE_UNIT by the name that the command takes."""
 FAILURE_TYPES: Mapping[str, int] = {
     "ok": 0, "off": 1, "stuck": 2, "garbage": 3, "wrong": 4, "slow": 5, "delayed": 6, "intermittent": 7,
 }  # fmt: skip
-"""FAILURE_TYPE."""
+"""FAILURE_TYPE by the name that the command takes."""
 INJECT_FAILURE = 420
+"""MAV_CMD_INJECT_FAILURE."""
+ROLL_PITCH_LOCK = 12
+"""GIMBAL_MANAGER_FLAGS: roll and pitch relative to the horizon."""
+MAX_ERROR_SEVERITY = 3
+"""Log level ERROR; higher numbers are less severe."""
 YES_NO = ("no", "yes")
 
 
@@ -53,7 +58,7 @@ class CommanderCommand:
         """Runs `commander …`."""
         subcommand = self._subcommands.get(arguments[0]) if arguments else None
         if subcommand is None:
-            raise Usage(f"unknown: {arguments[0]}" if arguments else "")
+            raise UsageError(f"unknown: {arguments[0]}" if arguments else "")
         return subcommand(arguments[1:])
 
     def _status(self, arguments: Arguments) -> str:
@@ -73,12 +78,14 @@ class CommanderCommand:
         commander = self._commander
         commander.run_checks()
         findings = [
-            (error if each.severity <= 3 else warning)("health_and_arming_checks", each.text or each.event)
-            for each in commander.report.findings
-            if each.blocks_arming >> commander.intended & 1 or each.blocks_running >> commander.intended & 1
+            (error if finding.severity <= MAX_ERROR_SEVERITY else warning)(
+                "health_and_arming_checks", finding.text or finding.event
+            )
+            for finding in commander.report.findings
+            if (finding.blocks_arming | finding.blocks_running) >> commander.intended & 1
         ]
-        ready = commander.report.armable(commander.intended)
-        return "".join(findings) + info("commander", f"Preflight check: {'OK' if ready else 'FAILED'}")
+        can_arm = commander.report.armable(commander.intended)
+        return "".join(findings) + info("commander", f"Preflight check: {'OK' if can_arm else 'FAILED'}")
 
     def _arm(self, arguments: Arguments) -> str:
         if not self._commander.arm(Reason.INTERNAL_COMMAND):
@@ -100,7 +107,7 @@ class CommanderCommand:
     def _mode(self, arguments: Arguments) -> str:
         mode = MODE_NAMES.get(arguments[0]) if arguments else None
         if mode is None:
-            raise Usage("no such mode")
+            raise UsageError("no such mode")
         return self._set_mode(mode)
 
     def _set_mode(self, mode: NavState) -> str:
@@ -110,7 +117,7 @@ class CommanderCommand:
 
     def _termination(self, arguments: Arguments) -> str:
         if arguments != ["on"]:
-            raise Usage("`on` stops all motors; this cannot be undone")
+            raise UsageError("`on` stops all motors; this cannot be undone")
         if not self._commander.terminate():
             raise CommandFailed(error("commander", "termination is possible only while armed"))
         return ""
@@ -123,7 +130,8 @@ class GimbalCommand:
 
     def __init__(self, autopilot: Autopilot, autopilot_id: tuple[int, int]) -> None:
         self._view, self._gimbal, self._autopilot_id = autopilot.view, autopilot.gimbal, autopilot_id
-        self._test: dict[str, float] = {}
+        self._test_angles_deg: dict[str, float] = {}
+        """Angles of the last `gimbal test`, by axis."""
         self.command = ShellCommand(self.run, self.usage)
 
     def run(self, arguments: Arguments) -> str:
@@ -133,20 +141,20 @@ class GimbalCommand:
                 return warning("gimbal", "already running")
             raise CommandFailed(error("gimbal", "no input: MNT_MODE_IN must be 4"))
         if not arguments:
-            raise Usage
+            raise UsageError
         if not self._gimbal.enabled:
             raise CommandFailed(warning("gimbal", "not running"))
         if arguments == ["status"]:
             return self._status()
         if arguments[0] == "primary-control" and len(arguments) == 3:
-            return self._primary(arguments[1:])
+            return self._set_primary_control(arguments[1:])
         if arguments[0] == "test" and len(arguments) >= 3 and len(arguments) % 2 == 1:
-            return self._test_angles(arguments[1:])
-        raise Usage(f"unknown: {' '.join(arguments)}")
+            return self._set_test_angles(arguments[1:])
+        raise UsageError(f"unknown: {' '.join(arguments)}")
 
     def _status(self) -> str:
-        angles = {axis: self._test.get(axis, math.nan) for axis in ("roll", "pitch", "yaw")}
-        out = self._view.choice("MNT_MODE_OUT")
+        angles = {axis: self._test_angles_deg.get(axis, math.nan) for axis in ("roll", "pitch", "yaw")}
+        output_mode = self._view.choice("MNT_MODE_OUT")
         return (
             info("gimbal", "Input Selected")
             + info("gimbal", "Input not selected")
@@ -157,38 +165,40 @@ class GimbalCommand:
             "  rollrate :  nan deg/s\n  pitchrate:  nan deg/s\n  yawrate  :  nan deg/s\n"
             + info("gimbal", "Input: Mavlink (Gimbal V2)")
             + info("gimbal", "Primary control:   {}/{}".format(*self._gimbal.primary))
-            + info("gimbal", "Output: AUX" if out == 0 else "Output: MAVLink gimbal protocol v2")
+            + info("gimbal", "Output: AUX" if output_mode == 0 else "Output: MAVLink gimbal protocol v2")
         )
 
-    def _primary(self, arguments: Arguments) -> str:
+    def _set_primary_control(self, arguments: Arguments) -> str:
         try:
-            system, component = (int(word) for word in arguments)
+            system, component = (int(text) for text in arguments)
         except ValueError:
-            raise Usage("primary-control takes a system id and a component id") from None
+            raise UsageError("primary-control takes a system id and a component id") from None
         if not (0 <= system <= 255 and 0 <= component <= 255):
-            raise Usage("system and component ids are 0 to 255")
+            raise UsageError("system and component ids are 0 to 255")
         self._gimbal.configure(system, component, self._autopilot_id, self._autopilot_id)
         return info("gimbal", f"Control set to: {system}/{component}")
 
-    def _test_angles(self, arguments: Arguments) -> str:
+    def _set_test_angles(self, arguments: Arguments) -> str:
         try:
-            angles = {axis: float(text) for axis, text in zip(arguments[::2], arguments[1::2], strict=True)}
+            angles_deg = {
+                axis: float(text) for axis, text in zip(arguments[::2], arguments[1::2], strict=True)
+            }
         except ValueError:
-            raise Usage("give angles in degrees") from None
-        if not angles.keys() <= {"pitch", "yaw"} or not all(map(math.isfinite, angles.values())):
-            raise Usage("test takes pitch and yaw, in degrees")
-        self._test = angles
-        pitch, yaw = (math.radians(angles.get(axis, 0.0)) for axis in ("pitch", "yaw"))
-        self._gimbal.set_pitch_yaw(12, pitch, yaw, math.nan, math.nan)  # roll and pitch locked
+            raise UsageError("give angles in degrees") from None
+        if not angles_deg.keys() <= {"pitch", "yaw"} or not all(map(math.isfinite, angles_deg.values())):
+            raise UsageError("test takes pitch and yaw, in degrees")
+        self._test_angles_deg = angles_deg
+        pitch, yaw = (math.radians(angles_deg.get(axis, 0.0)) for axis in ("pitch", "yaw"))
+        self._gimbal.set_pitch_yaw(ROLL_PITCH_LOCK, pitch, yaw, math.nan, math.nan)
         return ""
 
 
 class FailureCommand:
     """The command `failure`."""
 
-    def __init__(self, autopilot: Autopilot, inject: Callable[[Command], int | None],
+    def __init__(self, autopilot: Autopilot, inject_failure: Callable[[Command], int | None],
                  autopilot_id: tuple[int, int]) -> None:  # fmt: skip
-        self._view, self._inject, self._autopilot_id = autopilot.view, inject, autopilot_id
+        self._view, self._inject_failure, self._autopilot_id = autopilot.view, inject_failure, autopilot_id
         self.command = ShellCommand(
             self.run, f"{'|'.join(FAILURE_UNITS)} {'|'.join(FAILURE_TYPES)} [-i INSTANCE]"
         )
@@ -201,12 +211,12 @@ class FailureCommand:
         if len(arguments) == 4 and arguments[2] == "-i" and arguments[3].isdecimal():
             arguments, instance = arguments[:2], int(arguments[3])
         if len(arguments) != 2 or arguments[0] not in FAILURE_UNITS or arguments[1] not in FAILURE_TYPES:
-            raise Usage("give a component and a failure type")
+            raise UsageError("give a component and a failure type")
         if self._view.choice("SYS_FAILURE_EN") != 1:
             raise CommandFailed(error("failure", "failure injection is disabled: SYS_FAILURE_EN is not 1"))
-        numbers = (float(FAILURE_UNITS[arguments[0]]), float(FAILURE_TYPES[arguments[1]]), float(instance))
-        result = self._inject(
-            Command(INJECT_FAILURE, *numbers, 0.0, 0.0, 0.0, 0.0, self._autopilot_id, "shell")
+        parameters = (float(FAILURE_UNITS[arguments[0]]), float(FAILURE_TYPES[arguments[1]]), float(instance))
+        result = self._inject_failure(
+            Command(INJECT_FAILURE, *parameters, 0.0, 0.0, 0.0, 0.0, self._autopilot_id, "shell")
         )
         if result != ACCEPTED:
             raise CommandFailed(

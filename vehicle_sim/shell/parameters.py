@@ -8,19 +8,19 @@ from fnmatch import fnmatchcase
 from functools import cache
 
 from vehicle_sim.parameters import DATA_FILE, Parameters, ParameterValue
-from vehicle_sim.shell.console import Arguments, Command, CommandFailed, Usage, error, info
+from vehicle_sim.shell.console import Arguments, Command, CommandFailed, UsageError, error, info
 
 USAGE = (
     "show [-a|-c|-q] [FILTER*] | get NAME | set NAME VALUE | reset NAME... | reset_all [EXCLUDED*...] | "
     "compare NAME VALUE | greater NAME VALUE | touch NAME... | index N | find NAME | save | status"
 )
-ALL_PARAMETERS = 1800
-"""Number of parameters of the build, used or unused."""
+BUILD_PARAMETER_COUNT = 1800
+"""Number of all parameters of PX4's build; the vehicle uses some of them."""
 
 
 @cache
-def _build_indexes() -> tuple[int, ...]:
-    """Index of each used parameter among all parameters of the build."""
+def _indexes_in_build() -> tuple[int, ...]:
+    """For each parameter that the vehicle uses: its index among all parameters of PX4's build."""
     return tuple(json.loads((DATA_FILE.parent / "parameter_indexes.json").read_text(encoding="utf-8")))
 
 
@@ -29,11 +29,11 @@ class ParamCommand:
 
     Args:
         parameters: the vehicle's parameter store.
-        unsaved: returns the names of parameters that are not saved yet.
+        unsaved_names: returns the names of parameters that are not saved yet.
     """
 
-    def __init__(self, parameters: Parameters, unsaved: Callable[[], frozenset[str]]) -> None:
-        self._parameters, self._unsaved = parameters, unsaved
+    def __init__(self, parameters: Parameters, unsaved_names: Callable[[], frozenset[str]]) -> None:
+        self._parameters, self._unsaved_names = parameters, unsaved_names
         self._subcommands: dict[str, Callable[[Arguments], str]] = {
             "show": self._show, "get": self._get, "set": self._set, "reset": self._reset,
             "reset_all": self._reset_all, "compare": self._compare, "greater": self._greater,
@@ -46,19 +46,19 @@ class ParamCommand:
         """Runs `param …`."""
         subcommand = self._subcommands.get(arguments[0]) if arguments else None
         if subcommand is None:
-            raise Usage(f"unknown: {arguments[0]}" if arguments else "")
+            raise UsageError(f"unknown: {arguments[0]}" if arguments else "")
         return subcommand(arguments[1:])
 
-    def _existing(self, name: str) -> str:
+    def _checked_name(self, name: str) -> str:
         if name not in self._parameters:
             raise CommandFailed(error("param", f"there is no parameter {name}"))
         return name
 
-    def _text(self, name: str) -> str:
+    def _value_text(self, name: str) -> str:
         value = self._parameters.get(name)
         return f"{value}" if self._parameters.type_of(name) == "INT32" else f"{value:.4f}"
 
-    def _number(self, name: str, text: str) -> ParameterValue:
+    def _parsed_value(self, name: str, text: str) -> ParameterValue:
         try:
             return int(text, 0) if self._parameters.type_of(name) == "INT32" else float(text)
         except ValueError:
@@ -67,50 +67,51 @@ class ParamCommand:
             ) from None
 
     def _show(self, arguments: Arguments) -> str:
-        options = {word for word in arguments if word.startswith("-")}
-        patterns = [word for word in arguments if not word.startswith("-")]
+        options = {argument for argument in arguments if argument.startswith("-")}
+        patterns = [argument for argument in arguments if not argument.startswith("-")]
         if "-q" in options:
             if not patterns:
-                raise Usage("param show -q needs a name")
-            return self._text(self._existing(patterns[0])) + "\n"
-        changed, unsaved = set(self._parameters.changed_names()), self._unsaved()
+                raise UsageError("param show -q needs a name")
+            return self._value_text(self._checked_name(patterns[0])) + "\n"
+        changed, unsaved_names = set(self._parameters.changed_names()), self._unsaved_names()
         out = ["Symbols: x = used, + = saved, * = unsaved\n"]
-        for index, (name, in_build) in enumerate(zip(self._parameters.names, _build_indexes(), strict=True)):
+        names_and_indexes = zip(self._parameters.names, _indexes_in_build(), strict=True)
+        for index, (name, index_in_build) in enumerate(names_and_indexes):
             if patterns and not any(fnmatchcase(name, pattern) for pattern in patterns):
                 continue
             if "-c" in options and name not in changed:
                 continue
-            state = "*" if name in unsaved else "+" if name in changed else " "
-            out.append(f"x {state} {name} [{index},{in_build}] : {self._text(name)}\n")
-        out.append(f"\n {len(self._parameters)}/{ALL_PARAMETERS} parameters used.\n")
+            symbol = "*" if name in unsaved_names else "+" if name in changed else " "
+            out.append(f"x {symbol} {name} [{index},{index_in_build}] : {self._value_text(name)}\n")
+        out.append(f"\n {len(self._parameters)}/{BUILD_PARAMETER_COUNT} parameters used.\n")
         return "".join(out)
 
     def _get(self, arguments: Arguments) -> str:
         if len(arguments) != 1:
-            raise Usage("param get takes one name")
-        return f"{arguments[0]}: {self._text(self._existing(arguments[0]))}\n"
+            raise UsageError("param get takes one name")
+        return f"{arguments[0]}: {self._value_text(self._checked_name(arguments[0]))}\n"
 
     def _set(self, arguments: Arguments) -> str:
         if len(arguments) not in (2, 3):
-            raise Usage("param set takes a name and a value")
-        name = self._existing(arguments[0])
-        before = self._text(name)
+            raise UsageError("param set takes a name and a value")
+        name = self._checked_name(arguments[0])
+        old_text = self._value_text(name)
         try:
-            self._parameters.set(name, self._number(name, arguments[1]))
+            self._parameters.set(name, self._parsed_value(name, arguments[1]))
         except ValueError as problem:
             raise CommandFailed(error("param", str(problem))) from None
-        after = self._text(name)
-        if after == before:
+        new_text = self._value_text(name)
+        if new_text == old_text:
             return ""
-        return f"  {name}: curr: {before} -> new: {after}\n"
+        return f"  {name}: curr: {old_text} -> new: {new_text}\n"
 
     def _reset(self, arguments: Arguments) -> str:
         if not arguments:
-            raise Usage("param reset takes names; use reset_all for all parameters")
+            raise UsageError("param reset takes names; use reset_all for all parameters")
         for pattern in arguments:
             names = [name for name in self._parameters.names if fnmatchcase(name, pattern)]
             if not names:
-                self._existing(pattern)
+                self._checked_name(pattern)
             for name in names:
                 self._parameters.reset(name)
         return ""
@@ -119,45 +120,46 @@ class ParamCommand:
         self._parameters.reset_all(keep=excluded)
         return ""
 
-    def _name_and_numbers(self, arguments: Arguments) -> tuple[float, list[float]]:
+    def _value_and_numbers(self, arguments: Arguments) -> tuple[float, list[float]]:
         if len(arguments) < 2:
-            raise Usage("give a name and one or more values")
-        name = self._existing(arguments[0])
-        return float(self._parameters.get(name)), [float(self._number(name, word)) for word in arguments[1:]]
+            raise UsageError("give a name and one or more values")
+        name = self._checked_name(arguments[0])
+        numbers = [float(self._parsed_value(name, text)) for text in arguments[1:]]
+        return float(self._parameters.get(name)), numbers
 
     def _compare(self, arguments: Arguments) -> str:
-        value, numbers = self._name_and_numbers(arguments)
+        value, numbers = self._value_and_numbers(arguments)
         if not any(abs(value - number) < 1e-7 * max(1.0, abs(number)) for number in numbers):
             raise CommandFailed()
         return ""
 
     def _greater(self, arguments: Arguments) -> str:
-        value, numbers = self._name_and_numbers(arguments)
+        value, numbers = self._value_and_numbers(arguments)
         if not value > numbers[0]:
             raise CommandFailed()
         return ""
 
     def _touch(self, arguments: Arguments) -> str:
         for name in arguments:
-            self._existing(name)
+            self._checked_name(name)
         return ""
 
     def _index(self, arguments: Arguments) -> str:
         name = self._parameters.name_at(int(arguments[0])) if arguments and arguments[0].isdecimal() else None
         if name is None:
             raise CommandFailed(error("param", f"give an index from 0 to {len(self._parameters) - 1}"))
-        return f"index {arguments[0]}: {name} : {self._text(name)}\n"
+        return f"index {arguments[0]}: {name} : {self._value_text(name)}\n"
 
     def _find(self, arguments: Arguments) -> str:
         if len(arguments) != 1:
-            raise Usage("param find takes one name")
-        name = self._existing(arguments[0])
+            raise UsageError("param find takes one name")
+        name = self._checked_name(arguments[0])
         return f"Found param {name} at index {self._parameters.index_of(name)}\n"
 
     def _status(self, arguments: Arguments) -> str:
-        changed, unsaved = self._parameters.changed_names(), self._unsaved()
+        changed, unsaved_names = self._parameters.changed_names(), self._unsaved_names()
         return (
-            info("parameters", f"{len(self._parameters)}/{ALL_PARAMETERS} used")
+            info("parameters", f"{len(self._parameters)}/{BUILD_PARAMETER_COUNT} used")
             + info("parameters", f"{len(changed)} differ from the defaults")
-            + info("parameters", f"{len(unsaved)} not saved yet")
+            + info("parameters", f"{len(unsaved_names)} not saved yet")
         )

@@ -1,5 +1,4 @@
-"""The console commands `ver`, `mavlink`, `sensors`, `ekf2`, `logger`, `system_time` and the sensor
-drivers."""
+"""The console commands `ver`, `mavlink`, `sensors`, `ekf2`, `system_time`, `logger` and of sensor drivers."""
 
 from __future__ import annotations
 
@@ -11,33 +10,33 @@ from vehicle_sim import build
 from vehicle_sim.logger.logger import Logger
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.sensors.faults import Driver
-from vehicle_sim.shell.console import Arguments, Command, CommandFailed, Usage, error, info, warning
+from vehicle_sim.shell.console import Arguments, Command, CommandFailed, UsageError, error, info, warning
 from vehicle_sim.vehicle_view import VehicleView
 
-_GIT = f"PX4 git-hash: {build.GIT_HASH}\nPX4 version: {build.version_text(build.VERSION)}\n"
-_SYSTEM = f"OS: {build.OS_NAME}\nOS version: {build.version_text(build.OS_VERSION)}\n"
-_PARTS = {
+_PX4_LINES = f"PX4 git-hash: {build.GIT_HASH}\nPX4 version: {build.version_text(build.VERSION)}\n"
+_OS_LINES = f"OS: {build.OS_NAME}\nOS version: {build.version_text(build.OS_VERSION)}\n"
+_VERSION_LINES = {
     "hw": f"HW arch: {build.BOARD}\n",
-    "git": _GIT + _SYSTEM,
+    "git": _PX4_LINES + _OS_LINES,
     "gcc": f"Toolchain: {build.TOOLCHAIN}, {build.TOOLCHAIN_VERSION}\n",
     "uri": "Build uri: localhost\n",
 }
 LINK_MODES = {"gcs": "Normal", "api": "Onboard", "tcp": "Normal"}
 """Mode of the MAVLink instance, by the name of the link."""
-RATE_MAX_B_S = 4_000_000
+MAX_RATE_B_S = 4_000_000
 
 
 def ver(arguments: Arguments) -> str:
-    """Runs `ver hw|git|gcc|uri|all` or `ver hwcmp BOARD`."""
+    """Runs `ver hw|git|gcc|uri|all` or `ver hwcmp|hwtypecmp|hwbasecmp BOARD...`."""
     if arguments == ["all"]:
-        return "".join(_PARTS[part] for part in ("hw", "git", "uri", "gcc"))
-    if len(arguments) == 1 and arguments[0] in _PARTS:
-        return _PARTS[arguments[0]]
+        return "".join(_VERSION_LINES[name] for name in ("hw", "git", "uri", "gcc"))
+    if len(arguments) == 1 and arguments[0] in _VERSION_LINES:
+        return _VERSION_LINES[arguments[0]]
     if len(arguments) > 1 and arguments[0] in ("hwcmp", "hwtypecmp", "hwbasecmp"):
         if build.BOARD not in arguments[1:]:
             raise CommandFailed()
         return ""
-    raise Usage
+    raise UsageError
 
 
 VER = Command(ver, "hw | git | gcc | uri | all | hwcmp BOARD...")
@@ -47,9 +46,9 @@ class MavlinkCommand:
     """The command `mavlink status [streams]`."""
 
     def __init__(
-        self, links: Sequence[Link], name_of: Callable[[int], str], gcs_connected: Callable[[Link], bool]
+        self, links: Sequence[Link], message_name: Callable[[int], str], gcs_connected: Callable[[Link], bool]
     ) -> None:
-        self._links, self._name_of, self._gcs_connected = links, name_of, gcs_connected
+        self._links, self._message_name, self._gcs_connected = links, message_name, gcs_connected
         self.command = Command(self.run, "status [streams]")
 
     def run(self, arguments: Arguments) -> str:
@@ -58,7 +57,7 @@ class MavlinkCommand:
             return "".join(self._streams(n, link) for n, link in enumerate(self._links))
         if arguments == ["status"]:
             return "".join(self._status(n, link) for n, link in enumerate(self._links))
-        raise Usage
+        raise UsageError
 
     def _status(self, n: int, link: Link) -> str:
         gcs_line = "\tGCS heartbeat valid\n" if self._gcs_connected(link) else ""
@@ -72,17 +71,17 @@ class MavlinkCommand:
         return (
             f"\ninstance #{n}:\n{gcs_line}\tmavlink chan: #{n}\n\ttype:\t\tGENERIC LINK OR RADIO\n"
             f"\tflow control: OFF\n\trates:\n\t  tx: {link.tx_rate:.1f} B/s\n\t  txerr: 0.0 B/s\n"
-            f"\t  tx rate mult: 1.000\n\t  tx rate max: {RATE_MAX_B_S} B/s\n\t  rx: {link.rx_rate:.1f} B/s\n"
+            f"\t  tx rate mult: 1.000\n\t  tx rate max: {MAX_RATE_B_S} B/s\n\t  rx: {link.rx_rate:.1f} B/s\n"
             f"\t  rx loss: 0.0%\n\tFTP enabled: YES, TX enabled: YES\n\tmode: {mode}\n"
             f"\tForwarding: On\n\tMAVLink version: 2\n{transport}\tBroadcast enabled: NO\n"
         )
 
     def _streams(self, n: int, link: Link) -> str:
-        out = [f"\ninstance #{n}:\n\t{'Name':<32} Rate\n"]
+        title = f"\ninstance #{n}:\n\t{'Name':<32} Rate\n"
         rates = sorted(
-            (self._name_of(number), 1e6 / link.interval_us(number)) for number in link.streamed_ids()
+            (self._message_name(msg_id), 1e6 / link.interval_us(msg_id)) for msg_id in link.streamed_ids()
         )
-        return "".join((*out, *(f"\t{name:<32} {hz:.2f}\n" for name, hz in rates)))
+        return "".join((title, *(f"\t{name:<32} {hz:.2f}\n" for name, hz in rates)))
 
 
 class ModuleCommands:
@@ -92,29 +91,32 @@ class ModuleCommands:
         self._view = view
         self.sensors = Command(self._sensors, "status")
         self.ekf2 = Command(self._ekf2, "status")
-        self.system_time = Command(self._time, "get")
+        self.system_time = Command(self._system_time, "get")
 
     def _sensors(self, arguments: Arguments) -> str:
         if arguments[:1] != ["status"]:
-            raise Usage
-        s, i = self._view.simulation.sensors, self._view.row
-        gyro, accel, mag = (a[i].tolist() for a in (s.gyro_frd_rad_s, s.accel_frd_m_s2, s.mag_frd_gauss))
-        fix = int(s.gps_fix_type[i])
+            raise UsageError
+        sensors, i = self._view.simulation.sensors, self._view.row
+        gyro, accel, mag = (
+            values[i].tolist()
+            for values in (sensors.gyro_frd_rad_s, sensors.accel_frd_m_s2, sensors.mag_frd_gauss)
+        )
+        fix_type, satellites = int(sensors.gps_fix_type[i]), int(sensors.gps_satellites[i])
         return (
             info("sensors", "gyro [rad/s]:  {:8.4f} {:8.4f} {:8.4f}".format(*gyro))
             + info("sensors", "accel [m/s^2]: {:8.4f} {:8.4f} {:8.4f}".format(*accel))
             + info("sensors", "mag [gauss]:   {:8.4f} {:8.4f} {:8.4f}".format(*mag))
-            + info("sensors", f"baro: {float(s.baro_pressure_hpa[i]):.2f} hPa")
-            + info("sensors", f"gps: fix type {fix}, {int(s.gps_satellites[i])} satellites")
+            + info("sensors", f"baro: {float(sensors.baro_pressure_hpa[i]):.2f} hPa")
+            + info("sensors", f"gps: fix type {fix_type}, {satellites} satellites")
         )
 
     def _ekf2(self, arguments: Arguments) -> str:
         if arguments[:1] != ["status"]:
-            raise Usage
+            raise UsageError
         e, i = self._view.simulation.estimate, self._view.row
         validity = {
-            name: "valid" if flag else "invalid"
-            for name, flag in (
+            name: "valid" if valid else "invalid"
+            for name, valid in (
                 ("attitude", e.valid_attitude[i]), ("altitude", e.valid_altitude[i]),
                 ("velocity", e.valid_velocity[i]), ("local position", e.valid_position[i]),
                 ("global position", math.isfinite(float(e.lat_deg[i]))),
@@ -125,23 +127,23 @@ class ModuleCommands:
             "height": e.innovation_ratio_height, "heading": e.innovation_ratio_mag,
         }  # fmt: skip
         return (
-            info("ekf2", ", ".join(f"{name}: {word}" for name, word in validity.items()))
+            info("ekf2", ", ".join(f"{name}: {text}" for name, text in validity.items()))
             + info("ekf2", f"eph {float(e.horizontal_accuracy_m[i]):.2f} m, "
                    f"epv {float(e.vertical_accuracy_m[i]):.2f} m")
             + info("ekf2", "test ratios: " + ", ".join(
                 f"{name} {float(ratio[i]):.3f}" for name, ratio in ratios.items()))
         )  # fmt: skip
 
-    def _time(self, arguments: Arguments) -> str:
+    def _system_time(self, arguments: Arguments) -> str:
         if arguments != ["get"]:
-            raise Usage("the simulated time cannot be set")
+            raise UsageError("the simulated time cannot be set")
         seconds = self._view.time_unix_us() / 1e6
         utc = datetime.fromtimestamp(seconds, UTC)
         return f"Unix epoch time: {int(seconds)}\nSystem time: {utc:%a %b %d %H:%M:%S %Y}\n"
 
 
 class DriverCommand:
-    """The command of a simulated sensor's driver: `start`, `stop` and `status`."""
+    """The command `DRIVER start|stop|status` of one simulated sensor driver."""
 
     def __init__(self, view: VehicleView, driver: Driver) -> None:
         self._view, self._driver = view, driver
@@ -156,7 +158,7 @@ class DriverCommand:
                 raise CommandFailed(info(name, "not running"))
             return info(name, "running")
         if arguments not in (["start"], ["stop"]):
-            raise Usage
+            raise UsageError
         if runs and arguments == ["start"]:
             raise CommandFailed(error(name, "Task already running"))
         simulation.set_driver(row, self._driver, arguments == ["start"])
@@ -173,7 +175,7 @@ class LoggerCommand:
     def run(self, arguments: Arguments) -> str:
         """Runs `logger …`."""
         if arguments not in (["on"], ["off"], ["status"]):
-            raise Usage
+            raise UsageError
         logger = self._logger
         if not logger.can_log:
             raise CommandFailed(error("logger", "not running: this vehicle was started without logs"))
@@ -184,11 +186,11 @@ class LoggerCommand:
         if arguments == ["off"]:
             logger.stop_manual_log()
             return warning("logger", "the log continues while armed") if logger.running else ""
-        state = info("logger", f"Running in mode: {logger.mode}")
+        mode_line = info("logger", f"Running in mode: {logger.mode}")
         if not logger.running:
-            return state + info("logger", "Not logging")
+            return mode_line + info("logger", "Not logging")
         return (
-            state
+            mode_line
             + info("logger", f"Full File Logging Running: ./{logger.path}")
             + info(
                 "logger",

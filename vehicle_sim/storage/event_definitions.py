@@ -1,7 +1,7 @@
 """The events document, which a ground station uses to decode EVENT messages.
 
 Ids, names, arguments and enumerations are PX4 v1.16's (`data/event_facts.json`). The texts are not
-PX4's: `MESSAGES` contains some of them, all others are built from the event's name and arguments.
+PX4's: some are in `MESSAGE_BY_NAME`, the others are built from the event's name and arguments.
 Format: MAVLink's events metadata schema, version 2.
 """
 
@@ -13,10 +13,10 @@ from typing import Any
 from vehicle_sim.parameters import DATA_FILE
 
 FACTS_FILE = DATA_FILE.parent / "event_facts.json"
-HIDDEN_ARGUMENTS = 2
-"""The first two arguments of a check (modes, component) do not appear in the text."""
+HIDDEN_ARGUMENT_COUNT = 2
+"""The first two arguments of a check (modes, component) do not appear in the message."""
 
-MESSAGES: dict[str, str] = {
+MESSAGE_BY_NAME: dict[str, str] = {
     "commander_armed_by": "Armed ({1})",
     "commander_disarmed_by": "Disarmed ({1})",
     "commander_arm_denied_resolve_failures": "Arming denied: resolve the failed checks first",
@@ -49,12 +49,14 @@ MESSAGES: dict[str, str] = {
     "mission_finished": "Mission finished",
     "mission_finished_loiter": "Mission finished, holding position",
 }
+"""Message texts; {n} is the event's argument n, from 1."""
 
 
 def definitions() -> dict[str, Any]:
     """The content of the events document."""
-    facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
-    return {"version": 2, "components": {number: _component(each) for number, each in facts.items()}}
+    facts_by_component: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
+    components = {number: _component(facts) for number, facts in facts_by_component.items()}
+    return {"version": 2, "components": components}
 
 
 def _component(facts: dict[str, Any]) -> dict[str, Any]:
@@ -62,31 +64,32 @@ def _component(facts: dict[str, Any]) -> dict[str, Any]:
     for event_id, (name, group, arguments) in facts["events"].items():
         event: dict[str, Any] = {"name": name, "message": _message(name, group, arguments)}
         if arguments:
-            event["arguments"] = [{"name": argument, "type": kind} for argument, kind in arguments]
+            event["arguments"] = [{"name": argument, "type": type_name} for argument, type_name in arguments]
         groups.setdefault(group, {"events": {}})["events"][event_id] = event
     enums = {
         name: {
             "type": enum["type"],
             "is_bitfield": enum["is_bitfield"],
             "entries": {
-                str(value): {"name": entry, "description": _sentence(entry)}
+                str(value): {"name": entry, "description": _readable(entry)}
                 for value, entry in enum["entries"]
             },
         }
         for name, enum in facts["enums"].items()
     }
-    copied = ("namespace", "navigation_mode_groups", "supported_protocols")
-    return {"enums": enums, "event_groups": groups, **{key: facts[key] for key in copied if key in facts}}
+    keys = ("namespace", "navigation_mode_groups", "supported_protocols")
+    return {"enums": enums, "event_groups": groups, **{key: facts[key] for key in keys if key in facts}}
 
 
 def _message(name: str, group: str, arguments: list[tuple[str, str]]) -> str:
-    message = MESSAGES.get(name)
+    message = MESSAGE_BY_NAME.get(name)
     if message is not None:
         return message
-    visible = range(0 if group == "default" else HIDDEN_ARGUMENTS, len(arguments))
-    values = ", ".join(f"{{{index + 1}}}" for index in visible)
-    return f"{_sentence(name)}: {values}" if values else _sentence(name)
+    first_shown = 0 if group == "default" else HIDDEN_ARGUMENT_COUNT
+    values = ", ".join(f"{{{index + 1}}}" for index in range(first_shown, len(arguments)))
+    return f"{_readable(name)}: {values}" if values else _readable(name)
 
 
-def _sentence(name: str) -> str:
+def _readable(name: str) -> str:
+    """The name as words, such as "Battery low" for "check_battery_low"."""
     return name.removeprefix("check_").replace("_", " ").capitalize()

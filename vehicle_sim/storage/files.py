@@ -6,6 +6,7 @@ Paths are those of an FTP client ("/", "./etc", "log/2026-11-21"); paths outside
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 import tempfile
@@ -25,9 +26,9 @@ class VehicleFiles:
     """One vehicle's files.
 
     Args:
-        folder: folder on the host, kept over restarts; None: a temporary folder, created at first use and
-            deleted with the object.
-        built_in: functions that create the content of read-only files, by path; called at the first read.
+        folder: folder on the host, which remains after a restart; None: a temporary folder, created at first
+            use and deleted with this object.
+        built_in: functions that create the content of read-only files, by path; called at first use.
     """
 
     def __init__(
@@ -52,37 +53,36 @@ class VehicleFiles:
         Raises:
             OSError: the directory does not exist.
         """
-        name = _normalized(path)
+        directory = _relative_path(path)
         entries: dict[str, int | None] = {}
-        prefix = f"{name}/" if name else ""
-        for built_in in self._built_in:
-            if built_in.startswith(prefix):
-                first, _, rest = built_in[len(prefix) :].partition("/")
-                entries[first] = None if rest else len(self._content(built_in))
+        prefix = f"{directory}/" if directory else ""
+        for file_path in self._built_in:
+            if file_path.startswith(prefix):
+                name, _, path_below = file_path[len(prefix) :].partition("/")
+                entries[name] = None if path_below else len(self._content(file_path))
         try:
-            for entry in os.scandir(self._checked_path(name)):
+            for entry in os.scandir(self._checked_path(directory)):
                 size = entry.stat(follow_symlinks=False).st_size
                 entries[entry.name] = None if entry.is_symlink() or entry.is_dir() else size
         except OSError:
-            if not entries and name:
+            if not entries and directory:
                 raise
         return sorted(entries.items())
 
     def is_link(self, path: str, name: str) -> bool:
-        """Whether a directory's entry is a symbolic link, as PX4's `etc` in simulation."""
-        folder = _normalized(path)
-        if not folder and any(p.startswith(f"{name}/") for p in self._built_in):
+        """Whether a directory's entry is a symbolic link.
+
+        The folder of the built-in files counts as a link, because `etc` is a link in PX4's simulation.
+        """
+        directory = _relative_path(path)
+        if not directory and self._is_built_in_directory(name):
             return True
-        return (self.root / folder / name).is_symlink()
+        return (self.root / directory / name).is_symlink()
 
     def is_directory(self, path: str) -> bool:
         """Whether the path is a directory."""
-        name = _normalized(path)
-        return (
-            not name
-            or any(p.startswith(f"{name}/") for p in self._built_in)
-            or self._checked_path(name).is_dir()
-        )
+        relative = _relative_path(path)
+        return not relative or self._is_built_in_directory(relative) or self._checked_path(relative).is_dir()
 
     def size(self, path: str) -> int:
         """Size of a file, or the size that PX4 reports for a directory.
@@ -90,10 +90,10 @@ class VehicleFiles:
         Raises:
             FileNotFoundError: the file or directory does not exist.
         """
-        name = _normalized(path)
-        if name in self._built_in:
-            return len(self._content(name))
-        return DIRECTORY_SIZE if self.is_directory(name) else self._checked_path(name).stat().st_size
+        relative = _relative_path(path)
+        if relative in self._built_in:
+            return len(self._content(relative))
+        return DIRECTORY_SIZE if self.is_directory(relative) else self._checked_path(relative).stat().st_size
 
     def read(self, path: str, offset: int, size: int) -> bytes:
         """Up to `size` bytes from `offset`; empty at the end.
@@ -101,12 +101,12 @@ class VehicleFiles:
         Raises:
             OSError: the file does not exist.
         """
-        name = _normalized(path)
-        if name in self._built_in:
-            return self._content(name)[offset : offset + size]
-        if self.is_directory(name):
-            raise IsADirectoryError(21, "a directory")
-        with self._checked_path(name).open("rb") as file:
+        relative = _relative_path(path)
+        if relative in self._built_in:
+            return self._content(relative)[offset : offset + size]
+        if self.is_directory(relative):
+            raise IsADirectoryError(errno.EISDIR, "a directory")
+        with self._checked_path(relative).open("rb") as file:
             file.seek(offset)
             return file.read(size)
 
@@ -116,7 +116,7 @@ class VehicleFiles:
         Raises:
             OSError: the directory is missing, or the path is read-only.
         """
-        self._writable(path).write_bytes(b"")
+        self._writable_path(path).write_bytes(b"")
 
     def write(self, path: str, offset: int, data: bytes) -> None:
         """Writes `data` at `offset` of an existing file.
@@ -124,7 +124,7 @@ class VehicleFiles:
         Raises:
             OSError: the file does not exist, or is read-only.
         """
-        with self._writable(path).open("r+b") as file:
+        with self._writable_path(path).open("r+b") as file:
             file.seek(offset)
             file.write(data)
 
@@ -134,7 +134,7 @@ class VehicleFiles:
         Raises:
             OSError: the file does not exist, or is read-only.
         """
-        os.truncate(self._writable(path), size)
+        os.truncate(self._writable_path(path), size)
 
     def remove(self, path: str) -> None:
         """Deletes a file.
@@ -142,7 +142,7 @@ class VehicleFiles:
         Raises:
             OSError: the file does not exist, is a directory, or is read-only.
         """
-        self._writable(path).unlink()
+        self._writable_path(path).unlink()
 
     def rename(self, old: str, new: str) -> None:
         """Moves a file or directory.
@@ -150,56 +150,59 @@ class VehicleFiles:
         Raises:
             OSError: the old path does not exist, or one of the paths is read-only.
         """
-        self._writable(old).rename(self._writable(new))
+        self._writable_path(old).rename(self._writable_path(new))
 
     def make_directory(self, path: str) -> None:
-        """Creates a directory; raises OSError if it exists or its parent does not."""
-        self._writable(path).mkdir()
+        """Creates a directory; raises OSError if the directory exists or its parent does not."""
+        self._writable_path(path).mkdir()
 
     def remove_directory(self, path: str) -> None:
-        """Deletes a directory; raises OSError if it is missing or not empty."""
-        self._writable(path).rmdir()
+        """Deletes a directory; raises OSError if the directory is missing or not empty."""
+        self._writable_path(path).rmdir()
 
     def host_path(self, path: str) -> Path:
-        """Path on the host of a file that the vehicle writes (its log); creates the directory.
+        """Path on the host of a file that the vehicle writes, such as a log; creates the file's directory.
 
         Raises:
             OSError: the path is read-only, or the disk reports an error.
         """
-        host_path = self._writable(path)
-        host_path.parent.mkdir(parents=True, exist_ok=True)
-        return host_path
+        file = self._writable_path(path)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        return file
 
     def delete_tree(self, path: str) -> None:
         """Deletes a directory with its content, if it exists."""
         with contextlib.suppress(FileNotFoundError):
-            shutil.rmtree(self._writable(path))
+            shutil.rmtree(self._writable_path(path))
 
-    def _content(self, name: str) -> bytes:
-        if name not in self._contents:
-            self._contents[name] = self._built_in[name]()
-        return self._contents[name]
+    def _content(self, relative: str) -> bytes:
+        if relative not in self._contents:
+            self._contents[relative] = self._built_in[relative]()
+        return self._contents[relative]
 
-    def _checked_path(self, name: str) -> Path:
-        host_path = (self.root / name).resolve()
+    def _is_built_in_directory(self, relative: str) -> bool:
+        return any(file_path.startswith(f"{relative}/") for file_path in self._built_in)
+
+    def _checked_path(self, relative: str) -> Path:
+        host_path = (self.root / relative).resolve()
         if host_path != self.root and self.root not in host_path.parents:
-            raise PathOutsideError(13, "outside the vehicle's folder")
+            raise PathOutsideError(errno.EACCES, "outside the vehicle's folder")
         return host_path
 
-    def _writable(self, path: str) -> Path:
-        name = _normalized(path)
-        if not name or name in self._built_in or any(p.startswith(f"{name}/") for p in self._built_in):
-            raise PermissionError(13, "read-only")
-        return self._checked_path(name)
+    def _writable_path(self, path: str) -> Path:
+        relative = _relative_path(path)
+        if not relative or relative in self._built_in or self._is_built_in_directory(relative):
+            raise PermissionError(errno.EACCES, "read-only")
+        return self._checked_path(relative)
 
 
-def _normalized(path: str) -> str:
-    """The path without leading slash and dots.
+def _relative_path(path: str) -> str:
+    """The path relative to the vehicle's folder; empty for the folder.
 
     Raises:
-        PathOutsideError: the path is outside the folder, or contains a NUL.
+        PathOutsideError: the path contains ".." or a NUL.
     """
     parts = [part for part in PurePosixPath(path.lstrip("/")).parts if part != "."]
     if ".." in parts or "\0" in path:
-        raise PathOutsideError(13, "outside the vehicle's folder")
+        raise PathOutsideError(errno.EACCES, "outside the vehicle's folder")
     return "/".join(parts)

@@ -1,7 +1,8 @@
-"""Component metadata that PX4 serves by FTP: descriptions of parameters, events and outputs.
+"""Component metadata that PX4 serves by FTP: the parameter, events and actuators documents.
 
-Names, groups, types, defaults, ranges, units and labels are PX4 v1.16's (`data/parameter_facts.json`).
-Descriptions are omitted; the message texts of events are the simulator's (`event_definitions.py`).
+Names, groups, types, defaults, ranges, units and labels of parameters are PX4 v1.16's
+(`data/parameter_facts.json`), without descriptions. The message texts of events are the simulator's
+(`event_definitions.py`).
 Formats: MAVLink's component metadata schemas (general, parameter, events, actuators).
 """
 
@@ -30,7 +31,7 @@ TYPE_PARAMETERS, TYPE_EVENTS, TYPE_ACTUATORS = 1, 4, 5
 
 
 def crc32(data: bytes) -> int:
-    """MAVLink's CRC-32: reflected polynomial, start value and final XOR zero."""
+    """MAVLink's CRC-32: reflected polynomial, initial value 0, no final XOR."""
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
@@ -41,16 +42,16 @@ def _compressed(content: object) -> bytes:
 
 @lru_cache(maxsize=1)
 def parameters() -> dict[str, Any]:
-    """The content of the parameter document: one entry for each parameter in use."""
+    """The content of the parameter document: one entry for each parameter that the vehicle uses."""
     facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
     entries: list[dict[str, Any]] = []
-    for each in load_boot_parameters():
-        entry = {"category": "Standard", **facts[each.name], "name": each.name}
-        entry["type"] = "Int32" if each.type == "INT32" else "Float"
+    for parameter in load_boot_parameters():
+        entry = {"category": "Standard", **facts[parameter.name], "name": parameter.name}
+        entry["type"] = "Int32" if parameter.type == "INT32" else "Float"
         if "values" in entry:
-            entry["values"] = [{"value": v, "description": label} for v, label in entry["values"]]
+            entry["values"] = [{"value": value, "description": label} for value, label in entry["values"]]
         if "bitmask" in entry:
-            entry["bitmask"] = [{"index": i, "description": label} for i, label in entry["bitmask"]]
+            entry["bitmask"] = [{"index": bit, "description": label} for bit, label in entry["bitmask"]]
         entries.append(entry)
     return {"version": 1, "parameters": entries}
 
@@ -71,27 +72,28 @@ def _actuators_file() -> bytes:
 
 
 @lru_cache(maxsize=1)
-def _general_text() -> bytes:
+def _general_document() -> bytes:
     documents: tuple[tuple[int, str, Callable[[], bytes]], ...] = (
         (TYPE_PARAMETERS, PARAMETERS, _parameters_file),
         (TYPE_EVENTS, EVENTS, _events_file),
         (TYPE_ACTUATORS, ACTUATORS, _actuators_file),
     )
     types = [
-        {"type": kind, "uri": f"mftp://{path}", "fileCrc": crc32(make())} for kind, path, make in documents
+        {"type": metadata_type, "uri": f"mftp://{path}", "fileCrc": crc32(create())}
+        for metadata_type, path, create in documents
     ]
     return json.dumps({"version": 1, "metadataTypes": types}).encode()
 
 
 def general_crc(file: bytes) -> int:
-    """The CRC in COMPONENT_METADATA and COMPONENT_INFORMATION: that of the uncompressed general file."""
+    """CRC of the uncompressed general document, for COMPONENT_METADATA and COMPONENT_INFORMATION."""
     return crc32(lzma.decompress(file))
 
 
 BUILT_IN: dict[str, Callable[[], bytes]] = {
-    GENERAL: lambda: lzma.compress(_general_text(), check=lzma.CHECK_CRC32),
+    GENERAL: lambda: lzma.compress(_general_document(), check=lzma.CHECK_CRC32),
     PARAMETERS: _parameters_file,
     EVENTS: _events_file,
     ACTUATORS: _actuators_file,
 }
-"""Functions that create the content of the files, by path."""
+"""Functions that create the content of the documents' files, by path."""
