@@ -1,7 +1,7 @@
 """Topics whose values come from arrays of the simulation: their fields, sources and periods.
 
 Names, units and order of the fields are PX4's; fields without a source are zero. Periods were measured on PX4
-v1.16 (profile 131); periods that only the default profile uses are from PX4's table.
+v1.16 with SDLOG_PROFILE 131; periods that only the default profile uses are from PX4's table.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NAN = math.nan
 DEFAULT, REPLAY, HIGH_RATE = 1 << 0, 1 << 1, 1 << 4
 """Bits of SDLOG_PROFILE."""
 GPS_SAMPLES = "gps_count"
-"""Instead of a period: the topic is published with each GPS sample."""
+"""Value in place of a period: the topic is published with each GPS sample."""
 Period = int | str
 """Period in milliseconds, or `GPS_SAMPLES`."""
 GYRO_ID, ACCEL_ID, MAG_ID, BARO_ID, GPS_ID = 1310988, 1310988, 197388, 6620172, 11468804
@@ -33,30 +33,30 @@ GYRO_ID, ACCEL_ID, MAG_ID, BARO_ID, GPS_ID = 1310988, 1310988, 197388, 6620172, 
 
 @dataclass(frozen=True, slots=True)
 class ArrayTopic:
-    """One topic of all vehicles."""
+    """One topic, whose values come from arrays for all vehicles."""
 
     layout: TopicLayout
     periods: Mapping[int, Period]
-    """Period for each bit of the profile; if several bits are selected, the shortest period applies."""
+    """Period for each bit of the profile. If several bits are set, `GPS_SAMPLES`, else the shortest applies."""
     sources: Mapping[str, Source | float] = field(default_factory=dict)
-    """Source of each field; a key with several names assigns the columns of one array."""
+    """Source of each field; the source of a key such as "x y z" has one column for each named field."""
     sampled: bool = False
     """Whether the topic has a field `timestamp_sample`, which the simulator sets to `timestamp`."""
 
     def period(self, profile: int) -> Period | None:
-        """Period in a profile; None: not logged."""
+        """Period in a profile; None: the profile does not contain the topic."""
         selected = [period for bit, period in self.periods.items() if profile & bit]
-        per_sample = [period for period in selected if isinstance(period, str)]
-        return per_sample[0] if per_sample else min(selected, default=None)
+        per_gps_sample = [period for period in selected if isinstance(period, str)]
+        return per_gps_sample[0] if per_gps_sample else min(selected, default=None)
 
 
-def _motors(s: Simulation) -> NDArray[Any]:
-    signal = np.full((s.count, 12), np.nan)
-    signal[:, :4] = np.where(s.motors_us < 1000.0, np.nan, (s.motors_us - 1000.0) / 1000.0)
-    return signal
+def _motor_signals(s: Simulation) -> NDArray[Any]:
+    signals = np.full((s.count, 12), np.nan)
+    signals[:, :4] = np.where(s.motors_us < 1000.0, np.nan, (s.motors_us - 1000.0) / 1000.0)
+    return signals
 
 
-def _outputs(s: Simulation) -> NDArray[Any]:
+def _pwm_outputs(s: Simulation) -> NDArray[Any]:
     pulses = np.full((s.count, 16), 900.0)
     pulses[:, :4] = np.round(s.motors_us)
     return pulses
@@ -68,7 +68,7 @@ def _body_thrust(s: Simulation) -> NDArray[Any]:
     return thrust
 
 
-def _speed(s: Simulation) -> NDArray[Any]:
+def _ground_speed(s: Simulation) -> NDArray[Any]:
     v = s.sensors.gps_velocity_ned_m_s
     return np.hypot(v[:, 0], v[:, 1])
 
@@ -78,16 +78,17 @@ def _course(s: Simulation) -> NDArray[Any]:
     return np.arctan2(v[:, 1], v[:, 0])
 
 
-def _density(s: Simulation) -> NDArray[Any]:
+def _air_density(s: Simulation) -> NDArray[Any]:
+    """Density [kg/m³] at 15 °C: pressure / (gas constant of air · temperature)."""
     return s.sensors.baro_pressure_hpa * 100.0 / (287.1 * 288.15)
 
 
 def _solution_status_flags(s: Simulation) -> NDArray[Any]:
-    """Bits of ESTIMATOR_STATUS_FLAGS: attitude, velocities, heights, positions, predictions, accelerometer
-    error."""
+    """ESTIMATOR_STATUS_FLAGS: attitude 0x01, horizontal velocity 0x02, vertical velocity and altitude 0x24,
+    horizontal position 0x18, predicted position 0x300, accelerometer error 0x800."""
     e, predicted = s.estimate, s.fusion.gnss_pos | s.fusion.gnss_vel | s.estimate.valid_position
     return (
-        e.valid_attitude * 1 + e.valid_velocity * 0x02 + e.valid_altitude * 0x24 + e.valid_position * 0x18
+        e.valid_attitude * 0x01 + e.valid_velocity * 0x02 + e.valid_altitude * 0x24 + e.valid_position * 0x18
         + predicted * 0x300 + s.fusion.bad_acc_vertical * 0x800
     )  # fmt: skip
 
@@ -101,7 +102,7 @@ def _velocity_variance(s: Simulation) -> NDArray[Any]:
     return np.repeat(s.estimate.speed_accuracy_m_s[:, np.newaxis] ** 2 / 3.0, 3, axis=1)
 
 
-def _resets(s: Simulation) -> NDArray[Any]:
+def _reset_count(s: Simulation) -> NDArray[Any]:
     """Sum of the reset counters, because vehicle_odometry has one counter for all resets."""
     f = s.fusion
     counters = f.xy_reset_counter + f.z_reset_counter + f.vxy_reset_counter + f.vz_reset_counter
@@ -109,10 +110,11 @@ def _resets(s: Simulation) -> NDArray[Any]:
 
 
 def _columns(names: str, source: Source) -> dict[str, Source]:
+    """Source of several fields, as a dictionary because a keyword cannot contain spaces."""
     return {names: source}
 
 
-_LOCAL = (
+_LOCAL_POSITION = (
     "uint64_t timestamp_sample;uint64_t ref_timestamp;double ref_lat;double ref_lon;float x;float y;float z;"
     "float[2] delta_xy;float delta_z;float vx;float vy;float vz;float z_deriv;float[2] delta_vxy;"
     "float delta_vz;float ax;float ay;float az;float heading;float heading_var;float unaided_heading;"
@@ -124,15 +126,15 @@ _LOCAL = (
     "bool z_global;bool dist_bottom_valid;uint8_t dist_bottom_reset_counter;"
     "uint8_t dist_bottom_sensor_bitfield;bool dead_reckoning"
 )
-_GLOBAL = (
+_GLOBAL_POSITION = (
     "uint64_t timestamp_sample;double lat;double lon;float alt;float alt_ellipsoid;float delta_alt;"
     "float delta_terrain;float eph;float epv;float terrain_alt;bool lat_lon_valid;bool alt_valid;"
     "uint8_t lat_lon_reset_counter;uint8_t alt_reset_counter;uint8_t terrain_reset_counter;"
     "bool terrain_alt_valid;bool dead_reckoning"
 )
 _ATTITUDE = "uint64_t timestamp_sample;float[4] q;float[4] delta_q_reset;uint8_t quat_reset_counter"
-_ANGULAR = "uint64_t timestamp_sample;float[3] xyz;float[3] xyz_derivative"
-_TRIPLE = "uint64_t timestamp_sample;float[3] xyz"
+_ANGULAR_VELOCITY = "uint64_t timestamp_sample;float[3] xyz;float[3] xyz_derivative"
+_VECTOR = "uint64_t timestamp_sample;float[3] xyz"
 _IMU = (
     "uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;float temperature;"
     "uint32_t error_count;uint8_t[3] clip_counter;uint8_t samples"
@@ -159,7 +161,7 @@ _GPS_SOURCES: dict[str, Source | float] = {
     "epv": lambda s: s.sensors.gps_vertical_accuracy_m,
     "hdop": lambda s: s.sensors.gps_hdop,
     "vdop": lambda s: s.sensors.gps_vdop,
-    "vel_m_s": _speed,
+    "vel_m_s": _ground_speed,
     **_columns("vel_n_m_s vel_e_m_s vel_d_m_s", lambda s: s.sensors.gps_velocity_ned_m_s),
     "cog_rad": _course,
     "heading": NAN,
@@ -186,7 +188,7 @@ def _topics() -> list[ArrayTopic]:
         {DEFAULT: 4, REPLAY: 4},
         gyro_rad=lambda s: s.sensors.gyro_frd_rad_s, gyro_integral_dt=4000,
         accelerometer_m_s2=lambda s: s.sensors.accel_frd_m_s2, accelerometer_integral_dt=4000)  # fmt: skip
-    add("vehicle_local_position", _LOCAL, {DEFAULT: 100, REPLAY: 8},
+    add("vehicle_local_position", _LOCAL_POSITION, {DEFAULT: 100, REPLAY: 8},
         **_columns("x y z", lambda s: s.estimate.position_ned_m),
         **_columns("vx vy vz", lambda s: s.estimate.velocity_ned_m_s),
         **_columns("ax ay az", lambda s: s.estimate.acceleration_ned_m_s2),
@@ -211,7 +213,7 @@ def _topics() -> list[ArrayTopic]:
         heading_reset_counter=lambda s: s.fusion.heading_reset_counter & 0xFF,
         heading_good_for_control=lambda s: s.fusion.heading_good_for_control,
         dead_reckoning=lambda s: s.fusion.dead_reckoning)  # fmt: skip
-    add("vehicle_global_position", _GLOBAL, {DEFAULT: 200, REPLAY: 8},
+    add("vehicle_global_position", _GLOBAL_POSITION, {DEFAULT: 200, REPLAY: 8},
         lat=lambda s: s.estimate.lat_deg, lon=lambda s: s.estimate.lon_deg,
         alt=lambda s: s.estimate.alt_amsl_m, alt_ellipsoid=lambda s: s.estimate.alt_amsl_m,
         eph=lambda s: s.estimate.horizontal_accuracy_m, epv=lambda s: s.estimate.vertical_accuracy_m,
@@ -225,12 +227,12 @@ def _topics() -> list[ArrayTopic]:
         velocity=lambda s: s.estimate.velocity_ned_m_s,
         angular_velocity=lambda s: s.estimate.rates_frd_rad_s,
         position_variance=_position_variance, velocity_variance=_velocity_variance,
-        reset_counter=_resets)  # fmt: skip
-    add("vehicle_angular_velocity", _ANGULAR, {DEFAULT: 20, REPLAY: 10, HIGH_RATE: 4},
+        reset_counter=_reset_count)  # fmt: skip
+    add("vehicle_angular_velocity", _ANGULAR_VELOCITY, {DEFAULT: 20, REPLAY: 10, HIGH_RATE: 4},
         xyz=lambda s: s.estimate.rates_frd_rad_s,
         xyz_derivative=lambda s: s.estimate.angular_acceleration_frd_rad_s2)  # fmt: skip
     add("vehicle_attitude_groundtruth", _ATTITUDE, {DEFAULT: 10}, q=lambda s: s.truth.q_ned_frd)
-    add("vehicle_angular_velocity_groundtruth", _ANGULAR, {DEFAULT: 10},
+    add("vehicle_angular_velocity_groundtruth", _ANGULAR_VELOCITY, {DEFAULT: 10},
         xyz=lambda s: s.truth.rates_frd_rad_s)  # fmt: skip
     add("estimator_status", "uint64_t timestamp_sample;uint64_t control_mode_flags;"
         "float[3] output_tracking_error;uint32_t filter_fault_flags;float pos_horiz_accuracy;"
@@ -252,9 +254,9 @@ def _topics() -> list[ArrayTopic]:
         {DEFAULT: 20, HIGH_RATE: 4},
         **_columns("roll pitch yaw", lambda s: s.target.rates_frd_rad_s),
         thrust_body=_body_thrust)  # fmt: skip
-    add("vehicle_thrust_setpoint", _TRIPLE, {DEFAULT: 20, HIGH_RATE: 4}, xyz=_body_thrust)
-    add("vehicle_torque_setpoint", _TRIPLE, {DEFAULT: 20, HIGH_RATE: 4}, xyz=lambda s: s.torque_frd)
-    add("vehicle_local_position_groundtruth", _LOCAL, {DEFAULT: 20},
+    add("vehicle_thrust_setpoint", _VECTOR, {DEFAULT: 20, HIGH_RATE: 4}, xyz=_body_thrust)
+    add("vehicle_torque_setpoint", _VECTOR, {DEFAULT: 20, HIGH_RATE: 4}, xyz=lambda s: s.torque_frd)
+    add("vehicle_local_position_groundtruth", _LOCAL_POSITION, {DEFAULT: 20},
         **_columns("x y z", lambda s: s.truth.position_ned_m),
         **_columns("vx vy vz", lambda s: s.truth.velocity_ned_m_s),
         **_columns("ax ay az", lambda s: s.truth.acceleration_ned_m_s2),
@@ -264,15 +266,15 @@ def _topics() -> list[ArrayTopic]:
         ref_alt=lambda s: np.full(s.count, s.home.alt_amsl_m), heading=lambda s: yaw_of(s.truth.q_ned_frd),
         unaided_heading=NAN, xy_valid=1, z_valid=1, v_xy_valid=1, v_z_valid=1, heading_good_for_control=1,
         xy_global=1, z_global=1)  # fmt: skip
-    add("vehicle_acceleration", _TRIPLE, {DEFAULT: 50}, xyz=lambda s: s.sensors.accel_frd_m_s2)
+    add("vehicle_acceleration", _VECTOR, {DEFAULT: 50}, xyz=lambda s: s.sensors.accel_frd_m_s2)
     add("vehicle_attitude_setpoint", "float yaw_sp_move_rate;float[4] q_d;float[3] thrust_body;"
         "bool reset_integral;bool fw_control_yaw_wheel", {DEFAULT: 50, HIGH_RATE: 8},
         yaw_sp_move_rate=lambda s: np.nan_to_num(s.setpoints.yaw_rate_ned_rad_s),
         q_d=lambda s: s.target.q_ned_frd, thrust_body=_body_thrust)  # fmt: skip
     add("actuator_motors", "uint64_t timestamp_sample;float[12] control;uint16_t reversible_flags",
-        {DEFAULT: 100, HIGH_RATE: 4}, control=_motors)  # fmt: skip
+        {DEFAULT: 100, HIGH_RATE: 4}, control=_motor_signals)  # fmt: skip
     add("actuator_outputs", "uint32_t noutputs;float[16] output", {DEFAULT: 100, HIGH_RATE: 4}, noutputs=16,
-        output=_outputs)  # fmt: skip
+        output=_pwm_outputs)  # fmt: skip
     add("vehicle_local_position_setpoint", "float x;float y;float z;float vx;float vy;float vz;"
         "float[3] acceleration;float[3] thrust;float yaw;float yawspeed", {DEFAULT: 100},
         **_columns("x y z", lambda s: s.target.position_ned_m),
@@ -288,13 +290,13 @@ def _topics() -> list[ArrayTopic]:
         "uint8_t calibration_count", {DEFAULT: 200, REPLAY: 100}, baro_device_id=BARO_ID,
         baro_alt_meter=lambda s: s.sensors.baro_alt_amsl_m,
         baro_pressure_pa=lambda s: s.sensors.baro_pressure_hpa * 100.0, ambient_temperature=15.0,
-        rho=_density)  # fmt: skip
+        rho=_air_density)  # fmt: skip
     add("trajectory_setpoint", "float[3] position;float[3] velocity;float[3] acceleration;float[3] jerk;"
         "float yaw;float yawspeed", {DEFAULT: 200}, position=lambda s: s.setpoints.position_ned_m,
         velocity=lambda s: s.setpoints.velocity_ned_m_s,
         acceleration=lambda s: s.setpoints.acceleration_ned_m_s2, jerk=NAN,
         yaw=lambda s: s.setpoints.yaw_ned_rad, yawspeed=lambda s: s.setpoints.yaw_rate_ned_rad_s)  # fmt: skip
-    add("vehicle_global_position_groundtruth", _GLOBAL, {DEFAULT: 100}, **_true_position())
+    add("vehicle_global_position_groundtruth", _GLOBAL_POSITION, {DEFAULT: 100}, **_true_position_sources())
     add("vehicle_magnetometer", "uint64_t timestamp_sample;uint32_t device_id;float[3] magnetometer_ga;"
         "uint8_t calibration_count", {DEFAULT: 200, REPLAY: 70}, device_id=MAG_ID,
         magnetometer_ga=lambda s: s.sensors.mag_frd_gauss)  # fmt: skip
@@ -314,15 +316,15 @@ def _topics() -> list[ArrayTopic]:
     return topics
 
 
-def _true_position() -> dict[str, Source | float]:
-    def global_position(s: Simulation) -> tuple[NDArray[Any], NDArray[Any]]:
+def _true_position_sources() -> dict[str, Source | float]:
+    def lat_lon_deg(s: Simulation) -> tuple[NDArray[Any], NDArray[Any]]:
         p = s.truth.position_ned_m
         lat0, lon0 = np.full(s.count, s.home.lat_deg), np.full(s.count, s.home.lon_deg)
         return to_global(p[:, 0], p[:, 1], lat0, lon0)
 
     return {
-        "lat": lambda s: global_position(s)[0],
-        "lon": lambda s: global_position(s)[1],
+        "lat": lambda s: lat_lon_deg(s)[0],
+        "lon": lambda s: lat_lon_deg(s)[1],
         "alt": lambda s: s.home.alt_amsl_m - s.truth.position_ned_m[:, 2],
         "alt_ellipsoid": lambda s: s.home.alt_amsl_m - s.truth.position_ned_m[:, 2],
         "lat_lon_valid": 1,

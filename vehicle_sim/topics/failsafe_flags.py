@@ -1,4 +1,4 @@
-"""The topic `failsafe_flags`: the requirements of the modes, and flags of current faults."""
+"""The topic `failsafe_flags`: which modes have each requirement, and which faults the vehicle has."""
 
 from __future__ import annotations
 
@@ -47,6 +47,8 @@ def fault_flags(view: VehicleView, commander: Commander, home: Home) -> dict[str
 
 
 def values(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
-    """All fields except the timestamp."""
-    masks = {f"mode_req_{name}": mask for name, mask in commander.report.requirements._asdict().items()}
-    return masks | fault_flags(view, commander, home)
+    """All fields of the topic except the timestamp."""
+    requirement_masks = {
+        f"mode_req_{name}": mask for name, mask in commander.report.requirements._asdict().items()
+    }
+    return requirement_masks | fault_flags(view, commander, home)

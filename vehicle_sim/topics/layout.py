@@ -1,4 +1,4 @@
-"""Byte layout of a topic's samples in a log or on a bus: named fields of fixed types in order."""
+"""Byte layout of a topic's samples in a log: the topic's fields in order, each with a name and a type."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-_DATA_HEAD = struct.Struct("<HBH")
+_DATA_HEADER = struct.Struct("<HBH")
 TYPES: dict[str, tuple[str, str]] = {
     "int8_t": ("b", "<i1"), "uint8_t": ("B", "<u1"), "int16_t": ("h", "<i2"), "uint16_t": ("H", "<u2"),
     "int32_t": ("i", "<i4"), "uint32_t": ("I", "<u4"), "int64_t": ("q", "<i8"), "uint64_t": ("Q", "<u8"),
@@ -21,7 +21,7 @@ TYPES: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One declared field; length 0: a scalar."""
+    """One field of a topic; length 0: a scalar, otherwise an array."""
 
     type: str
     name: str
@@ -30,10 +30,10 @@ class Field:
 
 def _fields(declaration: str) -> tuple[Field, ...]:
     fields: list[Field] = []
-    for part in declaration.split(";"):
-        kind, _, name = part.strip().partition(" ")
-        kind, _, length = kind.rstrip("]").partition("[")
-        fields.append(Field(kind, name, int(length or 0)))
+    for field_text in declaration.split(";"):
+        type_text, _, name = field_text.strip().partition(" ")
+        type_name, _, length = type_text.rstrip("]").partition("[")
+        fields.append(Field(type_name, name, int(length or 0)))
     return tuple(fields)
 
 
@@ -42,7 +42,7 @@ class TopicLayout:
 
     Args:
         name: name of the topic.
-        declaration: fields `type name` or `type[n] name` after the timestamp, separated by semicolons.
+        declaration: fields after the timestamp, "type name" or "type[n] name", separated by semicolons.
         msg_id: id of the topic in the log file.
         multi_id: instance of the topic.
     """
@@ -53,13 +53,13 @@ class TopicLayout:
         self.multi_id = multi_id
         self.declaration = "uint64_t timestamp;" + declaration
         self.fields = _fields(self.declaration)
-        codes = [f"{field.length or ''}{TYPES[field.type][0]}" for field in self.fields]
-        self._struct = struct.Struct("<" + "".join(codes))
-        self._head = _DATA_HEAD.pack(self._struct.size + 2, ord("D"), msg_id)
+        struct_codes = [f"{field.length or ''}{TYPES[field.type][0]}" for field in self.fields]
+        self._struct = struct.Struct("<" + "".join(struct_codes))
+        self._header = _DATA_HEADER.pack(self._struct.size + 2, ord("D"), msg_id)
 
     @cached_property
     def dtype(self) -> np.dtype[Any]:
-        """A whole data message as a NumPy record."""
+        """NumPy type of a data message, with its header."""
         columns: list[Any] = [("message_size", "<u2"), ("message_type", "u1"), ("message_id", "<u2")]
         for field in self.fields:
             code = TYPES[field.type][1]
@@ -67,7 +67,7 @@ class TopicLayout:
         return np.dtype(columns)
 
     def blank(self) -> np.ndarray[Any, np.dtype[Any]]:
-        """One record of zeros with its message header."""
+        """A data message whose fields are zero."""
         record = np.zeros((), dtype=self.dtype)
         record["message_size"] = self._struct.size + 2
         record["message_type"] = ord("D")
@@ -75,5 +75,5 @@ class TopicLayout:
         return record
 
     def pack(self, values: Sequence[Any]) -> bytes:
-        """Packs one data message from the values in order, with arrays flattened."""
-        return self._head + self._struct.pack(*values)
+        """Packs one data message; `values` are in the order of the fields, with arrays flattened."""
+        return self._header + self._struct.pack(*values)

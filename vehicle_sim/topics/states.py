@@ -1,7 +1,7 @@
-"""State topics of a vehicle: mode, arming, landing, health, battery, home, mission.
+"""State topics of a vehicle, such as its mode, arming, landing, battery, home and mission.
 
-As in PX4, the log contains each topic when it changes and periodically. The console's `listener` also shows
-these topics.
+As in PX4, the log receives a topic periodically, at each change, or both. The console's `listener` and ROS 2
+use the same topics.
 """
 
 from __future__ import annotations
@@ -24,16 +24,20 @@ from vehicle_sim.topics.layout import TopicLayout
 
 Values = Mapping[str, Any]
 NAN = math.nan
-VALID_STATES, SETTABLE_STATES = 0x7FFEE47F, 0x007EC47F
-"""Bit masks of the existing modes and of the modes that can be set, as `vehicle_status` reports them."""
+VALID_MODES, SETTABLE_MODES = 0x7FFEE47F, 0x007EC47F
+"""Bit masks of the modes that exist and of the modes that can be set, as in `vehicle_status`."""
 ARMING_DISARMED, ARMING_ARMED = 1, 2
 ROTARY_WING, QUADROTOR = 1, 2
 NEVER_MS = 1 << 62
 FIRST_MODE_US = 116_000
 """Time at which the commander of a simulated PX4 sets its first mode."""
-EVENT_ARGUMENTS = 25
+EVENT_ARGUMENT_BYTES = 25
+SOURCE_MAVLINK_0 = 2
+"""`data_source` of stick positions that were received by MAVLink."""
+STICKS_PERIOD_S = 0.2
+"""Period of `manual_control_setpoint` while stick positions are received."""
 TRAJECTORY_KINDS = (SetpointKind.POSITION, SetpointKind.VELOCITY, SetpointKind.ACCELERATION)
-_TAKEOFF = {
+_TAKEOFF_STATE_VALUES = {
     TakeoffState.DISARMED: 1, TakeoffState.SPOOLUP: 2, TakeoffState.READY: 3, TakeoffState.RAMPUP: 4,
     TakeoffState.FLIGHT: 5,
 }  # fmt: skip
@@ -51,7 +55,7 @@ class StateTopic:
     """The topic is written immediately when this value changes."""
 
     def pack(self, time_us: int, values: Values | None = None) -> bytes:
-        """Packs a data message; fields that are missing in the values are zero."""
+        """Packs a data message from `values` (default: the current values); missing fields are zero."""
         by_field = dict(self.read() if values is None else values, timestamp=time_us)
         flat: list[Any] = []
         for field in self.layout.fields:
@@ -69,7 +73,7 @@ FUSION_FLAGS = (
     "fake_hgt", "valid_fake_pos", "gravity_vector", "mag", "mag_3d", "mag_hdg", "mag_dec",
     "mag_aligned_in_flight", "mag_heading_consistent", "mag_field_disturbed", "vehicle_at_rest", "in_air",
 )  # fmt: skip
-"""Flags of `Fusion`; in the topic the first two have other names."""
+"""Flags of `Fusion`; the first two have other names in the topic."""
 
 
 class States:
@@ -80,54 +84,55 @@ class States:
         self._view = autopilot.view
         self._commander = autopilot.commander
         self._system_id = system_id
-        self._armed_us = self._took_off_us = 0
-        self._mode_us = FIRST_MODE_US
+        self._armed_at_us = self._takeoff_at_us = 0
+        self._mode_set_at_us = FIRST_MODE_US
         self._arming_reason = self._disarming_reason = 0
         self._mode = self._commander.active
-        self._listeners: list[Callable[[bytes], None]] = []
         self.topics = tuple(self._create_topics())
-        self._event = TopicLayout(
+        self._event_layout = TopicLayout(
             "event",
-            f"uint32_t id;uint16_t event_sequence;uint8_t[{EVENT_ARGUMENTS}] arguments;uint8_t log_levels",
+            f"uint32_t id;uint16_t event_sequence;uint8_t[{EVENT_ARGUMENT_BYTES}] arguments;"
+            "uint8_t log_levels",
             len(ARRAY_TOPICS) + len(self.topics),
         )
         self._due_ms = [0] * len(self.topics)
         self._next_ms = 0
-        self._watched = list(dict.fromkeys(topic.key for topic in self.topics if topic.key is not None))
-        self._last_keys: list[object] = [None] * len(self._watched)
+        self._key_functions = list(dict.fromkeys(topic.key for topic in self.topics if topic.key is not None))
+        self._last_keys: list[object] = [None] * len(self._key_functions)
         autopilot.announcer.add_listener(self._record_times)
 
     @property
     def layouts(self) -> tuple[TopicLayout, ...]:
         """Layouts of all state topics and of events."""
-        return (*(topic.layout for topic in self.topics), self._event)
+        return (*(topic.layout for topic in self.topics), self._event_layout)
 
     def restart(self) -> None:
-        """Makes all topics due when a log begins."""
+        """Makes all topics due, for a new log."""
         self._due_ms = [0] * len(self.topics)
         self._next_ms = 0
 
     def due(self, now_us: int) -> bytes:
         """Messages of the topics that have changed or whose period has ended."""
         now_ms = now_us // 1000
-        keys = [key() for key in self._watched]
+        keys = [function() for function in self._key_functions]
         if keys == self._last_keys and now_ms < self._next_ms:
             return b""
-        changed = {f for f, old, new in zip(self._watched, self._last_keys, keys, strict=True) if old != new}
+        functions_and_keys = zip(self._key_functions, self._last_keys, keys, strict=True)
+        changed = {function for function, old, new in functions_and_keys if old != new}
         self._last_keys = keys
-        out: list[bytes] = []
+        messages: list[bytes] = []
         for n, topic in enumerate(self.topics):
             if topic.key in changed or now_ms >= self._due_ms[n]:
                 every_ms = topic.every_ms
                 self._due_ms[n] = (now_ms // every_ms + 1) * every_ms if every_ms else NEVER_MS
-                out.append(topic.pack(now_us))
+                messages.append(topic.pack(now_us))
         self._next_ms = min(self._due_ms)
-        return b"".join(out)
+        return b"".join(messages)
 
     def event(self, event: Event) -> bytes:
-        """Packs an event as a message."""
-        arguments = event.arguments[:EVENT_ARGUMENTS]
-        return self._event.pack(
+        """Packs an event as a data message."""
+        arguments = event.arguments[:EVENT_ARGUMENT_BYTES]
+        return self._event_layout.pack(
             [event.time_boot_ms * 1000, event.id, event.sequence, *arguments, event.log_levels]
         )
 
@@ -136,12 +141,12 @@ class States:
             return
         now_us = self._view.time_boot_us()
         if announcement.name == "commander_armed_by":
-            self._armed_us, self._arming_reason = now_us, announcement.arguments[0]
+            self._armed_at_us, self._arming_reason = now_us, announcement.arguments[0]
         elif announcement.name == "commander_disarmed_by":
-            self._armed_us = self._took_off_us = 0
+            self._armed_at_us = self._takeoff_at_us = 0
             self._disarming_reason = announcement.arguments[0]
         elif announcement.name == "commander_takeoff_detected":
-            self._took_off_us = now_us
+            self._takeoff_at_us = now_us
 
     # --- the topics ------------------------------------------------------------------------------------
 
@@ -156,11 +161,11 @@ class States:
         commander, detector = self._commander, self._autopilot.land_detector
 
         def commander_state() -> object:
-            kind = commander.offboard.kind if commander.active is NavState.OFFBOARD else None
-            ready, config_count = commander.report.armable(commander.active), commander.external.config_count
+            setpoint_kind = commander.offboard.kind if commander.active is NavState.OFFBOARD else None
             return (
-                commander.armed, commander.active, commander.intended, commander.in_failsafe, kind, ready,
-                config_count, commander.failsafe_watch.deferral,
+                commander.armed, commander.active, commander.intended, commander.in_failsafe, setpoint_kind,
+                commander.report.armable(commander.active), commander.external.config_count,
+                commander.failsafe_watch.deferral,
             )  # fmt: skip
 
         add("vehicle_status", 500, self._vehicle_status,
@@ -186,21 +191,22 @@ class States:
             "bool flag_control_attitude_enabled;bool flag_control_rates_enabled;"
             "bool flag_control_allocation_enabled;bool flag_control_termination_enabled;"
             "uint8_t source_id", commander_state)  # fmt: skip
-        add("actuator_armed", 500, self._armed, "bool armed;bool prearmed;bool ready_to_arm;bool lockdown;"
+        add("actuator_armed", 500, self._actuator_armed,
+            "bool armed;bool prearmed;bool ready_to_arm;bool lockdown;"
             "bool manual_lockdown;bool force_failsafe;bool in_esc_calibration_mode",
             commander_state)  # fmt: skip
-        add("failure_detector_status", 500, self._failures, "float imbalanced_prop_metric;"
+        add("failure_detector_status", 500, self._failure_detector_status, "float imbalanced_prop_metric;"
             "uint16_t motor_failure_mask;bool fd_roll;bool fd_pitch;bool fd_alt;bool fd_ext;"
             "bool fd_arm_escs;bool fd_battery;bool fd_imbalanced_prop;bool fd_motor",
             commander_state)  # fmt: skip
-        add("vehicle_land_detected", 1000, self._landing,
+        add("vehicle_land_detected", 1000, self._land_detected,
             "bool freefall;bool ground_contact;bool maybe_landed;bool landed;bool in_ground_effect;"
             "bool in_descend;bool has_low_throttle;bool vertical_movement;bool horizontal_movement;"
             "bool rotational_movement;bool close_to_ground_or_skipped_check;bool at_rest",
             lambda: (detector.landed, detector.maybe_landed, detector.ground_contact))  # fmt: skip
-        add("takeoff_status", 0, self._takeoff, "float tilt_limit;uint8_t takeoff_state",
+        add("takeoff_status", 0, self._takeoff_status, "float tilt_limit;uint8_t takeoff_state",
             lambda: self._autopilot.takeoff.state)  # fmt: skip
-        add("battery_status", 200, self._battery,
+        add("battery_status", 200, self._battery_status,
             "float voltage_v;float current_a;float current_average_a;float discharged_mah;float remaining;"
             "float scale;float time_remaining_s;float temperature;float[14] voltage_cell_v;"
             "float max_cell_voltage_delta;float full_charge_capacity_wh;float remaining_capacity_wh;"
@@ -213,10 +219,11 @@ class States:
             "uint8_t cell_count;uint8_t source;uint8_t priority;uint8_t id;bool is_powering_off;"
             "bool is_required;uint8_t warning")  # fmt: skip
         home = self._autopilot.home
-        add("home_position", 1000, self._home, "double lat;double lon;float alt;float x;float y;float z;"
+        add("home_position", 1000, self._home_position,
+            "double lat;double lon;float alt;float x;float y;float z;"
             "float yaw;uint32_t update_count;bool valid_alt;bool valid_hpos;bool valid_lpos;"
             "bool manual_home", lambda: home.set_at_us)  # fmt: skip
-        add("estimator_status_flags", 1000, self._estimator,
+        add("estimator_status_flags", 1000, self._estimator_flags,
             "uint64_t timestamp_sample;bool cs_tilt_align;bool cs_yaw_align;"
             + "".join(f"bool cs_{name};" for name in FUSION_FLAGS[2:])
             + "bool cs_inertial_dead_reckoning;bool fs_bad_acc_vertical", self._estimator_key)  # fmt: skip
@@ -225,26 +232,27 @@ class States:
             lambda: (failsafe_flags.fault_flags(self._view, commander, self._autopilot.home),
                      commander.report.requirements))  # fmt: skip
         mission = self._autopilot.navigator.mission
-        add("mission_result", 1000, self._mission, "uint32_t mission_id;uint32_t geofence_id;"
+        add("mission_result", 1000, self._mission_result, "uint32_t mission_id;uint32_t geofence_id;"
             "uint32_t home_position_counter;int32_t seq_reached;uint16_t seq_current;uint16_t seq_total;"
             "uint16_t item_changed_index;uint16_t item_do_jump_remaining;bool valid;bool warning;"
             "bool finished;bool failure;bool item_do_jump_changed;uint8_t execution_mode",
             lambda: (mission.current, mission.reached, mission.finished))  # fmt: skip
         sticks = self._autopilot.sticks
-        add("manual_control_setpoint", 0, self._sticks, "uint64_t timestamp_sample;float roll;float pitch;"
+        add("manual_control_setpoint", 0, self._manual_control,
+            "uint64_t timestamp_sample;float roll;float pitch;"
             "float yaw;float throttle;float flaps;float aux1;float aux2;float aux3;float aux4;float aux5;"
             "float aux6;uint16_t buttons;bool valid;uint8_t data_source;bool sticks_moving",
-            lambda: sticks.received_at_s // 0.2 if sticks.valid else None)  # fmt: skip
+            lambda: sticks.received_at_s // STICKS_PERIOD_S if sticks.valid else None)  # fmt: skip
         return topics
 
     def _vehicle_status(self) -> Values:
         c = self._commander
         if c.active is not self._mode:
-            self._mode, self._mode_us = c.active, self._view.time_boot_us()
+            self._mode, self._mode_set_at_us = c.active, self._view.time_boot_us()
         return {
-            "armed_time": self._armed_us, "takeoff_time": self._took_off_us,
-            "nav_state_timestamp": self._mode_us, "valid_nav_states_mask": VALID_STATES,
-            "can_set_nav_states_mask": c.external.settable(SETTABLE_STATES),
+            "armed_time": self._armed_at_us, "takeoff_time": self._takeoff_at_us,
+            "nav_state_timestamp": self._mode_set_at_us, "valid_nav_states_mask": VALID_MODES,
+            "can_set_nav_states_mask": c.external.settable(SETTABLE_MODES),
             "arming_state": ARMING_ARMED if c.armed else ARMING_DISARMED,
             "latest_arming_reason": self._arming_reason, "latest_disarming_reason": self._disarming_reason,
             "nav_state_user_intention": int(c.intended_or_replacement), "nav_state": int(c.active),
@@ -293,7 +301,7 @@ class States:
             "source_id": int(self._commander.active),
         }  # fmt: skip
 
-    def _armed(self) -> Values:
+    def _actuator_armed(self) -> Values:
         c = self._commander
         return {
             "armed": c.armed,
@@ -301,11 +309,11 @@ class States:
             "force_failsafe": c.terminated,
         }
 
-    def _failures(self) -> Values:
+    def _failure_detector_status(self) -> Values:
         monitors = self._commander.monitors
         return {"fd_roll": monitors.roll_failure, "fd_pitch": monitors.pitch_failure}
 
-    def _landing(self) -> Values:
+    def _land_detected(self) -> Values:
         detector, estimate = self._autopilot.land_detector, self._view.estimate
         speed = math.hypot(*estimate.velocity_ned_m_s[:2])
         parameter = self._view.parameter
@@ -322,12 +330,13 @@ class States:
             "at_rest": detector.landed and not self._commander.armed,
         }
 
-    def _takeoff(self) -> Values:
+    def _takeoff_status(self) -> Values:
         state = self._autopilot.takeoff.state
         name = "MPC_TILTMAX_AIR" if state is TakeoffState.FLIGHT else "MPC_TILTMAX_LND"
-        return {"tilt_limit": math.radians(self._view.parameter(name)), "takeoff_state": _TAKEOFF[state]}
+        tilt_limit = math.radians(self._view.parameter(name))
+        return {"tilt_limit": tilt_limit, "takeoff_state": _TAKEOFF_STATE_VALUES[state]}
 
-    def _battery(self) -> Values:
+    def _battery_status(self) -> Values:
         battery, i = self._view.simulation.battery, self._view.row
         volts = float(battery.voltage_v[i])
         return {
@@ -339,7 +348,7 @@ class States:
             "warning": self._commander.checks.battery_warning,
         }  # fmt: skip
 
-    def _home(self) -> Values:
+    def _home_position(self) -> Values:
         home = self._autopilot.home
         x, y, z = home.position_ned_m
         return {
@@ -352,7 +361,7 @@ class States:
         fusion, i = self._view.simulation.fusion, self._view.row
         return self._view.estimate.valid_attitude, *(getattr(fusion, name)[i] for name in FUSION_FLAGS)
 
-    def _estimator(self) -> Values:
+    def _estimator_flags(self) -> Values:
         fusion, i, aligned = self._view.simulation.fusion, self._view.row, self._view.estimate.valid_attitude
         return {
             "timestamp_sample": self._view.time_boot_us(), "cs_tilt_align": aligned, "cs_yaw_align": aligned,
@@ -360,7 +369,7 @@ class States:
             "fs_bad_acc_vertical": bool(fusion.bad_acc_vertical[i]),
         } | {f"cs_{name}": bool(getattr(fusion, name)[i]) for name in FUSION_FLAGS[2:]}  # fmt: skip
 
-    def _mission(self) -> Values:
+    def _mission_result(self) -> Values:
         mission = self._autopilot.navigator.mission
         return {
             "seq_reached": -1 if mission.reached is None else mission.reached,
@@ -369,11 +378,12 @@ class States:
             "finished": mission.finished,
         }
 
-    def _sticks(self) -> Values:
+    def _manual_control(self) -> Values:
         sticks = self._autopilot.sticks
         return {
             "timestamp_sample": max(0, int(sticks.received_at_s * 1e6)) if sticks.valid else 0,
             "roll": sticks.raw.right, "pitch": sticks.raw.forward, "yaw": sticks.raw.yaw,
-            "throttle": sticks.raw.throttle, "valid": sticks.valid, "data_source": 2 if sticks.valid else 0,
+            "throttle": sticks.raw.throttle, "valid": sticks.valid,
+            "data_source": SOURCE_MAVLINK_0 if sticks.valid else 0,
             "sticks_moving": sticks.moved,
         }  # fmt: skip
