@@ -1,7 +1,7 @@
-"""One vehicle's row of the simulation as plain floats, converted once per step.
+"""One vehicle of the simulation, as its autopilot and telemetry read it: estimate, parameters and clocks.
 
-Access to single elements of NumPy arrays is the main cost of a Python autopilot, so the estimate is converted
-as a whole.
+Reading single elements of NumPy arrays is slow in Python, so the estimates are converted to plain numbers all
+at once (`Simulation.estimates`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ Number = TypeVar("Number", float, int)
 
 
 class _ParameterCache(dict[str, Number], Generic[Number]):
-    """Parameters converted to one type, each only once. An autopilot reads 70 parameters per tick, and a
-    dictionary returns them four times as fast as a method."""
+    """Parameters converted to one type. An autopilot reads 70 parameters per step, and a dictionary returns a
+    stored value four times as fast as a method."""
 
     def __init__(self, read: Callable[[str], Number]) -> None:
         super().__init__()
@@ -32,7 +32,7 @@ class _ParameterCache(dict[str, Number], Generic[Number]):
 
 
 class VehicleView:
-    """One vehicle of a simulation (`row`), as its autopilot and telemetry read it."""
+    """The vehicle in one row of a simulation."""
 
     def __init__(self, simulation: Simulation, row: int, boot_time_unix_s: float) -> None:
         self.simulation = simulation
@@ -44,7 +44,7 @@ class VehicleView:
         self.parameter: Callable[[str], float] = self._floats.__getitem__
         """A parameter's value as a float."""
         self.choice: Callable[[str], int] = self._choices.__getitem__
-        """An integer parameter's value."""
+        """An integer parameter's value, such as the number of a choice."""
         self.parameter_changes = 0
         """Increases with each parameter change, so that values derived from parameters are computed again."""
         self.parameters.add_listener(self._clear_caches)
@@ -80,7 +80,7 @@ class VehicleView:
 
     @property
     def estimate(self) -> VehicleEstimate:
-        """The estimate of this step."""
+        """The vehicle's estimate after the last step."""
         return self.simulation.estimates[self.row]
 
     @property

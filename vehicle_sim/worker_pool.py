@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 
 VEHICLES_PER_PROCESS = 40
-"""Number of vehicles in flight, with the streams of a ground station, that use half a core
+"""Number of vehicles that use half a core while they fly and send the streams of a ground station
 (tests/bench/simulator.py)."""
 
 
@@ -33,8 +33,8 @@ class Shard:
 def split_fleet(vehicles: int, processes: int) -> list[Shard]:
     """Splits the fleet into shards that differ by at most one vehicle; no shard is empty."""
     processes = max(1, min(vehicles, processes))
-    cuts = [math.ceil(vehicles * k / processes) for k in range(processes + 1)]
-    return [Shard(first, end - first) for first, end in itertools.pairwise(cuts)]
+    limits = [math.ceil(vehicles * k / processes) for k in range(processes + 1)]
+    return [Shard(first, end - first) for first, end in itertools.pairwise(limits)]
 
 
 def process_count(vehicles: int) -> int:
@@ -43,20 +43,22 @@ def process_count(vehicles: int) -> int:
 
 
 def run_workers(
-    target: Callable[[Sequence[str], Shard], int], argv: Sequence[str], parts: Sequence[Shard]
+    target: Callable[[Sequence[str], Shard], int], argv: Sequence[str], shards: Sequence[Shard]
 ) -> int:
-    """Runs `target(argv, shard)` in a process for each shard, until all have ended or one has failed.
+    """Runs `target(argv, shard)` in a process for each shard, until all have ended.
+
+    When one process fails, the other processes are terminated.
 
     Args:
         target: function to run in each process; returns its exit code.
         argv: command line arguments, passed to `target`.
-        parts: at least two shards.
+        shards: at least two shards.
 
     Returns:
         0, or the exit code of a worker that failed.
     """
     context = multiprocessing.get_context("spawn")
-    workers = [context.Process(target=_exit_with, args=(target, argv, part)) for part in parts]
+    workers = [context.Process(target=_exit_with, args=(target, argv, shard)) for shard in shards]
     terminating = False
 
     def terminate_all(*_: object) -> None:
@@ -66,33 +68,34 @@ def run_workers(
             if worker.is_alive():
                 worker.terminate()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, terminate_all)
+    for stop_signal in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(stop_signal, terminate_all)
     for worker in workers:
         worker.start()
         if terminating:
             worker.terminate()
-    running = {worker.sentinel: (worker, part) for worker, part in zip(workers, parts, strict=True)}
-    failed = 0
+    running = {worker.sentinel: (worker, shard) for worker, shard in zip(workers, shards, strict=True)}
+    exit_code = 0
     while running:
         for sentinel in wait(list(running)):
-            worker, part = running.pop(int(sentinel))  # pyright: ignore[reportArgumentType]
+            worker, shard = running.pop(int(sentinel))  # pyright: ignore[reportArgumentType]
             worker.join()
-            code = worker.exitcode or 0
-            if code and not terminating:
-                failed = code if code > 0 else 1
-                last = part.first + part.count
+            worker_code = worker.exitcode or 0
+            if worker_code and not terminating:
+                exit_code = worker_code if worker_code > 0 else 1
+                last = shard.first + shard.count
+                reason = _reason(worker_code)
                 print(
-                    f"the process of vehicles {part.first + 1} to {last} has ended ({_reason(code)}); "
+                    f"the process of vehicles {shard.first + 1} to {last} has ended ({reason}); "
                     "the other processes are terminated",
                     file=sys.stderr, flush=True,
                 )  # fmt: skip
                 terminate_all()
-    return failed
+    return exit_code
 
 
-def _exit_with(target: Callable[[Sequence[str], Shard], int], argv: Sequence[str], part: Shard) -> None:
-    sys.exit(target(argv, part))
+def _exit_with(target: Callable[[Sequence[str], Shard], int], argv: Sequence[str], shard: Shard) -> None:
+    sys.exit(target(argv, shard))
 
 
 def _reason(code: int) -> str:

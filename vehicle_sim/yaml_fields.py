@@ -1,4 +1,4 @@
-"""Reads YAML written by hand; every error names the file, the line, the field and the fix."""
+"""Reads YAML files that users write; errors name the file, the line, the field and the fix."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ MAX_BYTES = 2_000_000
 
 
 class FileProblem(ValueError):
-    """An invalid file; the text contains the location, the reason and the fix."""
+    """An invalid file; the text contains the place, the reason and the fix."""
 
 
 def read_yaml(path: Path) -> Fields:
-    """The mapping in a file.
+    """The fields in a YAML file.
 
     Raises:
         FileProblem: the file does not exist, is not YAML, or is not a mapping.
@@ -34,7 +34,7 @@ def read_yaml(path: Path) -> Fields:
 
 
 def parse_yaml(text: str, source: str) -> Fields:
-    """The mapping in a text; error texts contain `source`.
+    """The fields in a YAML text; error texts begin with `source`.
 
     Raises:
         FileProblem: the text is not YAML, or not a mapping.
@@ -52,32 +52,30 @@ def parse_yaml(text: str, source: str) -> Fields:
 
 
 class Fields:
-    """One mapping of a file. The methods check the fields that they read; `finish` reports fields that were
-    not read."""
+    """The fields of one YAML mapping, by key.
 
-    def __init__(self, source: str, path: str, node: yaml.Node) -> None:
+    The methods check the fields that they read; `finish` reports fields that were not read.
+    """
+
+    def __init__(self, source: str, location: str, node: yaml.Node) -> None:
         self._source = source
-        self._path = path
+        self._location = location
+        """Place of the mapping in the file, such as "events[0].link"; empty: the whole file."""
         self._node = node
-        self._read: set[str] = set()
+        self._read_keys: set[str] = set()
         self._nodes: dict[str, yaml.Node] = {}
         if not isinstance(node, yaml.MappingNode):
-            raise self._problem(node, path, "must contain `name: value` lines")
-        for key, value in node.value:
-            name = str(key.value)
-            if name in self._nodes:
-                raise self._problem(key, self._at(name), "appears twice; keep one")
-            self._nodes[name] = value
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The keys, in order."""
-        return tuple(self._nodes)
+            raise self._problem(node, location, "must contain `name: value` lines")
+        for key_node, value_node in node.value:
+            key = str(key_node.value)
+            if key in self._nodes:
+                raise self._problem(key_node, self._location_of(key), "appears twice; keep one")
+            self._nodes[key] = value_node
 
     def problem(self, key: str | None, text: str) -> FileProblem:
         """An error about one field (None: about the whole mapping)."""
         node = self._node if key is None else self._nodes.get(key, self._node)
-        return self._problem(node, self._path if key is None else self._at(key), text)
+        return self._problem(node, self._location if key is None else self._location_of(key), text)
 
     def has(self, key: str) -> bool:
         """Whether the field exists."""
@@ -86,34 +84,38 @@ class Fields:
     def number(
         self, key: str, default: float | None = None, *, low: float = -1e6, high: float = 1e6
     ) -> float:
-        """A number within bounds; without a default the field is required."""
-        value = self._scalar(key)
+        """A number from `low` to `high`; the field is required if it has no default."""
+        value = self._optional_value(key)
         if value is None:
             return self._default(key, default, "a number")
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise self.problem(key, f"is {_shown(value)}; give a number from {_short(low)} to {_short(high)}")
+            bounds = f"from {_number_text(low)} to {_number_text(high)}"
+            raise self.problem(key, f"is {_value_text(value)}; give a number {bounds}")
         return float(value)
 
     def integer(self, key: str, default: int | None = None, *, low: int, high: int) -> int:
-        """An integer within bounds."""
+        """An integer from `low` to `high`; the field is required if it has no default."""
         value = self.number(key, default, low=low, high=high)
         if not value.is_integer():
-            raise self.problem(key, f"is {_short(value)}; give a whole number")
+            raise self.problem(key, f"is {_number_text(value)}; give a whole number")
         return int(value)
 
     def numbers(self, key: str, count: int | None, expected: str) -> tuple[float, ...]:
-        """A list such as [1, 2, 3] (count None: any length except zero); error texts contain `expected`."""
-        values = self._value(self._required(key, expected))
+        """A required list such as [1, 2, 3] with `count` numbers (None: at least one).
+
+        `expected` describes the list in error texts.
+        """
+        values = self._value_of(self._required_node(key, expected))
         valid = isinstance(values, list) and values and (count is None or len(values) == count)
         valid = valid and all(_is_number(v) for v in values)
         if not valid:
-            raise self.problem(key, f"is {_shown(values)}; give {expected}")
+            raise self.problem(key, f"is {_value_text(values)}; give {expected}")
         return tuple(float(v) for v in values)
 
     def rows(self, key: str) -> list[list[float]]:
-        """A table of numbers with rows of equal length, at least two by two."""
+        """A required table of numbers: at least two rows of equal length, at least two columns."""
         expected = "at least two lists of at least two numbers, all equally long"
-        rows = self._value(self._required(key, expected))
+        rows = self._value_of(self._required_node(key, expected))
         valid = isinstance(rows, list) and len(rows) > 1 and all(isinstance(row, list) for row in rows)
         valid = valid and len({len(row) for row in rows}) == 1 and len(rows[0]) > 1
         if not (valid and all(_is_number(v) for row in rows for v in row)):
@@ -121,18 +123,18 @@ class Fields:
         return [[float(v) for v in row] for row in rows]
 
     def flag(self, key: str, default: bool) -> bool:
-        """true or false."""
-        value = self._scalar(key)
+        """A field that is true or false."""
+        value = self._optional_value(key)
         if value is None:
             return default
         if not isinstance(value, bool):
-            raise self.problem(key, f"is {_shown(value)}; give true or false")
+            raise self.problem(key, f"is {_value_text(value)}; give true or false")
         return value
 
     def text(self, key: str, default: str | None = None, *, choices: Sequence[str] = ()) -> str:
-        """A text; one of `choices` if given."""
+        """A text; one of `choices` if there are any; the field is required if it has no default."""
         expected = f"one of {', '.join(choices)}" if choices else "a text"
-        value = self._scalar(key)
+        value = self._optional_value(key)
         if value is None:
             if default is None:
                 raise self.problem(None, f"lacks {key}; give {expected}")
@@ -140,23 +142,24 @@ class Fields:
         if isinstance(value, bool) and choices:
             value = {True: "on", False: "off"}[value]
         if not isinstance(value, str) or (choices and value not in choices):
-            raise self.problem(key, f"is {_shown(value)}; give {expected}")
+            raise self.problem(key, f"is {_value_text(value)}; give {expected}")
         return value
 
     def mapping(self, key: str) -> Fields | None:
         """A nested mapping; None: the field is missing."""
-        self._read.add(key)
-        return Fields(self._source, self._at(key), self._nodes[key]) if key in self._nodes else None
+        self._read_keys.add(key)
+        return Fields(self._source, self._location_of(key), self._nodes[key]) if key in self._nodes else None
 
     def items(self, key: str) -> list[Fields]:
         """A list of mappings; empty if the field is missing."""
-        self._read.add(key)
+        self._read_keys.add(key)
         node = self._nodes.get(key)
         if node is None:
             return []
         if not isinstance(node, yaml.SequenceNode):
             raise self.problem(key, "must be a list; begin each entry with a dash")
-        return [Fields(self._source, f"{self._at(key)}[{n}]", item) for n, item in enumerate(node.value)]
+        location = self._location_of(key)
+        return [Fields(self._source, f"{location}[{n}]", item) for n, item in enumerate(node.value)]
 
     def finish(self) -> None:
         """Reports the first unknown field.
@@ -164,22 +167,23 @@ class Fields:
         Raises:
             FileProblem: the mapping has an unknown field.
         """
-        for name in self._nodes:
-            if name not in self._read:
-                near = difflib.get_close_matches(name, self._read, 1)
-                known = f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(self._read))}"
-                raise self.problem(name, f"is not known; {known}")
+        for key in self._nodes:
+            if key not in self._read_keys:
+                similar = difflib.get_close_matches(key, self._read_keys, 1)
+                known_keys = ", ".join(sorted(self._read_keys))
+                advice = f"did you mean {similar[0]}?" if similar else f"known here: {known_keys}"
+                raise self.problem(key, f"is not known; {advice}")
 
     # --- helpers ---------------------------------------------------------------------------------------
 
-    def _at(self, key: str) -> str:
-        return f"{self._path}.{key}" if self._path else key
+    def _location_of(self, key: str) -> str:
+        return f"{self._location}.{key}" if self._location else key
 
-    def _problem(self, node: yaml.Node, field: str, text: str) -> FileProblem:
-        return FileProblem(f"{self._source} line {node.start_mark.line + 1}: {field or 'the file'} {text}")
+    def _problem(self, node: yaml.Node, location: str, text: str) -> FileProblem:
+        return FileProblem(f"{self._source} line {node.start_mark.line + 1}: {location or 'the file'} {text}")
 
-    def _required(self, key: str, expected: str) -> yaml.Node:
-        self._read.add(key)
+    def _required_node(self, key: str, expected: str) -> yaml.Node:
+        self._read_keys.add(key)
         if key not in self._nodes:
             raise self.problem(None, f"lacks {key}; give {expected}")
         return self._nodes[key]
@@ -189,17 +193,18 @@ class Fields:
             raise self.problem(None, f"lacks {key}; give {expected}")
         return default
 
-    def _scalar(self, key: str) -> Any:
-        self._read.add(key)
-        return self._value(self._nodes[key]) if key in self._nodes else None
+    def _optional_value(self, key: str) -> Any:
+        """The value of a field; None: the field is missing or empty."""
+        self._read_keys.add(key)
+        return self._value_of(self._nodes[key]) if key in self._nodes else None
 
-    def _value(self, node: yaml.Node) -> Any:
+    def _value_of(self, node: yaml.Node) -> Any:
         loader = yaml.SafeLoader("")
         try:
             return loader.construct_object(node, deep=True)
         except yaml.YAMLError:
             raise self._problem(
-                node, self._path, "contains a value that is neither text nor number"
+                node, self._location, "contains a value that is neither text nor number"
             ) from None
         finally:
             loader.dispose()
@@ -209,10 +214,10 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}…"
 
 
-def _short(value: float) -> str:
+def _number_text(value: float) -> str:
     return f"{value:g}"

@@ -8,8 +8,8 @@
     walls: [{name: fence, from_ne_m: [5, -5], to_ne_m: [5, 5], height_m: 2}]
     lidars: {forward: true, around: true, range_m: 20}
 
-Lengths in metres; north and east from home. The `heights_m` of a grid are altitudes above home, a hill adds
-its `height_m` to the ground, and the `height_m` of boxes and walls is above their base. Boxes may have
+North and east are distances from home. The `heights_m` of a grid are altitudes above home, a hill adds its
+`height_m` to the ground, and the `height_m` of boxes and walls is above their base. Boxes may have
 `yaw_ned_deg`; boxes and walls may have `base_alt_home_m`.
 """
 
@@ -24,14 +24,14 @@ from vehicle_sim.world.terrain import HeightGrid, Hill, Terrain
 from vehicle_sim.world.world import Box, Lidars, World, wall
 from vehicle_sim.yaml_fields import Fields, FileProblem, read_yaml
 
-FOLDER = Path(__file__).resolve().parent.parent / "worlds"
+WORLDS_FOLDER = Path(__file__).resolve().parent.parent / "worlds"
 MAX_COORDINATE_M = 20_000.0
 MAX_OBSTACLES = 500
 
 
 def built_in_worlds() -> tuple[str, ...]:
     """Names of the built-in worlds."""
-    return tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+    return tuple(sorted(path.stem for path in WORLDS_FOLDER.glob("*.yaml")))
 
 
 def load_world(name_or_path: str) -> World:
@@ -41,7 +41,7 @@ def load_world(name_or_path: str) -> World:
         FileProblem: the file does not exist or is invalid; the text names line, field and fix.
     """
     if name_or_path in built_in_worlds():
-        return world_from_fields(read_yaml(FOLDER / f"{name_or_path}.yaml"))
+        return world_from_fields(read_yaml(WORLDS_FOLDER / f"{name_or_path}.yaml"))
     path = Path(name_or_path)
     if not path.exists():
         names = ", ".join(built_in_worlds())
@@ -57,13 +57,13 @@ def world_from_fields(fields: Fields) -> World:
     """
     name = fields.text("name")
     terrain = _terrain(fields.mapping("terrain"))
-    entries = [_box(entry) for entry in fields.items("boxes")]
-    entries += [_wall(entry) for entry in fields.items("walls")]
+    boxes = [_box(entry) for entry in fields.items("boxes")]
+    boxes += [_wall(entry) for entry in fields.items("walls")]
     lidars = _lidars(fields.mapping("lidars"))
     fields.finish()
-    if len(entries) > MAX_OBSTACLES:
-        raise fields.problem(None, f"has {len(entries)} obstacles; the maximum is {MAX_OBSTACLES}")
-    return World(name, terrain, tuple(entries), lidars)
+    if len(boxes) > MAX_OBSTACLES:
+        raise fields.problem(None, f"has {len(boxes)} obstacles; the maximum is {MAX_OBSTACLES}")
+    return World(name, terrain, tuple(boxes), lidars)
 
 
 def _terrain(fields: Fields | None) -> Terrain:
@@ -83,10 +83,10 @@ def _position(fields: Fields) -> tuple[float, float]:
 
 
 def _hill(fields: Fields) -> Hill:
-    north, east = _position(fields)
+    north_m, east_m = _position(fields)
     hill = Hill(
-        north,
-        east,
+        north_m,
+        east_m,
         fields.number("height_m", low=-500, high=2000),
         fields.number("radius_m", low=1, high=20_000),
     )
@@ -97,19 +97,19 @@ def _hill(fields: Fields) -> Hill:
 def _grid(fields: Fields | None) -> HeightGrid | None:
     if fields is None:
         return None
-    north, east = _position(fields)
-    spacing = fields.number("spacing_m", low=0.1, high=5000)
-    grid = HeightGrid(north, east, spacing, np.array(fields.rows("heights_m")))
+    north_m, east_m = _position(fields)
+    spacing_m = fields.number("spacing_m", low=0.1, high=5000)
+    grid = HeightGrid(north_m, east_m, spacing_m, np.array(fields.rows("heights_m")))
     fields.finish()
     return grid
 
 
 def _box(fields: Fields) -> Box:
-    north, east = _position(fields)
+    north_m, east_m = _position(fields)
     box = Box(
         fields.text("name", "a box"),
-        north,
-        east,
+        north_m,
+        east_m,
         fields.number("length_m", low=0.01, high=5000),
         fields.number("width_m", low=0.01, high=5000),
         fields.number("height_m", low=0.01, high=2000),

@@ -17,65 +17,65 @@ class Prism:
 
     name: str
     corners_ne_m: tuple[tuple[float, float], ...]
-    """North and east of the corners; at least three, in either direction."""
+    """North and east of at least three corners, clockwise or counterclockwise."""
     roof_alt_home_m: float
     """Altitude of the roof above home."""
 
 
 class PrismShape:
-    """The sides and the roof of one prism, for many positions or rays at once."""
+    """The shape of one prism; its methods take many positions or rays at once."""
 
     def __init__(self, prism: Prism) -> None:
         self.name = prism.name
         self.roof_down_m = -prism.roof_alt_home_m
         self._corners = np.array(prism.corners_ne_m, dtype=float)
         self._edges = np.roll(self._corners, -1, axis=0) - self._corners
-        self._low, self._high = self._corners.min(axis=0), self._corners.max(axis=0)
+        self._min_ne, self._max_ne = self._corners.min(axis=0), self._corners.max(axis=0)
 
-    def any_near(self, position_ne_m: FloatArray, within_m: float) -> bool:
-        """Whether any of the positions (M, 2) is within this distance of the bounding box of the outline."""
-        low, high = self._low - within_m, self._high + within_m
-        return bool(((position_ne_m >= low) & (position_ne_m <= high)).all(axis=1).any())
+    def any_near(self, position_ne_m: FloatArray, distance_m: float) -> bool:
+        """Whether any of the positions (M, 2) is within this distance of the outline's bounding box."""
+        lowest, highest = self._min_ne - distance_m, self._max_ne + distance_m
+        return bool(((position_ne_m >= lowest) & (position_ne_m <= highest)).all(axis=1).any())
 
     def covers(self, position_ne_m: FloatArray) -> BoolArray:
         """(M,) whether positions (M, 2) are inside the outline (even-odd rule)."""
         north, east = position_ne_m[:, :1], position_ne_m[:, 1:]
-        start, end = self._corners[:, 1], self._corners[:, 1] + self._edges[:, 1]
-        spans = (start > east) != (end > east)
+        start_east, end_east = self._corners[:, 1], self._corners[:, 1] + self._edges[:, 1]
+        crosses = (start_east > east) != (end_east > east)
         with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = self._corners[:, 0] + (east - start) / self._edges[:, 1] * self._edges[:, 0]
-        return ((spans & (north < crossing)).sum(axis=1) % 2).astype(np.bool_)
+            crossing_north = self._corners[:, 0] + (east - start_east) / self._edges[:, 1] * self._edges[:, 0]
+        return ((crosses & (north < crossing_north)).sum(axis=1) % 2).astype(np.bool_)
 
     def nearest_on_outline(self, position_ne_m: FloatArray) -> FloatArray:
         """(M, 2) nearest positions on the outline to positions (M, 2)."""
-        offset = position_ne_m[:, None] - self._corners
-        length2 = np.maximum((self._edges**2).sum(axis=1), 1e-12)
-        fraction = np.clip((offset * self._edges).sum(axis=2) / length2, 0.0, 1.0)
-        on_side = self._corners + fraction[..., None] * self._edges
-        nearest = ((position_ne_m[:, None] - on_side) ** 2).sum(axis=2).argmin(axis=1)
-        return on_side[np.arange(len(position_ne_m)), nearest]
+        from_corner = position_ne_m[:, None] - self._corners
+        squared_length = np.maximum((self._edges**2).sum(axis=1), 1e-12)
+        fraction = np.clip((from_corner * self._edges).sum(axis=2) / squared_length, 0.0, 1.0)
+        on_edge = self._corners + fraction[..., None] * self._edges
+        nearest_edge = ((position_ne_m[:, None] - on_edge) ** 2).sum(axis=2).argmin(axis=1)
+        return on_edge[np.arange(len(position_ne_m)), nearest_edge]
 
     def cast(self, origin: FloatArray, direction: FloatArray) -> FloatArray:
         """(M,) distances along rays (M, 3) in NED; infinite for a ray that misses, 0 for a ray that starts
         inside."""
         to_corner = self._corners - origin[:, None, :2]
-        along = direction[:, None, :2]
+        horizontal = direction[:, None, :2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            parallel = _cross(along, self._edges)
-            distance = _cross(to_corner, self._edges) / parallel
-            fraction = _cross(to_corner, along) / parallel
-            is_wall = origin[:, 2:] + distance * direction[:, 2:] >= self.roof_down_m
+            denominator = _cross(horizontal, self._edges)
+            to_edge = _cross(to_corner, self._edges) / denominator
+            fraction = _cross(to_corner, horizontal) / denominator
+            below_roof = origin[:, 2:] + to_edge * direction[:, 2:] >= self.roof_down_m
             to_roof = (self.roof_down_m - origin[:, 2]) / direction[:, 2]
-        hits = (distance >= 0.0) & (fraction >= 0.0) & (fraction <= 1.0) & is_wall
-        walls = np.where(hits, distance, np.inf).min(axis=1)
-        from_above = (direction[:, 2] > 0.0) & (to_roof >= 0.0)
-        reach = np.where(from_above, to_roof, 0.0)
-        from_above &= self.covers(origin[:, :2] + reach[:, None] * direction[:, :2])
-        nearest = np.minimum(walls, np.where(from_above, to_roof, np.inf))
+        hits_side = (to_edge >= 0.0) & (fraction >= 0.0) & (fraction <= 1.0) & below_roof
+        to_side = np.where(hits_side, to_edge, np.inf).min(axis=1)
+        hits_roof = (direction[:, 2] > 0.0) & (to_roof >= 0.0)
+        finite_to_roof = np.where(hits_roof, to_roof, 0.0)
+        hits_roof &= self.covers(origin[:, :2] + finite_to_roof[:, None] * direction[:, :2])
+        distance = np.minimum(to_side, np.where(hits_roof, to_roof, np.inf))
         inside = (origin[:, 2] > self.roof_down_m) & self.covers(origin[:, :2])
-        return np.where(inside, 0.0, nearest)
+        return np.where(inside, 0.0, distance)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The third component of the cross product of horizontal vectors."""
+    """Vertical component of the cross product of horizontal vectors."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

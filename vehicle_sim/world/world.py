@@ -1,7 +1,7 @@
-"""The world around the vehicles: ground, boxes, walls, prisms and the vehicles' lidars.
+"""The world of the vehicles: ground, boxes, walls, prisms and the vehicles' lidars.
 
-Positions are local NED from home. `base_alt_home_m` of an obstacle is the altitude of its lower side above
-home, so that a vehicle can fly under a bridge. Vehicles can stand on roofs.
+Positions are local NED from home. The lower side of a box or wall is at `base_alt_home_m` above home, so that
+vehicles can fly under a bridge. Vehicles can land on roofs.
 """
 
 from __future__ import annotations
@@ -9,14 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from vehicle_sim.world.prism import Prism
 from vehicle_sim.world.terrain import Terrain
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +22,11 @@ class Box:
     east_m: float
     """North and east of the centre."""
     length_m: float
-    """Length along the box's x axis (north where yaw is 0)."""
+    """Length along the box's x axis, which points north if the yaw is 0."""
     width_m: float
     height_m: float
     base_alt_home_m: float = 0.0
+    """Altitude of the lower side above home."""
     yaw_ned_rad: float = 0.0
 
     @property
@@ -45,22 +40,22 @@ def wall(
     thickness_m: float, base_alt_home_m: float = 0.0,
 ) -> Box:  # fmt: skip
     """A thin box from one position to another."""
-    north, east = end_ne_m[0] - start_ne_m[0], end_ne_m[1] - start_ne_m[1]
+    length_north_m, length_east_m = end_ne_m[0] - start_ne_m[0], end_ne_m[1] - start_ne_m[1]
     return Box(
         name,
         0.5 * (start_ne_m[0] + end_ne_m[0]),
         0.5 * (start_ne_m[1] + end_ne_m[1]),
-        math.hypot(north, east),
+        math.hypot(length_north_m, length_east_m),
         thickness_m,
         height_m,
         base_alt_home_m,
-        math.atan2(east, north),
+        math.atan2(length_east_m, length_north_m),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Lidars:
-    """Lidars in addition to the downward lidar, which PX4's simulation always has."""
+    """The lidars of each vehicle in addition to the downward lidar of PX4's simulation."""
 
     forward: bool = False
     """A second DISTANCE_SENSOR, pointing forward."""
