@@ -93,7 +93,7 @@ class Event:
     """System ids; empty: all vehicles."""
     actions: tuple[Action, ...]
 
-    def is_reached(self, fleet: Fleet, row: int) -> bool:
+    def condition_met(self, fleet: Fleet, row: int) -> bool:
         """Whether the vehicle in this row has reached the event's time, state or altitude."""
         if self.at_s is not None:
             return fleet.time_s >= self.at_s - 1e-9
@@ -157,7 +157,7 @@ class ScriptRunner:
             event, row = pending.event, pending.row
             # "landed" is a landing after a flight, not the time before the first takeoff.
             possible = event.state != "landed" or self._has_flown[row]
-            if pending.reached_at_s is None and event.is_reached(self._fleet, row) and possible:
+            if pending.reached_at_s is None and event.condition_met(self._fleet, row) and possible:
                 pending.reached_at_s = now_s
             if pending.reached_at_s is not None and now_s >= pending.reached_at_s + event.after_s - 1e-9:
                 for action in event.actions:

@@ -87,7 +87,7 @@ class Fields:
         """A number from `low` to `high`; the field is required if it has no default."""
         value = self._optional_value(key)
         if value is None:
-            return self._default(key, default, "a number")
+            return self._checked_default(key, default, "a number")
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
             bounds = f"from {_number_text(low)} to {_number_text(high)}"
             raise self.problem(key, f"is {_value_text(value)}; give a number {bounds}")
@@ -188,7 +188,7 @@ class Fields:
             raise self.problem(None, f"lacks {key}; give {expected}")
         return self._nodes[key]
 
-    def _default(self, key: str, default: float | None, expected: str) -> float:
+    def _checked_default(self, key: str, default: float | None, expected: str) -> float:
         if default is None:
             raise self.problem(None, f"lacks {key}; give {expected}")
         return default

@@ -81,7 +81,7 @@ class SensorSuite:
     def __init__(
         self, dt_s: float, home: SimulationOrigin, *, seed: int, vehicles: Sequence[int], noise: bool
     ) -> None:
-        self._count = count = len(vehicles)
+        count = len(vehicles)
         self._dt_s = dt_s
         self._home = home
         self._imu_noise = WhiteNoise(seed, vehicles, NoisePurpose.IMU, 6)
@@ -231,15 +231,15 @@ class SensorSuite:
     def _sample_baro(self, truth: TruthState) -> None:
         state = self.state
         state.baro_fresh[:] = self._driver_runs[Driver.BARO]
-        measured = state.baro_fresh & ~self.faults.stuck[Driver.BARO]
+        takes_sample = state.baro_fresh & ~self.faults.stuck[Driver.BARO]
         noise_m = (self._baro_noise.sample() * self._baro_sigma_m)[:, 0]
         alt_amsl_m = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
         pressure = pressure_hpa(alt_amsl_m) + (self._baro_offset_hpa - self._baro_cal_offset_hpa)
-        np.copyto(state.baro_pressure_hpa, pressure, where=measured)
+        np.copyto(state.baro_pressure_hpa, pressure, where=takes_sample)
         temperature_ratio = (100.0 * state.baro_pressure_hpa / _SEA_LEVEL_PA) ** (1.0 / _PRESSURE_EXPONENT)
         state.baro_alt_amsl_m[:] = (1.0 - temperature_ratio) * _SEA_LEVEL_K / _LAPSE_K_M
         temperature = 15.0 - _LAPSE_K_M * alt_amsl_m + self._baro_offset_deg_c
-        np.copyto(state.baro_temperature_deg_c, temperature, where=measured)
+        np.copyto(state.baro_temperature_deg_c, temperature, where=takes_sample)
         self._reject_stale(Driver.BARO, state.baro_fresh, state.baro_stale)
         state.baro_count += 1
 
@@ -267,14 +267,14 @@ class SensorSuite:
         fresh[:] = self._driver_runs[Driver.GPS]
         has_fix = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
         # As in PX4, a simulated receiver with too few satellites measures positions, but reports no fix.
-        measured = fresh & self._gps_enabled & ~self.faults.stuck[Driver.GPS]
-        np.copyto(state.gps_lat_deg, lat, where=measured)
-        np.copyto(state.gps_lon_deg, lon, where=measured)
-        np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=measured)
+        has_position = fresh & self._gps_enabled & ~self.faults.stuck[Driver.GPS]
+        np.copyto(state.gps_lat_deg, lat, where=has_position)
+        np.copyto(state.gps_lon_deg, lon, where=has_position)
+        np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=has_position)
         velocity = truth.velocity_ned_m_s + noise[:, 3:] + self.faults.gps_offset_ned_m_s
         velocity = np.where(self._gps_enabled[:, None], velocity, 0.0)
-        reported = measured | (fresh & ~self._gps_enabled)
-        np.copyto(state.gps_velocity_ned_m_s, velocity, where=reported[:, None])
+        has_velocity = has_position | (fresh & ~self._gps_enabled)
+        np.copyto(state.gps_velocity_ned_m_s, velocity, where=has_velocity[:, None])
         for values, value_with_fix, value_without_fix in (
             (state.gps_satellites, self._satellites, np.where(self._gps_enabled, self._satellites, 0)),
             (state.gps_fix_type, 3, 0),

@@ -12,7 +12,7 @@ from vehicle_sim.commands.command import ACCEPTED, Command
 from vehicle_sim.shell.console import Arguments, CommandFailed, UsageError, error, info, warning
 from vehicle_sim.shell.console import Command as ShellCommand
 
-MODE_NAMES: Mapping[str, NavState] = {
+MODE_BY_NAME: Mapping[str, NavState] = {
     "manual": NavState.MANUAL, "acro": NavState.ACRO, "offboard": NavState.OFFBOARD,
     "stabilized": NavState.STABILIZED, "altctl": NavState.ALTITUDE, "posctl": NavState.POSITION,
     "position:slow": NavState.POSITION_SLOW, "auto:mission": NavState.MISSION, "auto:loiter": NavState.HOLD,
@@ -50,7 +50,7 @@ class CommanderCommand:
         }  # fmt: skip
         self.command = ShellCommand(
             self.run,
-            f"status | check | arm | disarm [-f] | takeoff | land | mode {'|'.join(MODE_NAMES)} | "
+            f"status | check | arm | disarm [-f] | takeoff | land | mode {'|'.join(MODE_BY_NAME)} | "
             "termination on",
         )
 
@@ -105,7 +105,7 @@ class CommanderCommand:
         return self._arm([])
 
     def _mode(self, arguments: Arguments) -> str:
-        mode = MODE_NAMES.get(arguments[0]) if arguments else None
+        mode = MODE_BY_NAME.get(arguments[0]) if arguments else None
         if mode is None:
             raise UsageError("no such mode")
         return self._set_mode(mode)

@@ -59,7 +59,7 @@ class MavlinkCommand:
             return "".join(self._status(n, link) for n, link in enumerate(self._links))
         raise UsageError
 
-    def _status(self, n: int, link: Link) -> str:
+    def _status(self, instance: int, link: Link) -> str:
         gcs_line = "\tGCS heartbeat valid\n" if self._gcs_connected(link) else ""
         ports, mode = link.ports, LINK_MODES.get(link.name, "Normal")
         if ports is None:
@@ -69,15 +69,16 @@ class MavlinkCommand:
         else:
             transport = f"\ttransport protocol: UDP ({ports[0]}, remote port: {ports[1]})\n"
         return (
-            f"\ninstance #{n}:\n{gcs_line}\tmavlink chan: #{n}\n\ttype:\t\tGENERIC LINK OR RADIO\n"
+            f"\ninstance #{instance}:\n{gcs_line}\tmavlink chan: #{instance}\n"
+            "\ttype:\t\tGENERIC LINK OR RADIO\n"
             f"\tflow control: OFF\n\trates:\n\t  tx: {link.tx_rate:.1f} B/s\n\t  txerr: 0.0 B/s\n"
             f"\t  tx rate mult: 1.000\n\t  tx rate max: {MAX_RATE_B_S} B/s\n\t  rx: {link.rx_rate:.1f} B/s\n"
             f"\t  rx loss: 0.0%\n\tFTP enabled: YES, TX enabled: YES\n\tmode: {mode}\n"
             f"\tForwarding: On\n\tMAVLink version: 2\n{transport}\tBroadcast enabled: NO\n"
         )
 
-    def _streams(self, n: int, link: Link) -> str:
-        title = f"\ninstance #{n}:\n\t{'Name':<32} Rate\n"
+    def _streams(self, instance: int, link: Link) -> str:
+        title = f"\ninstance #{instance}:\n\t{'Name':<32} Rate\n"
         rates = sorted(
             (self._message_name(msg_id), 1e6 / link.interval_us(msg_id)) for msg_id in link.streamed_ids()
         )
@@ -113,23 +114,23 @@ class ModuleCommands:
     def _ekf2(self, arguments: Arguments) -> str:
         if arguments[:1] != ["status"]:
             raise UsageError
-        e, i = self._view.simulation.estimate, self._view.row
+        estimate, i = self._view.simulation.estimate, self._view.row
         validity = {
             name: "valid" if valid else "invalid"
             for name, valid in (
-                ("attitude", e.valid_attitude[i]), ("altitude", e.valid_altitude[i]),
-                ("velocity", e.valid_velocity[i]), ("local position", e.valid_position[i]),
-                ("global position", math.isfinite(float(e.lat_deg[i]))),
+                ("attitude", estimate.valid_attitude[i]), ("altitude", estimate.valid_altitude[i]),
+                ("velocity", estimate.valid_velocity[i]), ("local position", estimate.valid_position[i]),
+                ("global position", math.isfinite(float(estimate.lat_deg[i]))),
             )
         }  # fmt: skip
         ratios = {
-            "velocity": e.innovation_ratio_velocity, "position": e.innovation_ratio_position,
-            "height": e.innovation_ratio_height, "heading": e.innovation_ratio_mag,
+            "velocity": estimate.innovation_ratio_velocity, "position": estimate.innovation_ratio_position,
+            "height": estimate.innovation_ratio_height, "heading": estimate.innovation_ratio_mag,
         }  # fmt: skip
         return (
             info("ekf2", ", ".join(f"{name}: {text}" for name, text in validity.items()))
-            + info("ekf2", f"eph {float(e.horizontal_accuracy_m[i]):.2f} m, "
-                   f"epv {float(e.vertical_accuracy_m[i]):.2f} m")
+            + info("ekf2", f"eph {float(estimate.horizontal_accuracy_m[i]):.2f} m, "
+                   f"epv {float(estimate.vertical_accuracy_m[i]):.2f} m")
             + info("ekf2", "test ratios: " + ", ".join(
                 f"{name} {float(ratio[i]):.3f}" for name, ratio in ratios.items()))
         )  # fmt: skip

@@ -52,7 +52,7 @@ MESSAGE_BY_NAME: dict[str, str] = {
 """Message texts; {n} is the event's argument n, from 1."""
 
 
-def definitions() -> dict[str, Any]:
+def events_document() -> dict[str, Any]:
     """The content of the events document."""
     facts_by_component: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
     components = {number: _component(facts) for number, facts in facts_by_component.items()}

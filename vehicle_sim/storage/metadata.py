@@ -16,8 +16,8 @@ from functools import lru_cache
 from typing import Any
 
 from vehicle_sim.parameters import DATA_FILE, load_boot_parameters
-from vehicle_sim.storage.event_definitions import definitions
-from vehicle_sim.storage.outputs import actuators
+from vehicle_sim.storage.event_definitions import events_document
+from vehicle_sim.storage.outputs import actuators_document
 
 FACTS_FILE = DATA_FILE.parent / "parameter_facts.json"
 FOLDER = "etc/extras"
@@ -41,7 +41,7 @@ def _compressed(content: object) -> bytes:
 
 
 @lru_cache(maxsize=1)
-def parameters() -> dict[str, Any]:
+def _parameters_document() -> dict[str, Any]:
     """The content of the parameter document: one entry for each parameter that the vehicle uses."""
     facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
     entries: list[dict[str, Any]] = []
@@ -58,17 +58,17 @@ def parameters() -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def _parameters_file() -> bytes:
-    return _compressed(parameters())
+    return _compressed(_parameters_document())
 
 
 @lru_cache(maxsize=1)
 def _events_file() -> bytes:
-    return _compressed(definitions())
+    return _compressed(events_document())
 
 
 @lru_cache(maxsize=1)
 def _actuators_file() -> bytes:
-    return _compressed(actuators())
+    return _compressed(actuators_document())
 
 
 @lru_cache(maxsize=1)

@@ -19,7 +19,7 @@ FIXED_FUNCTIONS = {
 }  # fmt: skip
 
 
-def actuators() -> dict[str, Any]:
+def actuators_document() -> dict[str, Any]:
     """The content of the actuators document."""
     functions = dict(FIXED_FUNCTIONS)
     functions |= {FIRST_MOTOR + n: f"Motor {n + 1}" for n in range(MOTOR_COUNT)}
