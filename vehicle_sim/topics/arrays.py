@@ -37,8 +37,8 @@ class ArrayTopic:
 
     layout: TopicLayout
     periods: Mapping[int, Period]
-    """Period for each bit of the profile. If several bits are set, `GPS_SAMPLES` applies, otherwise the shortest
-    period."""
+    """Period for each bit of the profile. If several bits are set, `GPS_SAMPLES` applies, otherwise the
+    shortest period."""
     sources: Mapping[str, Source | float] = field(default_factory=dict)
     """Source of each field; the source of a key such as "x y z" has one column for each named field."""
     sampled: bool = False

@@ -52,7 +52,7 @@ class StateTopic:
     """Period; 0: the topic is written only when it changes."""
     read: Callable[[], Values]
     key: Callable[[], object] | None = None
-    """The topic is written immediately when this value changes."""
+    """Returns a value; the topic is written immediately when the value changes."""
 
     def pack(self, time_us: int, values: Values | None = None) -> bytes:
         """Packs a data message from `values` (default: the current values); missing fields are zero."""

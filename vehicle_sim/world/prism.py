@@ -56,8 +56,7 @@ class PrismShape:
         return on_edge[np.arange(len(position_ne_m)), nearest_edge]
 
     def cast(self, origin: FloatArray, direction: FloatArray) -> FloatArray:
-        """(M,) distances along rays (M, 3) in NED; infinite for a ray that misses, 0 for a ray that starts
-        inside."""
+        """(M,) distances along rays (M, 3) in NED; infinite: the ray misses, 0: the ray starts inside."""
         to_corner = self._corners - origin[:, None, :2]
         horizontal = direction[:, None, :2]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -63,16 +63,16 @@ class RayCaster:
 
     def _box_distance(self, number: int, origin: FloatArray, direction: FloatArray) -> FloatArray:
         """Distances to a box by a slab test in the box's axes; 0 for a ray that starts inside."""
-        box_origin = self._to_box_axes(number, origin - self._centre[number])
-        box_direction = self._to_box_axes(number, direction)
+        origin_in_box = self._to_box_axes(number, origin - self._centre[number])
+        direction_in_box = self._to_box_axes(number, direction)
         half_size = self._half_size[number]
         with np.errstate(divide="ignore", invalid="ignore"):
-            to_lower = (-half_size - box_origin) / box_direction
-            to_upper = (half_size - box_origin) / box_direction
+            to_lower = (-half_size - origin_in_box) / direction_in_box
+            to_upper = (half_size - origin_in_box) / direction_in_box
         entry_m = np.maximum(np.fmax.reduce(np.fmin(to_lower, to_upper), axis=1), 0.0)
         exit_m = np.fmin.reduce(np.fmax(to_lower, to_upper), axis=1)
         # A ray parallel to a slab hits the slab only if the ray starts inside the slab.
-        misses = ((box_direction == 0.0) & (np.abs(box_origin) > half_size)).any(axis=1)
+        misses = ((direction_in_box == 0.0) & (np.abs(origin_in_box) > half_size)).any(axis=1)
         return np.where((exit_m >= entry_m) & ~misses, entry_m, np.inf)
 
     def _to_box_axes(self, number: int, vectors: FloatArray) -> FloatArray:
