@@ -22,8 +22,8 @@ MAX_CYCLE_S = 0.02
 LOCKSTEP_WAIT_S = 0.05
 """Longest real time to wait for a message while no client requests a time."""
 MAX_CATCH_UP_S = 0.1
-"""Longest delay that one cycle makes up, in simulated time (at a speed above 1: times the speed). The rest of a
-longer delay is skipped, so simulated time falls behind real time on a slow machine."""
+"""Longest delay that one cycle makes up, in simulated time; at a speed above 1, multiplied by the speed. The
+rest of a longer delay is skipped, so simulated time falls behind real time on a slow machine."""
 
 
 @dataclass(frozen=True, slots=True)
