@@ -1,4 +1,4 @@
-/** Plans on the server, and the edited plan: its save state, the server's findings, import and export. */
+/** The plans on the server, and requests about the edited plan: save, check, import, export. */
 
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -44,7 +44,7 @@ interface StoredDraft {
   readonly saved: boolean;
 }
 
-type Memory = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
+type BrowserStorage = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
 const DRAFT_KEY = 'gcs.plan-draft';
 const CONDITIONS_KEY = 'gcs.plan-conditions';
 
@@ -55,12 +55,13 @@ export class Plans {
   notice = $state.raw<Notice | null>(null);
   busy = $state(false);
   private checkResult = $state.raw<Check | null>(null);
-  /** The document, its id and the inputs of the newest check. */
+  /** The document of the newest check. */
   private checkedDocument = $state.raw<Document | null>(null);
   private checkedDocumentId = $state.raw(-1);
+  /** `currentInputs` at the newest check. */
   private checkedInputs = $state.raw('');
   checkProblem = $state.raw<string | null>(null);
-  /** A check is running; changes during the check are checked afterwards. */
+  /** A check is running. */
   checking = $state(false);
   /** The vehicle whose parameters and home the check uses; null: none. */
   vehicle = $state.raw<string | null>(null);
@@ -69,7 +70,7 @@ export class Plans {
   constructor(
     private readonly api: PlanApi,
     private readonly editor: PlanEditor,
-    private readonly memory: Memory,
+    private readonly storage: BrowserStorage,
   ) {
     this.restore();
   }
@@ -85,9 +86,9 @@ export class Plans {
   });
   /** The newest check of the open plan; while `isChecked` is false, it is the check of an earlier state. */
   readonly check: Check | null = $derived.by(() => (this.checkedDocumentId === this.editor.draft.documentId ? this.checkResult : null));
-  /** The vehicle and the power values that the check used. */
-  private readonly checkInputs: string = $derived.by(() => JSON.stringify([this.vehicle, powerOf(this.conditions)]));
-  readonly isChecked: boolean = $derived.by(() => this.checkedDocument === this.editor.document && this.checkedInputs === this.checkInputs);
+  /** The vehicle and the power values that the next check uses. */
+  private readonly currentInputs: string = $derived.by(() => JSON.stringify([this.vehicle, powerOf(this.conditions)]));
+  readonly isChecked: boolean = $derived.by(() => this.checkedDocument === this.editor.document && this.checkedInputs === this.currentInputs);
 
   begin(home: PlannedHome | null): void {
     this.editor.begin(home);
@@ -126,8 +127,8 @@ export class Plans {
       return false;
     }
     const { name, version, plan } = response.value;
-    const complete = isMission(plan) ? plan : { ...EMPTY_PLAN, ...plan };
-    this.setSaved(this.editor.replace(name, complete), { id, version, name, plan: complete });
+    const withDefaults = isMission(plan) ? plan : { ...EMPTY_PLAN, ...plan };
+    this.setSaved(this.editor.replace(name, withDefaults), { id, version, name, plan: withDefaults });
     this.notice = null;
     return true;
   }
@@ -152,7 +153,7 @@ export class Plans {
       id,
       version: newest.version,
       name,
-      plan: { ...EMPTY_PLAN },
+      plan: { ...EMPTY_PLAN }, // not the opened plan, so that the older version counts as not saved
     });
     const text = `Version ${version} of ${newest.version}, saved by ${changed_by}. If you save it, it becomes version ${newest.version + 1}.`;
     this.notice = { tone: 'caution', text, older: true };
@@ -182,6 +183,7 @@ export class Plans {
   }
 
   /**
+   * Opens the plan in a file as a new plan.
    * @param altitude_m altitude above home for points without an altitude; null: the server refuses a file with such
    * points.
    */
@@ -240,8 +242,8 @@ export class Plans {
 
   /**
    * Computes the AMSL altitudes of items above terrain from the server's elevation files.
-   * @param tolerance_m largest deviation of a leg from its height above ground; the server adds waypoints to keep
-   * within it. Null: the server adds no waypoints.
+   * @param tolerance_m largest deviation of a leg from its height above ground: the server adds waypoints where a leg
+   * deviates more. Null: the server adds no waypoints.
    */
   async resolveTerrain(tolerance_m: number | null): Promise<boolean> {
     const { draft, plan } = this.editor;
@@ -255,14 +257,14 @@ export class Plans {
       return false;
     }
     this.editor.change(response.value.plan);
-    this.notice = groundNotice(response.value);
+    this.notice = terrainNotice(response.value);
     return true;
   }
 
   /** Checks the edited plan on the server; does nothing while another check is running. */
   async runCheck(): Promise<void> {
     const { documentId, plan } = this.editor.draft;
-    const inputs = this.checkInputs;
+    const inputs = this.currentInputs;
     if (this.checking) return;
     this.checking = true;
     const response = await this.api.check(plan, this.vehicle, powerOf(this.conditions));
@@ -282,7 +284,7 @@ export class Plans {
   /** Sets the conditions and stores them in the browser. */
   setConditions(conditions: Conditions): void {
     this.conditions = conditions;
-    this.memory.setItem(CONDITIONS_KEY, JSON.stringify(conditions));
+    this.storage.setItem(CONDITIONS_KEY, JSON.stringify(conditions));
   }
 
   /** Updates the mission's position and compiled path for the map, from the newest check. */
@@ -315,24 +317,24 @@ export class Plans {
   store(draft: Draft): void {
     const stored: StoredDraft = { name: draft.name, plan: draft.plan, kept: this.current, saved: this.saved };
     try {
-      this.memory.setItem(DRAFT_KEY, JSON.stringify({ ...stored, kept: stored.kept === null ? null : { id: stored.kept.id, version: stored.kept.version } }));
+      this.storage.setItem(DRAFT_KEY, JSON.stringify({ ...stored, kept: stored.kept === null ? null : { id: stored.kept.id, version: stored.kept.version } }));
     } catch {
-      this.memory.removeItem(DRAFT_KEY); // the draft is too large for this browser; an older draft must not be restored
+      this.storage.removeItem(DRAFT_KEY); // the draft is too large for this browser; an older draft must not be restored
     }
   }
 
   private restore(): void {
     try {
-      const conditions = JSON.parse(this.memory.getItem(CONDITIONS_KEY) ?? '{}') as Conditions;
+      const conditions = JSON.parse(this.storage.getItem(CONDITIONS_KEY) ?? '{}') as Conditions;
       this.conditions = { ...DEFAULT_CONDITIONS, ...conditions };
-      const stored = JSON.parse(this.memory.getItem(DRAFT_KEY) ?? 'null') as StoredDraft | null;
+      const stored = JSON.parse(this.storage.getItem(DRAFT_KEY) ?? 'null') as StoredDraft | null;
       if (stored === null || !(isMission(stored.plan) ? Array.isArray(stored.plan.steps) : Array.isArray(stored.plan.items))) return;
       const plan = isMission(stored.plan) ? stored.plan : { ...EMPTY_PLAN, ...stored.plan };
       const documentId = this.editor.load(stored.name, plan);
       if (stored.kept !== null) this.setSaved(documentId, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY_PLAN });
     } catch {
-      this.memory.removeItem(DRAFT_KEY);
-      this.memory.removeItem(CONDITIONS_KEY);
+      this.storage.removeItem(DRAFT_KEY);
+      this.storage.removeItem(CONDITIONS_KEY);
     }
   }
 
@@ -349,7 +351,7 @@ export class Plans {
     this.savedPlans = Object.fromEntries(Object.entries(this.savedPlans).filter(([id]) => Number(id) !== documentId));
   }
 
-  /** Sets `busy` during a request. */
+  /** Waits for a request, with `busy` set. */
   private async whileBusy<T>(request: Promise<Outcome<T>>): Promise<Outcome<T>> {
     this.busy = true;
     const response = await request;
@@ -366,15 +368,15 @@ function nameOf(name: string): string {
   return name.trim() === '' ? 'Plan' : name.trim();
 }
 
-function groundNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notice {
-  const missing =
+function terrainNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notice {
+  const unknownTexts =
     unknown === 0
       ? []
       : [`${unknown} ${unknown === 1 ? 'altitude is' : 'altitudes are'} still unknown. Put elevation files of this area into the server’s data folder.`];
   const waypoints = added === 0 ? '' : `, ${added} ${added === 1 ? 'waypoint' : 'waypoints'} added`;
   const text = [
     `AMSL altitudes of ${resolved} ${resolved === 1 ? 'point' : 'points'} above terrain computed from elevation data${waypoints}.`,
-    ...missing,
+    ...unknownTexts,
     ...notes,
   ].join(' ');
   return { tone: unknown === 0 && notes.length === 0 ? 'ok' : 'caution', text };

@@ -19,7 +19,7 @@ class ReadinessPanel {
     this.problem = null;
   }
 
-  /** Switches the vehicle to a mode in which it can be armed, also during a check. */
+  /** Switches the vehicle to a mode in which it can be armed. A running check does not prevent this. */
   async switchMode(api: ApiClient, vehicle: string, mode: string): Promise<void> {
     if (this.switching) return;
     this.switching = true;

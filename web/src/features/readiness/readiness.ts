@@ -59,13 +59,13 @@ export function headline(readiness: Readiness | null, mode: string | null, armed
 
 /** All findings, those that block modes first, then by severity. */
 export function findings(readiness: Readiness): FindingRow[] {
-  const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, blocked: blockedBy(readiness, cause) }));
+  const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, blocked: modesBlockedBy(readiness, cause) }));
   const rank = { error: 0, warning: 1, info: 2 } as Readonly<Record<string, number>>;
   rows.sort((a, b) => Number(b.blocked.length > 0) - Number(a.blocked.length > 0) || (rank[a.cause.severity] ?? 3) - (rank[b.cause.severity] ?? 3));
   return rows.map(({ cause, severity, blocked }) => ({ cause, severity, blocks: namesOf(blocked, readiness.modes.length) }));
 }
 
-function blockedBy(readiness: Readiness, cause: Cause): ModeReadiness[] {
+function modesBlockedBy(readiness: Readiness, cause: Cause): ModeReadiness[] {
   const isSame = (other: Cause): boolean => other.id === cause.id && other.cause === cause.cause;
   return readiness.modes.filter((m) => m.arming.some(isSame) || m.running.some(isSame));
 }
@@ -90,9 +90,10 @@ export function modeRows(readiness: Readiness, mode: string | null): ModeRow[] {
     can_run: m.can_run,
     why: [...new Set([...m.arming, ...m.running].map((c) => c.cause))].join(' '),
   }));
-  return rows.sort((a, b) => Number(b.current) - Number(a.current) || possibleCount(b) - possibleCount(a));
+  return rows.sort((a, b) => Number(b.current) - Number(a.current) || possibilityCount(b) - possibilityCount(a));
 }
 
-function possibleCount(row: ModeRow): number {
+/** 2: arming and flying are possible; 1: only one of them; 0: neither. */
+function possibilityCount(row: ModeRow): number {
   return Number(row.can_arm) + Number(row.can_run);
 }

@@ -1,6 +1,6 @@
 /**
  * State and control of replays: the list of recordings, the shown replay and its commands. The page sends one request at a
- * time and merges the commands given meanwhile into the next request.
+ * time and merges the commands that a person gives during a request into the next request.
  */
 
 import type { ApiClient } from '../../api/client';
@@ -9,8 +9,8 @@ import type { Replay } from '../../live/wire';
 import { replayBounds, hasArrived, shownReplay, type Recording, type RecordingIndex } from './replays';
 
 /**
- * A seek times out when this time [ms] has passed since the server's response and the page has processed this number of frames:
- * a busy browser may process frames that are older than the response much later.
+ * A seek times out when this time [ms] has passed since the server's response and the page has processed this number of frames.
+ * Both are required, because a busy browser may process frames that are older than the response much later.
  */
 const SEEK_TIMEOUT_MS = 2000;
 const SEEK_TIMEOUT_FRAMES = 20;
@@ -33,7 +33,7 @@ export interface ReplayDeps {
 
 export class ReplayControl {
   listOpen = $state(false);
-  /** Set when a person has opened a replay; the time bar then takes the keyboard focus and resets this. */
+  /** A person has opened a replay: the time bar must take the keyboard focus. The time bar then resets this flag. */
   focusRequested = $state(false);
   recordings = $state.raw<readonly Recording[] | null>(null);
   /** Name of the recording that is being opened. */
@@ -104,8 +104,8 @@ export class ReplayControl {
     }
     const shown = this.shown;
     if (shown !== null) this.expectedName = shown.name;
-    const key = shown === null || replayBounds(shown) === null ? null : shown.name;
-    if (key !== this.indexedName) void this.readIndex(key);
+    const name = shown === null || replayBounds(shown) === null ? null : shown.name;
+    if (name !== this.indexedName) void this.readIndex(name);
   }
 
   play(playing: boolean): void {
@@ -143,8 +143,8 @@ export class ReplayControl {
   }
 
   /**
-   * Frames that the server sent before the seek still have the earlier time. The page shows the requested time until a frame
-   * has reached it, or a timeout.
+   * Frames that the server sent before the seek have the earlier time. Until a frame has reached the requested time, or until
+   * a timeout, the page shows the requested time.
    */
   private checkSeek(): void {
     if (this.requested_unix_s === null || this.isSending) return;

@@ -15,13 +15,15 @@ const STEP_S = 5;
 const LONG_STEP_S = 30;
 /** MAV_SEVERITY of a warning: messages of this or higher severity are coloured, and a person can step to them. */
 const WARNING = 4;
+/** MAV_SEVERITY of an error. */
+const ERROR = 3;
 
 /** Start and end of a replay; null while the server is reading the recording: a seek is not possible then. */
 export function replayBounds(replay: Replay): { begin_s: number; end_s: number } | null {
   return replay.begin_unix_s === null || replay.end_unix_s === null ? null : { begin_s: replay.begin_unix_s, end_s: replay.end_unix_s };
 }
 
-/** Whether a replay has reached a requested time, or is a little after it because it plays. */
+/** Whether a replay is at a requested time, or, if it plays, a little after this time. */
 export function hasArrived(replay: Replay, requested_unix_s: number): boolean {
   const after_s = replay.position_unix_s === null ? NaN : replay.position_unix_s - requested_unix_s;
   return after_s >= -0.5 && after_s <= 0.5 + (replay.playing ? 2 * Math.max(1, replay.speed) : 0);
@@ -67,7 +69,7 @@ export function messageTicks(marks: VehicleMarks | null, begin_s: number, end_s:
 }
 
 export function severityTone(severity: number): Tick['tone'] {
-  return severity <= 3 ? 'danger' : severity === WARNING ? 'caution' : 'neutral';
+  return severity <= ERROR ? 'danger' : severity === WARNING ? 'caution' : 'neutral';
 }
 
 const SEVERITIES = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
@@ -96,9 +98,9 @@ export function markTimes(marks: VehicleMarks | null): number[] {
   return [...new Set(all)].sort((a, b) => a - b);
 }
 
-/** The time of the next (1) or previous (-1) mark from `unix_s`; null if there is none. */
+/** The time of the next (1) or previous (−1) mark after or before `unix_s`; null if there is none. */
 export function adjacentMark(times: readonly number[], unix_s: number, direction: 1 | -1): number | null {
-  const margin_s = 0.3;
+  const margin_s = 0.3; // skips the mark at the present position
   return (direction === 1 ? times.find((t) => t > unix_s + margin_s) : times.filter((t) => t < unix_s - margin_s).at(-1)) ?? null;
 }
 
@@ -154,7 +156,7 @@ export function recordingText(r: Recording): string {
   return [duration(r.duration_s), vehicleText(r.vehicles), sizeText(r.bytes), r.link ?? r.name].join(' · ');
 }
 
-/** The replay that the time bar shows: the selected vehicle's replay, else the expected replay, else (nothing selected) a replay without a vehicle. */
+/** The replay that the time bar shows: of the selected vehicle, or else the expected replay; without a selection, a replay without a vehicle. */
 export function shownReplay(replays: readonly Replay[], selectedId: string | null, expectedName: string | null): Replay | null {
   const ofSelected = selectedId === null ? undefined : replays.find((r) => r.vehicles.includes(selectedId));
   return ofSelected ?? replays.find((r) => r.name === expectedName || (r.vehicles.length === 0 && selectedId === null)) ?? null;

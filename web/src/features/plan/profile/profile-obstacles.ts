@@ -15,10 +15,10 @@ export interface ObstacleSpan {
 /** A position of the path with its horizontal distance from the first position. */
 export interface PathPosition {
   readonly at: GeoPosition;
-  readonly along_m: number;
+  readonly distance_m: number;
 }
 
-/** The parts of the path that cross obstacles; without obstacles whose top cannot be related to home. */
+/** The parts of the path that cross obstacles. Obstacles whose top has no known altitude above home are omitted. */
 export function obstacleSpans(path: readonly PathPosition[], obstacles: readonly Obstacle[], home: PlannedHome | null): ObstacleSpan[] {
   const reference = path[0]?.at;
   if (reference === undefined) return [];
@@ -28,13 +28,13 @@ export function obstacleSpans(path: readonly PathPosition[], obstacles: readonly
     if (top_m === null) return [];
     const ring = obstacle.polygon.map((corner) => eastNorth(reference, corner));
     const spans: ObstacleSpan[] = [];
-    path.slice(1).forEach(({ along_m: end_m }, i) => {
-      const [a, b, start_m] = [positions[i], positions[i + 1], path[i]?.along_m ?? 0];
+    path.slice(1).forEach(({ distance_m: end_m }, i) => {
+      const [a, b, start_m] = [positions[i], positions[i + 1], path[i]?.distance_m ?? 0];
       if (a === undefined || b === undefined) return;
-      for (const [begin, end] of insideParts(a, b, ring)) {
-        const [from_m, to_m] = [start_m + begin * (end_m - start_m), start_m + end * (end_m - start_m)];
-        const before = spans.at(-1);
-        if (before !== undefined && from_m - before.to_m < 1e-6) spans[spans.length - 1] = { ...before, to_m };
+      for (const [first, last] of insideParts(a, b, ring)) {
+        const [from_m, to_m] = [start_m + first * (end_m - start_m), start_m + last * (end_m - start_m)];
+        const previous = spans.at(-1);
+        if (previous !== undefined && from_m - previous.to_m < 1e-6) spans[spans.length - 1] = { ...previous, to_m };
         else spans.push({ from_m, to_m, top_m });
       }
     });
@@ -42,23 +42,23 @@ export function obstacleSpans(path: readonly PathPosition[], obstacles: readonly
   });
 }
 
-/** The parts of a line inside a polygon, from 0 (at `a`) to 1 (at `b`). */
+/** The parts of the line from `a` to `b` inside a polygon, as fractions of its length. */
 function insideParts(a: EastNorth, b: EastNorth, ring: readonly EastNorth[]): [number, number][] {
   const [east_m, north_m] = [b.east_m - a.east_m, b.north_m - a.north_m];
-  const cuts = [0, 1];
+  const crossings = [0, 1];
   ring.forEach((from, i) => {
     const to = ring[(i + 1) % ring.length] ?? from;
     const [side_e, side_n] = [to.east_m - from.east_m, to.north_m - from.north_m];
-    const across = east_m * side_n - north_m * side_e;
-    if (across === 0) return;
+    const crossProduct = east_m * side_n - north_m * side_e;
+    if (crossProduct === 0) return;
     const [offset_e, offset_n] = [from.east_m - a.east_m, from.north_m - a.north_m];
-    const fraction = (offset_e * side_n - offset_n * side_e) / across;
-    const onSide = (offset_e * north_m - offset_n * east_m) / across;
-    if (fraction > 0 && fraction < 1 && onSide >= 0 && onSide <= 1) cuts.push(fraction);
+    const lineFraction = (offset_e * side_n - offset_n * side_e) / crossProduct;
+    const sideFraction = (offset_e * north_m - offset_n * east_m) / crossProduct;
+    if (lineFraction > 0 && lineFraction < 1 && sideFraction >= 0 && sideFraction <= 1) crossings.push(lineFraction);
   });
-  cuts.sort((a, b) => a - b);
-  return cuts.slice(1).flatMap((last, i): [number, number][] => {
-    const first = cuts[i] ?? 0;
+  crossings.sort((a, b) => a - b);
+  return crossings.slice(1).flatMap((last, i): [number, number][] => {
+    const first = crossings[i] ?? 0;
     const middle = (first + last) / 2;
     return last > first && isInside({ east_m: a.east_m + middle * east_m, north_m: a.north_m + middle * north_m }, ring) ? [[first, last]] : [];
   });
@@ -69,7 +69,7 @@ function isInside({ east_m, north_m }: EastNorth, ring: readonly EastNorth[]): b
   return ring.reduce((inside, from, i) => {
     const to = ring[(i + 1) % ring.length] ?? from;
     const crosses = from.north_m > north_m !== to.north_m > north_m;
-    const crossing_m = from.east_m + ((north_m - from.north_m) / (to.north_m - from.north_m)) * (to.east_m - from.east_m);
-    return crosses && east_m < crossing_m ? !inside : inside;
+    const crossing_east_m = from.east_m + ((north_m - from.north_m) / (to.north_m - from.north_m)) * (to.east_m - from.east_m);
+    return crosses && east_m < crossing_east_m ? !inside : inside;
   }, false);
 }

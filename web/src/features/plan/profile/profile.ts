@@ -6,15 +6,15 @@ import type { CompiledFlight } from '../offboard/compiled-path';
 import { obstacleSpans, type ObstacleSpan } from './profile-obstacles';
 
 export interface ProfilePoint {
-  /** Row of the item; −1 for home. On a mission's path the number of the point. */
+  /** Row of the item, or −1 for home. In a mission: index of the point. */
   readonly row: number;
-  /** Id of the item or step; null: none. On a mission's path only the first point of a step has an id. */
+  /** Id of the item or step; null: none. In a mission, only the first point of a step has an id. */
   readonly id: string | null;
   /** Time since the start of the flight; null if it is not known. */
   readonly t_s?: number;
   /** Horizontal distance from the first point. */
   readonly along_m: number;
-  /** Altitude above home, in a mission above the start; null if it cannot be computed. */
+  /** Altitude above home, or above the start of a mission; null if it cannot be computed. */
   readonly alt_home_m: number | null;
   /** Null if the origin of the local frame is unknown. */
   readonly at: GeoPosition | null;
@@ -29,8 +29,8 @@ export interface Profile {
 }
 
 /**
- * The terrain from the server's check: distance along the path [m], altitude of the terrain above home or above the
- * start [m]; null: not known.
+ * The terrain from the server's check: distance along the path [m], altitude of the terrain above home, or above the
+ * start of a mission [m]; null: not known.
  */
 export type Ground = readonly (readonly [number, number | null])[];
 
@@ -44,11 +44,11 @@ export function profile(plan: Plan, ground: Ground = []): Profile {
   const items = flownItems(plan);
   const points: ProfilePoint[] = home === null || items.length === 0 ? [] : [{ row: -1, id: null, along_m: 0, alt_home_m: 0, at: home }];
   items.forEach(({ row, item }, i) => {
-    const before = items[i - 1]?.item ?? home;
-    if (before !== null && before !== undefined) along_m += groundDistance_m(before, item);
+    const previous = items[i - 1]?.item ?? home;
+    if (previous !== null && previous !== undefined) along_m += groundDistance_m(previous, item);
     points.push({ row, id: `item:${row}`, along_m, alt_home_m: alt_home_m(item.altitude, home), at: item });
   });
-  return withRange(points, ground, plan, home);
+  return completeProfile(points, ground, plan, home);
 }
 
 /**
@@ -58,34 +58,34 @@ export function profile(plan: Plan, ground: Ground = []): Profile {
 export function missionProfile(flight: CompiledFlight, ground: Ground, mission: SharedParts & { readonly home?: PlannedHome | null }): Profile {
   const points: ProfilePoint[] = [];
   const start_down_m = flight.start_ned_m[2] ?? 0;
-  let [along_m, place] = [0, ''];
-  let before: readonly number[] | null = null;
+  let [along_m, lastPlace] = [0, ''];
+  let lastPoint: readonly number[] | null = null;
   for (const leg of flight.legs.filter(({ main }) => main))
     leg.points.forEach((point, i) => {
       const [t_s, north_m, east_m, down_m] = point;
-      if (before !== null) along_m += Math.hypot(north_m - (before[1] ?? 0), east_m - (before[2] ?? 0));
-      before = point;
-      const beginsStep = i === 0 && leg.place !== place;
-      place = leg.place;
+      if (lastPoint !== null) along_m += Math.hypot(north_m - (lastPoint[1] ?? 0), east_m - (lastPoint[2] ?? 0));
+      lastPoint = point;
+      const beginsStep = i === 0 && leg.place !== lastPlace;
+      lastPlace = leg.place;
       const at = flight.origin === null ? null : positionAt(flight.origin, { north_m, east_m });
       points.push({ row: points.length, id: beginsStep ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, along_m, alt_home_m: start_down_m - down_m, at });
     });
-  return withRange(points, ground, mission, mission.home ?? null);
+  return completeProfile(points, ground, mission, mission.home ?? null);
 }
 
-/** Adds the obstacles and the range of altitudes. */
-function withRange(points: readonly ProfilePoint[], ground: Ground, document: SharedParts, home: PlannedHome | null): Profile {
-  const path = points.flatMap(({ at, along_m }) => (at === null ? [] : [{ at, along_m }]));
+/** Adds the obstacles, the length and the range of altitudes to the points. */
+function completeProfile(points: readonly ProfilePoint[], ground: Ground, document: SharedParts, home: PlannedHome | null): Profile {
+  const path = points.flatMap(({ at, along_m }) => (at === null ? [] : [{ at, distance_m: along_m }]));
   const obstacles = obstacleSpans(path, obstaclesOf(document), home);
-  const along_m = points.at(-1)?.along_m ?? 0;
-  const known = [
+  const length_m = points.at(-1)?.along_m ?? 0;
+  const altitudes_m = [
     ...points.flatMap((point) => point.alt_home_m ?? []),
-    ...ground.flatMap(([, height_m]) => height_m ?? []),
+    ...ground.flatMap(([, altitude_m]) => altitude_m ?? []),
     ...obstacles.map((span) => span.top_m),
   ];
-  const top_m = Math.max(SCALE_STEP_M, Math.ceil((Math.max(0, ...known) * 1.1) / SCALE_STEP_M) * SCALE_STEP_M);
-  const bottom_m = Math.min(0, Math.floor(Math.min(0, ...known) / SCALE_STEP_M) * SCALE_STEP_M);
-  return { points, obstacles, length_m: along_m, top_m, bottom_m };
+  const top_m = Math.max(SCALE_STEP_M, Math.ceil((Math.max(0, ...altitudes_m) * 1.1) / SCALE_STEP_M) * SCALE_STEP_M);
+  const bottom_m = Math.min(0, Math.floor(Math.min(0, ...altitudes_m) / SCALE_STEP_M) * SCALE_STEP_M);
+  return { points, obstacles, length_m, top_m, bottom_m };
 }
 
 /** A vertex of a polyline, y downwards. */
@@ -95,7 +95,7 @@ export interface PolylinePoint {
   readonly id: string | null;
 }
 
-/** The parts of the profile with known altitudes, as polylines in a box of this size. */
+/** The parts of the profile with known altitudes, as polylines in a plot of this size [px]. */
 export function polylines({ points, length_m, top_m, bottom_m }: Profile, width: number, height: number): PolylinePoint[][] {
   const parts: PolylinePoint[][] = [[]];
   for (const point of points) {
@@ -109,16 +109,16 @@ export function polylines({ points, length_m, top_m, bottom_m }: Profile, width:
   return parts.filter((part) => part.length > 0);
 }
 
-/** The terrain as SVG path data, filled down to the lower edge of the plot; without unknown parts. */
+/** The known parts of the terrain as SVG path data, filled down to the lower edge of the plot. */
 export function groundAreas({ length_m, top_m, bottom_m }: Profile, ground: Ground, width: number, height: number): string {
   const runs: string[][] = [[]];
-  for (const [along_m, height_m] of ground) {
-    if (height_m === null) {
+  for (const [along_m, altitude_m] of ground) {
+    if (altitude_m === null) {
       if (runs.at(-1)?.length !== 0) runs.push([]);
       continue;
     }
     const x = length_m === 0 ? 0 : Math.min(1, along_m / length_m) * width;
-    runs.at(-1)?.push(`${x.toFixed(1)} ${(((top_m - height_m) / (top_m - bottom_m)) * height).toFixed(1)}`);
+    runs.at(-1)?.push(`${x.toFixed(1)} ${(((top_m - altitude_m) / (top_m - bottom_m)) * height).toFixed(1)}`);
   }
   return runs
     .filter((run) => run.length > 1)
