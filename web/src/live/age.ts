@@ -2,7 +2,7 @@
 
 import { NOMINAL_PERIOD_S } from './topics';
 
-const PERIODS = 3;
+const STALE_PERIODS = 3;
 /** Smallest age of a stale value [s], so that one late packet causes no flicker. */
 const MIN_STALE_AGE_S = 1;
 /** A longer gap [s] is a pause and does not change the measured period. */
@@ -18,10 +18,10 @@ export function updatedPeriod(period_s: number | null, gap_s: number): number | 
 /** The age [s] from which a topic's value is stale. */
 export function staleAfterS(topic: string, period_s: number | null): number {
   const nominal = NOMINAL_PERIOD_S[topic] ?? 1;
-  return Math.max(MIN_STALE_AGE_S, PERIODS * Math.max(period_s ?? nominal, 0));
+  return Math.max(MIN_STALE_AGE_S, STALE_PERIODS * Math.max(period_s ?? nominal, 0));
 }
 
-/** An age as text for small labels: without decimals. */
+/** An age as text without decimals, at least 1 s, for small labels. */
 export function shortAge(age_s: number): string {
   return Number.isFinite(age_s) && age_s < 9.95 ? `${Math.max(1, Math.round(age_s))} s` : ageText(age_s);
 }

@@ -30,7 +30,7 @@ export function isAirborne(landedState: string): boolean {
   return landedState === 'taking_off' || landedState === 'in_air' || landedState === 'landing';
 }
 
-/** Whether the vehicle is flying; null: the status does not tell. */
+/** Whether the vehicle is flying; null: the status does not show it. */
 function isFlying(status: Status): boolean | null {
   if (isAirborne(status.landed_state)) return true;
   return status.landed_state === 'on_ground' || !status.armed ? false : null;

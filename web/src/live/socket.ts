@@ -27,9 +27,9 @@ const FIRST_RETRY_MS = 500;
 const MAX_RETRY_MS = 8000;
 /** The hello frame must arrive within this time after the connection attempt [ms]. */
 const OPEN_DEADLINE_MS = 8000;
-/** If no frame arrives for this time [ms] although the server has vehicles, the page subscribes again: the server then sends all values. */
+/** If no frame arrives for this time [ms] although the server has vehicles, the page subscribes again, so that the server sends all values. */
 export const RESUBSCRIBE_AFTER_MS = 6000;
-/** If no frame arrives for this time [ms] after the new subscription, the connection counts as lost: the browser may not notice an unplugged network. */
+/** If no frame arrives for this time [ms] after the new subscription, the connection is lost. A browser may not report an unplugged network. */
 export const RESPONSE_TIMEOUT_MS = 4000;
 const CHECK_INTERVAL_MS = 1000;
 
@@ -70,7 +70,7 @@ export class TelemetrySocket {
     this.closeSocket();
   }
 
-  /** Reconnects immediately if the socket waits: a person pressed the button, or the computer is online again. */
+  /** Reconnects immediately if the socket waits, because a person pressed the button or the computer is online again. */
   retryNow(): void {
     if (this.state.phase !== 'waiting') return;
     this.deps.clearTimer(this.timer);

@@ -19,7 +19,7 @@ export class TelemetryStore {
   replays: readonly Replay[] = [];
   private readonly localUnixS: () => number;
   /** Server's clock minus this computer's clock; null: not known. */
-  private offset_s: number | null = null;
+  private clockOffset_s: number | null = null;
   private sortedIds: readonly string[] | null = null;
 
   /** @param localUnixS this computer's clock [s], replaced in tests. */
@@ -29,7 +29,7 @@ export class TelemetryStore {
 
   /** The present time by the server's clock [unix s]; for a replayed vehicle the replay's time. */
   nowUnixS(vehicleId: string | null = null): number {
-    return this.replayOf(vehicleId)?.position_unix_s ?? this.localUnixS() + (this.offset_s ?? 0);
+    return this.replayOf(vehicleId)?.position_unix_s ?? this.localUnixS() + (this.clockOffset_s ?? 0);
   }
 
   /** The replay that contains a vehicle; null: the vehicle is not replayed. */
@@ -62,7 +62,7 @@ export class TelemetryStore {
 
   apply(frame: Frame): void {
     if (frame.type === 'hello') {
-      this.offset_s = frame.server_time_unix_s - this.localUnixS();
+      this.clockOffset_s = frame.server_time_unix_s - this.localUnixS();
       this.replays = []; // the replays of the earlier connection
     } else if (frame.type === 'samples') for (const sample of frame.samples) this.applySample(sample);
     else if (frame.type === 'event') this.applyEvent(frame.event);
@@ -71,7 +71,8 @@ export class TelemetryStore {
   }
 
   /**
-   * Removes vehicles that the server no longer lists, for example after its restart.
+   * Removes vehicles that the server no longer lists, for example after a restart of the server, and adds new vehicles.
+   * @param ids the vehicles that the server lists.
    * @returns whether a vehicle was removed.
    */
   keepOnly(ids: readonly string[]): boolean {
@@ -87,9 +88,9 @@ export class TelemetryStore {
     const vehicle = this.vehicle(sample.vehicle);
     vehicle.apply(sample);
     if (!vehicle.isLive || this.replayOf(sample.vehicle) !== null) return; // a replay has its own time
-    // A sample cannot be later than the server's clock: the estimated clock was slow.
+    // A sample cannot be later than the server's clock; if it seems later, the estimate is slow.
     const ahead_s = sample.received_unix_s - this.nowUnixS();
-    if (ahead_s > 0) this.offset_s = (this.offset_s ?? 0) + ahead_s;
+    if (ahead_s > 0) this.clockOffset_s = (this.clockOffset_s ?? 0) + ahead_s;
   }
 
   private applyEvent(event: WireEvent): void {

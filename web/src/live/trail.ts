@@ -47,7 +47,7 @@ export class Trail {
 }
 
 function distance_m(a: TrailPoint, b: TrailPoint): number {
-  const north = (b.lat_deg - a.lat_deg) * METRES_PER_DEG;
-  const east = (b.lon_deg - a.lon_deg) * METRES_PER_DEG * Math.cos((a.lat_deg * Math.PI) / 180);
-  return Math.hypot(north, east);
+  const north_m = (b.lat_deg - a.lat_deg) * METRES_PER_DEG;
+  const east_m = (b.lon_deg - a.lon_deg) * METRES_PER_DEG * Math.cos((a.lat_deg * Math.PI) / 180);
+  return Math.hypot(north_m, east_m);
 }

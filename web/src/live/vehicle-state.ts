@@ -42,6 +42,7 @@ export interface Reading<T> {
 }
 
 export interface Message {
+  /** Time, kind and text of the event, which identify it. */
   key: string;
   unix_s: number;
   severity: number;
@@ -49,7 +50,7 @@ export interface Message {
   text: string;
 }
 
-const MESSAGES_KEPT = 200;
+const MAX_MESSAGES = 200;
 
 export class VehicleState {
   readonly id: string;
@@ -106,7 +107,7 @@ export class VehicleState {
     const message = { key, unix_s: event.unix_s, severity: severityNumber(event.severity), kind: event.kind, text: event.text };
     const index = this.messages.findIndex((m) => m.unix_s <= message.unix_s);
     this.messages.splice(index === -1 ? this.messages.length : index, 0, message);
-    this.messages.length = Math.min(this.messages.length, MESSAGES_KEPT);
+    this.messages.length = Math.min(this.messages.length, MAX_MESSAGES);
   }
 
   /** The newest sample of a topic; null before the first sample. */

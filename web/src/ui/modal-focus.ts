@@ -25,7 +25,7 @@ export function restoresFocus(node: HTMLElement): { destroy: () => void } {
 }
 
 /**
- * For a confirmation: takes the focus and keeps it inside the node while the node exists, also with Tab. Pointers still
+ * For a confirmation: takes the focus and keeps it inside the node while the node exists; Tab moves it inside the node. Pointers still
  * reach the rest of the page, for example Hold. When the node is removed, returns the focus.
  * @param first selector of the control that gets the focus first.
  */
@@ -42,8 +42,8 @@ export function modalFocus(node: HTMLElement, first: string): { destroy: () => v
     controls[(index + (event.shiftKey ? -1 : 1) + controls.length) % controls.length]?.focus();
   };
   const onFocusIn = (event: FocusEvent): void => {
-    const to = event.target as HTMLElement;
-    if (node.contains(to)) lastFocused = to;
+    const newFocus = event.target as HTMLElement;
+    if (node.contains(newFocus)) lastFocused = newFocus;
     else if (lastFocused.isConnected) lastFocused.focus({ preventScroll: true });
     else focusableIn(node)[0]?.focus({ preventScroll: true });
   };

@@ -5,8 +5,8 @@ import type { components } from '../api/schema';
 export type Control = components['schemas']['Control'];
 export type ControlRequest = Control['requests'][number];
 
-/** Commands that need no control, so that every operator can stop a vehicle in danger. */
-const WITHOUT_CONTROL: ReadonlySet<string> = new Set(['hold', 'land_now', 'kill', 'force_control']);
+/** Actions that need no control, so that every operator can stop a vehicle in danger. */
+const ACTIONS_WITHOUT_CONTROL: ReadonlySet<string> = new Set(['hold', 'land_now', 'kill', 'force_control']);
 
 export type ControlState = 'yours' | 'others' | 'free' | 'unknown';
 
@@ -26,6 +26,7 @@ export function otherControlHolder(control: Control | null, key: string | null):
   return controlState(control, key) === 'others' ? (control?.holder ?? null) : null;
 }
 
+/** Text of the chip that shows who has control. */
 export function chipText(control: Control | null, key: string | null): string {
   switch (controlState(control, key)) {
     case 'yours':
@@ -41,14 +42,14 @@ export function chipText(control: Control | null, key: string | null): string {
 
 /** Why this page may not send a command, and the remedy; null if it may. @param controlHolder the other client that has control. */
 export function controlProblem(action: string, controlHolder: string | null): { detail: string; remedy: string } | null {
-  if (controlHolder === null || WITHOUT_CONTROL.has(action)) return null;
+  if (controlHolder === null || ACTIONS_WITHOUT_CONTROL.has(action)) return null;
   return {
     detail: `${controlHolder} has control of this vehicle.`,
     remedy: 'Request control at the upper right (key C). Hold, Land now and Stop motors work without control.',
   };
 }
 
-/** Time of day since when the client has control. */
+/** Time of day at which the client got control. */
 export function sinceText(control: Control): string {
   return control.since_unix_s === null ? '' : new Date(control.since_unix_s * 1000).toLocaleTimeString([], { hour12: false });
 }

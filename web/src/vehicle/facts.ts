@@ -20,7 +20,7 @@ export interface VehicleFacts {
   /** Null until it is known whether the vehicle is simulated. */
   simulated: boolean | null;
   replayed: boolean;
-  /** Not landed, as the server counts it: also while the vehicle takes off or lands. */
+  /** Not landed; true also while the vehicle takes off or lands. */
   inAir: boolean;
   status: Reading<Status> | null;
   attitude: Reading<Attitude> | null;

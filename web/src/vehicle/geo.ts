@@ -105,9 +105,9 @@ export function pixelsPerMetre(view: MapView): number {
 
 /** A round length [m] for a scale bar of about `pixels`: 1, 2 or 5 times a power of ten. */
 export function niceLength_m(px_per_m: number, pixels: number): number {
-  const raw = pixels / px_per_m;
-  const power = 10 ** Math.floor(Math.log10(raw));
-  const factor = [5, 2, 1].find((f) => f * power <= raw) ?? 1;
+  const length_m = pixels / px_per_m;
+  const power = 10 ** Math.floor(Math.log10(length_m));
+  const factor = [5, 2, 1].find((f) => f * power <= length_m) ?? 1;
   return factor * power;
 }
 
@@ -139,8 +139,8 @@ export function isSameStart(position: GeoPosition, start: GeoPosition): boolean 
   return groundDistance_m(position, start) < SAME_START_M;
 }
 
-/** The position at `offset` from the map's middle, and the distance from there to the nearest edge of the map. */
-export function offsetMiddle(view: MapView, { x, y }: Pixel): { at: GeoPosition; edgeDistance_m: number } {
+/** The position at an offset from the map's middle, and the distance from this position to the nearest edge of the map. */
+export function positionAtOffset(view: MapView, { x, y }: Pixel): { at: GeoPosition; edgeDistance_m: number } {
   const edgeDistance_px = Math.min(view.width / 2 - Math.abs(x), view.height / 2 - Math.abs(y));
   return { at: fromPixel(view, { x: view.width / 2 + x, y: view.height / 2 + y }), edgeDistance_m: edgeDistance_px / pixelsPerMetre(view) };
 }

@@ -9,7 +9,7 @@ export interface AngleLimits {
   pitchMax_deg: number;
   yawMin_deg: number;
   yawMax_deg: number;
-  /** False: the gimbal reported no pitch limits; the limits are default values. */
+  /** False: the gimbal reported no pitch limits; these are default values. */
   isReported: boolean;
 }
 
@@ -18,7 +18,7 @@ export interface Angles {
   yaw_deg: number;
 }
 
-/** The reported limits, or default values. */
+/** The reported limits; default values where the gimbal reported none. */
 export function angleLimits(gimbal: Gimbal | null): AngleLimits {
   const pitchMin = toDeg(gimbal?.pitch_min_rad ?? null);
   const pitchMax = toDeg(gimbal?.pitch_max_rad ?? null);

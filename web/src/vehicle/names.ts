@@ -2,6 +2,7 @@
 
 import type { Identity } from '../live/vehicle-state';
 
+/** Names by MAV_TYPE. */
 const TYPES: Readonly<Record<number, string>> = {
   1: 'Fixed wing',
   2: 'Quad',
@@ -19,11 +20,14 @@ const TYPES: Readonly<Record<number, string>> = {
   22: 'VTOL',
 };
 
+/** MAV_AUTOPILOT of ArduPilot. */
+const ARDUPILOT = 3;
+
 /** Name of a vehicle: id and type, for example "1 Quad". */
 export function vehicleName(id: string, identity: Identity): string {
   const type = identity.vehicle_type === null ? undefined : TYPES[identity.vehicle_type];
-  const kind = identity.autopilot === 3 ? `ArduPilot ${type ?? ''}`.trim() : type;
-  return kind === undefined ? `Vehicle ${id}` : `${id} ${kind}`;
+  const typeText = identity.autopilot === ARDUPILOT ? `ArduPilot ${type ?? ''}`.trim() : type;
+  return typeText === undefined ? `Vehicle ${id}` : `${id} ${typeText}`;
 }
 
 /** Four identity colours of vehicles; from the fifth vehicle on they repeat. */

@@ -52,21 +52,21 @@ export interface OffboardStatus {
 
 type Raw = Record<string, unknown>;
 
-function object(value: unknown): Raw | null {
+function toObject(value: unknown): Raw | null {
   return typeof value === 'object' && value !== null && !Array.isArray(value) ? (value as Raw) : null;
 }
 
-function number(raw: Raw | null, name: string): number | null {
+function readNumber(raw: Raw | null, name: string): number | null {
   const value = raw?.[name];
   return typeof value === 'number' && Number.isFinite(value) ? value : null;
 }
 
-function text(raw: Raw | null, name: string): string | null {
+function readText(raw: Raw | null, name: string): string | null {
   const value = raw?.[name];
   return typeof value === 'string' && value !== '' ? value : null;
 }
 
-function triple(raw: Raw | null, name: string): MaybeVector3 | null {
+function readVector(raw: Raw | null, name: string): MaybeVector3 | null {
   const value = raw?.[name];
   if (!Array.isArray(value) || value.length !== 3) return null;
   return value.map((v) => (typeof v === 'number' ? v : null)) as MaybeVector3;
@@ -78,9 +78,9 @@ function triple(raw: Raw | null, name: string): MaybeVector3 | null {
  * @param failsafe what the vehicle does if the stream stops, as the server's text; null: the text does not state it.
  */
 export function expiryText(raw: Raw | null, failsafe: string | null = null): string | null {
-  const action = text(raw, 'action');
+  const action = readText(raw, 'action');
   if (action === 'hold') {
-    const time_s = number(raw, 'hold_for_s');
+    const time_s = readNumber(raw, 'hold_for_s');
     return `the vehicle holds its position${time_s === null ? '' : ` for ${time_s} s`}, then the server selects Hold mode`;
   }
   if (action === 'land') return 'the vehicle lands';
@@ -89,40 +89,40 @@ export function expiryText(raw: Raw | null, failsafe: string | null = null): str
 }
 
 export function readOffboard(value: unknown): OffboardStatus | null {
-  const raw = object(value);
+  const raw = toObject(value);
   if (raw === null) return null;
-  const setpoint = object(raw['setpoint']);
-  const state = text(raw, 'state') ?? 'idle';
+  const setpoint = toObject(raw['setpoint']);
+  const state = readText(raw, 'state') ?? 'idle';
   return {
     streaming: raw['streaming'] === true,
     state,
-    type: text(setpoint, 'type'),
-    position_ned_m: triple(setpoint, 'position_ned_m'),
-    velocity_ned_m_s: triple(setpoint, 'velocity_ned_m_s'),
-    velocity_frd_m_s: triple(setpoint, 'velocity_frd_m_s'),
-    yaw_ned_rad: number(setpoint, 'yaw_ned_rad'),
-    yaw_rate_ned_rad_s: number(setpoint, 'yaw_rate_ned_rad_s'),
-    rate_hz: number(raw, 'rate_achieved_hz'),
-    rateRequested_hz: number(raw, 'rate_hz'),
-    validFor_s: number(raw, 'valid_for_s'),
-    validLeft_s: number(raw, 'valid_left_s'),
-    ifStreamStops: text(raw, 'if_stream_stops'),
-    onExpiry: expiryText(object(raw['on_expiry'])),
-    client: text(raw, 'client'),
-    clientKey: text(raw, 'client_key'),
+    type: readText(setpoint, 'type'),
+    position_ned_m: readVector(setpoint, 'position_ned_m'),
+    velocity_ned_m_s: readVector(setpoint, 'velocity_ned_m_s'),
+    velocity_frd_m_s: readVector(setpoint, 'velocity_frd_m_s'),
+    yaw_ned_rad: readNumber(setpoint, 'yaw_ned_rad'),
+    yaw_rate_ned_rad_s: readNumber(setpoint, 'yaw_rate_ned_rad_s'),
+    rate_hz: readNumber(raw, 'rate_achieved_hz'),
+    rateRequested_hz: readNumber(raw, 'rate_hz'),
+    validFor_s: readNumber(raw, 'valid_for_s'),
+    validLeft_s: readNumber(raw, 'valid_left_s'),
+    ifStreamStops: readText(raw, 'if_stream_stops'),
+    onExpiry: expiryText(toObject(raw['on_expiry'])),
+    client: readText(raw, 'client'),
+    clientKey: readText(raw, 'client_key'),
     inGroup: raw['owner'] === 'group',
-    limitsOrigin: object(raw['limits_origin']) as LimitsOrigin | null,
+    limitsOrigin: toObject(raw['limits_origin']) as LimitsOrigin | null,
     limited: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
-    endReason: text(raw, 'ended'),
-    avoidance: readAvoidance(object(raw['avoidance'])),
+    endReason: readText(raw, 'ended'),
+    avoidance: readAvoidance(toObject(raw['avoidance'])),
   };
 }
 
 function readAvoidance(raw: Raw | null): Avoidance {
-  return { on: raw?.['on'] === true, sensor: raw?.['sensor'] === true, state: text(raw, 'state'), text: text(raw, 'text') ?? '' };
+  return { on: raw?.['on'] === true, sensor: raw?.['sensor'] === true, state: readText(raw, 'state'), text: readText(raw, 'text') ?? '' };
 }
 
-const STATES: Readonly<Record<string, string>> = {
+const STATE_TEXTS: Readonly<Record<string, string>> = {
   idle: 'no stream',
   starting: 'Starting',
   undoing: 'Start failed: the server stops the stream',
@@ -140,18 +140,18 @@ export function limitsNotice(origin: LimitsOrigin | null | undefined): { text: s
 
 /** State of the stream as a short text. */
 export function streamText(status: OffboardStatus): string {
-  const stateText = STATES[status.state] ?? setpointsText(status.type);
+  const stateText = STATE_TEXTS[status.state] ?? setpointsText(status.type);
   return status.inGroup ? `Group · ${stateText}` : stateText;
 }
 
-/** Distance from the target [m]; null if the target is not a complete position. */
+/** Distance of the vehicle from the streamed position [m]; null if a coordinate is not known. */
 export function positionError_m(status: OffboardStatus, position_ned_m: Readonly<Vector3> | null): number | null {
   const target = status.position_ned_m;
   if (target === null || position_ned_m === null || target.some((v) => v === null)) return null;
   return Math.hypot(...position_ned_m.map((v, i) => v - (target[i] ?? 0)));
 }
 
-/** The setpoint that a nudge changes: the streamed position; without one, the vehicle's position. Null: neither is known. */
+/** The setpoint that a nudge changes: the streamed position or, without a streamed position, the vehicle's position. Null: neither is known. */
 export function nudgeBase(status: OffboardStatus, position_ned_m: Readonly<Vector3> | null, yaw_ned_rad: number | null): PositionSetpoint | null {
   const target = status.position_ned_m;
   const position = target !== null && target.every((v) => v !== null) ? (target as Vector3) : position_ned_m;

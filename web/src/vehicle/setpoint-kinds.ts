@@ -34,7 +34,10 @@ export interface Group {
   field: string;
   title: string;
   axes: readonly Axis[];
-  /** An axis may be null: this quantity does not control it. North and east are null together. For each axis, at least one quantity is not null. */
+  /**
+   * An axis may be null: this quantity does not control the axis. North and east are null together. At least one quantity
+   * controls each axis.
+   */
   nullable: boolean;
   /** The setpoint may omit the whole quantity. */
   optional: boolean;
@@ -73,8 +76,8 @@ const FRU: readonly [string, string, string] = ['Forward', 'Right', 'Up'];
 /** Scales of the axes: the form's third axis is up, the API's is down. */
 const UP_TO_DOWN: readonly [number, number, number] = [1, 1, -1];
 
-function group(field: string, title: string, list: readonly Axis[], more: Partial<Group> = {}): Group {
-  return { field, title, axes: list, nullable: false, optional: false, ...more };
+function group(field: string, title: string, groupAxes: readonly Axis[], options: Partial<Group> = {}): Group {
+  return { field, title, axes: groupAxes, nullable: false, optional: false, ...options };
 }
 
 const THRUST = group('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust (0 to 1)', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });

@@ -5,8 +5,8 @@ import type { DistanceReference } from './map-model';
 
 /** Smallest side of a cell [px]; the largest side is ten times as long. */
 const MIN_CELL_PX = 34;
-/** No grid is drawn farther from the reference than this [m], because a flat grid is too inaccurate there. */
-const FLAT_WITHIN_M = 500_000;
+/** The grid ends at this distance from the reference [m], because a flat grid is too inaccurate farther away. */
+const MAX_GRID_M = 500_000;
 const MAX_LINES = 400;
 
 /** Side of a small cell [m]: the smallest visible power of ten, at least 1 m. Strong lines are ten cells apart. */
@@ -22,7 +22,7 @@ export interface Box {
   north_m: number;
 }
 
-/** The smallest rectangle that contains the view, also a rotated one. */
+/** The smallest rectangle that contains the view. The view may be rotated. */
 export function viewBox(view: MapView, reference: GeoPosition): Box {
   const corners = [
     [0, 0],
@@ -55,10 +55,10 @@ export interface Grid {
 
 /** The grid's lines in a box. */
 export function gridLines(reference: GeoPosition, box: Box, step_m: number): Grid {
-  const west_m = Math.max(box.west_m, -FLAT_WITHIN_M);
-  const east_m = Math.min(box.east_m, FLAT_WITHIN_M);
-  const south_m = Math.max(box.south_m, -FLAT_WITHIN_M);
-  const north_m = Math.min(box.north_m, FLAT_WITHIN_M);
+  const west_m = Math.max(box.west_m, -MAX_GRID_M);
+  const east_m = Math.min(box.east_m, MAX_GRID_M);
+  const south_m = Math.max(box.south_m, -MAX_GRID_M);
+  const north_m = Math.min(box.north_m, MAX_GRID_M);
   const grid: Grid = { thin: [], strong: [] };
   if (west_m >= east_m || south_m >= north_m) return grid;
   const add = (k: number, from: EastNorth, to: EastNorth): unknown =>
@@ -85,7 +85,7 @@ export function edgeLabels(view: MapView, reference: DistanceReference): EdgeLab
   const spacing_m = step_m * px_per_m >= LABEL_PX ? step_m : step_m * 10;
   const box = viewBox(view, reference);
   const farthest_m = Math.max(Math.abs(box.west_m), Math.abs(box.east_m), Math.abs(box.south_m), Math.abs(box.north_m));
-  if (farthest_m > FLAT_WITHIN_M) return [];
+  if (farthest_m > MAX_GRID_M) return [];
   const labelText = (metres: number, plus: string, minus: string): string =>
     metres === 0 ? reference.name : `${lengthText(Math.abs(metres))} ${metres > 0 ? plus : minus}`;
   const labels: EdgeLabel[] = [];

@@ -9,14 +9,15 @@ import type { LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte
 import type { GeoPosition } from '../../vehicle/geo';
 import type { Palette } from './map-draw';
 
-const SOURCE = 'edited';
-const PREFIX = 'edited-';
+const SOURCE_ID = 'edited';
+const ID_PREFIX = 'edited-';
 /** Image pixels per CSS pixel of an icon. */
-const RATIO = 2;
+const ICON_SCALE = 2;
 /** Radius of a point's disc. */
 export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { midpoint: 5, corner: 6.5, cross: 9, disc: 13, home: 13, vehicle: 16 };
-/** Half the side of an icon [px]. */
-export const HALF_PX = 18;
+/** Half the side of an icon [CSS px]. */
+export const ICON_HALF_PX = 18;
+/** The CSS custom property of each tone. */
 export const TONES: Readonly<Record<Tone, string>> = {
   target: '--target',
   caution: '--caution',
@@ -31,7 +32,7 @@ const coordinates = (positions: readonly GeoPosition[]): [number, number][] => p
 
 /** Name of a point's icon; it contains everything that the icon shows. */
 export function iconName(point: LayerPoint): string {
-  return [PREFIX, point.mark, point.tone, point.selected ? 'on' : 'off', point.text].join('|');
+  return [ID_PREFIX, point.mark, point.tone, point.selected ? 'on' : 'off', point.text].join('|');
 }
 
 /** All editable layers as GeoJSON; selected points come last, so that they are drawn on top. */
@@ -60,31 +61,31 @@ export function mapLibreLayers(palette: Palette): LayerSpecification[] {
   const colour = ['match', ['get', 'tone'], ...Object.entries(TONES).flatMap(([tone, name]) => [tone, palette.colour(name)]), palette.text2] as never;
   const isKind = (kind: string): never => ['==', ['get', 'kind'], kind] as never;
   const line = (kind: string, paint: object): LayerSpecification => ({
-    id: `${PREFIX}${kind}`,
+    id: `${ID_PREFIX}${kind}`,
     type: 'line',
-    source: SOURCE,
+    source: SOURCE_ID,
     // 'solid-band' is a wide transparent line below the features of kind 'solid'.
     filter: isKind(kind.replace('-band', '')),
     layout: { 'line-cap': 'round', 'line-join': 'round' },
     paint: { 'line-color': colour, 'line-width': palette.stroke, ...paint },
   });
   return [
-    { id: `${PREFIX}area`, type: 'fill', source: SOURCE, filter: isKind('area'), paint: { 'fill-color': colour, 'fill-opacity': palette.dark ? 0.08 : 0.1 } },
+    { id: `${ID_PREFIX}area`, type: 'fill', source: SOURCE_ID, filter: isKind('area'), paint: { 'fill-color': colour, 'fill-opacity': palette.dark ? 0.08 : 0.1 } },
     line('dashed', { 'line-width': 1.6, 'line-dasharray': [4, 3.5] }),
     line('solid-band', { 'line-width': 14, 'line-opacity': 0.13 }),
     line('dotted', { 'line-width': 2, 'line-dasharray': [0.1, 3] }),
     line('solid', { 'line-width': palette.stroke + 0.4 }),
     {
-      id: `${PREFIX}point`,
+      id: `${ID_PREFIX}point`,
       type: 'symbol',
-      source: SOURCE,
+      source: SOURCE_ID,
       filter: isKind('point'),
       layout: { 'icon-image': ['get', 'icon'], 'icon-allow-overlap': true, 'icon-ignore-placement': true, 'symbol-sort-key': ['get', 'sort'] },
     },
     {
-      id: `${PREFIX}vehicle`,
+      id: `${ID_PREFIX}vehicle`,
       type: 'symbol',
-      source: SOURCE,
+      source: SOURCE_ID,
       filter: isKind('vehicle'),
       layout: {
         'icon-image': ['get', 'icon'],
@@ -107,13 +108,13 @@ function imageOf(name: string, palette: Palette): ImageData | null {
 export function drawIcon(name: string, palette: Palette): HTMLCanvasElement | null {
   const [, mark, tone, selection, text = ''] = name.split('|');
   const canvas = document.createElement('canvas');
-  canvas.width = canvas.height = HALF_PX * 2 * RATIO;
+  canvas.width = canvas.height = ICON_HALF_PX * 2 * ICON_SCALE;
   const ctx = canvas.getContext('2d');
   if (ctx === null || mark === undefined || !(tone !== undefined && tone in TONES)) return null;
   const colour = palette.colour(TONES[tone as Tone]);
   const selected = selection === 'on';
-  ctx.scale(RATIO, RATIO);
-  ctx.translate(HALF_PX, HALF_PX);
+  ctx.scale(ICON_SCALE, ICON_SCALE);
+  ctx.translate(ICON_HALF_PX, ICON_HALF_PX);
   ctx.lineWidth = palette.stroke;
   ctx.lineCap = 'round';
   const radius = POINT_RADIUS_PX[mark as LayerPoint['mark']];
@@ -164,25 +165,25 @@ export class LayerPainter {
 
   constructor(private readonly map: MapLibre) {
     map.setMissingStyleImageResolver((id) => {
-      const image = id.startsWith(PREFIX) && this.palette !== null ? imageOf(id, this.palette) : null;
-      if (image !== null && !map.hasImage(id)) map.addImage(id, image, { pixelRatio: RATIO });
+      const image = id.startsWith(ID_PREFIX) && this.palette !== null ? imageOf(id, this.palette) : null;
+      if (image !== null && !map.hasImage(id)) map.addImage(id, image, { pixelRatio: ICON_SCALE });
     });
   }
 
   show(pictures: readonly LayerPicture[]): void {
     this.pictures = pictures;
-    (this.map.getSource(SOURCE) as GeoJSONSource | undefined)?.setData(toGeoJson(pictures));
+    (this.map.getSource(SOURCE_ID) as GeoJSONSource | undefined)?.setData(toGeoJson(pictures));
   }
 
   /** Adds all layers again, after the map's style was loaded or the palette changed. */
   restyle(palette: Palette): void {
     this.palette = palette;
     const { map } = this;
-    for (const layer of map.getStyle().layers) if (layer.id.startsWith(PREFIX)) map.removeLayer(layer.id);
-    for (const name of map.listImages()) if (name.startsWith(PREFIX)) map.removeImage(name);
-    if (map.getSource(SOURCE) === undefined) {
+    for (const layer of map.getStyle().layers) if (layer.id.startsWith(ID_PREFIX)) map.removeLayer(layer.id);
+    for (const name of map.listImages()) if (name.startsWith(ID_PREFIX)) map.removeImage(name);
+    if (map.getSource(SOURCE_ID) === undefined) {
       // MapLibre cuts the data into tiles up to zoom 20; at this and all higher zooms, coordinates have a resolution of a centimetre.
-      map.addSource(SOURCE, { type: 'geojson', data: toGeoJson(this.pictures), maxzoom: 20, tolerance: 0, buffer: 64 });
+      map.addSource(SOURCE_ID, { type: 'geojson', data: toGeoJson(this.pictures), maxzoom: 20, tolerance: 0, buffer: 64 });
     }
     for (const layer of mapLibreLayers(palette)) map.addLayer(layer);
   }

@@ -1,6 +1,6 @@
 /**
  * One gesture on an editable layer, on the map or in the 3D view: a click selects a point, a drag moves it, by pointer
- * or with the keys of the crosshair. Pure: gets pixels and positions, calls the editor.
+ * or with the keys of the crosshair. Depends on pixels, positions and the editor, not on the page.
  */
 
 import type { LayerEditor, LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
@@ -57,14 +57,14 @@ export function targetAt(view: LayerView, at: Pixel, points: readonly LayerPoint
 }
 
 interface GrabbedPoint extends GrabTarget {
-  /** Where the gesture began. */
-  began: Pixel;
+  /** Pixel at which the gesture started. */
+  startPixel: Pixel;
   /** Offset from the pointer to the point, so that the point does not jump to the pointer. */
   offset: Pixel;
   /** Shift or Ctrl was pressed: the other points stay selected. */
-  more: boolean;
+  addsToSelection: boolean;
   /** Id of the point that is being moved; null: not moved yet. */
-  moving: string | null;
+  movedId: string | null;
   /** The editor cannot move the point, so the gesture can only be a click. */
   isFixed: boolean;
 }
@@ -76,32 +76,32 @@ export class LayerGesture {
 
   /** Whether a point is being moved. */
   get isMoving(): boolean {
-    return this.grabbed?.moving != null;
+    return this.grabbed?.movedId != null;
   }
 
-  down(view: LayerView, at: Pixel, { point, part }: GrabTarget, more: boolean): void {
+  down(view: LayerView, at: Pixel, { point, part }: GrabTarget, addsToSelection: boolean): void {
     const pixel = view.pixelOf(point) ?? at;
-    this.grabbed = { point, part, began: at, offset: { x: pixel.x - at.x, y: pixel.y - at.y }, more, moving: null, isFixed: false };
+    this.grabbed = { point, part, startPixel: at, offset: { x: pixel.x - at.x, y: pixel.y - at.y }, addsToSelection, movedId: null, isFixed: false };
   }
 
   /** Starts a move by keyboard. @returns false: the point cannot move. */
   grabByKeyboard(view: LayerView, point: LayerPoint): boolean {
     this.down(view, view.pixelOf(point) ?? { x: 0, y: 0 }, { point, part: 'point' }, false);
-    this.begin();
-    if (this.grabbed?.moving === null) this.grabbed = null;
+    this.beginMove();
+    if (this.grabbed?.movedId === null) this.grabbed = null;
     return this.grabbed !== null;
   }
 
   move(view: LayerView, at: Pixel): void {
     const grabbed = this.grabbed;
     if (grabbed === null || grabbed.isFixed) return;
-    if (grabbed.moving === null && Math.hypot(at.x - grabbed.began.x, at.y - grabbed.began.y) < CLICK_TOLERANCE_PX) return;
-    if (grabbed.moving === null) this.begin();
-    if (grabbed.moving === null) return;
+    if (grabbed.movedId === null && Math.hypot(at.x - grabbed.startPixel.x, at.y - grabbed.startPixel.y) < CLICK_TOLERANCE_PX) return;
+    if (grabbed.movedId === null) this.beginMove();
+    if (grabbed.movedId === null) return;
     if (grabbed.part === 'handle') this.raise(view, at, grabbed);
     else {
       const to = view.positionAt({ x: at.x + grabbed.offset.x, y: at.y + grabbed.offset.y }, grabbed.point);
-      if (to !== null) this.editor.drag(grabbed.moving, to);
+      if (to !== null) this.editor.drag(grabbed.movedId, to);
     }
   }
 
@@ -113,8 +113,8 @@ export class LayerGesture {
     const grabbed = this.grabbed;
     this.grabbed = null;
     if (grabbed === null) return;
-    if (grabbed.moving !== null) this.editor.drop(true);
-    else if (grabbed.part === 'point') this.editor.pick(grabbed.point.id, grabbed.more);
+    if (grabbed.movedId !== null) this.editor.drop(true);
+    else if (grabbed.part === 'point') this.editor.pick(grabbed.point.id, grabbed.addsToSelection);
   }
 
   /** Ends the gesture (Escape, or a cancelled pointer) and moves all points back. */
@@ -124,14 +124,14 @@ export class LayerGesture {
     if (moved) this.editor.drop(false);
   }
 
-  private begin(): void {
+  private beginMove(): void {
     if (this.grabbed === null) return;
-    this.grabbed.moving = this.editor.grab(this.grabbed.point.id);
-    this.grabbed.isFixed = this.grabbed.moving === null;
+    this.grabbed.movedId = this.editor.grab(this.grabbed.point.id);
+    this.grabbed.isFixed = this.grabbed.movedId === null;
   }
 
-  private raise(view: LayerView, at: Pixel, { point, began }: GrabbedPoint): void {
-    const [from_m, to_m] = [view.heightAt?.(began, point) ?? null, view.heightAt?.(at, point) ?? null];
+  private raise(view: LayerView, at: Pixel, { point, startPixel }: GrabbedPoint): void {
+    const [from_m, to_m] = [view.heightAt?.(startPixel, point) ?? null, view.heightAt?.(at, point) ?? null];
     if (from_m !== null && to_m !== null) this.editor.raise(to_m - from_m);
   }
 }

@@ -24,10 +24,10 @@ export interface Palette {
 
 type Ctx = CanvasRenderingContext2D;
 
-/** Width of the gap in the grid lines around a point. */
-const EDGE_PX = 2;
+/** Width of the gap in the grid lines around a point [px]. */
+const POINT_GAP_PX = 2;
 const OBSTACLE_RADIUS_PX = 2.5;
-/** Trail points nearer to the point before than this are not drawn [px]. */
+/** A trail point is not drawn if its distance from the last drawn point is smaller than this [px]. */
 const TRAIL_STEP_PX = 1.5;
 
 export interface Picture {
@@ -47,8 +47,8 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
   const { vehicles, inset } = picture;
   ctx.clearRect(0, 0, view.width, view.height);
   if (picture.grid !== null) drawGrid(ctx, view, picture.grid, picture.overTiles, palette);
-  if (picture.grid !== null) clearPoints(ctx, view, picture.edited);
-  if (!inset) for (const label of picture.labels) drawEdgeLabels(ctx, label, palette);
+  if (picture.grid !== null) clearGridAtPoints(ctx, view, picture.edited);
+  if (!inset) for (const label of picture.labels) drawEdgeLabel(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
   for (const v of vehicles) drawObstacles(ctx, view, v, palette);
   for (const home of distinctHomes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
@@ -67,15 +67,16 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
 }
 
 function drawGrid(ctx: Ctx, view: MapView, grid: Grid, overTiles: boolean, palette: Palette): void {
-  const upright = view.up_rad === 0;
-  const crisp = (value: number): number => (upright ? Math.round(value) + 0.5 : value);
+  const isNorthUp = view.up_rad === 0;
+  // In a map with north up, the lines are on the middles of pixels, so that they are sharp.
+  const onPixelMiddle = (value: number): number => (isNorthUp ? Math.round(value) + 0.5 : value);
   const lines = (segments: readonly GridLine[], colour: string): void => {
     ctx.strokeStyle = colour;
     ctx.beginPath();
     for (const { from, to } of segments) {
       const [a, b] = [toPixel(view, from), toPixel(view, to)];
-      ctx.moveTo(crisp(a.x), crisp(a.y));
-      ctx.lineTo(crisp(b.x), crisp(b.y));
+      ctx.moveTo(onPixelMiddle(a.x), onPixelMiddle(a.y));
+      ctx.lineTo(onPixelMiddle(b.x), onPixelMiddle(b.y));
     }
     ctx.stroke();
   };
@@ -86,12 +87,12 @@ function drawGrid(ctx: Ctx, view: MapView, grid: Grid, overTiles: boolean, palet
   ctx.globalAlpha = 1;
 }
 
-function clearPoints(ctx: Ctx, view: MapView, points: readonly LayerPoint[]): void {
+function clearGridAtPoints(ctx: Ctx, view: MapView, points: readonly LayerPoint[]): void {
   ctx.globalCompositeOperation = 'destination-out';
   for (const point of points) {
     const { x, y } = toPixel(view, point);
     ctx.beginPath();
-    ctx.arc(x, y, POINT_RADIUS_PX[point.mark] + EDGE_PX, 0, 2 * Math.PI);
+    ctx.arc(x, y, POINT_RADIUS_PX[point.mark] + POINT_GAP_PX, 0, 2 * Math.PI);
     ctx.fill();
   }
   ctx.globalCompositeOperation = 'source-over';
@@ -120,7 +121,7 @@ function colourOf(v: MapVehicle, palette: Palette): string {
   return v.stale ? palette.text3 : palette.colour(v.colour);
 }
 
-function drawEdgeLabels(ctx: Ctx, label: EdgeLabel, palette: Palette): void {
+function drawEdgeLabel(ctx: Ctx, label: EdgeLabel, palette: Palette): void {
   ctx.font = '11px Inter, system-ui, sans-serif';
   ctx.fillStyle = palette.text3;
   ctx.textBaseline = label.y === 0 ? 'top' : 'bottom';
@@ -147,10 +148,10 @@ function drawTrail(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): vo
   ctx.globalAlpha = 1;
 }
 
-function drawHome(ctx: Ctx, { x, y }: Pixel, palette: Palette, size: number): void {
+function drawHome(ctx: Ctx, { x, y }: Pixel, palette: Palette, scale: number): void {
   ctx.save();
   ctx.translate(x, y);
-  ctx.scale(size, size);
+  ctx.scale(scale, scale);
   disc(ctx, 13, palette.panel, palette.text2, 1.5);
   ctx.strokeStyle = palette.text;
   ctx.lineWidth = 1.6;
@@ -212,11 +213,11 @@ function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, pal
   if (!inset && Math.hypot(at.x - from.x, at.y - from.y) > 60) drawTag(ctx, at, target.label, palette.target, palette);
 }
 
-function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, palette: Palette, size: number): void {
+function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, palette: Palette, scale: number): void {
   const colour = colourOf(v, palette);
   ctx.save();
   ctx.translate(x, y);
-  ctx.scale(size, size);
+  ctx.scale(scale, scale);
   if (v.yaw_rad !== null) ctx.rotate(v.yaw_rad - up_rad);
   if (!v.lost) {
     ctx.globalAlpha = v.selected ? 0.2 : 0.12;
@@ -238,11 +239,11 @@ function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, p
     disc(ctx, 5.4, palette.map, colour, v.lost ? 1.4 : 2);
     ctx.restore();
   }
-  const nose = new Path2D('M0-24l5 8h-10z');
-  if (v.yaw_rad !== null && v.lost) ctx.stroke(nose);
+  const headingArrow = new Path2D('M0-24l5 8h-10z');
+  if (v.yaw_rad !== null && v.lost) ctx.stroke(headingArrow);
   else if (v.yaw_rad !== null) {
     ctx.fillStyle = colour;
-    ctx.fill(nose);
+    ctx.fill(headingArrow);
   }
   ctx.restore();
 }

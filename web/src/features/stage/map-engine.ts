@@ -17,25 +17,26 @@ import { tileLayers, type OfflineMap } from './offline-maps';
 const RAD = Math.PI / 180;
 const ZOOM = { min: 7, max: 22 } as const;
 /** Margin around fitted positions [px]. */
-const FIT_PX = 70;
+const FIT_MARGIN_PX = 70;
 
 setWorkerCount(1);
-const archives = new Protocol({ metadata: true });
-addProtocol('pmtiles', archives.tile);
+const pmtiles = new Protocol({ metadata: true });
+addProtocol('pmtiles', pmtiles.tile);
 
 export interface EngineEvents {
   /** The camera or the tiles changed, and the map was drawn. */
-  drawn: () => void;
+  onDraw: () => void;
   /** A person moved the map. */
-  moved: () => void;
+  onMove: () => void;
   /** A person clicked, tapped or pressed for a long time. */
-  pressed: (at: Pixel) => void;
+  onPress: (at: Pixel) => void;
 }
 
 export class MapEngine {
   private readonly map: MapLibre;
   private readonly layers: LayerPainter | null;
-  private styled = false;
+  private isStyleLoaded = false;
+  private zoomingAboutMiddle = false;
 
   /**
    * Throws if the browser has no WebGL.
@@ -75,25 +76,23 @@ export class MapEngine {
     canvas.setAttribute('aria-hidden', 'true');
     canvas.removeAttribute('role');
     this.map.on('load', () => {
-      this.styled = true;
-      this.paint(this.palette);
+      this.isStyleLoaded = true;
+      this.setPalette(this.palette);
     });
-    this.map.on('render', events.drawn);
+    this.map.on('render', events.onDraw);
     for (const eventType of ['dragstart', 'rotatestart', 'zoomstart'] as const) {
       this.map.on(eventType, (event) => {
-        if (event.originalEvent !== undefined && (eventType !== 'zoomstart' || !this.zoomingAboutMiddle)) events.moved();
+        if (event.originalEvent !== undefined && (eventType !== 'zoomstart' || !this.zoomingAboutMiddle)) events.onMove();
       });
     }
-    const pressed = (event: MapMouseEvent): void => events.pressed({ x: event.point.x, y: event.point.y });
-    this.map.on('click', pressed);
-    this.map.on('contextmenu', pressed); // a long press on a touch screen
+    const onPress = (event: MapMouseEvent): void => events.onPress({ x: event.point.x, y: event.point.y });
+    this.map.on('click', onPress);
+    this.map.on('contextmenu', onPress); // a long press on a touch screen
     // eslint-disable-next-line no-console -- a map tile that cannot be read is for developers to see
     this.map.on('error', (event) => console.warn(`map: ${event.error.message}`));
   }
 
-  private zoomingAboutMiddle = false;
-
-  /** Whether the wheel zooms about the middle instead of the pointer: a followed vehicle then stays in the middle. */
+  /** Whether the wheel and a pinch zoom about the middle instead of the pointer: a followed vehicle then stays in the middle. */
   set zoomsAboutMiddle(on: boolean) {
     if (on === this.zoomingAboutMiddle) return;
     this.zoomingAboutMiddle = on;
@@ -112,7 +111,7 @@ export class MapEngine {
 
   /** Shows a position at an offset from the middle, right and down [px], without animation. */
   jumpTo(at: GeoPosition, offset_px: Pixel, zoom?: number): void {
-    const zoomed = zoom === undefined ? {} : { zoom };
+    const zoomOption = zoom === undefined ? {} : { zoom };
     this.map.jumpTo({
       center: [at.lon_deg, at.lat_deg],
       padding: {
@@ -121,7 +120,7 @@ export class MapEngine {
         top: Math.max(0, 2 * offset_px.y),
         bottom: Math.max(0, -2 * offset_px.y),
       },
-      ...zoomed,
+      ...zoomOption,
     });
   }
 
@@ -151,9 +150,9 @@ export class MapEngine {
   fit(positions: readonly GeoPosition[], max_zoom: number): void {
     const [first] = positions;
     if (first === undefined) return;
-    const box = new LngLatBounds([first.lon_deg, first.lat_deg], [first.lon_deg, first.lat_deg]);
-    for (const position of positions) box.extend([position.lon_deg, position.lat_deg]);
-    this.map.fitBounds(box, { maxZoom: max_zoom, padding: FIT_PX, duration: 0 });
+    const bounds = new LngLatBounds([first.lon_deg, first.lat_deg], [first.lon_deg, first.lat_deg]);
+    for (const position of positions) bounds.extend([position.lon_deg, position.lat_deg]);
+    this.map.fitBounds(bounds, { maxZoom: max_zoom, padding: FIT_MARGIN_PX, duration: 0 });
   }
 
   /** Shows the editable layers; only on an `editable` map. */
@@ -165,11 +164,11 @@ export class MapEngine {
     this.map.resize();
   }
 
-  paint(palette: Palette): void {
+  setPalette(palette: Palette): void {
     this.palette = palette;
-    if (!this.styled) return;
+    if (!this.isStyleLoaded) return;
     this.map.setPaintProperty(GROUND, 'background-color', palette.map);
-    this.showOffline();
+    this.showOfflineMaps();
     this.layers?.restyle(palette);
   }
 
@@ -177,7 +176,7 @@ export class MapEngine {
     this.map.remove();
   }
 
-  private showOffline(): void {
+  private showOfflineMaps(): void {
     for (const layer of this.map.getStyle().layers) if (layer.id.startsWith('tiles-')) this.map.removeLayer(layer.id);
     this.offline.forEach((offlineMap, index) => {
       const name = `tiles-${index}`;

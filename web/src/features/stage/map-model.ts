@@ -30,7 +30,7 @@ export interface MapVehicle extends GeoPosition {
   detectedObstacles: readonly GeoPosition[];
 }
 
-/** A target of the vehicle: a setpoint, a position to fly to, a region of interest of the camera. */
+/** A target of the vehicle: a setpoint, a position to fly to, or a region of interest (ROI) of the camera. */
 export interface MapTarget extends GeoPosition {
   kind: 'go' | 'look' | 'preview';
   label: string;
@@ -43,7 +43,7 @@ export interface RequestedTarget extends GeoPosition {
   alt_home_m: number | null;
 }
 
-/** The position to fly to, and the region of interest. */
+/** The position to which a vehicle flies, and its region of interest; null: none. */
 export interface RequestedTargets {
   go: RequestedTarget | null;
   look: RequestedTarget | null;
@@ -63,16 +63,16 @@ export function distanceReference(facts: VehicleFacts | null, firstPoint: GeoPos
 
 /**
  * Latitude and longitude of the streamed position setpoint, from the difference between setpoint and local position; null: none.
- * @param here global position of the vehicle.
+ * @param position global position of the vehicle.
  */
-function streamedSetpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
+function streamedSetpoint(facts: VehicleFacts, position: GeoPosition): MapTarget | null {
   const stream = facts.offboard;
-  const at = facts.local?.value.position_ned_m;
-  if (stream?.streaming !== true || stream.position_ned_m === null || at === undefined) return null;
+  const local_ned_m = facts.local?.value.position_ned_m;
+  if (stream?.streaming !== true || stream.position_ned_m === null || local_ned_m === undefined) return null;
   const [north, east, down] = stream.position_ned_m;
   if (north === null || east === null) return null;
-  const position = positionAt(here, { north_m: north - at[0], east_m: east - at[1] });
-  return { ...position, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m above local origin`}` };
+  const setpoint = positionAt(position, { north_m: north - local_ned_m[0], east_m: east - local_ned_m[1] });
+  return { ...setpoint, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m above local origin`}` };
 }
 
 function previewTarget(id: string, preview: MapPreview | null): MapTarget | null {
@@ -100,21 +100,21 @@ function cameraDirection_rad(facts: VehicleFacts): number | null {
 }
 
 /** Positions of the obstacles that the vehicle's distance sensors detect now. */
-function obstaclesAround(vehicle: VehicleState, facts: VehicleFacts, here: GeoPosition): GeoPosition[] {
+function detectedObstacles(vehicle: VehicleState, facts: VehicleFacts, position: GeoPosition): GeoPosition[] {
   const sensors = vehicle.read('distance_sensors', facts.now_unix_s);
   const obstacleDistance = vehicle.read('obstacle_distance', facts.now_unix_s);
   if (sensors === null && obstacleDistance === null) return [];
-  return obstaclePositions(here, facts.attitude?.value.yaw_ned_rad ?? null, {
+  return obstaclePositions(position, facts.attitude?.value.yaw_ned_rad ?? null, {
     sensors: sensors !== null && sensors.age_s <= MAX_AGE_S ? sensors.value : null,
     obstacleDistance: obstacleDistance !== null && obstacleDistance.age_s <= MAX_AGE_S ? obstacleDistance.value : null,
   });
 }
 
-function label(facts: VehicleFacts): string {
+function vehicleLabel(facts: VehicleFacts): string {
   const position = facts.global;
   if (position === null) return facts.id;
-  const age = facts.lost ? ' · connection lost' : position.stale ? ` · ${ageText(position.age_s)} old` : '';
-  return `${facts.id} · ${fixed(position.value.alt_home_m, 1)} m above home${age}`;
+  const warning = facts.lost ? ' · connection lost' : position.stale ? ` · ${ageText(position.age_s)} old` : '';
+  return `${facts.id} · ${fixed(position.value.alt_home_m, 1)} m above home${warning}`;
 }
 
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */
@@ -131,43 +131,46 @@ export function mapVehicles(
     const facts = vehicleFacts(vehicle, store.nowUnixS(id), store.connected);
     if (facts.global === null) return;
     const { lat_deg, lon_deg } = facts.global.value;
-    const here = { lat_deg, lon_deg };
+    const position = { lat_deg, lon_deg };
     const requested = targetsOf(facts);
-    const streamed = streamedSetpoint(facts, here);
+    const streamed = streamedSetpoint(facts, position);
     const targets = [
       streamed ?? requestedTarget('go', 'go-to target', requested.go),
       requestedTarget('look', 'ROI', requested.look),
       previewTarget(id, preview),
     ];
     vehicles.push({
-      ...here,
+      ...position,
       id,
       selected: id === selectedId,
       lost: facts.lost,
       stale: !facts.lost && facts.global.stale && !facts.replayed,
       colour: identityColour(index),
       yaw_rad: facts.attitude?.value.yaw_ned_rad ?? null,
-      label: label(facts),
+      label: vehicleLabel(facts),
       trail: vehicle.trail.points,
       home: facts.home?.value ?? null,
       camera_yaw_rad: cameraDirection_rad(facts),
-      detectedObstacles: facts.lost ? [] : obstaclesAround(vehicle, facts, here),
+      detectedObstacles: facts.lost ? [] : detectedObstacles(vehicle, facts, position),
       targets: targets.filter((t): t is MapTarget => t !== null),
     });
   });
   return vehicles.sort((a, b) => Number(a.selected) - Number(b.selected));
 }
 
-/** Distance at which a target counts as reached [m]. */
-const ARRIVED_M = 2;
+/** A vehicle closer to its target than this has reached it [m]. */
+const REACHED_M = 2;
 /** A vehicle must have started to fly to a target after this time [s]. */
 const START_TIMEOUT_S = 5;
 
-/** Whether the vehicle is still flying to a target: it has not reached the target, and is in Hold mode, armed. */
+/**
+ * Whether the vehicle is still flying to a target: it is armed, is in Hold mode and has not reached the target. In the first
+ * seconds after the request the result is true.
+ */
 export function isTargetActive(requested: RequestedTarget & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
   const mode = facts.status?.value.mode ?? '';
   if (now_s - requested.since_s < START_TIMEOUT_S) return true;
   if (facts.status?.value.armed !== true || mode !== 'hold' || facts.global === null) return false;
-  const climb_m = requested.alt_home_m === null ? 0 : Math.abs(facts.global.value.alt_home_m - requested.alt_home_m);
-  return groundDistance_m(requested, facts.global.value) > ARRIVED_M || climb_m > ARRIVED_M;
+  const altitudeDifference_m = requested.alt_home_m === null ? 0 : Math.abs(facts.global.value.alt_home_m - requested.alt_home_m);
+  return groundDistance_m(requested, facts.global.value) > REACHED_M || altitudeDifference_m > REACHED_M;
 }

@@ -54,7 +54,7 @@ export class MapPointMenu {
     this.actions.dismiss('stage');
   }
 
-  /** Handles the server's event about a click in this page's 3D view. @param viewId of this page's 3D view. */
+  /** Handles the server's event about a click in this page's 3D view. @param viewId id of this page's 3D view. */
   clickedIn3d(event: WireEvent, viewId: string, size: { width: number; height: number }, facts: VehicleFacts | null): void {
     const number = (name: string): number | null => (typeof event[name] === 'number' ? (event[name] as number) : null);
     const [lat_deg, lon_deg, x, y] = [number('lat_deg'), number('lon_deg'), number('view_x'), number('view_y')];
@@ -74,15 +74,15 @@ export class MapPointMenu {
   /** Opens the confirmation of "Go here". */
   go(facts: VehicleFacts): void {
     const mapPoint = this.mapPoint;
-    const away_m = mapPoint === null ? null : distance_m(facts, mapPoint);
-    if (mapPoint === null || away_m === null) return;
+    const toPoint_m = mapPoint === null ? null : distance_m(facts, mapPoint);
+    if (mapPoint === null || toPoint_m === null) return;
     const { lat_deg, lon_deg } = mapPoint;
     const alt_home_m = this.go_home_m;
     this.actions.request('goto', facts, 'stage', {
       lat_deg,
       lon_deg,
       alt_home_m,
-      distance_m: away_m,
+      distance_m: toPoint_m,
       time_s: flightTime_s(facts, mapPoint, alt_home_m, this.speedsOf(facts.id)),
       onResult: (accepted) => {
         if (!accepted) return;
@@ -140,7 +140,7 @@ export class MapPointMenu {
     const down_m_s = await read(SPEED_PARAMETERS.down_m_s);
     if (level_m_s === null) {
       const { [id]: _failed, ...others } = this.speeds;
-      this.speeds = others; // requested again the next time
+      this.speeds = others; // when the menu opens again, the page requests them again
     } else this.speeds = { ...this.speeds, [id]: { level_m_s, up_m_s, down_m_s } };
   }
 }

@@ -14,9 +14,9 @@ export interface MapPoint extends GeoPosition {
   in3d: Pixel | null;
 }
 
-/** The API's limits [m above home]. */
+/** The API's limits for altitudes [m above home]. */
 export const ALTITUDE_RANGE_M = { min: -100, max: 1000 } as const;
-/** Largest distance [m] that the API accepts by default. */
+/** Largest distance of a position to fly to [m] that the API accepts by default. */
 const MAX_GO_DISTANCE_M = 1000;
 
 const IS_REPLAY = 'A replayed vehicle accepts no commands.';
@@ -45,24 +45,24 @@ export function distance_m(facts: VehicleFacts, mapPoint: GeoPosition): number |
 
 /** Flight time [s]: the longer of the horizontal flight and the climb; null if a required speed is not known. */
 export function flightTime_s(facts: VehicleFacts, mapPoint: GeoPosition, alt_home_m: number, speeds: Speeds): number | null {
-  const away_m = distance_m(facts, mapPoint);
-  if (away_m === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
+  const toPoint_m = distance_m(facts, mapPoint);
+  if (toPoint_m === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
   const climb_m = alt_home_m - facts.global.value.alt_home_m;
-  const rate_m_s = climb_m > 0 ? speeds.up_m_s : speeds.down_m_s;
-  if (Math.abs(climb_m) > 0.5 && (rate_m_s === null || rate_m_s <= 0)) return null;
-  return Math.max(away_m / speeds.level_m_s, rate_m_s === null ? 0 : Math.abs(climb_m) / rate_m_s);
+  const verticalSpeed_m_s = climb_m > 0 ? speeds.up_m_s : speeds.down_m_s;
+  if (Math.abs(climb_m) > 0.5 && (verticalSpeed_m_s === null || verticalSpeed_m_s <= 0)) return null;
+  return Math.max(toPoint_m / speeds.level_m_s, verticalSpeed_m_s === null ? 0 : Math.abs(climb_m) / verticalSpeed_m_s);
 }
 
 /** Why "Go here" is not possible now; null: it is possible. */
 export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | null {
   if (facts.replayed) return IS_REPLAY;
   if (facts.lost) return NO_CONNECTION;
-  const away_m = distance_m(facts, mapPoint);
-  if (away_m === null || facts.global?.stale === true) return NO_POSITION;
+  const toPoint_m = distance_m(facts, mapPoint);
+  if (toPoint_m === null || facts.global?.stale === true) return NO_POSITION;
   if (facts.home === null) return NO_HOME;
   if (!facts.inAir) return 'The vehicle is on the ground: take off first.';
-  const { text, unit } = metres(away_m);
-  return away_m > MAX_GO_DISTANCE_M ? `${text} ${unit} away; the limit is ${MAX_GO_DISTANCE_M} m. Fly there in shorter legs.` : null;
+  const { text, unit } = metres(toPoint_m);
+  return toPoint_m > MAX_GO_DISTANCE_M ? `${text} ${unit} away; the limit is ${MAX_GO_DISTANCE_M} m. Fly there in shorter legs.` : null;
 }
 
 /**
@@ -72,10 +72,10 @@ export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | n
 export function lookAngles(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
   const yaw_deg = toDeg(facts.attitude?.value.yaw_ned_rad);
   if (facts.global === null || yaw_deg === null) return null;
-  const away_m = groundDistance_m(facts.global.value, mapPoint);
+  const toPoint_m = groundDistance_m(facts.global.value, mapPoint);
   const down_m = facts.global.value.alt_home_m - point_home_m;
   const yaw_ned_deg = wrap180((bearing_rad(facts.global.value, mapPoint) * 180) / Math.PI);
-  return { pitch_deg: (-Math.atan2(down_m, away_m) * 180) / Math.PI, yaw_deg: wrap180(yaw_ned_deg - yaw_deg), yaw_ned_deg };
+  return { pitch_deg: (-Math.atan2(down_m, toPoint_m) * 180) / Math.PI, yaw_deg: wrap180(yaw_ned_deg - yaw_deg), yaw_ned_deg };
 }
 
 function whyNoCamera(facts: VehicleFacts): string | null {
@@ -86,16 +86,16 @@ function whyNoCamera(facts: VehicleFacts): string | null {
 }
 
 /** Why "Look here" is not possible now; null: it is possible. */
-export function whyNotLook(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number, inControl: boolean): string | null {
+export function whyNotLook(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number, hasGimbalControl: boolean): string | null {
   const why = whyNoCamera(facts);
   if (why !== null) return why;
-  if (!inControl) return 'First take control on the gimbal card.';
+  if (!hasGimbalControl) return 'First take control on the gimbal card.';
   const angles = lookAngles(facts, mapPoint, point_home_m);
   if (angles === null) return 'The vehicle’s heading is not known.';
-  const range = angleLimits(facts.gimbal?.value ?? null);
-  const isOutside = (value: number, min: number, max: number): boolean => range.isReported && (value < min - 0.05 || value > max + 0.05);
-  if (isOutside(angles.pitch_deg, range.pitchMin_deg, range.pitchMax_deg)) return `Outside the gimbal’s range: pitch ${fixed(angles.pitch_deg, 0)}°.`;
-  if (isOutside(angles.yaw_deg, range.yawMin_deg, range.yawMax_deg)) return `Outside the gimbal’s range: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;
+  const limits = angleLimits(facts.gimbal?.value ?? null);
+  const isOutside = (value: number, min: number, max: number): boolean => limits.isReported && (value < min - 0.05 || value > max + 0.05);
+  if (isOutside(angles.pitch_deg, limits.pitchMin_deg, limits.pitchMax_deg)) return `Outside the gimbal’s range: pitch ${fixed(angles.pitch_deg, 0)}°.`;
+  if (isOutside(angles.yaw_deg, limits.yawMin_deg, limits.yawMax_deg)) return `Outside the gimbal’s range: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;
   return null;
 }
 
@@ -127,10 +127,10 @@ export interface Size {
 }
 
 /** Position of the menu's upper left corner: beside the point, within the free area. */
-export function menuCorner(at: Pixel, menu: Size, free: { left: number; top: number; right: number; bottom: number }): Pixel {
-  const gap = 20;
-  const right = at.x + gap;
-  const x = right + menu.width <= free.right ? right : at.x - gap - menu.width;
+export function menuCorner(at: Pixel, menu: Size, freeArea: { left: number; top: number; right: number; bottom: number }): Pixel {
+  const gap_px = 20;
+  const right = at.x + gap_px;
+  const x = right + menu.width <= freeArea.right ? right : at.x - gap_px - menu.width;
   const y = at.y - menu.height / 3;
-  return { x: Math.max(free.left, Math.min(x, free.right - menu.width)), y: Math.max(free.top, Math.min(y, free.bottom - menu.height)) };
+  return { x: Math.max(freeArea.left, Math.min(x, freeArea.right - menu.width)), y: Math.max(freeArea.top, Math.min(y, freeArea.bottom - menu.height)) };
 }

@@ -11,15 +11,15 @@ export interface OfflineMap {
   source: SourceSpecification;
 }
 
-/** A file as a MapLibre source. A PMTiles file contains its own description; tiles of MBTiles are requested singly. */
+/** A file as a MapLibre source. A PMTiles file contains its own description; tiles of an MBTiles file are requested one by one. */
 export function offlineMap(file: MapFile, origin: string): OfflineMap {
   const url = `${origin}${file.url}`;
   const type = file.tiles === 'vector' ? ('vector' as const) : ('raster' as const);
-  const size = type === 'raster' ? { tileSize: 256 } : {};
-  if (file.format === 'pmtiles') return { file, source: { type, url: `pmtiles://${url}`, ...size } as SourceSpecification };
+  const tileSize = type === 'raster' ? { tileSize: 256 } : {};
+  if (file.format === 'pmtiles') return { file, source: { type, url: `pmtiles://${url}`, ...tileSize } as SourceSpecification };
   const bounds = file.bounds_deg === null ? {} : { bounds: file.bounds_deg };
-  const range = { minzoom: file.min_zoom, maxzoom: file.max_zoom };
-  return { file, source: { type, tiles: [`${url}/{z}/{x}/{y}`], ...range, ...bounds, ...size } as SourceSpecification };
+  const zoomRange = { minzoom: file.min_zoom, maxzoom: file.max_zoom };
+  return { file, source: { type, tiles: [`${url}/{z}/{x}/{y}`], ...zoomRange, ...bounds, ...tileSize } as SourceSpecification };
 }
 
 /**

@@ -5,7 +5,7 @@
 
 import type { LayerLine, LayerPicture, LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
 import type { Pixel } from '../../vehicle/geo';
-import { drawIcon, HALF_PX, iconName, TONES } from './layer-draw';
+import { drawIcon, ICON_HALF_PX, iconName, TONES } from './layer-draw';
 import { withHandles } from './layer-gesture';
 import type { Palette } from './map-draw';
 import { facesOf, type Face } from './scene-solids';
@@ -54,8 +54,8 @@ function crossing(a: Clip, b: Clip): Clip {
 interface DrawnPoint {
   readonly point: LayerPoint;
   readonly at: Pixel;
-  /** Distance along the line of sight [m]. */
-  readonly away_m: number;
+  /** Distance from the camera along the axis of the view [m]. */
+  readonly depth_m: number;
 }
 
 /** The visible points in the order of drawing: midpoints first, selected points last, and the farthest points first. */
@@ -66,8 +66,8 @@ export function drawnPoints(view: SceneView, points: readonly LayerPoint[]): Dra
     .filter(({ clip }) => clip[3] >= NEAR_M)
     .sort((a, b) => a.clip[3] - b.clip[3])
     .slice(0, MAX_POINTS)
-    .map(({ point, clip }) => ({ point, at: view.pixelOfClip(clip), away_m: clip[3] }))
-    .sort((a, b) => rank(a) - rank(b) || b.away_m - a.away_m);
+    .map(({ point, clip }) => ({ point, at: view.pixelOfClip(clip), depth_m: clip[3] }))
+    .sort((a, b) => rank(a) - rank(b) || b.depth_m - a.depth_m);
 }
 
 export class ScenePainter {
@@ -85,7 +85,7 @@ export class ScenePainter {
     const opacity = this.palette.dark ? 0.1 : 0.13;
     for (const { areas } of pictures)
       for (const { ring, tone } of areas)
-        this.fill(
+        this.fillArea(
           view,
           ring.map((at) => view.enuOf(at)),
           this.colour(tone),
@@ -95,13 +95,13 @@ export class ScenePainter {
       view,
       pictures.flatMap(({ solids }) => solids ?? []),
     ))
-      this.face(view, face);
-    for (const { lines } of pictures) for (const line of lines) this.shadow(view, line);
-    for (const { points } of pictures) this.plumbLines(view, points);
-    for (const { lines } of pictures) for (const line of lines) this.line(view, line);
+      this.drawFace(view, face);
+    for (const { lines } of pictures) for (const line of lines) this.drawShadow(view, line);
+    for (const { points } of pictures) this.drawGroundLines(view, points);
+    for (const { lines } of pictures) for (const line of lines) this.drawLine(view, line);
     for (const { points } of pictures) {
-      for (const { point, at } of drawnPoints(view, points)) this.point(point, at);
-      if (!this.inset) for (const point of withHandles(points)) this.handle(view, point);
+      for (const { point, at } of drawnPoints(view, points)) this.drawPoint(point, at);
+      if (!this.inset) for (const point of withHandles(points)) this.drawHandle(view, point);
     }
   }
 
@@ -109,15 +109,15 @@ export class ScenePainter {
     return this.palette.colour(TONES[tone]);
   }
 
-  /** Begins a path with a line of positions. @returns false: the whole line is behind the camera. */
-  private tracePath(view: SceneView, positions: readonly LayerPosition[], onGround = false): boolean {
+  /** Begins a path with a line through positions. @returns false: the whole line is behind the camera. */
+  private beginLine(view: SceneView, positions: readonly LayerPosition[], onGround = false): boolean {
     this.ctx.beginPath();
     const enu = positions.map((at) => view.enuOf(at));
-    return this.trace(view, onGround ? enu.map(([east, north]): Vector => [east, north, view.ground_m]) : enu);
+    return this.addLine(view, onGround ? enu.map(([east, north]): Vector => [east, north, view.ground_m]) : enu);
   }
 
   /** Adds a line to the current path. @returns false: the whole line is behind the camera. */
-  private trace(view: SceneView, line: readonly Vector[]): boolean {
+  private addLine(view: SceneView, line: readonly Vector[]): boolean {
     const parts = visibleParts(line.map((enu) => view.clipOf(enu)));
     for (const part of parts)
       part.forEach((clip, i) => {
@@ -139,8 +139,7 @@ export class ScenePainter {
     ctx.setLineDash([]);
   }
 
-  /** Fills an area. */
-  private fill(view: SceneView, ring: readonly Vector[], colour: string, opacity: number): void {
+  private fillArea(view: SceneView, ring: readonly Vector[], colour: string, opacity: number): void {
     const { ctx } = this;
     ctx.beginPath();
     for (const clip of visibleArea(ring.map((enu) => view.clipOf(enu)))) {
@@ -154,21 +153,21 @@ export class ScenePainter {
   }
 
   /** Draws a side or the top of a solid. Hidden sides and edges are drawn weaker. */
-  private face(view: SceneView, { ring, edges, tone, facesCamera, shade }: Face): void {
+  private drawFace(view: SceneView, { ring, edges, tone, facesCamera, shade }: Face): void {
     const colour = this.colour(tone);
-    this.fill(view, ring, colour, facesCamera ? shade : 0.06);
+    this.fillArea(view, ring, colour, facesCamera ? shade : 0.06);
     this.ctx.beginPath();
-    for (const edge of edges) this.trace(view, edge);
+    for (const edge of edges) this.addLine(view, edge);
     this.stroke(colour, facesCamera && !this.inset ? 1.6 : 1, facesCamera ? 0.9 : 0.3);
   }
 
   /** Draws a thin line on the ground below a path, which shows the position of the path from any side. */
-  private shadow(view: SceneView, { positions }: LayerLine): void {
-    if (positions.some((at) => at.alt_amsl_m !== undefined) && this.tracePath(view, positions, true)) this.stroke(this.palette.text2, 1, 0.45);
+  private drawShadow(view: SceneView, { positions }: LayerLine): void {
+    if (positions.some((at) => at.alt_amsl_m !== undefined) && this.beginLine(view, positions, true)) this.stroke(this.palette.text2, 1, 0.45);
   }
 
-  private line(view: SceneView, { positions, tone, style }: LayerLine): void {
-    if (!this.tracePath(view, positions)) return;
+  private drawLine(view: SceneView, { positions, tone, style }: LayerLine): void {
+    if (!this.beginLine(view, positions)) return;
     const { palette } = this;
     const width = this.inset ? 1.6 : palette.stroke;
     // A band in the colour of the ground separates the path from the grid and from other lines.
@@ -177,40 +176,41 @@ export class ScenePainter {
     this.stroke(this.colour(tone), style === 'dashed' ? 1.6 : width, 1, dash);
   }
 
-  private plumbLines(view: SceneView, points: readonly LayerPoint[]): void {
-    const raised = points.filter((point) => point.alt_amsl_m !== undefined && point.mark !== 'midpoint' && point.mark !== 'home');
-    for (const point of raised.slice(0, MAX_POINTS)) {
+  /** Draws vertical lines from the points to the ground. */
+  private drawGroundLines(view: SceneView, points: readonly LayerPoint[]): void {
+    const pointsWithAltitude = points.filter((point) => point.alt_amsl_m !== undefined && point.mark !== 'midpoint' && point.mark !== 'home');
+    for (const point of pointsWithAltitude.slice(0, MAX_POINTS)) {
       const ground = { lat_deg: point.lat_deg, lon_deg: point.lon_deg };
       const colour = point.selected ? this.palette.accent : this.palette.text2;
-      if (this.tracePath(view, [point, ground])) this.stroke(colour, point.selected ? 1.6 : 1, point.selected ? 1 : 0.6);
-      const foot = view.pixelOf(ground);
-      if (foot === null) continue;
+      if (this.beginLine(view, [point, ground])) this.stroke(colour, point.selected ? 1.6 : 1, point.selected ? 1 : 0.6);
+      const groundPixel = view.pixelOf(ground);
+      if (groundPixel === null) continue;
       this.ctx.beginPath();
-      this.ctx.arc(foot.x, foot.y, this.inset ? 1.5 : 2.5, 0, 2 * Math.PI);
+      this.ctx.arc(groundPixel.x, groundPixel.y, this.inset ? 1.5 : 2.5, 0, 2 * Math.PI);
       this.ctx.fillStyle = colour;
       this.ctx.fill();
     }
   }
 
-  private point(point: LayerPoint, at: Pixel): void {
+  private drawPoint(point: LayerPoint, at: Pixel): void {
     if (this.inset && point.mark === 'midpoint') return;
     const name = iconName(this.inset ? { ...point, text: '' } : point);
     if (!this.icons.has(name)) this.icons.set(name, drawIcon(name, this.palette));
     const icon = this.icons.get(name) ?? null;
-    const half = HALF_PX * (this.inset ? INSET_SCALE : 1);
-    if (icon !== null) this.ctx.drawImage(icon, at.x - half, at.y - half, half * 2, half * 2);
+    const half_px = ICON_HALF_PX * (this.inset ? INSET_SCALE : 1);
+    if (icon !== null) this.ctx.drawImage(icon, at.x - half_px, at.y - half_px, half_px * 2, half_px * 2);
   }
 
   /** Draws the altitude of a selected point as text, and the handle that changes the altitude. */
-  private handle(view: SceneView, point: LayerPoint): void {
+  private drawHandle(view: SceneView, point: LayerPoint): void {
     const { ctx, palette } = this;
     const [at, handle] = [view.pixelOf(point), view.handleOf(point)];
     if (at === null) return;
     if (handle !== null) {
       const length_px = Math.hypot(handle.x - at.x, handle.y - at.y);
-      const begin = { x: at.x + ((handle.x - at.x) / length_px) * 17, y: at.y + ((handle.y - at.y) / length_px) * 17 };
+      const start = { x: at.x + ((handle.x - at.x) / length_px) * 17, y: at.y + ((handle.y - at.y) / length_px) * 17 };
       ctx.beginPath();
-      ctx.moveTo(begin.x, begin.y);
+      ctx.moveTo(start.x, start.y);
       ctx.lineTo(handle.x, handle.y);
       this.stroke(palette.accent, 2);
       ctx.save();
@@ -225,10 +225,10 @@ export class ScenePainter {
       ctx.stroke(new Path2D('M0-6v12M-3-3.2L0-6.2 3-3.2M-3 3.2L0 6.2 3 3.2'));
       ctx.restore();
     }
-    this.tag({ x: at.x + 20, y: at.y }, point.altitudeText ?? '');
+    this.drawTag({ x: at.x + 20, y: at.y }, point.altitudeText ?? '');
   }
 
-  private tag(at: Pixel, text: string): void {
+  private drawTag(at: Pixel, text: string): void {
     const { ctx, palette } = this;
     ctx.font = '600 12px Inter, system-ui, sans-serif';
     ctx.textAlign = 'left';

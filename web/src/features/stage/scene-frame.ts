@@ -33,37 +33,37 @@ export interface SceneWindow extends Window {
  * The current camera; null while viser starts or reconnects.
  * @param origin origin of the drawn world while no vehicle has reported a position.
  */
-export function cameraOf(inside: SceneWindow, origin: Required<LayerPosition>): SceneCamera | null {
-  const { camera, nodeRefFromName } = inside.__viserMutable ?? {};
+export function cameraOf(sceneWindow: SceneWindow, origin: Required<LayerPosition>): SceneCamera | null {
+  const { camera, nodeRefFromName } = sceneWindow.__viserMutable ?? {};
   return validCamera({
     projection: camera?.projectionMatrix.elements,
     projectionInverse: camera?.projectionMatrixInverse.elements,
     pose: camera?.matrixWorld.elements,
     poseInverse: camera?.matrixWorldInverse.elements,
     world: nodeRefFromName?.['/world']?.matrixWorld.elements,
-    origin: parseOrigin(inside.document.documentElement.dataset['gcsOrigin']) ?? origin,
-    width: inside.innerWidth,
-    height: inside.innerHeight,
+    origin: parseOrigin(sceneWindow.document.documentElement.dataset['gcsOrigin']) ?? origin,
+    width: sceneWindow.innerWidth,
+    height: sceneWindow.innerHeight,
   });
 }
 
 /** Vertical field of view of the camera [rad]; null while viser starts. */
-export function fovOf(inside: SceneWindow): number | null {
-  const fov_deg = inside.__viserMutable?.camera?.fov;
+export function fovOf(sceneWindow: SceneWindow): number | null {
+  const fov_deg = sceneWindow.__viserMutable?.camera?.fov;
   return typeof fov_deg === 'number' && fov_deg > 0 ? (fov_deg * Math.PI) / 180 : null;
 }
 
 /** The newest pose of the camera, even if it was not drawn yet; null while viser starts. */
-export function poseOf(inside: SceneWindow): CameraPose | null {
-  const control = inside.__viserMutable?.cameraControl;
+export function poseOf(sceneWindow: SceneWindow): CameraPose | null {
+  const control = sceneWindow.__viserMutable?.cameraControl;
   if (control == null) return null;
   const [eye, target] = [control.getPosition(), control.getTarget()];
   return { eye: [eye.x, eye.y, eye.z], target: [target.x, target.y, target.z] };
 }
 
 /** Moves the camera. */
-export function setPose(inside: SceneWindow, { eye, target }: CameraPose): void {
-  const viser = inside.__viserMutable;
+export function setPose(sceneWindow: SceneWindow, { eye, target }: CameraPose): void {
+  const viser = sceneWindow.__viserMutable;
   void viser?.cameraControl?.setLookAt(...eye, ...target, 0); // 0: without a transition
   viser?.requestRender?.();
 }

@@ -30,7 +30,7 @@ export class SceneOverview {
   /** Whether the plan must be shown again, because more of its path is known. */
   private refitRequested = false;
   /** The poses before the overview and in the overview; null: no overview, or a person has moved the camera. */
-  private shown: { readonly before: CameraPose; readonly set: CameraPose } | null = null;
+  private shown: { readonly before: CameraPose; readonly inOverview: CameraPose } | null = null;
 
   /** Requests that the opened plan is shown once, as soon as the 3D view is large. */
   request(mode: string): void {
@@ -57,9 +57,9 @@ export class SceneOverview {
    * @param follows whether the camera must follow: a vehicle is flying, or the camera follows a dry run. The overview
    *   then ends, and the camera returns to its earlier pose.
    */
-  next(now: CameraPose, mode: string, inset: boolean, follows: boolean): CameraMove {
-    if (this.shown !== null && !isSame(this.shown.set, now)) [this.shown, this.refitRequested] = [null, false];
-    if (follows) return this.end(now);
+  next(current: CameraPose, mode: string, inset: boolean, follows: boolean): CameraMove {
+    if (this.shown !== null && !isSame(this.shown.inOverview, current)) [this.shown, this.refitRequested] = [null, false];
+    if (follows) return this.end(current);
     if (this.requestedMode !== null && this.requestedMode !== mode) this.requestedMode = null;
     if (inset || (this.requestedMode === null && !this.refitRequested)) return null;
     [this.requestedMode, this.refitRequested] = [null, false];
@@ -67,15 +67,15 @@ export class SceneOverview {
   }
 
   /** Reports that the camera was moved to show the plan. */
-  recordMove(before: CameraPose, set: CameraPose): void {
-    this.shown = { before: this.shown?.before ?? before, set };
+  recordMove(before: CameraPose, inOverview: CameraPose): void {
+    this.shown = { before: this.shown?.before ?? before, inOverview };
   }
 
   /** Ends the overview. @returns the camera's pose before the overview; null: the camera stays. */
-  end(now: CameraPose): CameraPose | null {
-    const earlier = this.shown !== null && isSame(this.shown.set, now) ? this.shown.before : null;
+  end(current: CameraPose): CameraPose | null {
+    const earlierPose = this.shown !== null && isSame(this.shown.inOverview, current) ? this.shown.before : null;
     this.cancel();
-    return earlier;
+    return earlierPose;
   }
 }
 

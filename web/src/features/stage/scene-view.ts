@@ -1,4 +1,4 @@
-/** Converts between positions of a layer and pixels of the 3D view, by the matrices of its camera. Pure. */
+/** Converts between positions of a layer and pixels of the 3D view, with the matrices of the camera. Pure. */
 
 import type { LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
 import { eastNorth, positionAt, type GeoPosition, type Pixel } from '../../vehicle/geo';
@@ -34,10 +34,10 @@ export const NEAR_M = 0.1;
 /**
  * A pointer cannot select or move positions farther away than this [m], because a pixel then covers a large distance.
  */
-const REACH_M = 5000;
+const MAX_DISTANCE_M = 5000;
 /** Length of the line from a point to its handle [px]. */
 const HANDLE_PX = 40;
-/** Below this angle between the line of sight and the horizontal, a point is dragged only across the view. */
+/** Below this angle between the line of sight and the horizontal, a point is dragged on a vertical plane, not a horizontal one. */
 const LOW_ANGLE_RAD = 0.07;
 /** Smallest elevation angle of the camera in the overview. */
 const MIN_ELEVATION_RAD = 0.5;
@@ -46,15 +46,15 @@ const MIN_RADIUS_M = 12;
 /** Below this angle between the line of sight and the vertical, altitudes cannot be changed. */
 const STEEP_ANGLE_RAD = 0.18;
 
-const apply = (m: Matrix, [x, y, z, w]: Clip): Clip => {
+const transform = (m: Matrix, [x, y, z, w]: Clip): Clip => {
   const row = (r: number): number => (m[r] ?? 0) * x + (m[r + 4] ?? 0) * y + (m[r + 8] ?? 0) * z + (m[r + 12] ?? 0) * w;
   return [row(0), row(1), row(2), row(3)];
 };
-const multiply = (a: Matrix, b: Matrix): Matrix => [0, 4, 8, 12].flatMap((c) => apply(a, [b[c] ?? 0, b[c + 1] ?? 0, b[c + 2] ?? 0, b[c + 3] ?? 0]));
-const minus = (a: Vector, b: Vector): Vector => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+const multiply = (a: Matrix, b: Matrix): Matrix => [0, 4, 8, 12].flatMap((c) => transform(a, [b[c] ?? 0, b[c + 1] ?? 0, b[c + 2] ?? 0, b[c + 3] ?? 0]));
+const subtract = (a: Vector, b: Vector): Vector => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const dot = (a: Vector, b: Vector): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
-function unit(v: Vector): Vector {
+function normalize(v: Vector): Vector {
   const length = Math.hypot(...v) || 1;
   return [v[0] / length, v[1] / length, v[2] / length];
 }
@@ -74,7 +74,7 @@ export class SceneView implements LayerView {
     this.width = camera.width;
     this.height = camera.height;
     this.toClip = multiply(camera.projection, multiply(camera.poseInverse, camera.world));
-    this.eye = this.inWorld([camera.pose[12] ?? 0, camera.pose[13] ?? 0, camera.pose[14] ?? 0]);
+    this.eye = this.toWorld([camera.pose[12] ?? 0, camera.pose[13] ?? 0, camera.pose[14] ?? 0]);
   }
 
   /** Converts a position to the world's ENU [m]. */
@@ -94,7 +94,7 @@ export class SceneView implements LayerView {
   }
 
   clipOf(enu: Vector): Clip {
-    return apply(this.toClip, [...enu, 1]);
+    return transform(this.toClip, [...enu, 1]);
   }
 
   /** Pixel of a position in front of the camera. */
@@ -109,7 +109,7 @@ export class SceneView implements LayerView {
 
   readonly positionAt = (at: Pixel, reference: LayerPosition): GeoPosition | null => {
     const point = this.enuOf(reference);
-    const sight = unit(minus(point, this.eye));
+    const sight = normalize(subtract(point, this.eye));
     return this.geoPosition(Math.abs(Math.asin(sight[2])) < LOW_ANGLE_RAD ? this.onVerticalPlane(at, point, sight) : this.onHorizontalPlane(at, point[2]));
   };
 
@@ -119,27 +119,27 @@ export class SceneView implements LayerView {
   }
 
   readonly heightAt = (at: Pixel, position: LayerPosition): number | null => {
-    const [ray, from] = [this.rayOf(at), minus(this.eye, this.enuOf(position))];
-    const horizontal2 = 1 - ray[2] * ray[2];
-    if (horizontal2 < Math.sin(STEEP_ANGLE_RAD / 2) ** 2) return null;
+    const [ray, toEye] = [this.rayOf(at), subtract(this.eye, this.enuOf(position))];
+    const horizontalSquared = 1 - ray[2] * ray[2];
+    if (horizontalSquared < Math.sin(STEEP_ANGLE_RAD / 2) ** 2) return null;
     // The point on the vertical line nearest to the ray; it must be in front of the camera.
-    const height_m = (from[2] - ray[2] * dot(from, ray)) / horizontal2;
-    return height_m * ray[2] - dot(from, ray) > 0 && Math.abs(height_m) < REACH_M ? height_m : null;
+    const height_m = (toEye[2] - ray[2] * dot(toEye, ray)) / horizontalSquared;
+    return height_m * ray[2] - dot(toEye, ray) > 0 && Math.abs(height_m) < MAX_DISTANCE_M ? height_m : null;
   };
 
   readonly handleOf = (point: LayerPoint): Pixel | null => {
     const enu = this.enuOf(point);
     const clips = [this.clipOf(enu), this.clipOf([enu[0], enu[1], enu[2] + 0.1])] as const;
-    const isSteep = Math.abs(unit(minus(enu, this.eye))[2]) > Math.cos(STEEP_ANGLE_RAD);
+    const isSteep = Math.abs(normalize(subtract(enu, this.eye))[2]) > Math.cos(STEEP_ANGLE_RAD);
     if (isSteep || clips.some((clip) => clip[3] < NEAR_M)) return null;
-    const [at, above] = [this.pixelOfClip(clips[0]), this.pixelOfClip(clips[1])];
-    const length = Math.hypot(above.x - at.x, above.y - at.y);
-    return length === 0 ? null : { x: at.x + ((above.x - at.x) / length) * HANDLE_PX, y: at.y + ((above.y - at.y) / length) * HANDLE_PX };
+    const [at, abovePixel] = [this.pixelOfClip(clips[0]), this.pixelOfClip(clips[1])];
+    const length = Math.hypot(abovePixel.x - at.x, abovePixel.y - at.y);
+    return length === 0 ? null : { x: at.x + ((abovePixel.x - at.x) / length) * HANDLE_PX, y: at.y + ((abovePixel.y - at.y) / length) * HANDLE_PX };
   };
 
   /**
-   * The pose from which the camera shows all positions from above, with its current bearing.
-   * @param freeFraction the part of the view's height that no panel covers, around the middle.
+   * The pose from which the camera shows all positions from above, with the camera's current bearing.
+   * @param freeFraction the fraction of the view's height that no panel covers, around the middle.
    * @returns position and target of the camera in viser's scene; null: there are no positions.
    */
   overview(positions: readonly LayerPosition[], fov_rad: number, freeFraction: number): { eye: Vector; target: Vector } | null {
@@ -150,53 +150,53 @@ export class SceneView implements LayerView {
     const target: Vector = [middle(0), middle(1), middle(2)];
     const radius_m = Math.max(
       MIN_RADIUS_M,
-      maximum((at) => Math.hypot(...minus(at, target))),
+      maximum((at) => Math.hypot(...subtract(at, target))),
     );
-    const away_m = (radius_m * 1.2) / (Math.tan(fov_rad / 2) * Math.max(0.1, freeFraction));
-    const ahead = this.ahead();
-    const elevation = Math.min(Math.PI / 2 - 0.01, Math.max(MIN_ELEVATION_RAD, Math.asin(-ahead[2])));
-    const bearing = Math.atan2(ahead[0], ahead[1]);
-    const horizontal_m = away_m * Math.cos(elevation);
-    const eye: Vector = [target[0] - horizontal_m * Math.sin(bearing), target[1] - horizontal_m * Math.cos(bearing), target[2] + away_m * Math.sin(elevation)];
-    return { eye: this.inScene(eye), target: this.inScene(target) };
+    const distance_m = (radius_m * 1.2) / (Math.tan(fov_rad / 2) * Math.max(0.1, freeFraction));
+    const direction = this.viewDirection();
+    const elevation = Math.min(Math.PI / 2 - 0.01, Math.max(MIN_ELEVATION_RAD, Math.asin(-direction[2])));
+    const bearing = Math.atan2(direction[0], direction[1]);
+    const horizontal_m = distance_m * Math.cos(elevation);
+    const eye: Vector = [target[0] - horizontal_m * Math.sin(bearing), target[1] - horizontal_m * Math.cos(bearing), target[2] + distance_m * Math.sin(elevation)];
+    return { eye: this.toScene(eye), target: this.toScene(target) };
   }
 
   /** Converts a point of the world to viser's scene, in which the camera is moved. */
-  private inScene(enu: Vector): Vector {
-    const [x, y, z] = apply(this.camera.world, [...enu, 1]);
+  private toScene(enu: Vector): Vector {
+    const [x, y, z] = transform(this.camera.world, [...enu, 1]);
     return [x, y, z];
   }
 
   /** The direction in which the camera looks, in the world's ENU. */
-  private ahead(): Vector {
+  private viewDirection(): Vector {
     const { pose } = this.camera;
-    const ahead: Vector = [(pose[12] ?? 0) - (pose[8] ?? 0), (pose[13] ?? 0) - (pose[9] ?? 0), (pose[14] ?? 0) - (pose[10] ?? 0)];
-    return unit(minus(this.inWorld(ahead), this.eye));
+    const pointAhead: Vector = [(pose[12] ?? 0) - (pose[8] ?? 0), (pose[13] ?? 0) - (pose[9] ?? 0), (pose[14] ?? 0) - (pose[10] ?? 0)];
+    return normalize(subtract(this.toWorld(pointAhead), this.eye));
   }
 
   /** Direction from the camera through a pixel, in the world's ENU. */
   private rayOf(at: Pixel): Vector {
-    const local = apply(this.camera.projectionInverse, [(2 * at.x) / this.width - 1, 1 - (2 * at.y) / this.height, 0.5, 1]);
-    const [x, y, z] = apply(this.camera.pose, [local[0] / local[3], local[1] / local[3], local[2] / local[3], 1]);
-    return unit(minus(this.inWorld([x, y, z]), this.eye));
+    const local = transform(this.camera.projectionInverse, [(2 * at.x) / this.width - 1, 1 - (2 * at.y) / this.height, 0.5, 1]);
+    const [x, y, z] = transform(this.camera.pose, [local[0] / local[3], local[1] / local[3], local[2] / local[3], 1]);
+    return normalize(subtract(this.toWorld([x, y, z]), this.eye));
   }
 
   /** Converts a point of viser's scene to the world. The world is moved and rotated in the scene, but not scaled. */
-  private inWorld(at: Vector): Vector {
+  private toWorld(at: Vector): Vector {
     const m = this.camera.world;
-    const from = minus(at, [m[12] ?? 0, m[13] ?? 0, m[14] ?? 0]);
-    const axis = (c: number): number => dot([m[c] ?? 0, m[c + 1] ?? 0, m[c + 2] ?? 0], from);
+    const offset = subtract(at, [m[12] ?? 0, m[13] ?? 0, m[14] ?? 0]);
+    const axis = (c: number): number => dot([m[c] ?? 0, m[c + 1] ?? 0, m[c + 2] ?? 0], offset);
     return [axis(0), axis(4), axis(8)];
   }
 
-  /** Null: farther away than `REACH_M`. */
+  /** Converts a point of the world; null: no point, or farther away than `MAX_DISTANCE_M`. */
   private geoPosition(enu: Vector | null): GeoPosition | null {
-    if (enu === null || Math.hypot(enu[0] - this.eye[0], enu[1] - this.eye[1]) > REACH_M) return null;
+    if (enu === null || Math.hypot(enu[0] - this.eye[0], enu[1] - this.eye[1]) > MAX_DISTANCE_M) return null;
     return positionAt(this.camera.origin, { east_m: enu[0], north_m: enu[1] });
   }
 
   /** The point at a distance from the camera along a ray; null: behind the camera. */
-  private along(ray: Vector, length_m: number): Vector | null {
+  private pointOnRay(ray: Vector, length_m: number): Vector | null {
     if (!(length_m > 0) || !Number.isFinite(length_m)) return null;
     return [this.eye[0] + ray[0] * length_m, this.eye[1] + ray[1] * length_m, this.eye[2] + ray[2] * length_m];
   }
@@ -204,13 +204,13 @@ export class SceneView implements LayerView {
   /** The point at a pixel on the horizontal plane with this up coordinate. */
   private onHorizontalPlane(at: Pixel, up_m: number): Vector | null {
     const ray = this.rayOf(at);
-    return this.along(ray, (up_m - this.eye[2]) / ray[2]);
+    return this.pointOnRay(ray, (up_m - this.eye[2]) / ray[2]);
   }
 
   /** The point at a pixel on the vertical plane that contains `point` and faces the camera. */
   private onVerticalPlane(at: Pixel, point: Vector, sight: Vector): Vector | null {
-    const [ray, facing] = [this.rayOf(at), unit([sight[0], sight[1], 0])];
-    return this.along(ray, dot(minus(point, this.eye), facing) / dot(ray, facing));
+    const [ray, planeNormal] = [this.rayOf(at), normalize([sight[0], sight[1], 0])];
+    return this.pointOnRay(ray, dot(subtract(point, this.eye), planeNormal) / dot(ray, planeNormal));
   }
 }
 

@@ -42,12 +42,12 @@ class StageState {
   /** Size of the stage [px]. */
   size = $state.raw({ width: 0, height: 0 });
   /** Pixel on the stage of the map point whose menu is open; it changes when the map moves. */
-  mapPointAt = $state.raw({ x: 0, y: 0 });
+  mapPointPixel = $state.raw({ x: 0, y: 0 });
   /**
    * Offset of the middle of the uncovered area from the stage's middle, right and down [px]. Map and 3D view show the
    * followed vehicle there.
    */
-  readonly middle = $derived(freeMiddle(this.size, covered()));
+  readonly middleOffset = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
   /** Fits positions into the 3D view; null: the 3D view shows no layer. */
   fitScene: ((positions: readonly LayerPosition[]) => void) | null = null;
@@ -77,7 +77,7 @@ class StageState {
     if (this.main === 'scene') this.fitScene?.(positions);
   }
 
-  /** Shows an opened plan: the positions on the map, and once all layers in the 3D view, as soon as it is large. */
+  /** Shows an opened plan: its positions on the map, and all layers in the 3D view, once, as soon as the 3D view is large. */
   showPlan(positions: readonly GeoPosition[]): void {
     if (positions.length > 0) this.map?.fit(positions);
     this.overview.request(this.camera);
@@ -93,13 +93,13 @@ class StageState {
   }
 
   /** Sets the pixel of the menu's point, only if it has changed, because each assignment lays out the menu again. */
-  pointAt(at: { x: number; y: number }): void {
+  setMapPointPixel(at: { x: number; y: number }): void {
     const [x, y] = [Math.round(at.x), Math.round(at.y)];
-    if (x !== this.mapPointAt.x || y !== this.mapPointAt.y) this.mapPointAt = { x, y };
+    if (x !== this.mapPointPixel.x || y !== this.mapPointPixel.y) this.mapPointPixel = { x, y };
   }
 
   /** The iframe's URL with its initial state. */
-  address(view: SceneRequest): string {
+  sceneUrl(view: SceneRequest): string {
     const query = new URLSearchParams({ view: this.viewId, mode: view.mode, theme: view.theme });
     if (view.vehicle !== null) query.set('vehicle', view.vehicle);
     return `${SCENE_URL}?${query}`;

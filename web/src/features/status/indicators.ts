@@ -20,26 +20,27 @@ export interface Indicator {
 
 /** Packet loss above which the link is shown as weak [%]. */
 const WEAK_PERCENT = 5;
-const FIX = ['no GPS', 'no fix', '2-D fix', '3-D fix', 'DGPS', 'RTK float', 'RTK fixed'];
+/** Texts by MAVLink's GPS_FIX_TYPE. */
+const FIX_TEXTS = ['no GPS', 'no fix', '2-D fix', '3-D fix', 'DGPS', 'RTK float', 'RTK fixed'];
 
-function empty(label: string): Indicator {
+function emptyIndicator(label: string): Indicator {
   return { label, text: UNKNOWN, word: '', severity: 'none', stale: false, age_s: null, details: [['', 'Nothing received yet.']] };
 }
 
 export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
-  if (reading === null) return empty('GPS');
+  if (reading === null) return emptyIndicator('GPS');
   const { value: gps, stale, age_s } = reading;
-  const fix = FIX[gps.fix_type] ?? `fix ${gps.fix_type}`;
+  const fix = FIX_TEXTS[gps.fix_type] ?? `fix ${gps.fix_type}`;
   const satellites = gps.satellites === null ? null : `${gps.satellites} sats`;
   const accuracy = gps.horizontal_accuracy_m === null ? null : `±${fixed(gps.horizontal_accuracy_m, 1)} m`;
-  const poor = gps.fix_type < 3;
+  const lacks3dFix = gps.fix_type < 3;
   return {
     label: 'GPS',
     stale,
     age_s,
-    text: poor ? (satellites ?? UNKNOWN) : join([satellites, accuracy ?? fix]),
-    word: poor ? fix : '',
-    severity: poor ? 'danger' : 'none',
+    text: lacks3dFix ? (satellites ?? UNKNOWN) : join([satellites, accuracy ?? fix]),
+    word: lacks3dFix ? fix : '',
+    severity: lacks3dFix ? 'danger' : 'none',
     details: [
       ['Fix', fix],
       ['Satellites', gps.satellites === null ? UNKNOWN : String(gps.satellites)],
@@ -50,7 +51,7 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
   };
 }
 
-/** Voltages of the cells, the lowest first, because the weakest cell limits the battery. */
+/** The lowest cell, because it limits the battery, and then the voltages of all cells. */
 function cellLines(cells_v: readonly number[] | null): [string, string][] {
   if (cells_v === null || cells_v.length === 0) return [['Cells', UNKNOWN]];
   const lowest = Math.min(...cells_v);
@@ -60,7 +61,7 @@ function cellLines(cells_v: readonly number[] | null): [string, string][] {
   ];
 }
 
-/** One line for each battery, if there are several. */
+/** One line for each battery; the topic lists the batteries only if there are several. */
 function batteryLines(batteries: Battery['batteries'] | undefined): [string, string][] {
   return (batteries ?? []).map((battery) => [
     `Battery ${battery.battery_id + 1}`,
@@ -73,7 +74,7 @@ function batteryLines(batteries: Battery['batteries'] | undefined): [string, str
 }
 
 export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
-  if (reading === null) return empty('Battery');
+  if (reading === null) return emptyIndicator('Battery');
   const { value: battery, stale, age_s } = reading;
   const percent = battery.remaining_percent;
   const severity: Severity = percent === null ? 'none' : percent <= 10 ? 'danger' : percent <= 25 ? 'caution' : 'none';
@@ -113,8 +114,9 @@ export function componentLines(components: readonly Component[], now_unix_s: num
 }
 
 /**
- * The state of the vehicle's link, from the age of its last heartbeat.
- * @param details lines with the server's counters. @param text rates of the server's links; null: not known.
+ * The state of the vehicle's link, from the age of the vehicle's last heartbeat.
+ * @param details lines with the server's counters.
+ * @param text rates of the server's links; null: not known.
  * @param offline the page has no connection to the server.
  */
 export function linkIndicator(
@@ -127,13 +129,13 @@ export function linkIndicator(
 ): Indicator {
   if (offline)
     return {
-      ...empty('Link'),
+      ...emptyIndicator('Link'),
       text: 'unknown',
       word: 'no server',
       severity: 'danger',
       details: [['', 'This page has no connection to the server: the state of the vehicle’s link is not known.']],
     };
-  if (heartbeatAge_s === null) return { ...empty('Link'), details };
+  if (heartbeatAge_s === null) return { ...emptyIndicator('Link'), details };
   const weak = !lost && lost_percent !== null && lost_percent > WEAK_PERCENT;
   return {
     label: 'Link',

@@ -16,7 +16,7 @@ class Links {
   rate_bytes_s = $state<number | null>(null);
   /** Packet loss of the last half minute; null: no packets received. */
   lost_percent = $state<number | null>(null);
-  private lastBytes: { bytes: number; at_ms: number } | null = null;
+  private lastCount: { bytes: number; at_ms: number } | null = null;
   private readonly counts: { received: number; lost: number }[] = [];
 
   poll(api: ApiClient): void {
@@ -33,9 +33,9 @@ class Links {
 
   private measure(): void {
     const now = { bytes: this.list.reduce((sum, l) => sum + l.bytes_received, 0), at_ms: performance.now() };
-    const received = this.lastBytes === null ? -1 : now.bytes - this.lastBytes.bytes;
-    this.rate_bytes_s = this.lastBytes === null || received < 0 ? null : (received / (now.at_ms - this.lastBytes.at_ms)) * 1000;
-    this.lastBytes = this.known ? now : null;
+    const received = this.lastCount === null ? -1 : now.bytes - this.lastCount.bytes;
+    this.rate_bytes_s = this.lastCount === null || received < 0 ? null : (received / (now.at_ms - this.lastCount.at_ms)) * 1000;
+    this.lastCount = this.known ? now : null;
     this.countLoss();
   }
 

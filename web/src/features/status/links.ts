@@ -22,7 +22,7 @@ function bytesText(bytes: number): string {
   return `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
-/** Packet loss between two counts [%]; null: no packets in between. */
+/** Packet loss between two counts [%]; null: no packets between the counts. */
 export function lossPercent(from: { received: number; lost: number }, to: { received: number; lost: number }): number | null {
   const lost = Math.max(0, to.lost - from.lost);
   const sent = to.received - from.received + lost;
@@ -45,8 +45,8 @@ function peersText(peers: readonly string[]): string {
 }
 
 /** One line for each counter of a link. */
-function linkLines(link: ServerLink, several: boolean): [string, string][] {
-  const lines: [string, string][] = several ? [['', link.name]] : [['Link', link.name]];
+function linkLines(link: ServerLink, isOneOfSeveral: boolean): [string, string][] {
+  const lines: [string, string][] = isOneOfSeveral ? [['', link.name]] : [['Link', link.name]];
   lines.push(
     ['State', join([STATES[link.state] ?? link.state, link.detail])],
     ['Peers', peersText(link.peers)],
@@ -76,13 +76,13 @@ export function linkDetails(
   lost_percent: number | null = null,
 ): { details: [string, string][]; text: string | null } {
   const details = links.flatMap((link) => linkLines(link, links.length > 1));
-  const open = links.filter((l) => l.state === 'open' && !l.forward).length;
+  const openCount = links.filter((l) => l.state === 'open' && !l.forward).length;
   const rate = rate_bytes_s === null ? null : `${fixed(rate_bytes_s / 1000, 1)} kB/s`;
   const text =
-    open === 0
+    openCount === 0
       ? null
       : join([
-          open === 1 ? null : `${open} links`,
+          openCount === 1 ? null : `${openCount} links`,
           rate ?? 'open',
           lost_percent === null ? null : `${fixed(lost_percent, lost_percent > 0 && lost_percent < 9.95 ? 1 : 0)} % packet loss`,
         ]);
@@ -95,27 +95,27 @@ export function isRecording(link: ServerLink): boolean {
 }
 
 function recordingLine(link: ServerLink): string {
-  const file = link.recording;
-  if (file === null) return 'not recorded';
-  if (file.stopped !== null) return file.stopped;
-  if (file.file === null) return 'starts with the first frame';
-  return join([file.file, bytesText(file.bytes), file.started_unix_s === null ? null : `since ${timeOfDay(file.started_unix_s)}`]);
+  const recording = link.recording;
+  if (recording === null) return 'not recorded';
+  if (recording.stopped !== null) return recording.stopped;
+  if (recording.file === null) return 'starts with the first frame';
+  return join([recording.file, bytesText(recording.bytes), recording.started_unix_s === null ? null : `since ${timeOfDay(recording.started_unix_s)}`]);
 }
 
 /** State of the recordings, with the duration of the longest recording that is running. */
 export function recordingIndicator(links: readonly ServerLink[], known: boolean, now_unix_s: number): Indicator {
-  const base = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
-  if (!known) return { ...base, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };
+  const common = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
+  if (!known) return { ...common, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };
   const recordable = links.filter((l) => !l.replay && !l.forward);
   if (recordable.length === 0) {
     const why = links.some((l) => l.replay) ? 'A recording is replayed; nothing is recorded.' : 'There is no open link to record.';
-    return { ...base, text: 'None', details: [['', why]] };
+    return { ...common, text: 'None', details: [['', why]] };
   }
   const details = recordable.map((l): [string, string] => [l.name, recordingLine(l)]);
   if (recordable.some((l) => l.recording !== null && l.recording.stopped !== null)) {
-    return { ...base, text: 'Stopped', word: 'not recording', severity: 'danger', details };
+    return { ...common, text: 'Stopped', word: 'not recording', severity: 'danger', details };
   }
-  if (recordable.every((l) => l.recording === null)) return { ...base, text: 'Off', word: 'not recording', severity: 'caution', details };
+  if (recordable.every((l) => l.recording === null)) return { ...common, text: 'Off', word: 'not recording', severity: 'caution', details };
   const starts_unix_s = recordable.filter(isRecording).map((l) => l.recording?.started_unix_s ?? now_unix_s);
-  return { ...base, text: starts_unix_s.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...starts_unix_s))), details };
+  return { ...common, text: starts_unix_s.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...starts_unix_s))), details };
 }

@@ -7,6 +7,7 @@ export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'neutral';
 
 export interface StatusLabel {
   title: string;
+  /** Who commands the vehicle, or other details. */
   who: string;
   tone: Tone;
 }
@@ -93,11 +94,11 @@ export function statusLabel(facts: StatusFacts): StatusLabel {
     if (facts.ready === false) return { title: 'Not ready', who: `${who} · press for the reasons`, tone: 'caution' };
     return { title: 'Disarmed', who, tone: 'neutral' };
   }
-  const current = modeText(status, facts.stream);
-  if (isFailsafe(status)) return { title: `Failsafe: ${current.title}`, who: 'the vehicle chose this mode itself', tone: 'danger' };
+  const modeLabel = modeText(status, facts.stream);
+  if (isFailsafe(status)) return { title: `Failsafe: ${modeLabel.title}`, who: 'the vehicle chose this mode itself', tone: 'danger' };
   if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
     return { title: 'Armed', who: `on the ground, motors running · ${status.mode_label}`, tone: 'caution' };
   }
-  if ((facts.externalModeText ?? null) !== null) return { title: current.title, who: `${facts.externalModeText} · ${current.who}`, tone: 'caution' };
-  return { ...current, tone: status.mode === 'offboard' ? 'target' : 'ok' };
+  if ((facts.externalModeText ?? null) !== null) return { title: modeLabel.title, who: `${facts.externalModeText} · ${modeLabel.who}`, tone: 'caution' };
+  return { ...modeLabel, tone: status.mode === 'offboard' ? 'target' : 'ok' };
 }

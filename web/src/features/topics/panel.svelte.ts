@@ -24,7 +24,7 @@ class TopicPanel {
     this.open = false;
   }
 
-  /** Receives the topics of a vehicle until the returned function is called. */
+  /** Receives the topics of a vehicle until the returned function is called. @param start starts the socket; replaced in tests. */
   watch(vehicle: string, url: string, start = (socket: TelemetrySocket): void => socket.start()): () => void {
     this.content = null;
     this.chosen = null;

@@ -16,7 +16,7 @@ export const NO_FILTER: Filter = { text: '', withMessages: false };
 /** After this time without an update the panel shows a warning [s]. */
 export const STALE_AFTER_S = 3;
 
-/** The inspection in a telemetry value; null if the value is not an inspection. */
+/** Reads the server's list of topics from a telemetry value; null if the value has another format. */
 export function readInspection(value: unknown): Inspection | null {
   return typeof value === 'object' && value !== null && Array.isArray((value as Inspection).topics) ? (value as Inspection) : null;
 }
@@ -36,7 +36,7 @@ export function rateText(topic: Topic): string {
   return `${topic.rate_is_minimum ? '≥ ' : ''}${rate} Hz`;
 }
 
-/** Age of the last message. @param since_s time since the inspection was received. */
+/** Age of the last message, or why there is none. @param since_s time since the list of topics was received. */
 export function lastText(topic: Topic, since_s: number): string {
   if (topic.age_s !== null) return `${ageText(topic.age_s + since_s)} ago`;
   if (topic.publishers === 0) return 'not published';
@@ -49,7 +49,7 @@ export function endpointsText(topic: Topic): string {
   return `${count(topic.publishers, 'publisher')}, ${count(topic.subscribers, 'subscriber')}`;
 }
 
-/** A field's value; null is NaN or infinite. */
+/** A field's value as text; null means NaN or infinite. */
 export function valueText(value: unknown): string {
   if (Array.isArray(value)) return value.map(valueText).join(', ');
   if (value === null) return 'NaN';

@@ -47,7 +47,7 @@ export function canRemove(facts: VehicleFacts): boolean {
   return facts.lost && !facts.offline && !facts.replayed;
 }
 
-/** The rows that match text and filter, in their order. */
+/** The rows that match text and filter, in unchanged order. */
 export function matchingRows(rows: readonly Row[], text: string, filter: Filter): Row[] {
   const words = text.toLowerCase().split(/\s+/).filter(Boolean);
   return rows.filter((row) => {
@@ -75,7 +75,11 @@ export function rowAfterKey(index: number, count: number, key: string): number |
   }
 }
 
-/** Result of a Hold command, as text. @param commanded number of commanded vehicles. @param unconfirmed names of the vehicles that did not confirm Hold. */
+/**
+ * Result of a Hold command, as text.
+ * @param commanded number of vehicles to which Hold was sent.
+ * @param unconfirmed names of the vehicles that did not confirm Hold.
+ */
 export function holdText(commanded: number, unconfirmed: readonly string[]): string {
   if (unconfirmed.length === 0) return commanded === 1 ? 'The vehicle switched to Hold.' : `All ${commanded} vehicles switched to Hold.`;
   const names = unconfirmed.slice(0, 5).join(', ') + (unconfirmed.length > 5 ? ` and ${unconfirmed.length - 5} more` : '');

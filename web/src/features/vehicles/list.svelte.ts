@@ -10,7 +10,7 @@ class VehicleList {
   open = $state(false);
   text = $state('');
   filter = $state<Filter>('all');
-  /** Whether the vehicles have not all confirmed a Hold command yet. */
+  /** Whether the page is waiting for the result of a Hold command. */
   holding = $state(false);
   /** Result of the last command; null before the first command. */
   result = $state.raw<{ text: string; refused: boolean } | null>(null);
