@@ -70,7 +70,13 @@ export function mapLibreLayers(palette: Palette): LayerSpecification[] {
     paint: { 'line-color': colour, 'line-width': palette.stroke, ...paint },
   });
   return [
-    { id: `${ID_PREFIX}area`, type: 'fill', source: SOURCE_ID, filter: isKind('area'), paint: { 'fill-color': colour, 'fill-opacity': palette.dark ? 0.08 : 0.1 } },
+    {
+      id: `${ID_PREFIX}area`,
+      type: 'fill',
+      source: SOURCE_ID,
+      filter: isKind('area'),
+      paint: { 'fill-color': colour, 'fill-opacity': palette.dark ? 0.08 : 0.1 },
+    },
     line('dashed', { 'line-width': 1.6, 'line-dasharray': [4, 3.5] }),
     line('solid-band', { 'line-width': 14, 'line-opacity': 0.13 }),
     line('dotted', { 'line-width': 2, 'line-dasharray': [0.1, 3] }),

@@ -157,7 +157,11 @@ export class SceneView implements LayerView {
     const elevation = Math.min(Math.PI / 2 - 0.01, Math.max(MIN_ELEVATION_RAD, Math.asin(-direction[2])));
     const bearing = Math.atan2(direction[0], direction[1]);
     const horizontal_m = distance_m * Math.cos(elevation);
-    const eye: Vector = [target[0] - horizontal_m * Math.sin(bearing), target[1] - horizontal_m * Math.cos(bearing), target[2] + distance_m * Math.sin(elevation)];
+    const eye: Vector = [
+      target[0] - horizontal_m * Math.sin(bearing),
+      target[1] - horizontal_m * Math.cos(bearing),
+      target[2] + distance_m * Math.sin(elevation),
+    ];
     return { eye: this.toScene(eye), target: this.toScene(target) };
   }
 
