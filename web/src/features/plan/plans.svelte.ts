@@ -32,6 +32,7 @@ export interface Notice {
   readonly older?: boolean;
   /** A file that was not imported, because points have no altitude. */
   readonly file?: File;
+  /** Areas in an imported file, which a person can add as geofences. */
   readonly areas?: readonly Area[];
 }
 

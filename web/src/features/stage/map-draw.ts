@@ -33,11 +33,11 @@ const TRAIL_STEP_PX = 1.5;
 export interface Picture {
   vehicles: readonly MapVehicle[];
   grid: Grid | null;
-  /** Whether there are tiles below; the grid is then drawn weaker. */
-  overTiles: boolean;
+  /** Whether there are map tiles below the canvas; the grid is then drawn weaker. */
+  hasTiles: boolean;
   labels: readonly EdgeLabel[];
   /** Points that MapLibre draws below the canvas; the grid has gaps at these points. */
-  edited: readonly LayerPoint[];
+  editedPoints: readonly LayerPoint[];
   /** The point whose menu is open. */
   mapPoint: GeoPosition | null;
   inset: boolean;
@@ -46,8 +46,8 @@ export interface Picture {
 export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Palette): void {
   const { vehicles, inset } = picture;
   ctx.clearRect(0, 0, view.width, view.height);
-  if (picture.grid !== null) drawGrid(ctx, view, picture.grid, picture.overTiles, palette);
-  if (picture.grid !== null) clearGridAtPoints(ctx, view, picture.edited);
+  if (picture.grid !== null) drawGrid(ctx, view, picture.grid, picture.hasTiles, palette);
+  if (picture.grid !== null) clearGridAtPoints(ctx, view, picture.editedPoints);
   if (!inset) for (const label of picture.labels) drawEdgeLabel(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
   for (const v of vehicles) drawObstacles(ctx, view, v, palette);
@@ -66,7 +66,7 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
   if (picture.mapPoint !== null) drawMapPoint(ctx, toPixel(view, picture.mapPoint), palette);
 }
 
-function drawGrid(ctx: Ctx, view: MapView, grid: Grid, overTiles: boolean, palette: Palette): void {
+function drawGrid(ctx: Ctx, view: MapView, grid: Grid, hasTiles: boolean, palette: Palette): void {
   const isNorthUp = view.up_rad === 0;
   // In a map with north up, the lines are on the middles of pixels, so that they are sharp.
   const onPixelMiddle = (value: number): number => (isNorthUp ? Math.round(value) + 0.5 : value);
@@ -81,9 +81,9 @@ function drawGrid(ctx: Ctx, view: MapView, grid: Grid, overTiles: boolean, palet
     ctx.stroke();
   };
   ctx.lineWidth = 1;
-  ctx.globalAlpha = overTiles ? 0.35 : 1;
-  lines(grid.thin, overTiles ? palette.text3 : palette.line);
-  lines(grid.strong, overTiles ? palette.text3 : palette.line2);
+  ctx.globalAlpha = hasTiles ? 0.35 : 1;
+  lines(grid.thin, hasTiles ? palette.text3 : palette.line);
+  lines(grid.strong, hasTiles ? palette.text3 : palette.line2);
   ctx.globalAlpha = 1;
 }
 

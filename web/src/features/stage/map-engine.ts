@@ -45,12 +45,12 @@ export class MapEngine {
   constructor(
     container: HTMLElement,
     private palette: Palette,
-    private readonly offline: readonly OfflineMap[],
+    private readonly offlineMaps: readonly OfflineMap[],
     readonly editable: boolean,
     events: EngineEvents,
   ) {
     // The worker is loaded from this server: a worker from a blob would need a wider content security policy.
-    setWorkerUrl(new URL(offline.length > 0 || editable ? workerUrl : idleUrl, location.href).href);
+    setWorkerUrl(new URL(offlineMaps.length > 0 || editable ? workerUrl : idleUrl, location.href).href);
     this.map = new MapLibre({
       container,
       style: mapStyle(palette),
@@ -178,7 +178,7 @@ export class MapEngine {
 
   private showOfflineMaps(): void {
     for (const layer of this.map.getStyle().layers) if (layer.id.startsWith('tiles-')) this.map.removeLayer(layer.id);
-    this.offline.forEach((offlineMap, index) => {
+    this.offlineMaps.forEach((offlineMap, index) => {
       const name = `tiles-${index}`;
       if (this.map.getSource(name) === undefined) this.map.addSource(name, offlineMap.source);
       for (const layer of tileLayers(offlineMap, name, this.palette)) this.map.addLayer(layer);

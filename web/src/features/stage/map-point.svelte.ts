@@ -55,7 +55,7 @@ export class MapPointMenu {
   }
 
   /** Handles the server's event about a click in this page's 3D view. @param viewId id of this page's 3D view. */
-  clickedIn3d(event: WireEvent, viewId: string, size: { width: number; height: number }, facts: VehicleFacts | null): void {
+  onSceneClick(event: WireEvent, viewId: string, size: { width: number; height: number }, facts: VehicleFacts | null): void {
     const number = (name: string): number | null => (typeof event[name] === 'number' ? (event[name] as number) : null);
     const [lat_deg, lon_deg, x, y] = [number('lat_deg'), number('lon_deg'), number('view_x'), number('view_y')];
     if (event.kind !== 'scene_click' || event['view'] !== viewId || lat_deg === null || lon_deg === null) return;

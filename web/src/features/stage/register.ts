@@ -10,7 +10,7 @@ import Stage from './Stage.svelte';
 
 page.onEvent.push((event) => {
   // While a layer is edited, a click must not open the menu with commands.
-  if (mapLayers.edited === null) mapPointMenu.clickedIn3d(event, stage.viewId, stage.size, page.facts);
+  if (mapLayers.edited === null) mapPointMenu.onSceneClick(event, stage.viewId, stage.size, page.facts);
 });
 page.onEvent.push((event) => {
   if (event.kind === 'scene_gizmo' && event['view'] === stage.viewId) preview.onDrag?.(event);

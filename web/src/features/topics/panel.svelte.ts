@@ -10,8 +10,8 @@ const RATE_HZ = 2;
 class TopicPanel {
   open = $state(false);
   filter = $state.raw<Filter>(NO_FILTER);
-  /** Name and type of the topic whose last message is shown. */
-  chosen = $state<string | null>(null);
+  /** Name and type of the topic whose last message is shown; null: none. */
+  expandedTopic = $state<string | null>(null);
   content = $state.raw<Inspection | null>(null);
   /** Time at which `content` was received, by `performance.now()`. */
   received_ms = $state(0);
@@ -27,7 +27,7 @@ class TopicPanel {
   /** Receives the topics of a vehicle until the returned function is called. @param start starts the socket; replaced in tests. */
   watch(vehicle: string, url: string, start = (socket: TelemetrySocket): void => socket.start()): () => void {
     this.content = null;
-    this.chosen = null;
+    this.expandedTopic = null;
     const subscription = { vehicles: [vehicle], topics: [TOPIC], rate_hz: RATE_HZ };
     const socket = new TelemetrySocket(
       url,
