@@ -10,20 +10,20 @@ export type Fetch = (path: string, init: RequestInit) => Promise<Response>;
 
 /** Request timeout [ms]; longer than any command's deadline, so that the server answers first. */
 const TIMEOUT_MS = 45_000;
-const BASE = '/api/v1';
+const API_PATH = '/api/v1';
 
 /** The server's paths without their common prefix. */
-type Api = { [P in keyof paths as P extends `${typeof BASE}${infer Rest}` ? Rest : never]: paths[P] };
-type Server = Client<Api>;
+type Api = { [P in keyof paths as P extends `${typeof API_PATH}${infer Rest}` ? Rest : never]: paths[P] };
+type HttpClient = Client<Api>;
 type Method = 'get' | 'post' | 'put' | 'delete';
-type Path<M extends Method> = ClientPathsWithMethod<Server, M>;
+type Path<M extends Method> = ClientPathsWithMethod<HttpClient, M>;
 type Init<M extends Method, P extends Path<M>> = MaybeOptionalInit<Api[P], M>;
 /** Path parameters, query and body; optional if none of them is required. */
 type Arguments<I> = undefined extends I ? [I?] : [I];
-type ApiCall<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, ...init: Arguments<I>) => Promise<Outcome<MethodResponse<Server, M, P, I>>>;
+type ApiCall<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, ...init: Arguments<I>) => Promise<Outcome<MethodResponse<HttpClient, M, P, I>>>;
 
 /**
- * A request of openapi-fetch as URL and init, in place of `Request`: outside a browser, `Request` rejects a path without a host.
+ * URL and init of a request. openapi-fetch uses this class instead of `Request`, which outside a browser rejects a path without a host.
  */
 class PendingRequest {
   constructor(
@@ -33,22 +33,22 @@ class PendingRequest {
 }
 
 export class ApiClient {
-  private readonly server: Server;
-  readonly get: ApiCall<'get'> = this.method('get');
-  readonly post: ApiCall<'post'> = this.method('post');
-  readonly put: ApiCall<'put'> = this.method('put');
-  readonly delete: ApiCall<'delete'> = this.method('delete');
+  private readonly http: HttpClient;
+  readonly get: ApiCall<'get'> = this.apiCall('get');
+  readonly post: ApiCall<'post'> = this.apiCall('post');
+  readonly put: ApiCall<'put'> = this.apiCall('put');
+  readonly delete: ApiCall<'delete'> = this.apiCall('delete');
 
   /**
-   * @param identity this page's name in the journal, and its unique id; a string is only the name.
-   * @param onSignedOut called when the server rejects this page's token, which may have been changed.
+   * @param identity this page's name in the journal, its unique id and the server's key for it. A string: the name, without id and key.
+   * @param onSignedOut called when the server rejects this page's token, for example because the token was changed on the server.
    */
   constructor(
     private readonly identity: string | { readonly name: string; readonly id: string; readonly key: string | null },
     private readonly onSignedOut: () => void = () => undefined,
     private readonly fetch: Fetch = (path, init) => globalThis.fetch(path, init),
   ) {
-    this.server = createClient<Api>({ baseUrl: BASE, Request: PendingRequest as never, fetch: (request) => this.send(request as unknown as PendingRequest) });
+    this.http = createClient<Api>({ baseUrl: API_PATH, Request: PendingRequest as never, fetch: (request) => this.send(request as unknown as PendingRequest) });
   }
 
   /** This page's present name; a person may change it. */
@@ -63,19 +63,19 @@ export class ApiClient {
 
   /** Downloads a file. The response's header `notesHeader` contains `notes` as a JSON list of texts. */
   download<P extends Path<'post'>>(path: P, init: Init<'post', P>, notesHeader: string): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
-    return this.outcome('post', path, { ...init, parseAs: 'blob' }, (file, response) => {
+    return this.request('post', path, { ...init, parseAs: 'blob' }, (file, response) => {
       const notes: unknown = JSON.parse(response.headers.get(notesHeader) ?? '[]');
       return { file: file as Blob, notes: Array.isArray(notes) ? notes.map(String) : [] };
     });
   }
 
-  private method<M extends Method>(method: M): ApiCall<M> {
-    return (path, ...[init]) => this.outcome(method, path, init ?? {}, (data) => data as never);
+  private apiCall<M extends Method>(method: M): ApiCall<M> {
+    return (path, ...[init]) => this.request(method, path, init ?? {}, (data) => data as never);
   }
 
-  private async outcome<T>(method: Method, path: string, init: object, read: (data: unknown, response: Response) => T): Promise<Outcome<T>> {
+  private async request<T>(method: Method, path: string, init: object, read: (data: unknown, response: Response) => T): Promise<Outcome<T>> {
     try {
-      const { data, error, response } = await this.server.request(method, path as never, init as never);
+      const { data, error, response } = await this.http.request(method, path as never, init as never);
       if (response.status === 401) this.onSignedOut();
       return response.ok ? { ok: true, value: read(data, response) } : { ok: false, problem: parseProblem(response.status, error) };
     } catch {
@@ -95,7 +95,7 @@ export class ApiClient {
 /** The path parameter of a call to one vehicle's API. */
 export const ofVehicle = (v: string): { params: { path: { v: string } } } => ({ params: { path: { v } } });
 
-/** A default name for this page. The journal distinguishes pages by their names. */
+/** A random default name, so that the journal can distinguish pages. */
 export function pageName(random: () => number = Math.random): string {
   return `page-${Math.floor(random() * 0xffff)
     .toString(16)

@@ -1,11 +1,11 @@
 /**
  * One request per vehicle at a time. Parallel requests can overtake each other: a renewal sent just before a new setpoint may
- * arrive after that setpoint and replace it. So each request waits for the response to the previous request, but not for
- * long: an old request must not move the vehicle unexpectedly.
+ * arrive after that setpoint and replace it. So each request waits for the response to the previous request. The wait is
+ * short, because a request that is sent late would move the vehicle unexpectedly.
  */
 
 import type { Outcome } from './client';
-import { unreachableProblem } from './problems';
+import { unreachableProblem, type Problem } from './problems';
 
 /** Longest wait for the responses to earlier requests [ms]. */
 const MAX_WAIT_MS = 3000;
@@ -13,7 +13,7 @@ const MAX_WAIT_MS = 3000;
 export class CommandQueue {
   private readonly lastRequests = new Map<string, Promise<unknown>>();
 
-  /** Whether the server has not yet answered a request to any of these vehicles. */
+  /** Whether a request to at least one of these vehicles has no response yet. */
   busy(vehicles: readonly string[]): boolean {
     return vehicles.some((id) => this.lastRequests.has(id));
   }
@@ -24,27 +24,27 @@ export class CommandQueue {
    */
   async run<T>(vehicles: readonly string[], send: () => Promise<Outcome<T>>): Promise<Outcome<T>> {
     const earlier = Promise.allSettled(vehicles.map((id) => this.lastRequests.get(id)));
-    const request = completesInTime(earlier).then((inTime) => (inTime ? send() : { ok: false as const, problem: notSent() }));
-    const all = Promise.allSettled([earlier, request]).then(() => {
-      for (const id of vehicles) if (this.lastRequests.get(id) === all) this.lastRequests.delete(id);
+    const request = answeredInTime(earlier).then((inTime) => (inTime ? send() : { ok: false as const, problem: notSentProblem() }));
+    const answered = Promise.allSettled([earlier, request]).then(() => {
+      for (const id of vehicles) if (this.lastRequests.get(id) === answered) this.lastRequests.delete(id);
     });
-    for (const id of vehicles) this.lastRequests.set(id, all);
+    for (const id of vehicles) this.lastRequests.set(id, answered);
     return request;
   }
 }
 
-/** Whether the requests complete within the longest wait. */
-function completesInTime(requests: Promise<unknown>): Promise<boolean> {
-  return new Promise((done) => {
-    const timer = setTimeout(() => done(false), MAX_WAIT_MS);
+/** Whether the server answers the requests within `MAX_WAIT_MS`. */
+function answeredInTime(requests: Promise<unknown>): Promise<boolean> {
+  return new Promise((resolve) => {
+    const timer = setTimeout(() => resolve(false), MAX_WAIT_MS);
     void requests.then(() => {
       clearTimeout(timer);
-      done(true);
+      resolve(true);
     });
   });
 }
 
-function notSent(): ReturnType<typeof unreachableProblem> {
+function notSentProblem(): Problem {
   return {
     ...unreachableProblem(),
     title: 'Not sent',

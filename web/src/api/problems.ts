@@ -27,23 +27,23 @@ const TITLES: Readonly<Record<string, string>> = {
   invalid_request: 'Invalid request',
 };
 
-function text(value: unknown): string | null {
+function nonEmptyText(value: unknown): string | null {
   return typeof value === 'string' && value.trim() !== '' ? value : null;
 }
 
-const texts = (value: unknown): string[] => (Array.isArray(value) ? value.filter((item): item is string => text(item) !== null) : []);
+const nonEmptyTexts = (value: unknown): string[] => (Array.isArray(value) ? value.filter((item): item is string => nonEmptyText(item) !== null) : []);
 
-/** FastAPI's own validation errors: `[{loc: ["body", "alt_home_m"], msg}]`. */
+/** Validation errors as one text, with the first wrong field. Reads the server's format `{field, message}` and FastAPI's format `{loc: ["body", "alt_home_m"], msg}`. */
 function validationErrors(value: unknown): { detail: string; field: string | null } | null {
   if (!Array.isArray(value) || value.length === 0) return null;
   const lines: string[] = [];
   let field: string | null = null;
   for (const item of value as unknown[]) {
     if (typeof item !== 'object' || item === null) continue;
-    const { loc, msg, field: named, message } = item as Record<string, unknown>;
-    const name = text(named) ?? (Array.isArray(loc) ? loc.slice(1).join('.') : '');
-    field ??= name || null;
-    lines.push([name, text(msg) ?? text(message)].filter(Boolean).join(': '));
+    const { loc, msg, field: fieldName, message } = item as Record<string, unknown>;
+    const fieldPath = nonEmptyText(fieldName) ?? (Array.isArray(loc) ? loc.slice(1).join('.') : '');
+    field ??= fieldPath || null;
+    lines.push([fieldPath, nonEmptyText(msg) ?? nonEmptyText(message)].filter(Boolean).join(': '));
   }
   return lines.length === 0 ? null : { detail: lines.join('; '), field };
 }
@@ -51,18 +51,18 @@ function validationErrors(value: unknown): { detail: string; field: string | nul
 /** The problem in a response's body; if the body has no problem, a problem made from the status. */
 export function parseProblem(status: number, body: unknown): Problem {
   const raw = typeof body === 'object' && body !== null ? (body as Record<string, unknown>) : {};
-  const invalid = validationErrors(raw['errors']) ?? validationErrors(raw['detail']);
-  const code = text(raw['code']) ?? (status === 422 ? 'invalid_request' : `http_${status}`);
-  const reasons = texts(raw['reasons']);
-  const codes = texts(raw['codes']);
+  const validation = validationErrors(raw['errors']) ?? validationErrors(raw['detail']);
+  const code = nonEmptyText(raw['code']) ?? (status === 422 ? 'invalid_request' : `http_${status}`);
+  const reasons = nonEmptyTexts(raw['reasons']);
+  const codes = nonEmptyTexts(raw['codes']);
   return {
-    title: text(raw['title']) ?? TITLES[code] ?? `The server answered with HTTP status ${status}`,
-    detail: text(raw['detail']) ?? invalid?.detail ?? (reasons.length > 0 ? '' : 'The server gave no reason.'),
+    title: nonEmptyText(raw['title']) ?? TITLES[code] ?? `The server answered with HTTP status ${status}`,
+    detail: nonEmptyText(raw['detail']) ?? validation?.detail ?? (reasons.length > 0 ? '' : 'The server gave no reason.'),
     reasons,
-    remedy: text(raw['remedy']),
+    remedy: nonEmptyText(raw['remedy']),
     code,
     status,
-    field: text(raw['field']) ?? invalid?.field ?? null,
+    field: nonEmptyText(raw['field']) ?? validation?.field ?? null,
     ...(codes.length > 0 ? { codes } : {}),
   };
 }

@@ -7,45 +7,46 @@ import type { WireEvent, WireSample } from '../live/wire';
 /** Length of the loaded telemetry [s]. */
 const BACKFILL_S = 300;
 
-type Raw = Record<string, unknown>;
+type JsonObject = Record<string, unknown>;
 
-function list(body: unknown, name: string): Raw[] {
-  const raw = Array.isArray(body) ? body : (body as Raw | null)?.[name];
-  return Array.isArray(raw) ? raw.filter((v): v is Raw => typeof v === 'object' && v !== null) : [];
+/** The objects of a list: the body itself, or the body's field. */
+function objectsOf(body: unknown, field: string): JsonObject[] {
+  const list = Array.isArray(body) ? body : (body as JsonObject | null)?.[field];
+  return Array.isArray(list) ? list.filter((v): v is JsonObject => typeof v === 'object' && v !== null) : [];
 }
 
 /**
  * Loads the fleet into the store.
  * @returns the ids, and whether vehicles were removed. A removed vehicle may have reappeared during the request: then
- * the data that the socket sent for the vehicle meanwhile is removed, too.
+ * the data that the socket has sent for this vehicle during the request is also removed.
  */
 export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; removed: boolean }> {
   const storedBefore = new Map(store.vehicles);
   const response = await api.get('/vehicles');
   if (!response.ok) return { ids: store.ids(), removed: false };
-  const vehicles = list(response.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
+  const vehicles = objectsOf(response.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
   // A replay may have jumped to another time meanwhile. The store then has a new vehicle with the same id, and the
   // response is outdated for it.
-  const unchanged = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === storedBefore.get(v['id'] as string));
+  const unchangedVehicles = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === storedBefore.get(v['id'] as string));
   const removed = store.keepOnly(ids);
-  store.apply({ type: 'samples', samples: unchanged.flatMap(vehicleSamples) });
+  store.apply({ type: 'samples', samples: unchangedVehicles.flatMap(vehicleSamples) });
   return { ids, removed };
 }
 
-function vehicleSamples(vehicle: Raw): WireSample[] {
+function vehicleSamples(vehicle: JsonObject): WireSample[] {
   const id = vehicle['id'] as string;
   const samples: WireSample[] = [];
-  const add = (topic: string, value: unknown, received_unix_s: unknown): void => {
+  const add = (topic: string, value: unknown, reported_unix_s: unknown): void => {
     if (typeof value !== 'object' || value === null) return;
     // A value without a time counts as older than any sample from the socket, which sends some values only once.
-    const time_unix_s = typeof received_unix_s === 'number' ? received_unix_s : 0;
-    samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s: time_unix_s, value });
+    const received_unix_s = typeof reported_unix_s === 'number' ? reported_unix_s : 0;
+    samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s, value });
   };
   add('identity', vehicle['identity'], null);
   const topics = vehicle['topics'];
   if (typeof topics === 'object' && topics !== null) {
-    for (const [topic, sample] of Object.entries(topics as Record<string, Raw | null>)) {
+    for (const [topic, sample] of Object.entries(topics as Record<string, JsonObject | null>)) {
       if (sample !== null && 'value' in sample) add(topic, sample['value'], sample['received_unix_s']);
     }
   }
@@ -55,15 +56,15 @@ function vehicleSamples(vehicle: Raw): WireSample[] {
 /** Loads a vehicle's messages and the telemetry of its last minutes, for trail and flight time. */
 export async function loadHistory(api: ApiClient, store: TelemetryStore, id: string): Promise<void> {
   const vehicle = store.vehicles.get(id);
-  const since = Math.round(store.nowUnixS(id) - BACKFILL_S);
+  const since_unix_s = Math.round(store.nowUnixS(id) - BACKFILL_S);
   const [history, messages] = await Promise.all([
-    api.get('/vehicles/{v}/history', { params: { path: { v: id }, query: { topics: 'status,global_position', since_unix_s: since } } }),
+    api.get('/vehicles/{v}/history', { params: { path: { v: id }, query: { topics: 'status,global_position', since_unix_s } } }),
     api.get('/vehicles/{v}/messages', ofVehicle(id)),
   ]);
   if (vehicle === undefined || store.vehicles.get(id) !== vehicle) return;
-  if (history.ok) vehicle.applyHistory(list(history.value, 'samples') as unknown as WireSample[]);
+  if (history.ok) vehicle.applyHistory(objectsOf(history.value, 'samples') as unknown as WireSample[]);
   if (messages.ok) {
-    for (const raw of list(messages.value, 'messages')) {
+    for (const raw of objectsOf(messages.value, 'messages')) {
       const { kind, unix_s, text, severity } = raw;
       if (typeof kind !== 'string' || typeof unix_s !== 'number' || typeof text !== 'string') continue;
       vehicle.addMessage({ kind, unix_s, text, vehicle: id, severity: severity as WireEvent['severity'] });

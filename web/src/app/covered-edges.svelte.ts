@@ -20,7 +20,7 @@ export function covers(panel: HTMLElement, edge: Edge): { destroy: () => void } 
     panels = new Map(px > 0 ? [...others, [panel, { edge, px }]] : others);
   };
   const observer = new ResizeObserver(() => {
-    const box = panel.getBoundingClientRect(); // includes the panels' magnification on large screens
+    const box = panel.getBoundingClientRect(); // includes the CSS zoom of the panels on large screens
     setCovered(Math.round(edge === 'bottom' || edge === 'top' ? box.height : box.width));
   });
   observer.observe(panel);

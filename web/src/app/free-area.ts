@@ -4,7 +4,7 @@ import type { Pixel } from '../vehicle/geo';
 
 export type Edge = 'left' | 'right' | 'top' | 'bottom';
 
-/** Margin between panels and the stage's edge [px]. */
+/** Margin between panels and the stage's edge [px]; on the right, the measured width of the cards already contains a margin. */
 const MARGIN_PX = 12;
 
 /** The width or height that panels cover at each edge [px]; of several panels at one edge, the largest value. */
@@ -25,7 +25,7 @@ export function freeMiddle(stage: { width: number; height: number }, covered: Re
   };
 }
 
-/** The offset `middle` as fractions of the stage's width and height, for the 3D view. */
+/** The offset `middle` as fractions of the stage's width and height, each limited to ±0.4, for the 3D view. */
 export function asFractions(middle: Pixel, stage: { width: number; height: number }): [number, number] {
   const fraction = (px: number, size: number): number => (size > 0 ? Number(Math.max(-0.4, Math.min(px / size, 0.4)).toFixed(4)) : 0);
   return [fraction(middle.x, stage.width), fraction(middle.y, stage.height)];

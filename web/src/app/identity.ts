@@ -1,15 +1,15 @@
 /**
  * This page's identity: a name for people, and an id that distinguishes this tab from every other tab.
  * The id stays the same until the tab is closed, also after a reload. A duplicated tab starts with a copy of the
- * original's id and must get a new id. A page sets a mark (`UNLOADED`) when it unloads: an id without this mark
+ * original's id and must get a new id. A page stores a mark (`UNLOADED_KEY`) when it unloads; an id without this mark
  * belongs to a page that is still open.
  */
 
 import { pageName } from '../api/client';
 
-const ID = 'gcs.client-id';
-const UNLOADED = 'gcs.left';
-const NAME = 'gcs.client-name';
+const ID_KEY = 'gcs.client-id';
+const UNLOADED_KEY = 'gcs.left';
+const NAME_KEY = 'gcs.client-name';
 const MAX_NAME_LENGTH = 40;
 
 export interface Identity {
@@ -22,11 +22,11 @@ export interface Identity {
 type KeyValueStorage = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
 
 /** The browser's storage; if it is disabled, values are kept until the page closes. */
-export function availableStorage(storage: () => KeyValueStorage): KeyValueStorage {
+export function availableStorage(getStorage: () => KeyValueStorage): KeyValueStorage {
   try {
-    const available = storage();
-    available.getItem(ID); // throws if storage is disabled
-    return available;
+    const storage = getStorage();
+    storage.getItem(ID_KEY); // throws if storage is disabled
+    return storage;
   } catch {
     const values = new Map<string, string>();
     return { getItem: (key) => values.get(key) ?? null, setItem: (key, value) => void values.set(key, value), removeItem: (key) => void values.delete(key) };
@@ -34,29 +34,34 @@ export function availableStorage(storage: () => KeyValueStorage): KeyValueStorag
 }
 
 /** The stored identity of this tab; a new identity if none is stored, or if the stored id belongs to another tab. */
-export function loadIdentity(tab: KeyValueStorage, browser: KeyValueStorage, random: () => number = Math.random): Identity {
-  const known = tab.getItem(UNLOADED) === null ? null : tab.getItem(ID);
-  tab.removeItem(UNLOADED);
+export function loadIdentity(tabStorage: KeyValueStorage, browserStorage: KeyValueStorage, random: () => number = Math.random): Identity {
+  const storedId = tabStorage.getItem(UNLOADED_KEY) === null ? null : tabStorage.getItem(ID_KEY);
+  tabStorage.removeItem(UNLOADED_KEY);
   const id =
-    known ??
+    storedId ??
     Array.from({ length: 4 }, () =>
       Math.floor(random() * 0x100000000)
         .toString(16)
         .padStart(8, '0'),
     ).join('');
-  tab.setItem(ID, id);
-  return { id, key: null, name: browser.getItem(NAME) ?? pageName(() => Number.parseInt(id.slice(0, 4), 16) / 0xffff || 0) };
+  tabStorage.setItem(ID_KEY, id);
+  return { id, key: null, name: browserStorage.getItem(NAME_KEY) ?? defaultName(id) };
 }
 
-/** Called when the page unloads, so that the next page in this tab is the same client. */
-export function markUnloaded(tab: KeyValueStorage): void {
-  tab.setItem(UNLOADED, '1');
+/** Called when the page unloads, so that the next page in this tab gets the same id. */
+export function markUnloaded(tabStorage: KeyValueStorage): void {
+  tabStorage.setItem(UNLOADED_KEY, '1');
 }
 
 /** Sets the person's name for this browser's pages; empty restores the default name. */
-export function rename(identity: Identity, name: string, browser: KeyValueStorage): void {
-  const chosen = name.trim().slice(0, MAX_NAME_LENGTH);
-  if (chosen === '') browser.removeItem(NAME);
-  else browser.setItem(NAME, chosen);
-  identity.name = chosen || pageName(() => Number.parseInt(identity.id.slice(0, 4), 16) / 0xffff || 0);
+export function rename(identity: Identity, name: string, browserStorage: KeyValueStorage): void {
+  const newName = name.trim().slice(0, MAX_NAME_LENGTH);
+  if (newName === '') browserStorage.removeItem(NAME_KEY);
+  else browserStorage.setItem(NAME_KEY, newName);
+  identity.name = newName || defaultName(identity.id);
+}
+
+/** The page's name without a name from the person: the same for each load of this tab. */
+function defaultName(id: string): string {
+  return pageName(() => Number.parseInt(id.slice(0, 4), 16) / 0xffff || 0);
 }

@@ -1,7 +1,7 @@
 /**
  * Ensures that a key pressed on one control never acts on another control.
- * A confirmation closes while its key is still down, and another button gets the focus. The key's repeats and its
- * release would press that button.
+ * For example, holding Space confirms and closes the confirmation, and another button gets the focus while Space is still down.
+ * The repeats and the release of Space would press that button.
  */
 
 /** Keys that press the focused control. */
@@ -14,7 +14,7 @@ export interface PressedKey<T> {
 }
 
 export class KeyGuard<T = EventTarget> {
-  private readonly pressedOn = new Map<string, T | null>();
+  private readonly pressedTargets = new Map<string, T | null>();
 
   /** @param hasJustClosed whether a confirmation has just closed without a key press: a key press that comes too late must have no effect. */
   constructor(private readonly hasJustClosed: () => boolean = () => false) {}
@@ -23,24 +23,24 @@ export class KeyGuard<T = EventTarget> {
   blocksDown(event: PressedKey<T>): boolean {
     if (!PRESS_KEYS.has(event.key)) return false;
     if (event.repeat !== true && this.hasJustClosed()) {
-      this.pressedOn.delete(event.key);
+      this.pressedTargets.delete(event.key);
       return true;
     }
-    if (event.repeat === true) return !this.pressedOn.has(event.key) || this.pressedOn.get(event.key) !== event.target;
-    this.pressedOn.set(event.key, event.target);
+    if (event.repeat === true) return !this.pressedTargets.has(event.key) || this.pressedTargets.get(event.key) !== event.target;
+    this.pressedTargets.set(event.key, event.target);
     return false;
   }
 
   /** A key was released. @returns true: the page must ignore the event. */
   blocksUp(event: PressedKey<T>): boolean {
     if (!PRESS_KEYS.has(event.key)) return false;
-    const isSameControl = this.pressedOn.has(event.key) && this.pressedOn.get(event.key) === event.target;
-    this.pressedOn.delete(event.key);
+    const isSameControl = this.pressedTargets.has(event.key) && this.pressedTargets.get(event.key) === event.target;
+    this.pressedTargets.delete(event.key);
     return !isSameControl;
   }
 
   /** The window lost the focus: the state of the keys is no longer known. */
   clear(): void {
-    this.pressedOn.clear();
+    this.pressedTargets.clear();
   }
 }

@@ -11,8 +11,8 @@ export interface KeyTarget {
   getAttribute?(name: string): string | null;
 }
 
-/** Input types without typed text; browsers show every other type, also an unknown one, as a text field. */
-const NOT_TYPED: ReadonlySet<string> = new Set(['checkbox', 'radio', 'range', 'button', 'submit', 'reset', 'image', 'file', 'color', 'hidden']);
+/** Types of INPUT elements that take no typed characters; a type that is unknown to the browser is a text field. */
+const NON_TEXT_TYPES: ReadonlySet<string> = new Set(['checkbox', 'radio', 'range', 'button', 'submit', 'reset', 'image', 'file', 'color', 'hidden']);
 const TEXT_ROLES: ReadonlySet<string> = new Set(['textbox', 'searchbox', 'combobox', 'spinbutton']);
 const TYPE_AHEAD_ROLES: ReadonlySet<string> = new Set(['listbox', 'menu', 'menuitem']);
 /** Keys of Hold (also with Caps Lock), Land now and Stop motors: they override a list's type-ahead. */
@@ -23,7 +23,7 @@ export function takesText(target: KeyTarget | null): boolean {
   if (target === null) return false;
   if (target.isContentEditable === true) return true;
   const tag = target.tagName?.toUpperCase();
-  if (tag === 'INPUT') return target.readOnly !== true && !NOT_TYPED.has((target.type ?? 'text').toLowerCase());
+  if (tag === 'INPUT') return target.readOnly !== true && !NON_TEXT_TYPES.has((target.type ?? 'text').toLowerCase());
   if (tag === 'TEXTAREA') return target.readOnly !== true;
   if (tag === 'BUTTON') return false; // also with the role `combobox`: the button opens a list
   return TEXT_ROLES.has(target.getAttribute?.('role') ?? '') && target.getAttribute?.('aria-readonly') !== 'true';
@@ -33,7 +33,7 @@ export function takesText(target: KeyTarget | null): boolean {
 export function typesAhead(target: KeyTarget | null): boolean {
   const attribute = (name: string): string => target?.getAttribute?.(name) ?? '';
   if (target?.tagName?.toUpperCase() === 'SELECT' || TYPE_AHEAD_ROLES.has(attribute('role'))) return true;
-  // The button of an open list, or of a menu that is just opening: the menu does not have the focus yet.
+  // The button of an open list keeps the focus; the button of a menu keeps it until the menu has opened.
   return ['menu', 'listbox'].includes(attribute('aria-haspopup')) && attribute('aria-expanded') === 'true';
 }
 

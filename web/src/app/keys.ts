@@ -52,21 +52,21 @@ export function listenToKeys(target: Window): () => void {
     if (guard.blocksDown(event)) stop(event);
   };
   const guardUp = (event: KeyboardEvent): void => {
-    if (guard.blocksUp(event)) event.preventDefault(); // the event is not stopped: a control that waits for the release still gets it
+    if (guard.blocksUp(event)) event.preventDefault(); // not stopped: a control that waits for the key's release still gets the event
   };
   const handleDown = (event: KeyboardEvent): void => {
     if (inScene && /^[wasdqe]$/i.test(event.key)) return; // these keys move the 3D view's camera
     if (handleShortcut(event)) event.preventDefault();
   };
-  const blur = (): void => guard.clear();
+  const clearGuard = (): void => guard.clear();
   target.addEventListener('keydown', guardDown, true);
   target.addEventListener('keyup', guardUp, true);
   target.addEventListener('keydown', handleDown);
-  target.addEventListener('blur', blur);
+  target.addEventListener('blur', clearGuard);
   return () => {
     target.removeEventListener('keydown', guardDown, true);
     target.removeEventListener('keyup', guardUp, true);
     target.removeEventListener('keydown', handleDown);
-    target.removeEventListener('blur', blur);
+    target.removeEventListener('blur', clearGuard);
   };
 }

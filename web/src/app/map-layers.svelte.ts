@@ -1,6 +1,6 @@
 /**
- * Layers that features show on the large map and in the 3D view: points, lines and areas, which may be editable. The
- * map and the 3D view draw them and handle the pointer.
+ * Layers that features show on the large map and in the 3D view: points, lines, areas and solids, which may be
+ * editable. The map and the 3D view draw the layers and handle the pointer.
  */
 
 import type { GeoPosition } from '../vehicle/geo';
@@ -65,8 +65,8 @@ export interface LayerPicture {
 
 /** Handles a person's gestures on the layer. The argument `id` is a point's id. */
 export interface LayerEditor {
-  /** The point was clicked, or Enter was pressed on it. @param more Shift or Ctrl was pressed: the other points stay selected. */
-  pick: (id: string, more: boolean) => void;
+  /** The point was clicked, or Enter was pressed on it. @param keepsOthers Shift or Ctrl was pressed: the other points stay selected. */
+  pick: (id: string, keepsOthers: boolean) => void;
   /** A drag begins. @returns the id of the point that moves (for a `midpoint`, the inserted point); null: the point cannot move. */
   grab: (id: string) => string | null;
   /** Moves the grabbed point and all other selected points. */
@@ -75,7 +75,7 @@ export interface LayerEditor {
   raise: (by_m: number) => void;
   /** The drag has ended. @param keep false: all points return to their positions before the drag. */
   drop: (keep: boolean) => void;
-  /** A click on the ground. @returns false: the layer does not use it. */
+  /** A click on the ground. @returns false: the layer does not use the click. */
   press: (at: GeoPosition) => boolean;
   /** Deletes the selection. @returns false: nothing is selected. */
   remove: () => boolean;
@@ -83,7 +83,7 @@ export interface LayerEditor {
 
 export interface MapLayer {
   readonly id: string;
-  /** Null: nothing to show now. Read reactively. */
+  /** The layer's present picture, read reactively; null: the layer shows nothing now. */
   readonly picture: () => LayerPicture | null;
   /** Missing: the layer cannot be edited. */
   readonly editor?: LayerEditor;
@@ -92,7 +92,7 @@ export interface MapLayer {
 class MapLayers {
   private layers = $state.raw<readonly MapLayer[]>([]);
 
-  /** Adds a layer on top of the other layers. @returns a function that removes it. */
+  /** Adds a layer on top of the other layers. @returns a function that removes the layer. */
   show(layer: MapLayer): () => void {
     this.layers = [...this.layers, layer];
     return () => (this.layers = this.layers.filter((other) => other !== layer));

@@ -1,6 +1,6 @@
 /**
- * The page's state: selected vehicle, connection, repaint counters. Telemetry stays outside (`live/`): `tick`
- * changes at most once per animation frame; then Svelte repaints the components that read `facts`.
+ * The page's state: selected vehicle, connection, repaint counters. Telemetry is not reactive (`live/`). Instead, `tick`
+ * changes at most once per animation frame, and Svelte then repaints the components that read `facts`.
  */
 
 import { ApiClient } from '../api/client';
@@ -21,10 +21,10 @@ const FLEET_REPAINT_MS = 500;
 
 class Page {
   readonly store = new TelemetryStore();
-  private readonly tab = availableStorage(() => sessionStorage);
+  private readonly tabStorage = availableStorage(() => sessionStorage);
   readonly identity = $state(
     loadIdentity(
-      this.tab,
+      this.tabStorage,
       availableStorage(() => localStorage),
     ),
   );
@@ -35,8 +35,8 @@ class Page {
   /** Socket for a large fleet: all topics of the selected vehicle and of `neededVehicles`; samples only. */
   private readonly detailSocket: TelemetrySocket;
   private detailOpen = false;
-  /** Both subscriptions as JSON. */
-  private subscribed = '';
+  /** The sent subscriptions of both sockets as JSON, the fleet's first. */
+  private sentSubscriptions = '';
   /** Vehicles whose history has been requested. */
   private readonly historyRequested = new Set<string>();
   tick = $state(0);
@@ -45,7 +45,7 @@ class Page {
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
   /** The vehicle that the person chose; null: the first vehicle. */
   private chosenId = $state<string | null>(null);
-  /** Called for each frame of telemetry, also in a hidden tab. */
+  /** Called for each frame from the telemetry sockets, also in a hidden tab. */
   readonly onTelemetry: (() => void)[] = [];
   /** Called for each event of any vehicle. */
   readonly onEvent: ((event: WireEvent) => void)[] = [];
@@ -115,13 +115,13 @@ class Page {
 
   start(): void {
     this.socket.start();
-    window.addEventListener('pagehide', () => markUnloaded(this.tab));
+    window.addEventListener('pagehide', () => markUnloaded(this.tabStorage));
     window.addEventListener('online', () => this.socket.retryNow());
     document.addEventListener('visibilitychange', () => this.socket.retryNow());
     let paintedRevision = -1;
     let paintedAt_ms = 0;
     let fleetPaintedAt_ms = 0;
-    const frame = (now_ms: number): void => {
+    const onAnimationFrame = (now_ms: number): void => {
       if (this.store.revision !== paintedRevision || now_ms - paintedAt_ms > QUIET_REPAINT_MS) {
         paintedRevision = this.store.revision;
         paintedAt_ms = now_ms;
@@ -133,9 +133,9 @@ class Page {
         this.updateSubscription();
       }
       for (const callback of this.onPaint) callback();
-      requestAnimationFrame(frame);
+      requestAnimationFrame(onAnimationFrame);
     };
-    requestAnimationFrame(frame);
+    requestAnimationFrame(onAnimationFrame);
   }
 
   /** Sorted ids of all vehicles; the same array until a vehicle appears or disappears. */
@@ -152,24 +152,24 @@ class Page {
     this.loadHistory();
   }
 
-  /** The selected vehicle's stored state, for lists that are too long to be copied in each frame. */
+  /** The selected vehicle's stored state, for lists that are too long to be copied in each animation frame. */
   get vehicle(): VehicleState | null {
     return this.selectedId === null ? null : (this.store.vehicles.get(this.selectedId) ?? null);
   }
 
-  /** The selected vehicle in this frame; read reactively. */
+  /** The selected vehicle in this animation frame; read reactively. */
   readonly facts: VehicleFacts | null = $derived.by(() => {
     void this.tick;
     return this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS(this.selectedId), this.store.connected);
   });
 
-  /** Any vehicle in this frame; read reactively. */
+  /** Any vehicle in this animation frame; read reactively. */
   factsOf(id: string): VehicleFacts | null {
     void this.tick;
     return this.factsNow(id);
   }
 
-  /** Any vehicle now; not reactive. For views of all vehicles, which are repainted by `fleetTick`. */
+  /** Any vehicle now; not reactive. For views of all vehicles, which `fleetTick` repaints. */
   factsNow(id: string): VehicleFacts | null {
     const vehicle = this.store.vehicles.get(id);
     return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);
@@ -180,7 +180,7 @@ class Page {
     return readOffboard(this.store.vehicles.get(id)?.raw('offboard')?.value)?.streaming ?? false;
   }
 
-  /** Subscribes also to the topics of the values on the grid. */
+  /** Sets the topics of the values on the grid, and subscribes to them. */
   subscribeTopics(topics: readonly string[]): void {
     this.gridTopics = topics;
     this.updateSubscription();
@@ -198,11 +198,11 @@ class Page {
   /** Sends the subscriptions that have changed. */
   private updateSubscription(): void {
     const details = this.detailSubscription();
-    const all = JSON.stringify(this.fleetSubscription());
-    const combined = all + JSON.stringify(details);
-    if (combined === this.subscribed) return;
-    if (!this.subscribed.startsWith(all)) this.socket.resubscribe();
-    this.subscribed = combined;
+    const fleet = JSON.stringify(this.fleetSubscription());
+    const subscriptions = fleet + JSON.stringify(details);
+    if (subscriptions === this.sentSubscriptions) return;
+    if (!this.sentSubscriptions.startsWith(fleet)) this.socket.resubscribe();
+    this.sentSubscriptions = subscriptions;
     if (details === null) {
       this.detailSocket.stop();
       this.detailOpen = false;
@@ -213,19 +213,19 @@ class Page {
     }
   }
 
-  /** @param only the vehicle that has just appeared: the history of the other vehicles is already loaded. Null: all vehicles. */
-  private async backfill(only: string | null = null): Promise<void> {
+  /** @param addedId the vehicle that has just appeared; the history of the other vehicles is already loaded. Null: all vehicles. */
+  private async backfill(addedId: string | null = null): Promise<void> {
     const { ids, removed } = await loadFleet(this.api, this.store);
     if (removed) this.socket.resubscribe();
     if (removed && this.detailOpen) this.detailSocket.resubscribe();
-    if (only === null) this.historyRequested.clear();
-    const detailIds = isLarge(ids.length) ? [] : ids.filter((id) => only === null || id === only);
+    if (addedId === null) this.historyRequested.clear();
+    const detailIds = isLarge(ids.length) ? [] : ids.filter((id) => addedId === null || id === addedId);
     for (const id of detailIds) this.historyRequested.add(id);
     await Promise.all(detailIds.map((id) => loadHistory(this.api, this.store, id)));
     this.loadHistory();
   }
 
-  /** In a large fleet a vehicle's history is loaded when it is selected. */
+  /** Loads the selected vehicle's history; in a large fleet, a vehicle's history is loaded only on selection. */
   private loadHistory(): void {
     const id = this.selectedId;
     if (id === null || this.historyRequested.has(id) || !this.store.connected) return;

@@ -38,10 +38,10 @@ class Preview {
   dryRun = $state.raw<SceneDryRun | null>(null);
   /** The dry run that the 3D view compares with the flight; shown while `dryRun` is null. */
   comparedDryRun = $state.raw<SceneDryRun | null>(null);
-  /** Set by the open room: called when a person has dragged a handle in the 3D view. */
+  /** Called when a person has dragged a handle in the 3D view; the open room sets this function. */
   onDrag: ((event: WireEvent) => void) | null = null;
 
-  clear(): void {
+  clearSetpoint(): void {
     this.map = null;
     this.scene = null;
   }

@@ -119,7 +119,7 @@ class Registry {
   panels: readonly Panel[] = [];
   keys: readonly KeyLine[] = [];
   closers: readonly Closer[] = [];
-  /** Warnings about the server for the operator. */
+  /** Functions that return warnings about the server for the operator. */
   warnings: readonly (() => readonly string[])[] = [];
   private readonly slots = new Map<SlotName, readonly SlotPart[]>();
 
@@ -152,7 +152,7 @@ class Registry {
     return this.slots.get(name) ?? [];
   }
 
-  /** Opens or closes a panel by its key. @returns false if the panel is not offered for this vehicle. */
+  /** Opens or closes a panel after a press of its shortcut. @returns false if the panel is not offered for this vehicle. */
   toggle(id: string, facts: VehicleFacts | null): boolean {
     const panel = this.panel(id);
     if (panel === null || !isOffered(panel, facts)) return false;
@@ -167,7 +167,7 @@ class Registry {
 
 export const registry = new Registry();
 
-/** The open room; `fly` is the page without a room. */
+/** Opens and closes rooms. `current` is the open room's id; `fly` is the page without a room. */
 class Rooms {
   current = $state('fly');
 

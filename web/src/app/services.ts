@@ -17,7 +17,7 @@ export type Roi = components['schemas']['Roi'];
 
 export interface Services {
   offboard: {
-    /** Starts the stream with the given setpoint; null: at the vehicle's position. */
+    /** Starts the stream with the given setpoint; null: with the vehicle's position. */
     start: (facts: VehicleFacts, streamStart: StreamStart | null) => Promise<Outcome<unknown>>;
   };
   gimbal: {
@@ -42,9 +42,9 @@ export interface Services {
     showMap: () => void;
     /** Fits positions into the part of the map that no panel covers. */
     showPositions: (positions: readonly GeoPosition[]) => void;
-    /** Fits the positions of an opened plan into the map. If the 3D view is large and no vehicle is flying, the 3D view fits them, too, once. */
+    /** Fits the positions of an opened plan into the map. If the 3D view is large and no vehicle is flying, the 3D view also fits them, once. */
     showPlan: (positions: readonly GeoPosition[]) => void;
-    /** More positions of the shown plan are known: the 3D view fits the plan again, unless a person has moved the camera. */
+    /** Called when more positions of the shown plan are known. The 3D view fits the plan again, unless a person has moved the camera. */
     refitPlan: () => void;
     /** The middle of the part of the large view that no panel covers, and the distance from there to the edge of this part; null: no ground in the middle. */
     visibleMiddle: () => { readonly at: GeoPosition; readonly edgeDistance_m: number } | null;

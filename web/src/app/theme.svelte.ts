@@ -2,12 +2,12 @@
 
 export type ThemeChoice = 'system' | 'light' | 'dark';
 
-const KEY = 'gcs-theme';
+const STORAGE_KEY = 'gcs-theme';
 const CHOICES: readonly ThemeChoice[] = ['system', 'light', 'dark'];
 
 function storedChoice(): ThemeChoice {
   try {
-    const value = localStorage.getItem(KEY);
+    const value = localStorage.getItem(STORAGE_KEY);
     return CHOICES.find((c) => c === value) ?? 'system';
   } catch {
     return 'system'; // storage is disabled
@@ -29,10 +29,10 @@ class Theme {
 
   /** Switches between light and dark. If the new theme is the system's theme, the page follows the system again. */
   toggle(): void {
-    const other = this.shown === 'dark' ? 'light' : 'dark';
-    this.choice = other === (this.systemDark ? 'dark' : 'light') ? 'system' : other;
+    const newTheme = this.shown === 'dark' ? 'light' : 'dark';
+    this.choice = newTheme === (this.systemDark ? 'dark' : 'light') ? 'system' : newTheme;
     try {
-      localStorage.setItem(KEY, this.choice);
+      localStorage.setItem(STORAGE_KEY, this.choice);
     } catch {
       // storage is disabled: the choice applies until the page closes
     }

@@ -1,4 +1,4 @@
-/** The vehicle actions: their names, confirmation texts with numbers, and API requests. */
+/** The vehicle actions: names, confirmation texts, reasons why an action is not possible, and API requests. */
 
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import { fixed, metres, UNKNOWN } from '../../ui/format';
@@ -7,7 +7,7 @@ import type { StreamStart } from '../../vehicle/setpoint';
 
 export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto';
 
-/** Values for the confirmation texts; null is unknown. */
+/** Values for the confirmation texts. Null: unknown, unless the field's description says otherwise. */
 export interface ActionFacts {
   vehicleId: string;
   vehicleName: string;
@@ -27,7 +27,7 @@ export interface ActionFacts {
   returnAlt_home_m?: number | null;
 }
 
-/** Target of "Go here"; distances are from the vehicle's position when the menu was opened. */
+/** Target of "Go here". Distance and time are from the vehicle's position when the menu was opened. */
 export interface GotoTarget {
   lat_deg: number;
   lon_deg: number;
@@ -49,8 +49,8 @@ export interface Question {
 
 const OFFBOARD_ENDS = ' Offboard ends.';
 
-function distanceText(value: number | null): string {
-  const { text, unit } = metres(value);
+function distanceText(distance_m: number | null): string {
+  const { text, unit } = metres(distance_m);
   return text === UNKNOWN ? 'an unknown distance' : `${text} ${unit}`;
 }
 
@@ -94,8 +94,8 @@ function streamOnGroundText({ armed, inAir }: ActionFacts): string {
     : ' The vehicle is disarmed and does not take off now. If it is armed before the setpoint expires, it flies to the setpoint.';
 }
 
-/** The confirmation's texts; null if the action needs no confirmation, as Hold. */
-export function question(action: ActionName, facts: ActionFacts, target: GotoTarget | null = null, start: StreamStart | null = null): Question | null {
+/** The confirmation's texts; null for an action without confirmation (Hold), and for `goto` without a target. */
+export function question(action: ActionName, facts: ActionFacts, target: GotoTarget | null = null, streamStart: StreamStart | null = null): Question | null {
   const offboardEnds = facts.streaming ? OFFBOARD_ENDS : '';
   const name = facts.vehicleName;
   switch (action) {
@@ -141,10 +141,10 @@ export function question(action: ActionName, facts: ActionFacts, target: GotoTar
             danger: false,
           };
     case 'offboard_start':
-      if (start !== null)
+      if (streamStart !== null)
         return {
           title: `Start Offboard: ${name}`,
-          effect: `The server starts a setpoint stream: ${start.text}.${streamOnGroundText(facts)} Hold ends the stream.`,
+          effect: `The server starts a setpoint stream: ${streamStart.text}.${streamOnGroundText(facts)} Hold ends the stream.`,
           verb: 'Start',
           danger: false,
         };
@@ -208,7 +208,7 @@ export function send(
   }
 }
 
-/** Tooltip that says why an action is not possible now; null if it is possible. No state of the vehicle disables Hold and Stop motors. */
+/** Why an action is not possible now; null if it is possible. Hold, Stop motors and `force_control` are possible in every state of a vehicle that is not replayed. */
 export function reasonUnavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
   if (facts.replayed) return 'A replayed vehicle accepts no commands.';
   if (action === 'hold' || action === 'kill' || action === 'force_control') return null;

@@ -1,7 +1,7 @@
 /**
- * State machine of a confirmation: asking, confirmed, expired, cancelled. A person confirms by sliding the knob to its end, or by
- * holding a key long enough. An open confirmation expires five seconds after the last input, but never while a pointer or a key
- * holds the knob. Callers pass the time.
+ * State machine of a confirmation: asking, confirmed, expired, cancelled. A person confirms by moving the knob to the end of the
+ * track with a pointer or arrow keys, or by holding Space or Enter. An open confirmation expires `EXPIRES_AFTER_S` after the last
+ * input, and does not expire while a pointer or a key holds the knob. Callers pass the time.
  */
 
 export const EXPIRES_AFTER_S = 5;
@@ -41,21 +41,21 @@ export class Confirmation {
     return this.lastTick_s === null ? this.knobPosition : Math.min(1, this.held_s / this.holdTime_s());
   }
 
-  /** Time until the confirmation expires. */
+  /** Time until the confirmation expires; the full time while a pointer or a key holds the knob. */
   remaining_s(now_s: number): number {
     return this.isHeld() ? EXPIRES_AFTER_S : Math.max(0, this.deadline_s - now_s);
   }
 
   /** Space or Enter was pressed on the knob; the keyboard's repeats have no effect. */
   pressKey(now_s: number): void {
-    if (this.blocked) this.touch(now_s);
+    if (this.blocked) this.restartExpiry(now_s);
     else if (this.phase === 'asking' && this.lastTick_s === null && !this.isSliding) {
       this.lastTick_s = now_s;
       this.held_s = 0;
     }
   }
 
-  /** The key was released too early, or the knob lost the focus: the progress returns to zero. */
+  /** The key was released before the confirmation, or the knob lost the focus: the progress returns to zero. */
   releaseKey(now_s: number): void {
     this.lastTick_s = null;
     this.held_s = 0;
@@ -64,7 +64,7 @@ export class Confirmation {
 
   /** An arrow key moved the knob by this many steps. The knob stays there until it is moved again or loses the focus. */
   step(steps: number, now_s: number): void {
-    this.touch(now_s);
+    this.restartExpiry(now_s);
     if (this.phase !== 'asking' || this.blocked || this.isSliding || this.lastTick_s !== null) return;
     this.knobPosition = Math.min(1, Math.max(0, Math.round(this.knobPosition * KNOB_STEPS + steps) / KNOB_STEPS));
     if (this.knobPosition >= 1) this.phase = 'confirmed';
@@ -72,23 +72,23 @@ export class Confirmation {
 
   /** A pointer holds the knob at `fraction` of the track; the end of the track confirms. */
   slide(fraction: number, now_s: number): void {
-    if (this.blocked) this.touch(now_s);
+    if (this.blocked) this.restartExpiry(now_s);
     if (this.phase !== 'asking' || this.blocked || this.lastTick_s !== null) return;
     this.isSliding = true;
     this.knobPosition = Math.min(1, Math.max(0, fraction));
     if (this.knobPosition >= 1) this.phase = 'confirmed';
-    this.touch(now_s);
+    this.restartExpiry(now_s);
   }
 
   /** The pointer released the knob: the knob returns to its start. */
   releasePointer(now_s: number): void {
     this.isSliding = false;
     this.knobPosition = 0;
-    this.touch(now_s);
+    this.restartExpiry(now_s);
   }
 
-  /** The person is active: the five seconds start again. */
-  touch(now_s: number): void {
+  /** Called on input: the time until the confirmation expires starts again. */
+  restartExpiry(now_s: number): void {
     this.deadline_s = now_s + EXPIRES_AFTER_S;
   }
 

@@ -31,7 +31,7 @@ export interface PendingConfirmation {
   facts: VehicleFacts;
   target: GotoTarget | null;
   /** The stream's first setpoint; null: hold the vehicle's position. */
-  start: StreamStart | null;
+  streamStart: StreamStart | null;
   /** Null: the confirmation is for one vehicle. */
   group: GroupConfirmation | null;
   question: Question;
@@ -59,11 +59,11 @@ export interface Refusal {
   problem: Problem;
 }
 
-const TAKEOFF_DEFAULT_M = 10;
+const DEFAULT_TAKEOFF_ALT_HOME_M = 10;
 /** After a confirmation has closed without a key press, Space and Enter are ignored for this time [s]. */
 const IGNORE_KEYS_S = 0.6;
-/** PX4's parameter for the return altitude [m above home]. */
-const RETURN_ALT = 'RTL_RETURN_ALT';
+/** Name of PX4's parameter for the return altitude [m above home]. */
+const RETURN_ALT_PARAM = 'RTL_RETURN_ALT';
 /** The API's limits of the take-off altitude [m above home]. */
 export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
 
@@ -75,15 +75,17 @@ export class ActionController {
   pending = $state.raw<PendingConfirmation | null>(null);
   running = $state.raw<RunningCommand[]>([]);
   refusals = $state.raw<Partial<Record<PagePart, Refusal>>>({});
-  takeoffAlt_home_m = $state(TAKEOFF_DEFAULT_M);
+  takeoffAlt_home_m = $state(DEFAULT_TAKEOFF_ALT_HOME_M);
   /** Error of the typed altitude; null if it is valid. */
   takeoffProblem = $state<string | null>(null);
-  private readonly returnAlt_home_m = new Map<string, number>();
-  /** Progress of the confirmation, 0–1, and the time until it expires; both updated once per frame. */
+  /** Return altitudes that this page has read, by vehicle id. */
+  private readonly returnAlts_home_m = new Map<string, number>();
+  /** Progress of the confirmation, 0–1; updated once per animation frame. */
   progress = $state(0);
+  /** Time until the confirmation expires; updated once per animation frame. */
   remaining_s = $state(0);
   private nextId = 1;
-  /** When the last confirmation closed without a key press [s]. */
+  /** Time at which the last confirmation closed without a key press [s]. */
   private closedWithoutKey_s = -Infinity;
 
   constructor(
@@ -97,17 +99,17 @@ export class ActionController {
 
   /** The confirmation's texts with the vehicle's present altitude. */
   questionFor(pending: PendingConfirmation): Question {
-    const { action, facts, target, start } = pending;
-    return pending.group?.question() ?? question(action, this.factsFor(this.currentFacts(facts)), target, start) ?? pending.question;
+    const { action, facts, target, streamStart } = pending;
+    return pending.group?.question() ?? question(action, this.factsFor(this.currentFacts(facts)), target, streamStart) ?? pending.question;
   }
 
-  /** Handles a button or key: opens the confirmation, or acts immediately if none is needed. */
+  /** Handles a button or key: opens the confirmation, sends an action without confirmation immediately, or shows why the action is not possible. */
   request(
     action: ActionName,
     facts: VehicleFacts | null,
     pagePart: PagePart = 'bar',
     target: GotoTarget | null = null,
-    start: StreamStart | null = null,
+    streamStart: StreamStart | null = null,
   ): void {
     if (facts === null || (action === 'goto' && target === null)) return;
     this.dismiss(pagePart);
@@ -129,13 +131,13 @@ export class ActionController {
       this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem } };
       return;
     }
-    const texts = question(action, this.factsFor(facts), target, start);
+    const texts = question(action, this.factsFor(facts), target, streamStart);
     if (texts === null) {
       this.pending = null;
       void this.run(action, facts, pagePart);
       return;
     }
-    this.pending = { action, pagePart, facts, target, start, group: null, question: texts, confirmation: new Confirmation(texts.danger, this.nowS()) };
+    this.pending = { action, pagePart, facts, target, streamStart, group: null, question: texts, confirmation: new Confirmation(texts.danger, this.nowS()) };
     this.progress = 0;
     this.remaining_s = this.pending.confirmation.remaining_s(this.nowS());
     this.takeoffProblem = null;
@@ -147,7 +149,7 @@ export class ActionController {
     this.dismiss(pagePart);
     const texts = group.question();
     const confirmation = new Confirmation(texts.danger, this.nowS());
-    this.pending = { action: 'offboard_start', pagePart, facts, target: null, start: null, group, question: texts, confirmation };
+    this.pending = { action: 'offboard_start', pagePart, facts, target: null, streamStart: null, group, question: texts, confirmation };
     this.progress = 0;
     this.remaining_s = confirmation.remaining_s(this.nowS());
   }
@@ -163,7 +165,7 @@ export class ActionController {
     if (isValid) this.takeoffAlt_home_m = alt_home_m;
     if (this.pending === null) return;
     this.pending.confirmation.blocked = !isValid;
-    this.pending.confirmation.touch(this.nowS());
+    this.pending.confirmation.restartExpiry(this.nowS());
   }
 
   /** Changes the take-off altitude by `by_m`, within the API's limits. */
@@ -191,7 +193,7 @@ export class ActionController {
     this.refusals = { ...this.refusals, [pagePart]: undefined };
   }
 
-  /** Once per animation frame: sends a confirmed command, closes a confirmation that expired or whose vehicle is no longer selected. */
+  /** Once per animation frame: sends a confirmed command, and closes a confirmation that expired or whose vehicle is no longer selected. */
   onFrame(selectedId: string | null): void {
     const pending = this.pending;
     if (pending === null) return;
@@ -203,7 +205,7 @@ export class ActionController {
     this.pending = null;
     if (phase !== 'confirmed') this.closedWithoutKey_s = now;
     if (phase === 'confirmed' && pending.group !== null) void this.runForGroup(pending.group, pending.pagePart);
-    else if (phase === 'confirmed') void this.run(pending.action, pending.facts, pending.pagePart, pending.target, pending.start);
+    else if (phase === 'confirmed') void this.run(pending.action, pending.facts, pending.pagePart, pending.target, pending.streamStart);
   }
 
   /** Shows a problem that was not caused by a button, as a refusal in `pagePart`. */
@@ -212,7 +214,7 @@ export class ActionController {
   }
 
   /**
-   * Sends a request without confirmation, for example a gimbal command, and shows its refusal in `pagePart`.
+   * Sends a request without asking for confirmation, and shows a refusal in `pagePart`.
    * @returns whether the server accepted the request.
    */
   async attempt<T>(commandName: string, facts: Pick<VehicleFacts, 'name'>, pagePart: PagePart, send: () => Promise<Outcome<T>>): Promise<boolean> {
@@ -227,9 +229,9 @@ export class ActionController {
     facts: VehicleFacts,
     pagePart: PagePart,
     target: GotoTarget | null = null,
-    start: StreamStart | null = null,
+    streamStart: StreamStart | null = null,
   ): Promise<void> {
-    const entry: RunningCommand = {
+    const command: RunningCommand = {
       id: this.nextId++,
       action,
       commandName: ACTION_NAMES[action],
@@ -239,15 +241,15 @@ export class ActionController {
       progressText: null,
       fraction: null,
     };
-    this.running = [...this.running, entry];
+    this.running = [...this.running, command];
     const current = this.currentFacts(facts);
-    const accepted = await this.attempt(entry.commandName, current, pagePart, () => this.send(action, current, target, start));
-    this.running = this.running.filter((r) => r.id !== entry.id);
+    const accepted = await this.attempt(command.commandName, current, pagePart, () => this.send(action, current, target, streamStart));
+    this.running = this.running.filter((r) => r.id !== command.id);
     target?.onResult?.(accepted);
   }
 
   private async runForGroup({ commandName, names, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
-    const entry: RunningCommand = {
+    const command: RunningCommand = {
       id: this.nextId++,
       action: 'offboard_start',
       commandName,
@@ -257,13 +259,13 @@ export class ActionController {
       progressText: null,
       fraction: null,
     };
-    this.running = [...this.running, entry];
+    this.running = [...this.running, command];
     await this.attempt(commandName, { name: names }, pagePart, run);
-    this.running = this.running.filter((r) => r.id !== entry.id);
+    this.running = this.running.filter((r) => r.id !== command.id);
   }
 
-  private send(action: ActionName, facts: VehicleFacts, target: GotoTarget | null, start: StreamStart | null): Promise<Outcome<unknown>> {
-    if (action === 'offboard_start') return this.startOffboard(facts, start);
+  private send(action: ActionName, facts: VehicleFacts, target: GotoTarget | null, streamStart: StreamStart | null): Promise<Outcome<unknown>> {
+    if (action === 'offboard_start') return this.startOffboard(facts, streamStart);
     return send(this.api, action, this.factsFor(facts), target);
   }
 
@@ -275,14 +277,14 @@ export class ActionController {
   /** The values for the confirmation texts. */
   private factsFor(facts: VehicleFacts): ActionFacts {
     const controlHolder = otherControlHolder(facts.control, this.api.key);
-    return { ...actionFacts(facts, this.takeoffAlt_home_m), controlHolder, returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
+    return { ...actionFacts(facts, this.takeoffAlt_home_m), controlHolder, returnAlt_home_m: this.returnAlts_home_m.get(facts.id) ?? null };
   }
 
-  /** Reads the parameter in the background; the confirmation then shows the altitude. */
+  /** Reads the return altitude from the vehicle in the background; the open confirmation then shows it. */
   private async loadReturnAltitude(id: string): Promise<void> {
-    const response = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name: RETURN_ALT } } });
+    const response = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name: RETURN_ALT_PARAM } } });
     if (!response.ok || typeof response.value.value !== 'number') return;
-    this.returnAlt_home_m.set(id, response.value.value);
+    this.returnAlts_home_m.set(id, response.value.value);
     if (this.pending?.action === 'rtl') this.pending = { ...this.pending };
   }
 }
