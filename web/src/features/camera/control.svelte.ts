@@ -5,7 +5,7 @@ import type { ActionController } from '../../app/actions/controller.svelte';
 import type { Component } from '../../live/topics';
 import type { VehicleFacts } from '../../vehicle/facts';
 
-/** The cameras that have sent a heartbeat, in the order of their component ids; also cameras whose connection is lost. */
+/** The cameras that have sent a heartbeat, in the order of their component ids, including cameras whose connection is lost. */
 export function camerasOf(facts: VehicleFacts): Component[] {
   return facts.components.filter((component) => component.kind === 'camera');
 }
@@ -20,7 +20,7 @@ export function reasonNoPhoto(facts: VehicleFacts, camera: Component): string | 
 export class CameraControl {
   busy = $state(false);
   /** The camera with which this page took its last photo. */
-  private lastPhoto = $state.raw<{ vehicle: string; camera: number } | null>(null);
+  private lastPhotoBy = $state.raw<{ vehicle: string; camera: number } | null>(null);
   /** Component id of the camera that a person has selected, by vehicle. */
   private selectedIds = $state.raw<Readonly<Record<string, number>>>({});
 
@@ -29,9 +29,9 @@ export class CameraControl {
     private readonly actions: ActionController,
   ) {}
 
-  select(facts: VehicleFacts, component: number): void {
-    this.selectedIds = { ...this.selectedIds, [facts.id]: component };
-    this.lastPhoto = null;
+  select(facts: VehicleFacts, componentId: number): void {
+    this.selectedIds = { ...this.selectedIds, [facts.id]: componentId };
+    this.lastPhotoBy = null;
     this.actions.dismiss('camera');
   }
 
@@ -43,18 +43,18 @@ export class CameraControl {
 
   /** Whether this page's last photo is from this camera. */
   hasTakenPhoto(facts: VehicleFacts, camera: Component): boolean {
-    return this.lastPhoto?.vehicle === facts.id && this.lastPhoto.camera === camera.component_id;
+    return this.lastPhotoBy?.vehicle === facts.id && this.lastPhotoBy.camera === camera.component_id;
   }
 
   async takePhoto(facts: VehicleFacts, camera: Component): Promise<void> {
     if (this.busy || reasonNoPhoto(facts, camera) !== null) return;
     this.busy = true;
-    this.lastPhoto = null;
+    this.lastPhotoBy = null;
     const component = camera.component_id;
     const accepted = await this.actions.attempt('Take photo', facts, 'camera', () =>
       this.api.post('/vehicles/{v}/camera/picture', { params: { path: { v: facts.id }, query: { component } } }),
     );
     this.busy = false;
-    if (accepted) this.lastPhoto = { vehicle: facts.id, camera: component };
+    if (accepted) this.lastPhotoBy = { vehicle: facts.id, camera: component };
   }
 }

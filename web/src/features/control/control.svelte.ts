@@ -6,7 +6,7 @@ import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { requestToAnswer, type ControlRequest } from '../../vehicle/control';
 
-const REASON_MAX = 200;
+const MAX_REASON_LENGTH = 200;
 
 export class ControlController {
   open = $state(false);
@@ -24,7 +24,7 @@ export class ControlController {
     return true;
   }
 
-  denied(id: string): boolean {
+  wasDenied(id: string): boolean {
     return this.denials[id] ?? false;
   }
 
@@ -33,7 +33,7 @@ export class ControlController {
   }
 
   requestControl(facts: VehicleFacts): void {
-    const reason = this.reason.trim().slice(0, REASON_MAX);
+    const reason = this.reason.trim().slice(0, MAX_REASON_LENGTH);
     this.denials[facts.id] = false;
     const body = reason === '' ? {} : { reason };
     void this.attempt('Request control', facts, () => this.api.post('/vehicles/{v}/control/request', { ...ofVehicle(facts.id), body }));
@@ -54,11 +54,11 @@ export class ControlController {
     void this.attempt('Keep control', facts, () => this.api.post('/vehicles/{v}/control/deny', { ...ofVehicle(facts.id), body }));
   }
 
-  /** Answers the first request by a key. @returns false: no client requests control. */
-  answer(facts: VehicleFacts | null, give: boolean): boolean {
+  /** Answers the first request after a key press. @returns false: no client requests control. */
+  answer(facts: VehicleFacts | null, isGranted: boolean): boolean {
     const request = facts === null ? null : requestToAnswer(facts.control, this.api.key);
     if (facts === null || request === null) return false;
-    if (give) this.grant(facts, request);
+    if (isGranted) this.grant(facts, request);
     else this.deny(facts, request);
     return true;
   }

@@ -1,4 +1,4 @@
-/** Controls the gimbal: angles while the pad is dragged, rates while an arrow is held; both axes stop on release. */
+/** Controls the gimbal: sends angles while the pad is dragged, and rates while an arrow is held. On release of the arrow both axes stop. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { components } from '../../api/schema';
@@ -32,12 +32,12 @@ export class GimbalControl {
   /** Key of the gimbal that a person has selected, by vehicle. */
   private selectedKeys = $state.raw<Readonly<Record<string, string>>>({});
   /** Text about the limit that stopped the camera of one gimbal; null: the camera reached its target or is still moving. */
-  private limit = $state.raw<{ id: string; text: string } | null>(null);
+  private limitNotice = $state.raw<{ gimbal: string; text: string } | null>(null);
   private settleTimer: ReturnType<typeof setTimeout> | undefined;
   /** Number of commands sent so far. */
   private sentCount = 0;
   /** The server's latest response for each gimbal: whether the server was in control of the gimbal (`inControl`), and the ROI. */
-  private responses = $state.raw<Readonly<Record<string, { holder: string; inControl: boolean; roi: Roi | null }>>>({});
+  private responses = $state.raw<Readonly<Record<string, { holderKey: string; inControl: boolean; roi: Roi | null }>>>({});
   private readonly sender: LatestSender<QueuedCommand>;
   /** The gimbal that a held arrow turns. On release this gimbal stops, even if the card shows another gimbal by then. */
   private turnedGimbal: VehicleFacts | null = null;
@@ -52,20 +52,18 @@ export class GimbalControl {
   /** Whether this server controls the gimbal; false until the server has confirmed that. */
   inControl(facts: VehicleFacts): boolean {
     const response = this.responses[gimbalKey(facts)];
-    return response !== undefined && response.inControl && response.holder === holderKey(facts);
+    return response !== undefined && response.inControl && response.holderKey === holderKey(facts);
   }
 
-  /** Reads from the server whether it controls the gimbal, and the ROI; called also when the gimbal reports another controller. */
+  /** Reads from the server whether the server controls the gimbal, and the ROI. Called periodically, and when the gimbal reports another controller. */
   async fetchControlAndRoi(facts: VehicleFacts): Promise<void> {
-    const [key, holder] = [gimbalKey(facts), holderKey(facts)];
+    const [gimbal, requestedHolderKey] = [gimbalKey(facts), holderKey(facts)];
     const response = await this.api.get('/vehicles/{v}/gimbal', gimbalParams(facts));
     if (!response.ok) return;
-    this.responses = { ...this.responses, [key]: { holder, inControl: response.value.in_control, roi: response.value.roi } };
+    this.responses = { ...this.responses, [gimbal]: { holderKey: requestedHolderKey, inControl: response.value.in_control, roi: response.value.roi } };
   }
 
-  /**
-   * The ROI that this server has set, until another command ends it; null: no ROI, or not known.
-   */
+  /** The ROI that this server has set, until another command ends the ROI; null: no ROI, or not known. */
   roiOf(facts: VehicleFacts): Roi | null {
     return this.responses[gimbalKey(facts)]?.roi ?? null;
   }
@@ -86,7 +84,7 @@ export class GimbalControl {
     this.busy = true;
     this.target = null;
     clearTimeout(this.settleTimer);
-    this.limit = null;
+    this.limitNotice = null;
     await this.actions.attempt(take ? 'Take gimbal control' : 'Release gimbal control', facts, 'gimbal', () =>
       this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, gimbalParams(facts)),
     );
@@ -106,39 +104,39 @@ export class GimbalControl {
     this.settleTimer = setTimeout(() => void this.settle(facts, body), SETTLE_MS);
   }
 
-  /** Text about the limit that stopped the camera before its target; null: no limit did. */
+  /** Text about the limit that stopped the camera before its target; null: no limit stopped the camera. */
   limitTextOf(facts: VehicleFacts): string | null {
-    return this.limit?.id === gimbalKey(facts) ? this.limit.text : null;
+    return this.limitNotice?.gimbal === gimbalKey(facts) ? this.limitNotice.text : null;
   }
 
-  /** Sends the last angles again and waits until the camera stops; other commands do not wait. */
+  /** Sends the last angles again, and waits for the response until the camera stops. Other commands do not wait for this response. */
   private async settle(facts: VehicleFacts, body: { pitch_deg: number; yaw_deg: number; yaw_lock: boolean }): Promise<void> {
     const sentBefore = this.sentCount;
     const response = await this.api.post('/vehicles/{v}/gimbal/angles', { ...gimbalParams(facts), body: { ...body, wait: true } });
     if (sentBefore === this.sentCount && response.ok && response.value.limited != null)
-      this.limit = { id: gimbalKey(facts), text: response.value.limited.text };
+      this.limitNotice = { gimbal: gimbalKey(facts), text: response.value.limited.text };
   }
 
   /** Sends a command, and clears the limit text of the previous command. */
   private push(command: QueuedCommand): void {
     clearTimeout(this.settleTimer);
     this.sentCount += 1;
-    this.limit = null;
+    this.limitNotice = null;
     this.sender.push(command);
   }
 
-  /** Turns the camera while an arrow is held. @param pitch, yaw signs: up and right are positive. */
-  turn(facts: VehicleFacts, pitch: number, yaw: number): void {
+  /** Turns the camera while an arrow is held. Up and right are positive. */
+  turn(facts: VehicleFacts, pitchSign: number, yawSign: number): void {
     this.target = null;
     this.turnedGimbal = facts;
-    this.sendRates(facts, pitch * RATE_DEG_S, yaw * RATE_DEG_S);
+    this.sendRates(facts, pitchSign * RATE_DEG_S, yawSign * RATE_DEG_S);
   }
 
   /** The arrow was released: both axes stop. */
   stop(): void {
-    const turned = this.turnedGimbal;
+    const facts = this.turnedGimbal;
     this.turnedGimbal = null;
-    if (turned !== null) this.sendRates(turned, 0, 0);
+    if (facts !== null) this.sendRates(facts, 0, 0);
   }
 
   /** The facts with the selected gimbal of the vehicle; initially the first gimbal. */
@@ -158,8 +156,8 @@ export class GimbalControl {
     this.sendRates(facts, 0, 0);
   }
 
-  private sendRates(facts: VehicleFacts, pitch: number, yaw: number): void {
-    const body = { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.yawLock(facts) };
+  private sendRates(facts: VehicleFacts, pitch_rate_deg_s: number, yaw_rate_deg_s: number): void {
+    const body = { pitch_rate_deg_s, yaw_rate_deg_s, yaw_lock: this.yawLock(facts) };
     this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/rates', { ...gimbalParams(facts), body }) });
   }
 }

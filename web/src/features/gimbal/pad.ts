@@ -1,4 +1,4 @@
-/** The gimbal pad's geometry: converts between angles and points, within the gimbal's reported limits. */
+/** The gimbal pad: converts between angles and points within the gimbal's limits, and handles its keys and texts. */
 
 import { toDeg } from '../../ui/format';
 import type { Gimbal } from '../../live/topics';
@@ -9,33 +9,35 @@ export interface Point {
   y: number;
 }
 
-export const PAD = { width: 152, height: 116, margin: 8 } as const;
+/** Size of the pad [px]. */
+export const PAD = { width: 152, height: 116 } as const;
 
-/** Smallest range that the pad shows [deg]; also for a gimbal without reported limits. */
-const RANGE = { pitchMin: -100, pitchMax: 40, yawMin: -180, yawMax: 180 };
+/** Smallest range of angles that the pad shows [deg], also for a gimbal without reported limits. */
+const SMALLEST_RANGE_DEG = { pitchMin: -100, pitchMax: 40, yawMin: -180, yawMax: 180 };
 
-function padRange(limits: AngleLimits): { top: number; bottom: number; left: number; right: number } {
+/** The angles at the edges of the pad [deg], with a margin outside the limits. */
+function edgeAngles(limits: AngleLimits): { top: number; bottom: number; left: number; right: number } {
   return {
-    top: Math.max(RANGE.pitchMax, limits.pitchMax_deg + 10),
-    bottom: Math.min(RANGE.pitchMin, limits.pitchMin_deg - 10),
-    left: RANGE.yawMin - 12,
-    right: RANGE.yawMax + 12,
+    top: Math.max(SMALLEST_RANGE_DEG.pitchMax, limits.pitchMax_deg + 10),
+    bottom: Math.min(SMALLEST_RANGE_DEG.pitchMin, limits.pitchMin_deg - 10),
+    left: SMALLEST_RANGE_DEG.yawMin - 12,
+    right: SMALLEST_RANGE_DEG.yawMax + 12,
   };
 }
 
 export function toPoint(angles: Angles, limits: AngleLimits): Point {
-  const r = padRange(limits);
+  const edges = edgeAngles(limits);
   return {
-    x: ((angles.yaw_deg - r.left) / (r.right - r.left)) * PAD.width,
-    y: ((r.top - angles.pitch_deg) / (r.top - r.bottom)) * PAD.height,
+    x: ((angles.yaw_deg - edges.left) / (edges.right - edges.left)) * PAD.width,
+    y: ((edges.top - angles.pitch_deg) / (edges.top - edges.bottom)) * PAD.height,
   };
 }
 
 /** The angles at a point of the pad, clamped to the limits. */
 export function toAngles(point: Point, limits: AngleLimits): Angles {
-  const r = padRange(limits);
-  const yaw = r.left + (point.x / PAD.width) * (r.right - r.left);
-  const pitch = r.top - (point.y / PAD.height) * (r.top - r.bottom);
+  const edges = edgeAngles(limits);
+  const yaw = edges.left + (point.x / PAD.width) * (edges.right - edges.left);
+  const pitch = edges.top - (point.y / PAD.height) * (edges.top - edges.bottom);
   return clamp({ pitch_deg: pitch, yaw_deg: yaw }, limits);
 }
 
@@ -77,15 +79,15 @@ export function anglesAfterKey(angles: Angles, key: string, shift: boolean, limi
 
 /** The angles as text for screen readers. */
 export function angleText(angles: Angles): string {
-  const part = (value: number, plus: string, minus: string): string => `${Math.abs(Math.round(value))}° ${Math.round(value) < 0 ? minus : plus}`;
-  return `${part(angles.pitch_deg, 'up', 'down')}, ${part(angles.yaw_deg, 'right', 'left')}`;
+  const axisText = (value: number, plus: string, minus: string): string => `${Math.abs(Math.round(value))}° ${Math.round(value) < 0 ? minus : plus}`;
+  return `${axisText(angles.pitch_deg, 'up', 'down')}, ${axisText(angles.yaw_deg, 'right', 'left')}`;
 }
 
-/** Direction of the camera relative to the vehicle's nose; null if the gimbal does not report it. */
-export function cameraDirection(gimbal: Gimbal, yaw_ned_rad: number | null): Angles | null {
+/** Direction of the camera relative to the vehicle's nose; null if the gimbal reports no pitch. An unknown yaw is 0. */
+export function cameraDirection(gimbal: Gimbal, vehicleYaw_ned_rad: number | null): Angles | null {
   let yaw = toDeg(gimbal.yaw_frd_rad);
-  if (yaw === null && gimbal.yaw_ned_rad !== null && yaw_ned_rad !== null) {
-    yaw = toDeg(gimbal.yaw_ned_rad - yaw_ned_rad);
+  if (yaw === null && gimbal.yaw_ned_rad !== null && vehicleYaw_ned_rad !== null) {
+    yaw = toDeg(gimbal.yaw_ned_rad - vehicleYaw_ned_rad);
   }
   const pitch = toDeg(gimbal.pitch_rad);
   if (pitch === null) return null;

@@ -1,4 +1,4 @@
-/** The artificial horizon's geometry. */
+/** Geometry of the artificial horizon and the heading tape. */
 
 import { toDeg } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
@@ -13,7 +13,7 @@ export function horizonTransform(roll_rad: number, pitch_rad: number, cx: number
   return `rotate(${(-roll).toFixed(2)} ${cx} ${cy}) translate(0 ${(pitch * PX_PER_DEG).toFixed(2)})`;
 }
 
-/** Heading [deg], from the attitude message; without it, from the position message. */
+/** Heading [deg] from the attitude message; if there is none, from the position message. */
 export function headingDeg(facts: Pick<VehicleFacts, 'attitude' | 'global'>): number | null {
   return toDeg(facts.attitude?.value.yaw_ned_rad ?? null) ?? facts.global?.value.heading_deg ?? null;
 }
@@ -24,15 +24,15 @@ export interface Tick {
   major: boolean;
 }
 
-const NAMES: Readonly<Record<number, string>> = { 0: 'N', 45: 'NE', 90: 'E', 135: 'SE', 180: 'S', 225: 'SW', 270: 'W', 315: 'NW' };
+const COMPASS_POINTS: Readonly<Record<number, string>> = { 0: 'N', 45: 'NE', 90: 'E', 135: 'SE', 180: 'S', 225: 'SW', 270: 'W', 315: 'NW' };
 
 /** Visible marks of the heading tape: every 15°, labelled every 45°. */
 export function tapeTicks(heading_deg: number, width: number, px_per_deg: number): Tick[] {
-  const half = width / 2 / px_per_deg;
+  const halfWidth_deg = width / 2 / px_per_deg;
   const ticks: Tick[] = [];
-  for (let mark = Math.ceil((heading_deg - half) / 15) * 15; mark <= heading_deg + half; mark += 15) {
-    const compass_deg = ((mark % 360) + 360) % 360;
-    ticks.push({ x: width / 2 + (mark - heading_deg) * px_per_deg, label: NAMES[compass_deg] ?? '', major: compass_deg % 45 === 0 });
+  for (let mark_deg = Math.ceil((heading_deg - halfWidth_deg) / 15) * 15; mark_deg <= heading_deg + halfWidth_deg; mark_deg += 15) {
+    const compass_deg = ((mark_deg % 360) + 360) % 360;
+    ticks.push({ x: width / 2 + (mark_deg - heading_deg) * px_per_deg, label: COMPASS_POINTS[compass_deg] ?? '', major: compass_deg % 45 === 0 });
   }
   return ticks;
 }

@@ -11,7 +11,7 @@ import { DEG_PER_RAD, fixed, heading, metres, UNKNOWN } from '../../ui/format';
 import { headingDeg } from './attitude';
 import { flightTimeText, verticalSpeed } from './values';
 
-/** The data that a value is read from. */
+/** The data from which a value is read. */
 export interface Source {
   facts: VehicleFacts;
   flight: FlightClock | undefined;
@@ -120,14 +120,15 @@ const LABELS: Readonly<Record<string, string>> = {
   'obstacle_distance.range_max_m': 'Obstacle sensor maximum range',
   'wind.speed_m_s': 'Wind speed',
 };
-/** Fields that the grid does not offer: bit masks, ids and quaternions. */
+/** Fields that the grid does not offer, for example bit masks, ids and quaternions. */
 const HIDDEN_FIELDS = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
 const COUNT_FIELDS = new Set(['satellites', 'fix_type', 'current', 'count', 'reached']);
 /** Mission items: the vehicle counts from 0, the page from 1. */
 const ITEM_FIELDS = new Set(['mission.current', 'mission.reached']);
 const LAT_LON = /^(lat|lon)_deg$/;
 
-function unitOf(field: string): { unit: string; factor: number; decimals: number; label: string } {
+/** How a field is displayed, from its name: unit, factor to that unit, decimals and label. */
+function fieldFormat(field: string): { unit: string; factor: number; decimals: number; label: string } {
   const entry = UNITS.find(([suffix]) => field.endsWith(suffix));
   const label = (entry === undefined ? field : field.slice(0, -entry[0].length)).replace(/_(ned|frd)$/, '').replaceAll('_', ' ');
   return { unit: entry?.[1] ?? '', factor: entry?.[2] ?? 1, decimals: entry?.[3] ?? 1, label: label.charAt(0).toUpperCase() + label.slice(1) };
@@ -140,9 +141,9 @@ function plainText(value: unknown, factor: number, decimals: number): string {
 }
 
 function fieldQuantity(topic: string, field: string, index: number | null, label: string): Quantity {
-  const { unit, factor, decimals } = unitOf(field);
+  const { unit, factor, decimals } = fieldFormat(field);
   const isLatLon = LAT_LON.test(field);
-  const isCount = index === null && COUNT_FIELDS.has(field);
+  const isInteger = index === null && COUNT_FIELDS.has(field);
   const first = ITEM_FIELDS.has(`${topic}.${field}`) ? 1 : 0;
   return {
     id: index === null ? `${topic}.${field}` : `${topic}.${field}.${index}`,
@@ -156,7 +157,7 @@ function fieldQuantity(topic: string, field: string, index: number | null, label
       const value = index === null ? fieldValue : Array.isArray(fieldValue) ? (fieldValue as unknown[])[index] : null;
       // A float always shows all its decimals, because a number that changes its width is hard to read.
       const text =
-        typeof value === 'number' && !isCount
+        typeof value === 'number' && !isInteger
           ? fixed(value * factor, isLatLon ? 6 : unit === '' ? 2 : decimals)
           : plainText(typeof value === 'number' ? value + first : value, factor, decimals);
       return { text, unit, stale: reading?.stale ?? false, age_s: reading?.age_s ?? null };
@@ -167,7 +168,7 @@ function fieldQuantity(topic: string, field: string, index: number | null, label
 /** Lists whose elements have names. The grid does not offer other lists, for example the sectors of an obstacle sensor. */
 const LISTS: Readonly<Record<string, { name: string; count: number }>> = { battery: { name: 'Cell', count: 6 }, motors: { name: 'Motor', count: 8 } };
 
-/** "Roll rate", "Target yaw rate". */
+/** Label of an angular rate, for example "Roll rate" or "Target yaw rate". */
 function rateLabel(topic: string, axis: string): string {
   const label = `${topic.startsWith('target') ? 'target ' : ''}${axis} rate`;
   return label.charAt(0).toUpperCase() + label.slice(1);
@@ -176,8 +177,8 @@ function rateLabel(topic: string, axis: string): string {
 function topicQuantities(topic: string, fields: Readonly<Record<string, string>>): Quantity[] {
   return Object.entries(fields).flatMap(([field, kind]): Quantity[] => {
     if (HIDDEN_FIELDS.test(field)) return [];
-    const { label } = unitOf(field);
-    const prefixed =
+    const { label } = fieldFormat(field);
+    const defaultLabel =
       topic === 'wind' && kind === 'vector3'
         ? 'Wind towards'
         : topic.startsWith('target')
@@ -187,14 +188,14 @@ function topicQuantities(topic: string, fields: Readonly<Record<string, string>>
             : label;
     if (kind === 'vector3') {
       const axes = field.includes('_frd') ? AXES_FRD : AXES_NED;
-      return axes.map((axis, i) => fieldQuantity(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${prefixed} ${axis}`));
+      return axes.map((axis, i) => fieldQuantity(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${defaultLabel} ${axis}`));
     }
     if (kind === 'list') {
       const list = LISTS[topic];
       return list === undefined ? [] : Array.from({ length: list.count }, (_, i) => fieldQuantity(topic, field, i, `${list.name} ${i + 1}`));
     }
     if (kind.startsWith('vector')) return [];
-    return [fieldQuantity(topic, field, null, LABELS[`${topic}.${field}`] ?? prefixed)];
+    return [fieldQuantity(topic, field, null, LABELS[`${topic}.${field}`] ?? defaultLabel)];
   });
 }
 
@@ -275,13 +276,13 @@ export function moveItem(ids: readonly string[], from: number, to: number): stri
 }
 
 /** Values that are not on the grid yet and match the typed text by name, unit or group. */
-export function searchValues(typed: string, chosen: readonly string[]): Quantity[] {
-  const words = typed
+export function searchValues(searchText: string, chosenIds: readonly string[]): Quantity[] {
+  const words = searchText
     .toLowerCase()
     .split(/\s+/)
     .filter((w) => w !== '');
   return CATALOGUE.filter((q) => {
     const text = `${q.label} ${q.group} ${q.unit} ${q.id}`.toLowerCase();
-    return !chosen.includes(q.id) && words.every((w) => text.includes(w));
+    return !chosenIds.includes(q.id) && words.every((w) => text.includes(w));
   });
 }

@@ -2,13 +2,13 @@
 
 import { BY_ID, moveItem, readChoice, DEFAULT_IDS } from './catalogue';
 
-const KEY = 'gcs-values';
+const STORAGE_KEY = 'gcs-values';
 /** More values would push the other cards off the screen. */
 export const MAX_VALUES = 18;
 
 function storedIds(): string | null {
   try {
-    return localStorage.getItem(KEY);
+    return localStorage.getItem(STORAGE_KEY);
   } catch {
     return null; // storage is disabled
   }
@@ -37,7 +37,7 @@ class ValueChoice {
   private store(ids: readonly string[]): void {
     this.ids = ids;
     try {
-      localStorage.setItem(KEY, JSON.stringify(ids));
+      localStorage.setItem(STORAGE_KEY, JSON.stringify(ids));
     } catch {
       // storage is disabled: the choice applies until the page closes
     }

@@ -1,4 +1,4 @@
-/** Values that come from more than one message; the more accurate source has priority. */
+/** Values computed on the page: vertical speed and flight time. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { FlightClock } from '../../live/flight-time';
@@ -10,7 +10,7 @@ export interface VerticalSpeed {
   age_s: number | null;
 }
 
-/** Vertical speed (up is positive), from the HUD message; without it, from the global position. */
+/** Vertical speed (up is positive) from the HUD message; if there is none, from the global position. */
 export function verticalSpeed(facts: Pick<VehicleFacts, 'hud' | 'global'>): VerticalSpeed {
   const source = facts.hud ?? facts.global;
   const m_s = facts.hud?.value.climb_m_s ?? (facts.global === null ? null : -facts.global.value.velocity_ned_m_s[2]);

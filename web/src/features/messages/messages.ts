@@ -1,4 +1,4 @@
-/** Messages of the vehicle and the server: filter, count and details. */
+/** Messages of the vehicle and the server: filter, number of unread messages, and texts for the details. */
 
 import type { Message } from '../../live/vehicle-state';
 import { severityName, type SeverityName } from '../../ui/severity';
@@ -37,7 +37,7 @@ export function unread(messages: readonly Message[], since_unix_s: number): Unre
   return { count: newMessages.length, tone: severityName(Math.min(7, ...newMessages.map((m) => m.severity))).tone };
 }
 
-const KINDS: Readonly<Record<string, string>> = {
+const KIND_TEXTS: Readonly<Record<string, string>> = {
   status_text: 'Status text (STATUSTEXT)',
   event: 'Event (MAVLink events)',
   mode_changed: 'Mode changed',
@@ -50,7 +50,7 @@ const KINDS: Readonly<Record<string, string>> = {
 
 /** The type of a message, as text. */
 export function kindText(kind: string): string {
-  return KINDS[kind] ?? kind.replaceAll('_', ' ');
+  return KIND_TEXTS[kind] ?? kind.replaceAll('_', ' ');
 }
 
 /** Date and time with tenths of a second, for the details. */
