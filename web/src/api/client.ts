@@ -20,7 +20,10 @@ type Path<M extends Method> = ClientPathsWithMethod<HttpClient, M>;
 type Init<M extends Method, P extends Path<M>> = MaybeOptionalInit<Api[P], M>;
 /** Path parameters, query and body; optional if none of them is required. */
 type Arguments<I> = undefined extends I ? [I?] : [I];
-type ApiCall<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, ...init: Arguments<I>) => Promise<Outcome<MethodResponse<HttpClient, M, P, I>>>;
+type ApiCall<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(
+  path: P,
+  ...init: Arguments<I>
+) => Promise<Outcome<MethodResponse<HttpClient, M, P, I>>>;
 
 /**
  * URL and init of a request. openapi-fetch uses this class instead of `Request`, which outside a browser rejects a path without a host.

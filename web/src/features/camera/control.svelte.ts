@@ -20,7 +20,7 @@ export function reasonNoPhoto(facts: VehicleFacts, camera: Component): string | 
 export class CameraControl {
   busy = $state(false);
   /** The camera with which this page took its last photo. */
-  private lastPhotoBy = $state.raw<{ vehicle: string; camera: number } | null>(null);
+  private lastPhotoCamera = $state.raw<{ vehicle: string; camera: number } | null>(null);
   /** Component id of the camera that a person has selected, by vehicle. */
   private selectedIds = $state.raw<Readonly<Record<string, number>>>({});
 
@@ -31,7 +31,7 @@ export class CameraControl {
 
   select(facts: VehicleFacts, componentId: number): void {
     this.selectedIds = { ...this.selectedIds, [facts.id]: componentId };
-    this.lastPhotoBy = null;
+    this.lastPhotoCamera = null;
     this.actions.dismiss('camera');
   }
 
@@ -43,18 +43,18 @@ export class CameraControl {
 
   /** Whether this page's last photo is from this camera. */
   hasTakenPhoto(facts: VehicleFacts, camera: Component): boolean {
-    return this.lastPhotoBy?.vehicle === facts.id && this.lastPhotoBy.camera === camera.component_id;
+    return this.lastPhotoCamera?.vehicle === facts.id && this.lastPhotoCamera.camera === camera.component_id;
   }
 
   async takePhoto(facts: VehicleFacts, camera: Component): Promise<void> {
     if (this.busy || reasonNoPhoto(facts, camera) !== null) return;
     this.busy = true;
-    this.lastPhotoBy = null;
+    this.lastPhotoCamera = null;
     const component = camera.component_id;
     const accepted = await this.actions.attempt('Take photo', facts, 'camera', () =>
       this.api.post('/vehicles/{v}/camera/picture', { params: { path: { v: facts.id }, query: { component } } }),
     );
     this.busy = false;
-    if (accepted) this.lastPhotoBy = { vehicle: facts.id, camera: component };
+    if (accepted) this.lastPhotoCamera = { vehicle: facts.id, camera: component };
   }
 }

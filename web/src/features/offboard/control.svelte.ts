@@ -1,4 +1,4 @@
-/** This page's setpoints for single vehicles: starts the stream, sends, nudges and renews setpoints. */
+/** This page's setpoints for single vehicles: starts the stream, sends, nudges and renews setpoints. Also switches obstacle avoidance. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
@@ -21,7 +21,7 @@ import {
 import { nudgeBase } from '../../vehicle/offboard';
 
 /** A refusal by the page without a request to the server: the vehicle's position or heading is not known. */
-function noPosition({ local, attitude }: VehicleFacts): Outcome<never> {
+function positionUnknownRefusal({ local, attitude }: VehicleFacts): Outcome<never> {
   const [name, reading] = local === null || local.stale ? ['local position', local] : ['heading', attitude];
   return {
     ok: false,
@@ -63,7 +63,7 @@ export class OffboardControl {
     }
     const local = facts.local;
     const attitude = facts.attitude;
-    if (local === null || attitude === null || local.stale || attitude.stale) return noPosition(facts);
+    if (local === null || attitude === null || local.stale || attitude.stale) return positionUnknownRefusal(facts);
     const setpoint: PositionSetpoint = {
       type: 'position',
       position_ned_m: local.value.position_ned_m,
@@ -83,7 +83,7 @@ export class OffboardControl {
     const outcome = await this.postSetpoint(id, setpoint, validity);
     if (!outcome.ok && outcome.problem.status !== 0) restorePrevious();
     if (renewer.setpoint !== setpoint) return outcome;
-    if (outcome.ok) renewer.start(renewable(setpoint, outcome.value), validity, this.nowS());
+    if (outcome.ok) renewer.start(setpointToRenew(setpoint, outcome.value), validity, this.nowS());
     else renewer.stop();
     return outcome;
   }
@@ -105,18 +105,18 @@ export class OffboardControl {
       ...ofVehicle(id),
       body: { setpoint: toRequestSetpoint(setpoint), valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) },
     });
-    if (outcome.ok) this.renewer(id).start(renewable(setpoint, outcome.value), validity, this.nowS());
+    if (outcome.ok) this.renewer(id).start(setpointToRenew(setpoint, outcome.value), validity, this.nowS());
     return outcome;
   }
 
   /** Moves the streamed setpoint by one step along an axis. */
   async nudge(facts: VehicleFacts, axis: Axis, sign: 1 | -1): Promise<Outcome<unknown>> {
     const renewer = this.renewer(facts.id);
-    const streamed = facts.offboard;
+    const stream = facts.offboard;
     const base =
       nudgeablePosition(renewer.setpoint) ??
-      (streamed === null ? null : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
-    if (base === null) return noPosition(facts);
+      (stream === null ? null : nudgeBase(stream, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
+    if (base === null) return positionUnknownRefusal(facts);
     return this.send(facts.id, { ...nudge(base, axis, sign, this.nudgeSize) }, DEFAULT_VALIDITY);
   }
 
@@ -130,9 +130,9 @@ export class OffboardControl {
     return [...this.renewers].flatMap(([id, renewer]) => (renewer.setpoint === null ? [] : [id]));
   }
 
-  /** Called when telemetry arrives. @param streaming whether the server streams to the vehicle. */
-  tick(streaming: (id: string) => boolean): void {
-    for (const [id, renewer] of this.renewers) renewer.tick(this.nowS(), streaming(id));
+  /** Called when telemetry arrives. @param isStreaming whether the server streams to a vehicle. */
+  tick(isStreaming: (id: string) => boolean): void {
+    for (const [id, renewer] of this.renewers) renewer.tick(this.nowS(), isStreaming(id));
   }
 
   private postSetpoint(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Validity): Promise<Outcome<unknown>> {
@@ -158,11 +158,11 @@ export class OffboardControl {
 }
 
 /** The setpoint to renew. An offset is replaced by the position that resulted from it, because sending the offset again would move the vehicle again. */
-function renewable(setpoint: AnySetpoint, response: unknown): AnySetpoint {
+function setpointToRenew(setpoint: AnySetpoint, response: unknown): AnySetpoint {
   if (setpoint.type !== 'position_body') return setpoint;
-  const streamed = (response as { setpoint?: Record<string, unknown> | null } | null)?.setpoint ?? null;
-  if (typeof streamed?.['type'] !== 'string') return setpoint;
-  return Object.fromEntries(Object.entries(streamed).filter(([, value]) => value !== null)) as AnySetpoint;
+  const streamedSetpoint = (response as { setpoint?: Record<string, unknown> | null } | null)?.setpoint ?? null;
+  if (typeof streamedSetpoint?.['type'] !== 'string') return setpoint;
+  return Object.fromEntries(Object.entries(streamedSetpoint).filter(([, value]) => value !== null)) as AnySetpoint;
 }
 
 /** The sent setpoint, if it is a position with a heading that can be nudged. */

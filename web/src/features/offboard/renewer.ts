@@ -7,7 +7,7 @@
 import type { AnySetpoint, Validity } from '../../vehicle/setpoint';
 
 /** Fraction of the validity after which the setpoint is renewed. */
-const RENEW_AT = 0.3;
+const RENEWAL_FRACTION = 0.3;
 
 export interface RenewedSetpoint {
   setpoint: AnySetpoint;
@@ -23,7 +23,6 @@ export class SetpointRenewer {
   private acceptedAt_s = 0;
   private busy = false;
 
-  /** @param send sends the setpoint. */
   constructor(private readonly send: (renewed: RenewedSetpoint) => Promise<RenewalResult>) {}
 
   get setpoint(): AnySetpoint | null {
@@ -36,11 +35,11 @@ export class SetpointRenewer {
    */
   start(setpoint: AnySetpoint, validity: Validity, now_s: number): () => void {
     const [previous, previousSentAt_s, previousAcceptedAt_s] = [this.current, this.sentAt_s, this.acceptedAt_s];
-    const started = { setpoint, validity };
-    this.current = started;
+    const newSetpoint = { setpoint, validity };
+    this.current = newSetpoint;
     this.sentAt_s = this.acceptedAt_s = now_s;
     return () => {
-      if (this.current !== started) return;
+      if (this.current !== newSetpoint) return;
       this.current = previous;
       this.sentAt_s = previousSentAt_s;
       this.acceptedAt_s = previousAcceptedAt_s;
@@ -51,11 +50,11 @@ export class SetpointRenewer {
     this.current = null;
   }
 
-  /** @param streaming whether the server still streams for this vehicle. */
-  tick(now_s: number, streaming: boolean): void {
+  /** @param isStreaming whether the server still streams to the vehicle. */
+  tick(now_s: number, isStreaming: boolean): void {
     const current = this.current;
-    if (current === null || this.busy || now_s - this.sentAt_s < RENEW_AT * current.validity.valid_for_s) return;
-    if (!streaming || !current.validity.renew || now_s - this.acceptedAt_s >= current.validity.valid_for_s) {
+    if (current === null || this.busy || now_s - this.sentAt_s < RENEWAL_FRACTION * current.validity.valid_for_s) return;
+    if (!isStreaming || !current.validity.renew || now_s - this.acceptedAt_s >= current.validity.valid_for_s) {
       this.stop();
       return;
     }

@@ -29,7 +29,6 @@ export class GamepadControl {
   deadmanButton = $state(5);
   /** Output for the newest state of the gamepad; null before the first reading. */
   output = $state.raw<StickOutput | null>(null);
-  axes = $state.raw<readonly number[]>([]);
   /** Why stick control ended; null if a person ended it. */
   endReason = $state<string | null>(null);
   private readonly stickControl = new StickControl(SCALES[0]?.scale ?? { speed_m_s: 1, climb_m_s: 0.5, turn_deg_s: 20, tilt_deg: 8 }, 5);
@@ -39,19 +38,19 @@ export class GamepadControl {
     return this.output !== null && this.output.phase !== 'off';
   }
 
-  /** Starts to read the gamepad. @returns a function that stops it; the panel calls it when it closes. */
+  /** Starts to read the gamepad. @returns a function that stops the reading; the panel calls this function when the panel closes. */
   watch(host: GamepadHost): () => void {
     this.host = host;
     const poll = (): void => this.poll();
     const timer = setInterval(poll, 1000 / RATE_HZ);
-    const events = ['blur', 'pagehide', 'gamepaddisconnected', 'gamepadconnected'] as const;
-    for (const name of events) window.addEventListener(name, poll);
+    const eventNames = ['blur', 'pagehide', 'gamepaddisconnected', 'gamepadconnected'] as const;
+    for (const name of eventNames) window.addEventListener(name, poll);
     document.addEventListener('visibilitychange', poll);
     poll();
     return () => {
       this.disengage();
       clearInterval(timer);
-      for (const name of events) window.removeEventListener(name, poll);
+      for (const name of eventNames) window.removeEventListener(name, poll);
       document.removeEventListener('visibilitychange', poll);
       this.host = null;
     };
@@ -64,9 +63,9 @@ export class GamepadControl {
   }
 
   disengage(reason: string | null = null): void {
-    const stop = this.stickControl.disengage();
-    if (stop !== null) {
-      this.host?.send({ ...stop });
+    const stopSetpoint = this.stickControl.disengage();
+    if (stopSetpoint !== null) {
+      this.host?.send({ ...stopSetpoint });
       this.host?.onEnd();
       this.endReason = reason;
     }
@@ -74,15 +73,14 @@ export class GamepadControl {
   }
 
   private poll(): void {
-    const connected = (navigator.getGamepads?.() ?? []).filter((p): p is Gamepad => p !== null && p.connected);
-    if (connected.length !== this.pads.length || connected.some((p, i) => p.id !== this.pads[i]?.id || p.index !== this.pads[i]?.index)) {
-      this.pads = connected.map(({ index, id }) => ({ index, id }));
+    const connectedPads = (navigator.getGamepads?.() ?? []).filter((p): p is Gamepad => p !== null && p.connected);
+    if (connectedPads.length !== this.pads.length || connectedPads.some((p, i) => p.id !== this.pads[i]?.id || p.index !== this.pads[i]?.index)) {
+      this.pads = connectedPads.map(({ index, id }) => ({ index, id }));
     }
-    if (this.selectedIndex === null || (!this.engaged && !connected.some((p) => p.index === this.selectedIndex)))
-      this.selectedIndex = connected[0]?.index ?? null;
-    const pad = connected.find((p) => p.index === this.selectedIndex) ?? null;
+    if (this.selectedIndex === null || (!this.engaged && !connectedPads.some((p) => p.index === this.selectedIndex)))
+      this.selectedIndex = connectedPads[0]?.index ?? null;
+    const pad = connectedPads.find((p) => p.index === this.selectedIndex) ?? null;
     const snapshot: PadSnapshot | null = pad === null ? null : { index: pad.index, id: pad.id, axes: pad.axes, pressed: pad.buttons.map((b) => b.pressed) };
-    this.axes = snapshot?.axes.slice(0, 4) ?? [];
     this.stickControl.mode = this.mode;
     this.stickControl.deadmanButton = this.deadmanButton;
     this.stickControl.scale = SCALES[this.scaleIndex]?.scale ?? this.stickControl.scale;

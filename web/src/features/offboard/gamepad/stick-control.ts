@@ -1,7 +1,7 @@
 /**
- * Converts a gamepad's state to setpoints, 25 times a second. The sticks move the vehicle only while the deadman button is
- * held; when it is released, the setpoint is zero velocity. Stick control ends when the page cannot read the sticks (gamepad
- * unplugged, tab hidden, window without focus). Pure: callers pass the time.
+ * Converts a gamepad's state to setpoints, 25 times a second. The sticks move the vehicle only while the pilot holds the
+ * deadman button; otherwise the setpoint is zero velocity. Stick control ends when the page cannot read the sticks (gamepad
+ * unplugged, tab hidden, window without focus), or when attitude mode has no heading. Pure: callers pass the time.
  */
 
 import { attitudeSetpoint, STICK_CURVE, STOP, sticksOf, velocitySetpoint, type PadMode, type PadSetpoint, type Scale, type Sticks, CENTRED } from './sticks';
@@ -63,38 +63,38 @@ export class StickControl {
 
   /** The pilot ends stick control. @returns one stop setpoint to send; null if stick control had ended already. */
   disengage(): PadSetpoint | null {
-    const previous = this.phase;
+    const previousPhase = this.phase;
     this.phase = 'off';
-    return previous === 'off' ? null : STOP;
+    return previousPhase === 'off' ? null : STOP;
   }
 
   update(pad: PadSnapshot | null, inputs: StickControlInputs, now_s: number): StickOutput {
     const sticks = pad === null ? CENTRED : sticksOf(pad.axes, STICK_CURVE);
     const held = pad?.pressed[this.deadmanButton] === true;
-    const result = (setpoint: PadSetpoint | null, endReason: string | null = null): StickOutput => ({ phase: this.phase, setpoint, endReason, sticks, held });
-    if (this.phase === 'off') return result(null);
+    const output = (setpoint: PadSetpoint | null, endReason: string | null = null): StickOutput => ({ phase: this.phase, setpoint, endReason, sticks, held });
+    if (this.phase === 'off') return output(null);
     const endReason =
       reasonUnreadable(pad, inputs) ?? (this.mode === 'attitude' && inputs.yaw_ned_rad === null ? 'The vehicle no longer reports its heading.' : null);
     if (endReason !== null) {
       this.phase = 'off';
-      return result(STOP, endReason);
+      return output(STOP, endReason);
     }
     if (this.phase === 'release') {
       if (!held) this.phase = 'ready';
-      return result(STOP);
+      return output(STOP);
     }
     if (!held) {
       this.phase = 'ready';
       this.lastStep_s = null;
-      return result(STOP);
+      return output(STOP);
     }
     const dt_s = this.phase === 'flying' && this.lastStep_s !== null ? Math.min(MAX_STEP_S, now_s - this.lastStep_s) : 0;
     if (this.phase !== 'flying') this.yaw_ned_rad = inputs.yaw_ned_rad;
     this.phase = 'flying';
     this.lastStep_s = now_s;
-    if (this.mode !== 'attitude') return result(velocitySetpoint(sticks, this.mode, this.scale));
+    if (this.mode !== 'attitude') return output(velocitySetpoint(sticks, this.mode, this.scale));
     this.yaw_ned_rad = wrapPi((this.yaw_ned_rad ?? inputs.yaw_ned_rad ?? 0) + sticks.turn * this.scale.turn_deg_s * (Math.PI / 180) * dt_s);
-    return result(attitudeSetpoint(sticks, this.yaw_ned_rad, inputs.hoverThrust, this.scale));
+    return output(attitudeSetpoint(sticks, this.yaw_ned_rad, inputs.hoverThrust, this.scale));
   }
 }
 

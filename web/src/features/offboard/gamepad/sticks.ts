@@ -16,7 +16,7 @@ export const CENTRED: Sticks = { forward: 0, right: 0, up: 0, turn: 0 };
 export interface StickCurve {
   /** Dead zone, 0–0.5. */
   deadZone: number;
-  /** Expo: 0 is linear, 1 is cubic with low sensitivity about the middle. */
+  /** Expo: 0 is linear, 1 is cubic with low sensitivity near the middle. */
   expo: number;
 }
 
@@ -39,7 +39,7 @@ export const SCALES: readonly { name: string; scale: Scale }[] = [
 /** Velocity along heading, velocity along north, or attitude. */
 export type PadMode = 'heading' | 'north' | 'attitude';
 
-const RAD = Math.PI / 180;
+const RAD_PER_DEG = Math.PI / 180;
 
 /** Applies dead zone and expo to one axis: 0 within the dead zone, ±1 at full deflection, continuous between. NaN gives 0. */
 export function shapeAxis(value: number, { deadZone, expo }: StickCurve): number {
@@ -83,7 +83,7 @@ export const STOP: VelocitySetpoint = { type: 'velocity_body', velocity_frd_m_s:
 export function velocitySetpoint(sticks: Sticks, mode: 'heading' | 'north', scale: Scale): VelocitySetpoint {
   const norm = Math.max(1, Math.hypot(sticks.forward, sticks.right));
   const velocity_m_s: Vector3 = [(sticks.forward / norm) * scale.speed_m_s, (sticks.right / norm) * scale.speed_m_s, 0 - sticks.up * scale.climb_m_s];
-  const yaw_rate_ned_rad_s = sticks.turn * scale.turn_deg_s * RAD;
+  const yaw_rate_ned_rad_s = sticks.turn * scale.turn_deg_s * RAD_PER_DEG;
   return mode === 'heading'
     ? { type: 'velocity_body', velocity_frd_m_s: velocity_m_s, yaw_rate_ned_rad_s }
     : { type: 'velocity', velocity_ned_m_s: velocity_m_s, yaw_rate_ned_rad_s };
@@ -94,14 +94,14 @@ export function velocitySetpoint(sticks: Sticks, mode: 'heading' | 'north', scal
  * `sticks.turn`.
  */
 export function attitudeSetpoint(sticks: Sticks, yaw_ned_rad: number, hoverThrust: number, scale: Scale): AttitudeSetpoint {
-  const tilt = scale.tilt_deg * RAD;
+  const tilt_rad = scale.tilt_deg * RAD_PER_DEG;
   const norm = Math.max(1, Math.hypot(sticks.forward, sticks.right));
-  const range = sticks.up >= 0 ? 1 - hoverThrust : hoverThrust;
+  const thrustRange = sticks.up >= 0 ? 1 - hoverThrust : hoverThrust;
   return {
     type: 'attitude',
-    roll_rad: (sticks.right / norm) * tilt,
-    pitch_rad: 0 - (sticks.forward / norm) * tilt,
+    roll_rad: (sticks.right / norm) * tilt_rad,
+    pitch_rad: 0 - (sticks.forward / norm) * tilt_rad,
     yaw_ned_rad,
-    thrust: Math.min(1, Math.max(0, hoverThrust + sticks.up * range)),
+    thrust: Math.min(1, Math.max(0, hoverThrust + sticks.up * thrustRange)),
   };
 }

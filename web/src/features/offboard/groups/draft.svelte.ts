@@ -36,44 +36,44 @@ class GroupDraft {
     this.edit({ members: chosen ? [...this.fields.members, id] : this.fields.members.filter((member) => member !== id) });
   }
 
-  problems(flying: boolean): Problems {
-    return this.showsErrors ? problemsOf(this.fields, flying) : {};
+  problems(isFlying: boolean): Problems {
+    return this.showsErrors ? problemsOf(this.fields, isFlying) : {};
   }
 
   /** Shows all errors of the form, or opens the confirmation if there are none. */
   requestStart(selected: VehicleFacts): void {
-    const draft = this.fields;
+    const fields = this.fields;
     this.showsErrors = true;
-    if (Object.keys(problemsOf(draft, false)).length > 0) return;
-    const names = draft.members.map((id) => page.factsOf(id)?.name ?? id);
+    if (Object.keys(problemsOf(fields, false)).length > 0) return;
+    const names = fields.members.map((id) => page.factsOf(id)?.name ?? id);
     actions.requestForGroup(
-      { commandName: 'Group', names: joinNames(names), question: () => startQuestion(names, draft), run: () => this.start(draft) },
+      { commandName: 'Group', names: joinNames(names), question: () => startQuestion(names, fields), run: () => this.start(fields) },
       selected,
       'panel',
     );
   }
 
   /** Starts the group. Offsets are relative to each vehicle's current position, not to its position when the confirmation opened. */
-  private async start(draft: Draft): Promise<Outcome<unknown>> {
-    const result = setpointsFor(factsOf(draft.members), draft);
+  private async start(fields: Draft): Promise<Outcome<unknown>> {
+    const result = setpointsFor(factsOf(fields.members), fields);
     if (!result.ok) return noPositions(result);
     groups.dismissEnded();
-    return this.sendLogged(draft.members, draft, () => groups.start(startBody(result.setpoints, draft, page.store.nowUnixS()), validityOf(draft)));
+    return this.sendLogged(fields.members, fields, () => groups.start(startBody(result.setpoints, fields, page.store.nowUnixS()), validityOf(fields)));
   }
 
   /** Sends new setpoints to all members that still follow the group, without a confirmation, like the room's other forms. */
   async send(group: Group): Promise<void> {
-    const draft = this.fields;
+    const fields = this.fields;
     this.showsErrors = true;
-    if (Object.keys(problemsOf(draft, true)).length > 0) return;
+    if (Object.keys(problemsOf(fields, true)).length > 0) return;
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
     await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.names(group)) }, 'panel', async (): Promise<Outcome<unknown>> => {
-      const result = setpointsFor(factsOf(members), draft);
-      return result.ok ? this.sendLogged(members, draft, () => groups.send(group, result.setpoints, validityOf(draft))) : noPositions(result);
+      const result = setpointsFor(factsOf(members), fields);
+      return result.ok ? this.sendLogged(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : noPositions(result);
     });
   }
 
-  /** Renews the group's setpoints once, with the form's validity for their motion; this page continues to renew them if the form's checkbox is set. */
+  /** Renews the group's setpoints once, with the validity that the form has for their type. If the form's checkbox is set, this page continues to renew them. */
   async renew(group: Group): Promise<void> {
     const renewed: Draft = { ...this.fields, motion: motionOf(group) };
     this.showsErrors = true;
@@ -81,13 +81,13 @@ class GroupDraft {
     await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.names(group)) }, 'panel', () => groups.renew(group, validityOf(renewed)));
   }
 
-  private async sendLogged(members: readonly string[], draft: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
-    const line = editor.recordSent('group', { type: `Group of ${joinNames(members)}: ${groupText(draft)}` });
+  private async sendLogged(members: readonly string[], fields: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
+    const lineId = editor.recordSent('group', { type: `Group of ${joinNames(members)}: ${groupText(fields)}` });
     const outcome = await send();
-    editor.recordOutcome(line, outcome, null);
+    editor.recordOutcome(lineId, outcome, null);
     if (outcome.ok) {
-      // The form is cleared: sent again, the same offset would move the vehicles again.
-      if (draft.motion === 'move') this.edit({ axes: { ...this.fields.axes, move: NEW_DRAFT.axes.move } });
+      // The form's offset is reset, because sending the same offset again would move the vehicles again.
+      if (fields.motion === 'move') this.edit({ axes: { ...this.fields.axes, move: NEW_DRAFT.axes.move } });
       return outcome;
     }
     const { detail, remedy } = outcome.problem;
@@ -95,7 +95,7 @@ class GroupDraft {
   }
 }
 
-/** Ids of all vehicles that the server can command, also of vehicles that are not connected now. */
+/** Ids of all vehicles that the server can command, including vehicles that are not connected now. */
 export function commandableIds(): string[] {
   void page.tick;
   return page.ids.filter((id) => isCommandable(page.store.vehicles.get(id)?.identity ?? UNKNOWN_IDENTITY));

@@ -39,7 +39,7 @@ export const NEW_DRAFT: Draft = {
 export const AXES = ['North', 'East', 'Up'] as const;
 const MAX_MEMBERS = 10;
 
-/** The API's limits, except that the validity of setpoints sent over HTTP is at least half a second. */
+/** The form's limits: those of the API, but with a longer minimum of the validity, because each renewal is an HTTP request. */
 const RANGES = { valid: [0.5, 600, 's'], apart: [1, 100, 'm'], start: [3, 300, 's'] } as const;
 
 export type Problems = Readonly<Record<string, string>>;
@@ -49,13 +49,13 @@ function rangeProblem(text: string, [min, max, unit]: readonly [number, number, 
   return value !== null && value >= min && value <= max ? null : `From ${min} to ${max} ${unit}.`;
 }
 
-/** Errors by field; if `flying`, only of the fields that can change a flying group. */
-export function problemsOf(draft: Draft, flying: boolean): Problems {
+/** Errors by field; if `isFlying`, only of the fields that can change a flying group. */
+export function problemsOf(draft: Draft, isFlying: boolean): Problems {
   const problems: Record<string, string> = {};
   const add = (field: string, problem: string | null): void => void (problem !== null && (problems[field] = problem));
   AXES.forEach((axis, i) => add(`axis${i}`, parseTyped(draft.axes[draft.motion][i] ?? '') === null ? `${axis}: enter a number.` : null));
   add('valid', rangeProblem(draft.valid_s[draft.motion], RANGES.valid));
-  if (flying) return problems;
+  if (isFlying) return problems;
   if (draft.members.length < 2) add('members', 'Choose two vehicles or more.');
   if (draft.members.length > MAX_MEMBERS) add('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
   add('apart', rangeProblem(draft.separation_m, RANGES.apart));
@@ -63,7 +63,8 @@ export function problemsOf(draft: Draft, flying: boolean): Problems {
   return problems;
 }
 
-function vector(draft: Draft): [number, number, number] {
+/** North, east, up as numbers. */
+function typedVector(draft: Draft): [number, number, number] {
   return draft.axes[draft.motion].map((text) => parseTyped(text) ?? 0) as [number, number, number];
 }
 
@@ -71,9 +72,9 @@ export function validityOf(draft: Draft): Validity {
   return { valid_for_s: parseTyped(draft.valid_s[draft.motion]) ?? 0, on_expiry: ON_EXPIRY, renew: draft.renew[draft.motion] };
 }
 
-/** The setpoint of a vehicle in its local frame; null if an offset has no known position to start from. */
+/** The setpoint of a vehicle in its local frame; null for an offset if the vehicle's position is not known. */
 export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | null {
-  const [north, east, up] = vector(draft);
+  const [north, east, up] = typedVector(draft);
   const yaw = facts.attitude === null || facts.attitude.stale ? {} : { yaw_ned_rad: facts.attitude.value.yaw_ned_rad };
   if (draft.motion === 'velocity') return { type: 'velocity', velocity_ned_m_s: [north, east, -up + 0], ...yaw };
   if (facts.local === null || facts.local.stale) return null;
@@ -140,7 +141,7 @@ const DIRECTIONS: readonly (readonly [string, string])[] = [
 /** The motion as text, for example "move 5.0 m north, 2.0 m down". */
 export function groupText(draft: Draft): string {
   const unit = draft.motion === 'move' ? 'm' : 'm/s';
-  const parts = vector(draft)
+  const parts = typedVector(draft)
     .map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${DIRECTIONS[i]?.[value > 0 ? 0 : 1] ?? ''}`))
     .filter((p) => p !== null);
   if (parts.length === 0) return draft.motion === 'move' ? 'hold their positions' : 'hover (zero velocity)';
@@ -149,12 +150,12 @@ export function groupText(draft: Draft): string {
 
 /** The confirmation's texts for the start of a group: vehicles, action and effect. */
 export function startQuestion(names: readonly string[], draft: Draft): Question {
-  const start = parseTyped(draft.startIn_s) === null ? 'Then' : `In ${fixed(parseTyped(draft.startIn_s), 0)} s`;
+  const startText = parseTyped(draft.startIn_s) === null ? 'Then' : `In ${fixed(parseTyped(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = validityOf(draft);
-  const validity = renew ? 'This page renews the setpoints while it is visible' : `After ${fixed(valid_for_s, 1)} s all hold position, then switch to Hold`;
+  const validityText = renew ? 'This page renews the setpoints while it is visible' : `After ${fixed(valid_for_s, 1)} s all hold position, then switch to Hold`;
   return {
     title: `Start group: ${joinNames(names)}`,
-    effect: `All vehicles switch to Offboard at their current positions. ${start} all ${groupText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two switch to Hold' : 'all switch to Hold'}. ${validity}. “Hold group” switches all to Hold at any time.`,
+    effect: `All vehicles switch to Offboard at their current positions. ${startText} all ${groupText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two switch to Hold' : 'all switch to Hold'}. ${validityText}. “Hold group” switches all to Hold at any time.`,
     verb: 'Start',
     danger: false,
   };

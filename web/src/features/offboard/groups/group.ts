@@ -17,7 +17,7 @@ export interface ReceivedGroup {
   receivedAt_s: number;
 }
 
-/** A unique key of a group. Group numbers begin again when the server restarts, so the key contains the creation time, too. */
+/** A unique key of a group. Group numbers begin again when the server restarts, so the key also contains the creation time. */
 export function groupKey(group: Group): string {
   return `${group.id} ${group.created_unix_s}`;
 }
@@ -35,27 +35,24 @@ export function readGroup(value: unknown): Group | null {
 }
 
 /** The list with one group updated, in the server's order. */
-export function withGroup(list: readonly ReceivedGroup[], received: ReceivedGroup): ReceivedGroup[] {
+export function withGroup(groups: readonly ReceivedGroup[], received: ReceivedGroup): ReceivedGroup[] {
   const key = groupKey(received.group);
-  const exists = list.some((entry) => groupKey(entry.group) === key);
-  return exists ? list.map((entry) => (groupKey(entry.group) === key ? received : entry)) : [...list, received];
+  const exists = groups.some((entry) => groupKey(entry.group) === key);
+  return exists ? groups.map((entry) => (groupKey(entry.group) === key ? received : entry)) : [...groups, received];
 }
 
 /** The newest ended group that this page has seen flying. @param seenLive keys of the groups seen flying and not dismissed. */
-export function lastEnded(list: readonly ReceivedGroup[], seenLive: ReadonlySet<string>): Group | null {
-  const ended = list.map((entry) => entry.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(groupKey(g)));
-  return ended[ended.length - 1] ?? null;
+export function lastEnded(groups: readonly ReceivedGroup[], seenLive: ReadonlySet<string>): Group | null {
+  const endedGroups = groups.map((entry) => entry.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(groupKey(g)));
+  return endedGroups[endedGroups.length - 1] ?? null;
 }
 
-/**
- * The types of PX4 multicopters that the server commands: quadrotor, coaxial, hexa-, octo-, tri-, dodeca- and
- * decarotor.
- */
+/** MAV_TYPE numbers of the multicopters that the server commands: from QUADROTOR to DECAROTOR. */
 const MULTICOPTERS: readonly (number | null)[] = [2, 3, 13, 14, 15, 29, 35];
-const PX4 = 12;
+const MAV_AUTOPILOT_PX4 = 12;
 
 export function isCommandable(identity: Identity): boolean {
-  return !identity.replayed && identity.autopilot === PX4 && MULTICOPTERS.includes(identity.vehicle_type);
+  return !identity.replayed && identity.autopilot === MAV_AUTOPILOT_PX4 && MULTICOPTERS.includes(identity.vehicle_type);
 }
 
 export function stateLabel(group: Group, now_unix_s: number): { text: string; tone: Tone } {
@@ -75,7 +72,7 @@ export function stateLabel(group: Group, now_unix_s: number): { text: string; to
   }
 }
 
-const STREAMS: Readonly<Record<string, string>> = {
+const STREAM_TEXTS: Readonly<Record<string, string>> = {
   idle: 'no stream',
   starting: 'switching to Offboard',
   holding: 'expired: holds its position',
@@ -87,7 +84,7 @@ const STREAMS: Readonly<Record<string, string>> = {
 /** Label of a member: the state of its stream and its reported mode. */
 export function memberLabel(member: Member, modeLabel: string | null, isStarting = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
-  const stream = STREAMS[member.stream] ?? setpointsText(member.ordered_type).toLowerCase();
+  const stream = STREAM_TEXTS[member.stream] ?? setpointsText(member.ordered_type).toLowerCase();
   if (isStarting && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
   if (member.held) return { text: member.mode === 'hold' ? 'in Hold' : `left the group · ${mode}`, tone: 'caution' };
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };

@@ -1,6 +1,6 @@
 /**
- * All active groups, of this page and of other clients. The server's events update the groups, and while a group is
- * active this page also polls them once a second.
+ * The groups of this page and of other clients: active groups, and the groups that ended. The server's events update the
+ * groups, and while a group is active this page polls all groups once a second.
  */
 
 import type { ApiClient, Outcome } from '../../../api/client';
@@ -80,8 +80,8 @@ export class GroupController {
     const isNewConnection = connection !== this.connection;
     this.connection = connection;
     if (isNewConnection || (this.live.length > 0 && this.isVisible() && now_s - this.polledAt_s >= POLL_INTERVAL_S)) void this.poll(now_s);
-    const renewed = this.list.find((entry) => this.renewer.isRenewing(entry.group));
-    if (renewed === undefined || !this.queue.busy(vehiclesOf(renewed.group)))
+    const renewedGroup = this.list.find((entry) => this.renewer.isRenewing(entry.group));
+    if (renewedGroup === undefined || !this.queue.busy(vehiclesOf(renewedGroup.group)))
       this.renewer.tick(
         now_s,
         this.list.map((entry) => entry.group),
@@ -104,7 +104,7 @@ export class GroupController {
     return this.enqueue(group, async () => {
       const outcome = await this.post(group, setpoints, validity);
       if (outcome.ok) this.onAccepted(outcome.value, setpoints, validity);
-      else if (outcome.problem.status === 0) this.stopRenewing(); // unknown whether the server accepted them: a renewal might replace them by the previous setpoints
+      else if (outcome.problem.status === 0) this.stopRenewing(); // without an answer, a renewal might replace accepted new setpoints by the previous ones
       return outcome;
     });
   }
@@ -126,7 +126,7 @@ export class GroupController {
   async hold(group: Group): Promise<void> {
     this.stopRenewing();
     await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'panel', async () => {
-      const outcome = await this.api.post('/groups/{g}/hold', groupPath(group));
+      const outcome = await this.api.post('/groups/{g}/hold', groupParams(group));
       if (outcome.ok) this.update(outcome.value);
       return outcome;
     });
@@ -150,9 +150,9 @@ export class GroupController {
 
   /** This page's setpoints of the members that still follow the group. */
   private currentSetpoints(group: Group): MemberSetpoint[] {
-    const sent = this.sentSetpoints.get(groupKey(group));
+    const setpointsByVehicle = this.sentSetpoints.get(groupKey(group));
     return group.members.flatMap(({ vehicle, held }) => {
-      const setpoint = sent?.get(vehicle);
+      const setpoint = setpointsByVehicle?.get(vehicle);
       return held || setpoint === undefined ? [] : [{ vehicle, setpoint }];
     });
   }
@@ -164,17 +164,17 @@ export class GroupController {
 
   private post(group: Group, setpoints: readonly MemberSetpoint[], { valid_for_s, on_expiry }: Validity): Promise<Outcome<Group>> {
     return this.api.post('/groups/{g}/setpoints', {
-      ...groupPath(group),
+      ...groupParams(group),
       body: { setpoints: setpoints.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: toRequestSetpoint(setpoint) })), valid_for_s, on_expiry },
     });
   }
 
   private onAccepted(group: Group, setpoints: readonly MemberSetpoint[], validity: Validity): void {
     this.update(group);
-    const sent = this.sentSetpoints.get(groupKey(group)) ?? new Map<string, AnySetpoint>();
-    for (const { vehicle, setpoint } of setpoints) sent.set(vehicle, setpoint);
+    const setpointsByVehicle = this.sentSetpoints.get(groupKey(group)) ?? new Map<string, AnySetpoint>();
+    for (const { vehicle, setpoint } of setpoints) setpointsByVehicle.set(vehicle, setpoint);
     this.sentSetpoints.clear(); // earlier groups have ended, so their setpoints are no longer renewed
-    this.sentSetpoints.set(groupKey(group), sent);
+    this.sentSetpoints.set(groupKey(group), setpointsByVehicle);
     this.renewer.start(group, validity, this.nowS());
     this.updateRenewedKey();
   }
@@ -219,4 +219,4 @@ function vehiclesOf(group: Group): string[] {
   return group.members.map((member) => member.vehicle);
 }
 
-const groupPath = (group: Group): { params: { path: { g: string } } } => ({ params: { path: { g: group.id } } });
+const groupParams = (group: Group): { params: { path: { g: string } } } => ({ params: { path: { g: group.id } } });

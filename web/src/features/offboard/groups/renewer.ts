@@ -7,7 +7,7 @@ import type { Validity } from '../../../vehicle/setpoint';
 import { groupKey, type Group } from './group';
 
 /** Fraction of the validity after which the setpoints are renewed. */
-const RENEW_AT = 0.3;
+const RENEWAL_FRACTION = 0.3;
 
 interface RenewedGroup {
   key: string;
@@ -50,7 +50,7 @@ export class GroupRenewer {
       this.stop(); // only a person may start the group again
       return;
     }
-    if (group.state !== 'flying' || !isVisible || now_s - current.sentAt_s < RENEW_AT * current.validity.valid_for_s) return;
+    if (group.state !== 'flying' || !isVisible || now_s - current.sentAt_s < RENEWAL_FRACTION * current.validity.valid_for_s) return;
     current.busy = true;
     current.sentAt_s = now_s;
     void this.send(group, current.validity).then((result) => {

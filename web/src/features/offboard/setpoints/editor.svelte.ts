@@ -12,7 +12,7 @@ import type { AnySetpoint, Validity, OnExpiry } from '../../../vehicle/setpoint'
 import { expiryText, readOffboard } from '../../../vehicle/offboard';
 import { buildSetpoint, formFromCurrentState, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
-import { KINDS, specOf, type SetpointKind } from '../../../vehicle/setpoint-kinds';
+import type { SetpointKind } from '../../../vehicle/setpoint-kinds';
 import { previewOf, previewText, type Preview } from './preview';
 import { SentLog, setpointText, type SentLine, type InputMethod } from './sent-log';
 import { SetpointSocket, type Ack, type SocketState } from './setpoint-socket';
@@ -21,7 +21,7 @@ import { SetpointSocket, type Ack, type SocketState } from './setpoint-socket';
 const POSITION_KINDS: readonly SetpointKind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
 const POSITION_VALIDITY_S = 10;
 const MOTION_VALIDITY_S = 2;
-/** Validity of setpoints from a gamepad [s]; a dragged handle uses longer ones. */
+/** Validity of setpoints from a gamepad [s]; setpoints from a dragged handle are valid longer. */
 const DIRECT_VALIDITY_S = 0.5;
 export const DIRECT_VALIDITY: Validity = { valid_for_s: DIRECT_VALIDITY_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
 
@@ -50,7 +50,7 @@ class SetpointEditor {
   private vehicle: string | null = null;
   private readonly log = new SentLog();
   private connection: { vehicle: string; socket: SetpointSocket } | null = null;
-  /** Log line of each setpoint without an acknowledgement, by sequence number. */
+  /** Id of the log line of each setpoint without an acknowledgement, by sequence number. */
   private readonly unacknowledged = new Map<number, number>();
 
   /** Resets the state when another vehicle is selected. */
@@ -157,11 +157,11 @@ class SetpointEditor {
   start(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
     const target = setpoint.type === 'position' || this.input === 'form' ? previewOf(setpoint as never, facts) : null;
     const targetText = target === null ? '' : ` (${previewText(target, facts)})`;
-    const expiry = expiryText(validity.on_expiry, this.view?.failsafe?.words ?? facts.offboard?.ifStreamStops ?? null);
+    const expiryActionText = expiryText(validity.on_expiry, this.view?.failsafe?.words ?? facts.offboard?.ifStreamStops ?? null);
     const valid_s = fixed(validity.valid_for_s, 1);
     const validityText = validity.renew
-      ? `renewed while this page is open. If it is not renewed for ${valid_s} s, ${expiry}`
-      : `for ${valid_s} s, then ${expiry}`;
+      ? `renewed while this page is open. If it is not renewed for ${valid_s} s, ${expiryActionText}`
+      : `for ${valid_s} s, then ${expiryActionText}`;
     const input = this.input;
     actions.request('offboard_start', facts, 'panel', null, {
       setpoint,
@@ -183,24 +183,24 @@ class SetpointEditor {
   }
 
   private async send(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): Promise<void> {
-    const line = this.recordSent(this.input, setpoint);
+    const lineId = this.recordSent(this.input, setpoint);
     const sent_s = performance.now() / 1000;
     let outcome: Outcome<unknown> | null = null;
     await actions.attempt('Setpoint', facts, 'panel', async () => (outcome = await offboard.send(facts.id, setpoint, validity)));
-    const received = outcome as Outcome<unknown> | null;
-    if (received !== null) this.recordOutcome(line, received, performance.now() / 1000 - sent_s);
+    const finalOutcome = outcome as Outcome<unknown> | null;
+    if (finalOutcome !== null) this.recordOutcome(lineId, finalOutcome, performance.now() / 1000 - sent_s);
   }
 
-  recordOutcome(line: number, outcome: Outcome<unknown>, roundTrip_s: number | null): void {
+  recordOutcome(lineId: number, outcome: Outcome<unknown>, roundTrip_s: number | null): void {
     const limited = outcome.ok ? (readOffboard(outcome.value)?.limited ?? []) : [];
-    this.log.addResult(line, { note: outcome.ok ? limited.join(' ') || null : outcome.problem.detail, refused: !outcome.ok, roundTrip_s });
+    this.log.addResult(lineId, { note: outcome.ok ? limited.join(' ') || null : outcome.problem.detail, refused: !outcome.ok, roundTrip_s });
     this.lines = this.log.lines;
   }
 
   recordSent(input: InputMethod, setpoint: AnySetpoint): number {
-    const id = this.log.add(input, setpoint, page.store.nowUnixS(this.vehicle));
+    const lineId = this.log.add(input, setpoint, page.store.nowUnixS(this.vehicle));
     this.lines = this.log.lines;
-    return id;
+    return lineId;
   }
 
   // --- the WebSocket of gamepad and drag ---
@@ -225,9 +225,9 @@ class SetpointEditor {
 
   /** Closes the WebSocket after a short time, in which the server acknowledges the last setpoint. */
   closeSocketLater(): void {
-    const closing = this.connection;
+    const connection = this.connection;
     setTimeout(() => {
-      if (closing !== null && this.connection === closing) this.closeSocket();
+      if (connection !== null && this.connection === connection) this.closeSocket();
     }, CLOSE_DELAY_MS);
   }
 
@@ -248,10 +248,10 @@ class SetpointEditor {
   }
 
   private onAck(ack: Ack, onEnd: (reason: string) => void): void {
-    const line = this.unacknowledged.get(ack.seq);
+    const lineId = this.unacknowledged.get(ack.seq);
     this.unacknowledged.delete(ack.seq);
-    if (line === undefined) return;
-    this.log.addResult(line, { note: ack.problem?.detail ?? (ack.limited.join(' ') || null), refused: ack.problem !== null, roundTrip_s: ack.roundTrip_s });
+    if (lineId === undefined) return;
+    this.log.addResult(lineId, { note: ack.problem?.detail ?? (ack.limited.join(' ') || null), refused: ack.problem !== null, roundTrip_s: ack.roundTrip_s });
     this.lines = this.log.lines;
     if (ack.problem !== null) onEnd(ack.problem.detail);
   }
@@ -294,4 +294,3 @@ class SetpointEditor {
 }
 
 export const editor = new SetpointEditor();
-export { KINDS, specOf };

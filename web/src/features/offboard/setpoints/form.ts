@@ -29,15 +29,15 @@ export interface Form {
 
 export type SetpointJson = Readonly<Record<string, unknown>> & { type: SetpointKind };
 
-export type Built = { ok: true; setpoint: SetpointJson } | { ok: false; errors: Readonly<Record<string, string>> };
+export type BuildResult = { ok: true; setpoint: SetpointJson } | { ok: false; errors: Readonly<Record<string, string>> };
 
-const RAD = Math.PI / 180;
+const RAD_PER_DEG = Math.PI / 180;
 
 /** A typed number, with comma or point and either minus sign; null if it is not a number. */
 export function parseTyped(text: string): number | null {
-  const plain = text.trim().replace('−', '-').replace(',', '.');
-  const value = Number(plain);
-  return plain === '' || !Number.isFinite(value) ? null : value;
+  const normalized = text.trim().replace('−', '-').replace(',', '.');
+  const value = Number(normalized);
+  return normalized === '' || !Number.isFinite(value) ? null : value;
 }
 
 /** A number with the decimals of its step. */
@@ -49,16 +49,16 @@ function numberText(value: number, step: number): string {
 
 /** Default offset when following [m]: forward, right, up along the other vehicle's heading. */
 const FOLLOW_OFFSET = { o0: -5, o1: 0, o2: 2 };
-/** Smallest offset when following [m]. */
+/** Smallest length of the offset when following [m]. */
 const FOLLOW_MIN_M = 2;
 
-/** A form filled with the vehicle's current state. Sent unchanged, it holds the vehicle's position if the setpoint type controls the position. `hoverThrust` null: not known. */
+/** A form filled with the vehicle's current state. Sent unchanged, it holds the vehicle's position if the setpoint type controls the position. `hoverThrust`: null if it is not known. */
 export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
   const local = facts.local?.value.position_ned_m ?? null;
   const yaw_rad = facts.attitude?.value.yaw_ned_rad ?? null;
   const global = facts.global?.value ?? null;
-  const heading = yaw_rad === null ? '' : numberText((((yaw_rad / RAD) % 360) + 360) % 360, 1);
+  const heading = yaw_rad === null ? '' : numberText((((yaw_rad / RAD_PER_DEG) % 360) + 360) % 360, 1);
   const values: Record<string, number | null> = {
     p0: local?.[0] ?? null,
     p1: local?.[1] ?? null,
@@ -110,7 +110,7 @@ function readGroup(group: Group, form: Form, errors: Record<string, string>): un
 }
 
 /** The setpoint of the form in the API's format, or the errors by field. */
-export function buildSetpoint(form: Form): Built {
+export function buildSetpoint(form: Form): BuildResult {
   const spec = specOf(form.kind);
   const errors: Record<string, string> = {};
   const setpoint: Record<string, unknown> & { type: SetpointKind } = { type: form.kind };
@@ -128,9 +128,9 @@ export function buildSetpoint(form: Form): Built {
   } else if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
     const value = parseTyped(form.yaw);
     if (value === null) errors['yaw'] = 'Yaw: enter a number, or choose “Unchanged”.';
-    else if (spec.yaw === 'offset') setpoint['yaw_offset_rad'] = wrapPi(value * RAD);
-    else if (form.yawChoice === 'angle') setpoint['yaw_ned_rad'] = wrapPi(value * RAD);
-    else setpoint['yaw_rate_ned_rad_s'] = value * RAD;
+    else if (spec.yaw === 'offset') setpoint['yaw_offset_rad'] = wrapPi(value * RAD_PER_DEG);
+    else if (form.yawChoice === 'angle') setpoint['yaw_ned_rad'] = wrapPi(value * RAD_PER_DEG);
+    else setpoint['yaw_rate_ned_rad_s'] = value * RAD_PER_DEG;
   }
   if (form.kind === 'attitude' && typeof setpoint['yaw_ned_rad'] === 'number') setpoint['yaw_ned_rad'] = wrapPi(setpoint['yaw_ned_rad']);
   if (spec.groups.length === 0) errors['kind'] = 'This link cannot send setpoints of this type.';
@@ -148,7 +148,7 @@ function checkControlled(groups: readonly Group[], form: Form, errors: Record<st
   });
 }
 
-/** Sets whether an axis is controlled. North and east of a quantity change together: the vehicle ignores one without the other. */
+/** Sets whether an axis is uncontrolled. North and east of a quantity change together: the vehicle ignores one without the other. */
 export function setUncontrolled(form: Form, key: string, isUncontrolled: boolean): Form {
   const quantity = /^([pva])[01]$/.exec(key)?.[1];
   const keys = quantity === undefined ? [key] : [`${quantity}0`, `${quantity}1`];

@@ -4,7 +4,7 @@ import type { components } from '../../../api/schema';
 
 type WireHealth = components['schemas']['OffboardStatus']['health'];
 
-export interface HealthNow {
+export interface StreamHealth {
   setpoint_age_s: number | null;
   /** Time until PX4's failsafe acts if no further setpoint arrives. */
   failsafe_in_s: number | null;
@@ -17,18 +17,18 @@ export interface HealthNow {
 }
 
 /** @param age_s age of the sample. */
-export function readHealth(topic: unknown, age_s: number): HealthNow {
-  const health = (topic as { health?: Partial<WireHealth> | null } | null)?.health ?? null;
-  const number = (value: unknown): number | null => (typeof value === 'number' && Number.isFinite(value) ? value : null);
-  const withSampleAge = (value: unknown): number | null => (number(value) === null ? null : (value as number) + age_s);
+export function readHealth(topicValue: unknown, age_s: number): StreamHealth {
+  const health = (topicValue as { health?: Partial<WireHealth> | null } | null)?.health ?? null;
+  const finiteNumber = (value: unknown): number | null => (typeof value === 'number' && Number.isFinite(value) ? value : null);
+  const withSampleAge = (value: unknown): number | null => (finiteNumber(value) === null ? null : (value as number) + age_s);
   return {
     setpoint_age_s: withSampleAge(health?.setpoint_age_s),
     // Not reduced by the sample's age: the server continues to send setpoints, and each setpoint restarts this time.
-    failsafe_in_s: number(health?.failsafe_in_s),
+    failsafe_in_s: finiteNumber(health?.failsafe_in_s),
     echo_age_s: withSampleAge(health?.echo?.age_s),
-    position_error_m: number(health?.position_error_m),
-    velocity_error_m_s: number(health?.velocity_error_m_s),
-    attitude_error_rad: number(health?.attitude_error_rad),
-    yaw_error_rad: number(health?.yaw_error_rad),
+    position_error_m: finiteNumber(health?.position_error_m),
+    velocity_error_m_s: finiteNumber(health?.velocity_error_m_s),
+    attitude_error_rad: finiteNumber(health?.attitude_error_rad),
+    yaw_error_rad: finiteNumber(health?.yaw_error_rad),
   };
 }

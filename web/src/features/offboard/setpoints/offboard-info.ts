@@ -15,7 +15,8 @@ export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 /** The server's text with the form's names of setpoint types: "thrust and torque" instead of "thrust_torque". */
 export function displayText(text: string): string {
   return KINDS.reduce(
-    (text, { kind, name }) => (kind.includes('_') || kind === 'actuators' ? text.replace(new RegExp(`\\b${kind}\\b`, 'g'), name.toLowerCase()) : text),
+    (replaced, { kind, name }) =>
+      kind.includes('_') || kind === 'actuators' ? replaced.replace(new RegExp(`\\b${kind}\\b`, 'g'), name.toLowerCase()) : replaced,
     text,
   );
 }
@@ -41,17 +42,17 @@ export interface LimitField {
   unit: string;
   /** API value = typed value × scale. */
   scale: number;
-  /** Name of the vehicle's own limit; null if it has none. */
+  /** Name of the vehicle's own limit; null if the vehicle has none. */
   vehicleLimit: keyof OffboardLimits['vehicle'] | null;
 }
 
-const RAD = Math.PI / 180;
+const RAD_PER_DEG = Math.PI / 180;
 
 export const LIMIT_FIELDS: readonly LimitField[] = [
   { name: 'speed_max_m_s', label: 'Maximum ground speed', unit: 'm/s', scale: 1, vehicleLimit: 'speed_max_m_s' },
   { name: 'climb_max_m_s', label: 'Maximum climb speed', unit: 'm/s', scale: 1, vehicleLimit: 'climb_max_m_s' },
   { name: 'sink_max_m_s', label: 'Maximum descent speed', unit: 'm/s', scale: 1, vehicleLimit: 'sink_max_m_s' },
-  { name: 'tilt_max_rad', label: 'Maximum tilt', unit: '°', scale: RAD, vehicleLimit: 'tilt_max_rad' },
+  { name: 'tilt_max_rad', label: 'Maximum tilt', unit: '°', scale: RAD_PER_DEG, vehicleLimit: 'tilt_max_rad' },
   { name: 'height_min_m', label: 'Minimum altitude above home', unit: 'm', scale: 1, vehicleLimit: null },
   { name: 'height_max_m', label: 'Maximum altitude above home', unit: 'm', scale: 1, vehicleLimit: 'height_max_m' },
   { name: 'distance_max_m', label: 'Maximum distance from home', unit: 'm', scale: 1, vehicleLimit: 'distance_max_m' },

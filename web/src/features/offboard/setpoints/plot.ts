@@ -8,8 +8,8 @@ export interface PlotColours {
   actual: string;
   target: string;
   text: string;
-  line: string;
-  stroke: number;
+  grid: string;
+  strokeWidth: number;
 }
 
 /** Smallest range of the vertical axis, by unit, so that the plot does not magnify noise. */
@@ -20,7 +20,7 @@ export class AxisPlot {
 
   constructor(container: HTMLElement, unit: string, colours: PlotColours) {
     const font = '11px Inter, system-ui, sans-serif';
-    const grid = { stroke: colours.line, width: 1 };
+    const grid = { stroke: colours.grid, width: 1 };
     const minRange = MIN_RANGES[unit] ?? 1;
     this.plot = new uPlot(
       {
@@ -58,8 +58,8 @@ export class AxisPlot {
         ],
         series: [
           {},
-          { stroke: colours.target, width: colours.stroke, points: { show: false }, spanGaps: false },
-          { stroke: colours.actual, width: colours.stroke, points: { show: false }, spanGaps: false },
+          { stroke: colours.target, width: colours.strokeWidth, points: { show: false }, spanGaps: false },
+          { stroke: colours.actual, width: colours.strokeWidth, points: { show: false }, spanGaps: false },
         ],
       },
       [[], [], []],
@@ -67,7 +67,7 @@ export class AxisPlot {
     );
   }
 
-  set(columns: Columns): void {
+  setColumns(columns: Columns): void {
     this.plot.setData(columns as uPlot.AlignedData);
   }
 
@@ -83,6 +83,6 @@ export class AxisPlot {
 function valueRange(min: number | null, max: number | null, minRange: number): [number, number] {
   if (min === null || max === null || !Number.isFinite(min) || !Number.isFinite(max)) return [-minRange / 2, minRange / 2];
   const middle = (min + max) / 2;
-  const half = Math.max(minRange / 2, ((max - min) / 2) * 1.12);
-  return [middle - half, middle + half];
+  const halfRange = Math.max(minRange / 2, ((max - min) / 2) * 1.12);
+  return [middle - halfRange, middle + halfRange];
 }

@@ -40,7 +40,7 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (vehicle_ned_m === undefined) return null;
   const yaw_ned_rad = yawOf(setpoint, yaw);
-  const shifted = (vector: MaybeTriple, factor: number, isExtrapolated: boolean): Preview => ({
+  const previewAt = (vector: MaybeTriple, factor: number, isExtrapolated: boolean): Preview => ({
     position_ned_m: vehicle_ned_m.map((v, i) => v + (vector?.[i] ?? 0) * factor) as Vector3,
     yaw_ned_rad,
     isExtrapolated,
@@ -49,11 +49,11 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
   if (position !== undefined) return { position_ned_m: vehicle_ned_m.map((v, i) => position[i] ?? v) as Vector3, yaw_ned_rad, isExtrapolated: false };
   if (setpoint.type === 'position_global') return globalPreview(setpoint, facts, vehicle_ned_m, yaw_ned_rad);
   const offset = setpoint.type === 'follow' ? undefined : triple(setpoint['offset_frd_m']);
-  if (offset !== undefined) return yaw === null ? null : shifted(bodyToNed(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
+  if (offset !== undefined) return yaw === null ? null : previewAt(bodyToNed(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
   const velocity = triple(setpoint['velocity_ned_m_s']);
-  if (velocity !== undefined) return shifted(velocity, PREDICTION_S, true);
+  if (velocity !== undefined) return previewAt(velocity, PREDICTION_S, true);
   const bodyVelocity = triple(setpoint['velocity_frd_m_s']);
-  if (bodyVelocity !== undefined) return yaw === null ? null : shifted(bodyToNed(bodyVelocity.map((v) => v ?? 0) as Vector3, yaw), PREDICTION_S, true);
+  if (bodyVelocity !== undefined) return yaw === null ? null : previewAt(bodyToNed(bodyVelocity.map((v) => v ?? 0) as Vector3, yaw), PREDICTION_S, true);
   return null;
 }
 
@@ -61,12 +61,12 @@ function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, vehicle_ned_
   const vehicle = facts.global?.value;
   if (vehicle === undefined) return null;
   const { east_m, north_m } = eastNorth(vehicle, { lat_deg: setpoint['lat_deg'] as number, lon_deg: setpoint['lon_deg'] as number });
-  const [home, amsl] = [setpoint['alt_home_m'], setpoint['alt_amsl_m']];
-  const up_m = typeof home === 'number' ? home - vehicle.alt_home_m : typeof amsl === 'number' ? amsl - vehicle.alt_amsl_m : 0;
+  const [altHome_m, altAmsl_m] = [setpoint['alt_home_m'], setpoint['alt_amsl_m']];
+  const up_m = typeof altHome_m === 'number' ? altHome_m - vehicle.alt_home_m : typeof altAmsl_m === 'number' ? altAmsl_m - vehicle.alt_amsl_m : 0;
   return { position_ned_m: [vehicle_ned_m[0] + north_m, vehicle_ned_m[1] + east_m, vehicle_ned_m[2] - up_m], yaw_ned_rad, isExtrapolated: false };
 }
 
-/** The preview's latitude and longitude, computed from the vehicle's global position and the distance to the preview. */
+/** The preview's latitude and longitude, computed from the vehicle's global position and the offset to the preview. */
 export function previewOnMap(preview: Preview, facts: VehicleFacts): GeoPosition | null {
   const vehicle_ned_m = facts.local?.value.position_ned_m;
   const vehicle = facts.global?.value;

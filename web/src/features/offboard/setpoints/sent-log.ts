@@ -64,49 +64,49 @@ export class SentLog {
   }
 }
 
-const DEG = 180 / Math.PI;
+const DEG_PER_RAD = 180 / Math.PI;
 
-const NED = ['N', 'E', 'up'] as const;
-const FRD = ['forward', 'right', 'up'] as const;
+const NEU = ['N', 'E', 'up'] as const;
+const FRU = ['forward', 'right', 'up'] as const;
 
 /** Three values with the names of their axes. An axis named `up` shows the negative of the given value, which is down. */
-function triple(value: unknown, unit: string, [first, second, third]: readonly [string, string, string]): string | null {
+function vectorText(value: unknown, unit: string, [first, second, third]: readonly [string, string, string]): string | null {
   if (!Array.isArray(value)) return null;
   const [x, y, z] = value as (number | null)[];
   const text = (v: number | null | undefined): string => (v == null ? '–' : fixed(v, 1));
   return `${first} ${text(x)} ${second} ${text(y)} ${third} ${text(z == null ? z : third === 'up' ? -z : z)} ${unit}`;
 }
 
-function number(value: unknown, format: (v: number) => string): string | null {
+function numberText(value: unknown, format: (v: number) => string): string | null {
   return typeof value === 'number' ? format(value) : null;
 }
 
 /** A setpoint as a short line, in the form's units: altitudes and climb positive up, angles in degrees. */
 export function setpointText(s: Readonly<Record<string, unknown>>): string {
   const parts = [
-    triple(s['position_ned_m'], 'm from local origin', NED),
-    triple(s['offset_frd_m'], 'm', FRD),
-    number(s['lat_deg'], (v) => v.toFixed(6)),
-    number(s['lon_deg'], (v) => v.toFixed(6)),
-    number(s['alt_home_m'], (v) => `${fixed(v, 1)} m above home`),
-    number(s['alt_amsl_m'], (v) => `${fixed(v, 1)} m AMSL`),
-    triple(s['velocity_ned_m_s'], 'm/s', NED),
-    triple(s['velocity_frd_m_s'], 'm/s', FRD),
-    triple(s['acceleration_ned_m_s2'], 'm/s²', NED),
-    number(s['roll_rad'], (v) => `roll ${fixed(v * DEG, 0)}°`),
-    number(s['pitch_rad'], (v) => `pitch ${fixed(v * DEG, 0)}°`),
+    vectorText(s['position_ned_m'], 'm from local origin', NEU),
+    vectorText(s['offset_frd_m'], 'm', FRU),
+    numberText(s['lat_deg'], (v) => v.toFixed(6)),
+    numberText(s['lon_deg'], (v) => v.toFixed(6)),
+    numberText(s['alt_home_m'], (v) => `${fixed(v, 1)} m above home`),
+    numberText(s['alt_amsl_m'], (v) => `${fixed(v, 1)} m AMSL`),
+    vectorText(s['velocity_ned_m_s'], 'm/s', NEU),
+    vectorText(s['velocity_frd_m_s'], 'm/s', FRU),
+    vectorText(s['acceleration_ned_m_s2'], 'm/s²', NEU),
+    numberText(s['roll_rad'], (v) => `roll ${fixed(v * DEG_PER_RAD, 0)}°`),
+    numberText(s['pitch_rad'], (v) => `pitch ${fixed(v * DEG_PER_RAD, 0)}°`),
     Array.isArray(s['rates_frd_rad_s'])
-      ? triple(
-          (s['rates_frd_rad_s'] as number[]).map((v) => v * DEG),
+      ? vectorText(
+          (s['rates_frd_rad_s'] as number[]).map((v) => v * DEG_PER_RAD),
           '°/s',
           ['roll', 'pitch', 'yaw'],
         )
       : null,
     typeof s['vehicle'] === 'string' ? `from vehicle ${s['vehicle']}` : null,
-    number(s['thrust'], (v) => `thrust ${fixed(v, 2)}`),
-    number(s['yaw_ned_rad'], (v) => `yaw ${fixed((((v * DEG) % 360) + 360) % 360, 0)}°`),
-    number(s['yaw_offset_rad'], (v) => `turns by ${fixed(v * DEG, 0, true)}°`),
-    number(s['yaw_rate_ned_rad_s'], (v) => `yaw ${fixed(v * DEG, 0, true)}°/s`),
+    numberText(s['thrust'], (v) => `thrust ${fixed(v, 2)}`),
+    numberText(s['yaw_ned_rad'], (v) => `yaw ${fixed((((v * DEG_PER_RAD) % 360) + 360) % 360, 0)}°`),
+    numberText(s['yaw_offset_rad'], (v) => `turns by ${fixed(v * DEG_PER_RAD, 0, true)}°`),
+    numberText(s['yaw_rate_ned_rad_s'], (v) => `yaw ${fixed(v * DEG_PER_RAD, 0, true)}°/s`),
   ];
   return [kindName(typeof s['type'] === 'string' ? s['type'] : null), ...parts.filter((p) => p !== null)].join('  ');
 }

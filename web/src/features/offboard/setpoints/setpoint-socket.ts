@@ -1,6 +1,6 @@
 /**
- * Sends setpoints over one WebSocket; the server acknowledges each by its sequence number. A setpoint that cannot be sent
- * now is dropped, not queued: an old setpoint that arrives late is worse than no setpoint. Pure except for the socket.
+ * Sends setpoints over one WebSocket; the server acknowledges each setpoint by its sequence number. A setpoint that cannot be sent
+ * now is dropped, not queued: an old setpoint that arrives late is worse than no setpoint.
  */
 
 import type { Problem } from '../../../api/problems';
@@ -51,7 +51,7 @@ export class SetpointSocket {
     private readonly nowS: () => number,
     private readonly onAck: (ack: Ack) => void,
     private readonly onState: (state: SocketState, reason: string | null) => void,
-    openSocket: (url: string) => SocketLike = (address) => new WebSocket(address),
+    openSocket: (url: string) => SocketLike = (socketUrl) => new WebSocket(socketUrl),
   ) {
     this.socket = openSocket(url);
     this.socket.onopen = () => this.setState('open', null);
@@ -87,7 +87,7 @@ export class SetpointSocket {
   }
 
   private onMessage(data: unknown): void {
-    const raw = parse(data);
+    const raw = parseObject(data);
     if (raw === null || typeof raw['seq'] !== 'number') return;
     const sent_s = this.sentTimes.get(raw['seq']);
     if (sent_s === undefined) return;
@@ -96,7 +96,7 @@ export class SetpointSocket {
   }
 }
 
-function parse(data: unknown): Record<string, unknown> | null {
+function parseObject(data: unknown): Record<string, unknown> | null {
   if (typeof data !== 'string') return null;
   try {
     const value: unknown = JSON.parse(data);

@@ -12,7 +12,7 @@ export const WINDOW_S = 60;
 const GAP_S = 2;
 /** Capacity for one minute at up to 30 samples a second. */
 const MAX_ROWS = 60 * 30;
-const DEG = 180 / Math.PI;
+const DEG_PER_RAD = 180 / Math.PI;
 
 export type Quantity = 'position' | 'velocity' | 'attitude';
 
@@ -52,7 +52,7 @@ export const QUANTITIES: Readonly<Record<Quantity, { name: string; axes: readonl
 export type Columns = [number[], (number | null)[], (number | null)[]];
 
 interface Row {
-  t_s: number;
+  unix_s: number;
   target: MaybeVector3;
   actual: MaybeVector3;
 }
@@ -78,8 +78,8 @@ function downToUp(v: Readonly<MaybeVector3> | null): MaybeVector3 {
   return v === null ? NO_VALUES : [v[0], v[1], v[2] === null ? null : 0 - v[2]];
 }
 
-function degrees(v: MaybeVector3): MaybeVector3 {
-  return v.map((a) => (a === null ? null : a * DEG)) as MaybeVector3;
+function toDegrees(v: MaybeVector3): MaybeVector3 {
+  return v.map((a) => (a === null ? null : a * DEG_PER_RAD)) as MaybeVector3;
 }
 
 export class Traces {
@@ -97,40 +97,40 @@ export class Traces {
     this.push('position', unix_s, downToUp(target?.position_ned_m ?? null), downToUp(local?.position_ned_m ?? null));
     this.push('velocity', unix_s, downToUp(target?.velocity_ned_m_s ?? null), downToUp(local?.velocity_ned_m_s ?? null));
     const actual_rad: MaybeVector3 = attitude === null ? NO_VALUES : [attitude.roll_rad, attitude.pitch_rad, attitude.yaw_ned_rad];
-    this.push('attitude', unix_s, degrees(target?.attitude_rad ?? NO_VALUES), degrees(actual_rad));
+    this.push('attitude', unix_s, toDegrees(target?.attitude_rad ?? NO_VALUES), toDegrees(actual_rad));
     this.revision += 1;
   }
 
   /** The columns of one axis; the times are relative to `now_unix_s`: −60 to 0 s. */
   columns(quantity: Quantity, axis: 0 | 1 | 2, now_unix_s: number): Columns {
-    const begin_unix_s = now_unix_s - WINDOW_S;
-    const rows = this.rows[quantity].filter((r) => r.t_s >= begin_unix_s);
+    const windowStart_unix_s = now_unix_s - WINDOW_S;
+    const rows = this.rows[quantity].filter((r) => r.unix_s >= windowStart_unix_s);
     const isYaw = quantity === 'attitude' && axis === 2;
     return [
-      rows.map((r) => r.t_s - now_unix_s),
-      column(
+      rows.map((r) => r.unix_s - now_unix_s),
+      withYawGaps(
         rows.map((r) => r.target[axis]),
         isYaw,
       ),
-      column(
+      withYawGaps(
         rows.map((r) => r.actual[axis]),
         isYaw,
       ),
     ];
   }
 
-  private push(quantity: Quantity, t_s: number, target: MaybeVector3, actual: MaybeVector3): void {
+  private push(quantity: Quantity, unix_s: number, target: MaybeVector3, actual: MaybeVector3): void {
     const rows = this.rows[quantity];
     const last = rows.at(-1);
-    if (last !== undefined && t_s <= last.t_s) return;
-    if (last !== undefined && t_s - last.t_s > GAP_S) rows.push({ t_s: last.t_s + GAP_S / 2, target: NO_VALUES, actual: NO_VALUES });
-    rows.push({ t_s, target, actual });
+    if (last !== undefined && unix_s <= last.unix_s) return;
+    if (last !== undefined && unix_s - last.unix_s > GAP_S) rows.push({ unix_s: last.unix_s + GAP_S / 2, target: NO_VALUES, actual: NO_VALUES });
+    rows.push({ unix_s, target, actual });
     if (rows.length > MAX_ROWS) rows.splice(0, rows.length - MAX_ROWS);
   }
 }
 
-/** The values, with a gap where a yaw jumps between 180° and −180°. */
-function column(values: (number | null)[], isYaw: boolean): (number | null)[] {
+/** The values; for yaw, with a gap where it jumps between 180° and −180°. */
+function withYawGaps(values: (number | null)[], isYaw: boolean): (number | null)[] {
   if (!isYaw) return values;
   return values.map((v, i) => {
     const previous = values[i - 1];
