@@ -165,7 +165,7 @@ function setpointToRenew(setpoint: AnySetpoint, response: unknown): AnySetpoint 
   return Object.fromEntries(Object.entries(streamedSetpoint).filter(([, value]) => value !== null)) as AnySetpoint;
 }
 
-/** The sent setpoint, if it is a position with a heading that can be nudged. */
+/** The setpoint as a position that can be nudged; null for other types, and for a position without a heading. */
 function nudgeablePosition(setpoint: AnySetpoint | null): PositionSetpoint | null {
   const position_ned_m = setpoint?.['position_ned_m'];
   const yaw = setpoint?.['yaw_ned_rad'];

@@ -47,7 +47,7 @@ export function lastEnded(groups: readonly ReceivedGroup[], seenLive: ReadonlySe
   return endedGroups[endedGroups.length - 1] ?? null;
 }
 
-/** MAV_TYPE numbers of the multicopters that the server commands: from QUADROTOR to DECAROTOR. */
+/** MAV_TYPE numbers of the multicopters that the server commands: quadrotor, coaxial, hexa-, octo-, tri-, dodeca-, decarotor. */
 const MULTICOPTERS: readonly (number | null)[] = [2, 3, 13, 14, 15, 29, 35];
 const MAV_AUTOPILOT_PX4 = 12;
 

@@ -6,13 +6,13 @@ import { fixed, metres, wrap180 } from '../../../ui/format';
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { SetpointJson } from './form';
 
-/** A velocity is previewed as the position reached after this time [s]. */
-const PREDICTION_S = 3;
+/** The preview of a velocity is the position that the vehicle reaches after this time [s]. */
+const EXTRAPOLATION_S = 3;
 
 export interface Preview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
-  /** True: the vehicle reaches this position after `PREDICTION_S` at the velocity setpoint. False: the setpoint contains the position. */
+  /** True: the vehicle reaches this position after `EXTRAPOLATION_S` at the velocity setpoint. False: the setpoint contains the position. */
   isExtrapolated: boolean;
 }
 
@@ -51,9 +51,9 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
   const offset = setpoint.type === 'follow' ? undefined : triple(setpoint['offset_frd_m']);
   if (offset !== undefined) return yaw === null ? null : previewAt(bodyToNed(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
   const velocity = triple(setpoint['velocity_ned_m_s']);
-  if (velocity !== undefined) return previewAt(velocity, PREDICTION_S, true);
+  if (velocity !== undefined) return previewAt(velocity, EXTRAPOLATION_S, true);
   const bodyVelocity = triple(setpoint['velocity_frd_m_s']);
-  if (bodyVelocity !== undefined) return yaw === null ? null : previewAt(bodyToNed(bodyVelocity.map((v) => v ?? 0) as Vector3, yaw), PREDICTION_S, true);
+  if (bodyVelocity !== undefined) return yaw === null ? null : previewAt(bodyToNed(bodyVelocity.map((v) => v ?? 0) as Vector3, yaw), EXTRAPOLATION_S, true);
   return null;
 }
 
@@ -82,7 +82,7 @@ export function previewText(preview: Preview, facts: VehicleFacts): string {
   const distance_m = Math.hypot(n, e);
   const { text, unit } = metres(distance_m);
   const parts = [
-    distance_m < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `away after ${PREDICTION_S} s at this velocity` : 'away'}`,
+    distance_m < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `away after ${EXTRAPOLATION_S} s at this velocity` : 'away'}`,
   ];
   if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'above' : 'below'} the vehicle`);
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;

@@ -82,31 +82,31 @@ function numberText(value: unknown, format: (v: number) => string): string | nul
 }
 
 /** A setpoint as a short line, in the form's units: altitudes and climb positive up, angles in degrees. */
-export function setpointText(s: Readonly<Record<string, unknown>>): string {
+export function setpointText(setpoint: Readonly<Record<string, unknown>>): string {
   const parts = [
-    vectorText(s['position_ned_m'], 'm from local origin', NEU),
-    vectorText(s['offset_frd_m'], 'm', FRU),
-    numberText(s['lat_deg'], (v) => v.toFixed(6)),
-    numberText(s['lon_deg'], (v) => v.toFixed(6)),
-    numberText(s['alt_home_m'], (v) => `${fixed(v, 1)} m above home`),
-    numberText(s['alt_amsl_m'], (v) => `${fixed(v, 1)} m AMSL`),
-    vectorText(s['velocity_ned_m_s'], 'm/s', NEU),
-    vectorText(s['velocity_frd_m_s'], 'm/s', FRU),
-    vectorText(s['acceleration_ned_m_s2'], 'm/s²', NEU),
-    numberText(s['roll_rad'], (v) => `roll ${fixed(v * DEG_PER_RAD, 0)}°`),
-    numberText(s['pitch_rad'], (v) => `pitch ${fixed(v * DEG_PER_RAD, 0)}°`),
-    Array.isArray(s['rates_frd_rad_s'])
+    vectorText(setpoint['position_ned_m'], 'm from local origin', NEU),
+    vectorText(setpoint['offset_frd_m'], 'm', FRU),
+    numberText(setpoint['lat_deg'], (v) => v.toFixed(6)),
+    numberText(setpoint['lon_deg'], (v) => v.toFixed(6)),
+    numberText(setpoint['alt_home_m'], (v) => `${fixed(v, 1)} m above home`),
+    numberText(setpoint['alt_amsl_m'], (v) => `${fixed(v, 1)} m AMSL`),
+    vectorText(setpoint['velocity_ned_m_s'], 'm/s', NEU),
+    vectorText(setpoint['velocity_frd_m_s'], 'm/s', FRU),
+    vectorText(setpoint['acceleration_ned_m_s2'], 'm/s²', NEU),
+    numberText(setpoint['roll_rad'], (v) => `roll ${fixed(v * DEG_PER_RAD, 0)}°`),
+    numberText(setpoint['pitch_rad'], (v) => `pitch ${fixed(v * DEG_PER_RAD, 0)}°`),
+    Array.isArray(setpoint['rates_frd_rad_s'])
       ? vectorText(
-          (s['rates_frd_rad_s'] as number[]).map((v) => v * DEG_PER_RAD),
+          (setpoint['rates_frd_rad_s'] as number[]).map((v) => v * DEG_PER_RAD),
           '°/s',
           ['roll', 'pitch', 'yaw'],
         )
       : null,
-    typeof s['vehicle'] === 'string' ? `from vehicle ${s['vehicle']}` : null,
-    numberText(s['thrust'], (v) => `thrust ${fixed(v, 2)}`),
-    numberText(s['yaw_ned_rad'], (v) => `yaw ${fixed((((v * DEG_PER_RAD) % 360) + 360) % 360, 0)}°`),
-    numberText(s['yaw_offset_rad'], (v) => `turns by ${fixed(v * DEG_PER_RAD, 0, true)}°`),
-    numberText(s['yaw_rate_ned_rad_s'], (v) => `yaw ${fixed(v * DEG_PER_RAD, 0, true)}°/s`),
+    typeof setpoint['vehicle'] === 'string' ? `from vehicle ${setpoint['vehicle']}` : null,
+    numberText(setpoint['thrust'], (v) => `thrust ${fixed(v, 2)}`),
+    numberText(setpoint['yaw_ned_rad'], (v) => `yaw ${fixed((((v * DEG_PER_RAD) % 360) + 360) % 360, 0)}°`),
+    numberText(setpoint['yaw_offset_rad'], (v) => `turns by ${fixed(v * DEG_PER_RAD, 0, true)}°`),
+    numberText(setpoint['yaw_rate_ned_rad_s'], (v) => `yaw ${fixed(v * DEG_PER_RAD, 0, true)}°/s`),
   ];
-  return [kindName(typeof s['type'] === 'string' ? s['type'] : null), ...parts.filter((p) => p !== null)].join('  ');
+  return [kindName(typeof setpoint['type'] === 'string' ? setpoint['type'] : null), ...parts.filter((p) => p !== null)].join('  ');
 }

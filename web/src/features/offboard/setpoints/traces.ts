@@ -16,12 +16,12 @@ const DEG_PER_RAD = 180 / Math.PI;
 
 export type Quantity = 'position' | 'velocity' | 'attitude';
 
-export interface TraceSpec {
+export interface AxisSpec {
   name: string;
   unit: string;
 }
 
-export const QUANTITIES: Readonly<Record<Quantity, { name: string; axes: readonly [TraceSpec, TraceSpec, TraceSpec] }>> = {
+export const QUANTITIES: Readonly<Record<Quantity, { name: string; axes: readonly [AxisSpec, AxisSpec, AxisSpec] }>> = {
   position: {
     name: 'Position',
     axes: [
@@ -129,7 +129,7 @@ export class Traces {
   }
 }
 
-/** The values; for yaw, with a gap where it jumps between 180° and −180°. */
+/** The values; for yaw, with a gap where the yaw jumps between 180° and −180°. */
 function withYawGaps(values: (number | null)[], isYaw: boolean): (number | null)[] {
   if (!isYaw) return values;
   return values.map((v, i) => {
