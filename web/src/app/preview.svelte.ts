@@ -30,7 +30,7 @@ export interface SceneDryRun {
 }
 
 class Preview {
-  /** Not reactive: the map reads it once per frame. */
+  /** Not reactive, because the map reads this value once per animation frame. */
   map: MapPreview | null = null;
   /** Null: no preview. Each change is sent to the 3D view. */
   scene = $state.raw<ScenePreview | null>(null);

@@ -21,9 +21,9 @@ export interface Room {
   icon: IconName;
   hint: string;
   order: number;
-  /** Set if the room works without a connected vehicle: its `load` then returns a `roomWithoutVehicle` component. */
+  /** Set if the room works without a connected vehicle. Its `load` then returns a `roomWithoutVehicle` component. */
   withoutVehicle?: boolean;
-  /** Set if the room has a toolbar along the stage's upper edge: other parts there are placed below it. */
+  /** Set if the room has a toolbar along the stage's upper edge. Other parts at this edge are then below the toolbar. */
   toolbar?: boolean;
   load: () => Promise<RoomParts>;
 }
@@ -93,7 +93,7 @@ export interface KeyLine {
   keys: string;
   /** What the keys do. */
   description: string;
-  /** The keys also work while the 3D view has the focus (it moves its camera with W A S D Q E). */
+  /** The keys also work while the 3D view has the focus. Not possible for W A S D Q E, which move the 3D view's camera. */
   inScene: boolean;
   order: number;
   /**

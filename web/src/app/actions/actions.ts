@@ -13,7 +13,7 @@ export interface ActionFacts {
   vehicleName: string;
   armed: boolean;
   inAir: boolean;
-  /** The vehicle reports that it is on the ground; false also if it reports no landed state. */
+  /** The vehicle reports that it is on the ground. False also if the vehicle reports no landed state. */
   onGround?: boolean;
   alt_home_m: number | null;
   homeDistance_m: number | null;

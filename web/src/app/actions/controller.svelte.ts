@@ -9,7 +9,7 @@ import { actionFacts, ACTION_NAMES, question, send, reasonUnavailable, type Acti
 import type { StreamStart } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
-/** The part of the page that contains the pressed button; it also shows the refusal. */
+/** The part of the page that contains the pressed button and shows the refusal. */
 export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'camera' | 'stage' | 'control' | 'panel';
 
 /** A confirmation for several vehicles: its present texts, and the call after confirmation. */

@@ -1,4 +1,4 @@
-/** The gimbal pad: converts between angles and points within the gimbal's limits, and handles its keys and texts. */
+/** The gimbal pad: converts between angles and points within the gimbal's limits, changes angles by key presses, and describes them as text. */
 
 import { toDeg } from '../../ui/format';
 import type { Gimbal } from '../../live/topics';

@@ -73,7 +73,7 @@ class GroupDraft {
     });
   }
 
-  /** Renews the group's setpoints once, with the validity that the form has for their type. If the form's checkbox is set, this page continues to renew them. */
+  /** Renews the group's setpoints once, with the form's validity for setpoints of this type. If the form's checkbox is set, this page continues to renew them. */
   async renew(group: Group): Promise<void> {
     const renewed: Draft = { ...this.fields, motion: motionOf(group) };
     this.showsErrors = true;

@@ -205,7 +205,7 @@ class SetpointEditor {
 
   // --- the WebSocket of gamepad and drag ---
 
-  /** Opens the WebSocket to the server for gamepad or drag; `onEnd` is called with the reason when it closes. */
+  /** Opens the WebSocket to the server for gamepad or drag; when the WebSocket closes, `onEnd` is called with the reason. */
   openSocket(id: string, onEnd: (reason: string) => void): void {
     this.closeSocket();
     const url = page.socketUrl(`/vehicles/${encodeURIComponent(id)}/offboard/stream`);

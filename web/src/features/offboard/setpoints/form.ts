@@ -52,7 +52,7 @@ const FOLLOW_OFFSET = { o0: -5, o1: 0, o2: 2 };
 /** Smallest length of the offset when following [m]. */
 const FOLLOW_MIN_M = 2;
 
-/** A form filled with the vehicle's current state. Sent unchanged, it holds the vehicle's position if the setpoint type controls the position. `hoverThrust`: null if it is not known. */
+/** A form filled with the vehicle's current state. If the form is sent unchanged, the vehicle holds its position; types that do not control the position are an exception. `hoverThrust`: null if it is not known. */
 export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
   const local = facts.local?.value.position_ned_m ?? null;

@@ -18,7 +18,7 @@ export interface SentLine {
   count: number;
   /** Number of setpoints in this line for which the server has sent a result. */
   resultCount: number;
-  /** The server's changes or its refusal; null if all setpoints were accepted unchanged. */
+  /** What the server changed, or why the server refused; null if it accepted all setpoints unchanged. */
   note: string | null;
   refused: boolean;
   /** Time from sending to the newest result [s]. */
