@@ -18,7 +18,8 @@ export interface TargetRow {
 /**
  * Rows for north, east, up and yaw.
  * @param yaw_deg clockwise from north, 0 to 360.
- * @param steps one step: a distance with its unit, and an angle.
+ * @param names displayed names of the first three rows.
+ * @param steps size of one step: the text of a distance, and an angle.
  */
 export function targetRows(
   names: readonly [string, string, string],
@@ -26,13 +27,13 @@ export function targetRows(
   yaw_deg: number | null,
   steps: { distance: string; yaw_deg: number },
 ): TargetRow[] {
-  const row = (name: string, title: string, value_m: number | null, less: string, more: string): TargetRow => ({
+  const row = (name: string, title: string, value_m: number | null, negative: string, positive: string): TargetRow => ({
     name,
     title,
     text: fixed(value_m, 1),
     unit: 'm',
-    less: `${steps.distance} ${less}`,
-    more: `${steps.distance} ${more}`,
+    less: `${steps.distance} ${negative}`,
+    more: `${steps.distance} ${positive}`,
   });
   return [
     row(names[0], 'North of the local origin', north_m, 'south', 'north'),

@@ -10,13 +10,14 @@ const POLL_MS = 500;
 class ParamPanel {
   open = $state(false);
   filter = $state.raw<Filter>(NO_FILTER);
-  content = $state.raw<Parameters | null>(null);
+  /** The parameters that the server has read; null: not requested yet. */
+  loaded = $state.raw<Parameters | null>(null);
   problem = $state.raw<Problem | null>(null);
   /** Name of the parameter whose editor is open. */
   chosen = $state<string | null>(null);
   busy = $state(false);
   /** Number of the latest call of `show`. An earlier call stops polling. */
-  private pollCount = 0;
+  private latestShow = 0;
 
   toggle(): void {
     this.open = !this.open;
@@ -24,22 +25,25 @@ class ParamPanel {
 
   close(): void {
     this.open = false;
-    this.pollCount += 1; // the running call of `show` stops polling
+    this.latestShow += 1; // the running call of `show` stops polling
   }
 
-  /** Shows the parameters that the server has read. If needed (or `again`), the server reads them from the vehicle, and this function polls until all are read. */
-  async show(api: ApiClient, vehicle: string, again = false): Promise<void> {
-    const pollNumber = ++this.pollCount;
+  /**
+   * Shows the parameters that the server has read. If some are missing, or with `readAgain`, the server reads all
+   * parameters from the vehicle, and this function polls until they are read.
+   */
+  async show(api: ApiClient, vehicle: string, readAgain = false): Promise<void> {
+    const showNumber = ++this.latestShow;
     this.problem = null;
-    if (this.content?.vehicle !== vehicle) {
-      this.content = null;
+    if (this.loaded?.vehicle !== vehicle) {
+      this.loaded = null;
       this.chosen = null;
     }
-    await this.poll(api, vehicle, pollNumber);
-    if (pollNumber !== this.pollCount) return;
-    if (again || this.content?.list.state !== 'ready') {
+    await this.poll(api, vehicle, showNumber);
+    if (showNumber !== this.latestShow) return;
+    if (readAgain || this.loaded?.list.state !== 'ready') {
       const refresh = await api.post('/vehicles/{v}/params/refresh', ofVehicle(vehicle));
-      if (pollNumber !== this.pollCount) return;
+      if (showNumber !== this.latestShow) return;
       if (!refresh.ok) {
         this.problem = refresh.problem;
         return;
@@ -47,9 +51,9 @@ class ParamPanel {
     }
     do {
       await new Promise((resolve) => setTimeout(resolve, POLL_MS));
-      if (pollNumber !== this.pollCount) return;
-      await this.poll(api, vehicle, pollNumber);
-    } while (pollNumber === this.pollCount && this.isIncomplete());
+      if (showNumber !== this.latestShow) return;
+      await this.poll(api, vehicle, showNumber);
+    } while (showNumber === this.latestShow && this.isIncomplete());
   }
 
   /** Sets a parameter, and stores the value that the vehicle reports. @returns whether the vehicle set the parameter. */
@@ -63,22 +67,22 @@ class ParamPanel {
       this.problem = outcome.problem;
       return false;
     }
-    const content = this.content;
-    if (content?.vehicle === vehicle) {
-      this.content = { ...content, params: content.params.map((p) => (p.name === name ? outcome.value : p)) };
+    const { loaded } = this;
+    if (loaded?.vehicle === vehicle) {
+      this.loaded = { ...loaded, params: loaded.params.map((p) => (p.name === name ? outcome.value : p)) };
     }
     return true;
   }
 
   private isIncomplete(): boolean {
-    const list = this.content?.list;
+    const list = this.loaded?.list;
     return list === undefined || list.state === 'reading' || (list.state === 'ready' && !list.facts && list.facts_problem === null);
   }
 
-  private async poll(api: ApiClient, vehicle: string, pollNumber: number): Promise<void> {
+  private async poll(api: ApiClient, vehicle: string, showNumber: number): Promise<void> {
     const outcome = await api.get('/vehicles/{v}/params', ofVehicle(vehicle));
-    if (pollNumber !== this.pollCount) return;
-    if (outcome.ok) this.content = outcome.value;
+    if (showNumber !== this.latestShow) return;
+    if (outcome.ok) this.loaded = outcome.value;
     else this.problem = outcome.problem;
   }
 }

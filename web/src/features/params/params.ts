@@ -22,7 +22,7 @@ export function groupsOf(params: readonly Parameter[]): string[] {
   return [...new Set(params.map((p) => p.facts?.group ?? '').filter((g) => g !== ''))].sort((a, b) => a.localeCompare(b));
 }
 
-/** The parameters that match the filter; each typed word occurs in name or description. Names that begin with the first word come first. */
+/** The parameters in whose name or description each typed word occurs. Names that begin with the first word come first. */
 export function matchingParameters(params: readonly Parameter[], filter: Filter): Parameter[] {
   const words = filter.text
     .toLowerCase()
@@ -34,9 +34,9 @@ export function matchingParameters(params: readonly Parameter[], filter: Filter)
     const text = `${p.name} ${p.facts?.title ?? ''}`.toLowerCase();
     return words.every((w) => text.includes(w));
   });
-  const first = words[0];
-  if (first === undefined) return matching;
-  const rank = (p: Parameter): number => Number(!p.name.toLowerCase().startsWith(first));
+  const firstWord = words[0];
+  if (firstWord === undefined) return matching;
+  const rank = (p: Parameter): number => Number(!p.name.toLowerCase().startsWith(firstWord));
   return matching.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name));
 }
 
@@ -52,18 +52,18 @@ export function numberText(value: number | null, decimals: number | null = null)
 /** The value with the given number of decimals, or with more decimals if it needs them. */
 function withDecimals(value: number, decimals: number): string {
   const exact = String(Number(value.toPrecision(7)));
-  const needed = exact.includes('e') ? 0 : (exact.split('.')[1] ?? '').length;
-  return needed > decimals ? exact : value.toFixed(decimals);
+  const neededDecimals = exact.includes('e') ? 0 : (exact.split('.')[1] ?? '').length;
+  return neededDecimals > decimals ? exact : value.toFixed(decimals);
 }
 
-const SYMBOLS: Readonly<Record<string, string>> = { deg: '°', Ohm: 'Ω', norm: '', us: 'µs', '%': '%' };
+const UNIT_SYMBOLS: Readonly<Record<string, string>> = { deg: '°', Ohm: 'Ω', norm: '', us: 'µs', '%': '%' };
 
-/** A unit with its symbols, such as ² and °; PX4's metadata is ASCII only. */
+/** A unit of PX4's metadata, which is ASCII, with symbols such as ² and °. */
 export function unitText(unit: string | null): string {
   if (unit === null) return '';
   return unit
     .split('/')
-    .map((part) => SYMBOLS[part] ?? part)
+    .map((part) => UNIT_SYMBOLS[part] ?? part)
     .join('/')
     .replace('^2', '²')
     .replace('^3', '³');
@@ -82,8 +82,8 @@ export function valueText(parameter: Parameter): string {
   const choice = facts.choices.find((c) => c.value === value);
   if (choice !== undefined) return choice.label;
   if (facts.bits.length > 0 && value > 0) {
-    const set = facts.bits.filter((b) => Math.floor(value / 2 ** b.value) % 2 === 1).map((b) => b.label);
-    if (set.length > 0) return set.join(', ');
+    const setBits = facts.bits.filter((b) => Math.floor(value / 2 ** b.value) % 2 === 1).map((b) => b.label);
+    if (setBits.length > 0) return setBits.join(', ');
   }
   const number = numberText(value, facts.is_integer ? null : facts.decimals);
   return withUnit(number, facts.unit);
@@ -98,9 +98,9 @@ export function rangeText(facts: ParameterMetadata): string {
 
 /** The number in a typed text; null if it is not a number, or if an integer is required and it is not an integer. */
 export function parseTyped(text: string, isInteger: boolean): number | null {
-  const plain = text.trim().replace('−', '-').replace(',', '.');
-  if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(plain)) return null;
-  const value = Number(plain);
+  const normalized = text.trim().replace('−', '-').replace(',', '.');
+  if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(normalized)) return null;
+  const value = Number(normalized);
   return Number.isFinite(value) && (!isInteger || Number.isInteger(value)) ? value : null;
 }
 
@@ -109,13 +109,13 @@ export function valueProblem(facts: ParameterMetadata | null, value: number): st
   if (facts === null) return null;
   if (facts.choices.length > 0) return facts.choices.some((c) => equalAsFloat32(c.value, value)) ? null : 'Not one of the documented values.';
   if (facts.bits.length > 0) {
-    const known = facts.bits.reduce((sum, b) => sum + 2 ** b.value, 0);
-    const hasUnknownBits = [...Array(32).keys()].some((bit) => Math.floor(value / 2 ** bit) % 2 === 1 && Math.floor(known / 2 ** bit) % 2 === 0);
+    const knownBits = facts.bits.reduce((sum, b) => sum + 2 ** b.value, 0);
+    const hasUnknownBits = [...Array(32).keys()].some((bit) => Math.floor(value / 2 ** bit) % 2 === 1 && Math.floor(knownBits / 2 ** bit) % 2 === 0);
     return value < 0 || hasUnknownBits ? 'This value sets undocumented bits.' : null;
   }
-  const low = facts.min !== null && value < facts.min && !equalAsFloat32(value, facts.min);
-  const high = facts.max !== null && value > facts.max && !equalAsFloat32(value, facts.max);
-  return low || high ? `Outside the documented range: ${rangeText(facts)}.` : null;
+  const isTooLow = facts.min !== null && value < facts.min && !equalAsFloat32(value, facts.min);
+  const isTooHigh = facts.max !== null && value > facts.max && !equalAsFloat32(value, facts.max);
+  return isTooLow || isTooHigh ? `Outside the documented range: ${rangeText(facts)}.` : null;
 }
 
 /** Whether two values are equal as 32-bit floats, as the vehicle stores them. */
@@ -123,7 +123,7 @@ function equalAsFloat32(a: number, b: number): boolean {
   return Math.fround(a) === Math.fround(b);
 }
 
-/** State and progress of the reading, as text. */
+/** Text about how far the server has read the parameters. */
 export function stateText(list: Parameters['list'] | null): string {
   if (list === null || list.state === 'unknown') return 'not read yet';
   const progress = list.count === null ? '' : ` ${list.received} of ${list.count}`;

@@ -39,7 +39,7 @@ export interface ImportedFile {
   readonly notes: readonly string[];
 }
 
-/** The items or steps of a pattern in `plan`; `path` and `lines` are drawn on the map. */
+/** A generated pattern: `plan` contains its items or steps; the map shows `path` and `lines`. */
 export interface GeneratedPattern {
   readonly plan: Document;
   readonly path: readonly Readonly<Schemas['PatternPosition']>[];
@@ -70,10 +70,9 @@ export type PositionHandling = NonNullable<Schemas['MissionToInsert']['positions
 /** A trajectory as CSV text. */
 export type ImportedTable = Readonly<Schemas['ImportedTable']>;
 
-type Format = Schemas['ImportedPlan']['format'];
-export type { Format };
+export type Format = Schemas['ImportedPlan']['format'];
 
-/** Export formats of waypoint plans, with their displayed names. */
+/** Export formats of waypoint plans. */
 const WAYPOINT_FORMATS = [
   { value: 'plan', text: 'QGroundControl .plan' },
   { value: 'waypoints', text: '.waypoints' },
@@ -83,7 +82,7 @@ const WAYPOINT_FORMATS = [
   { value: 'csv', text: 'CSV' },
   { value: 'json', text: 'Offboard GCS .json' },
 ] as const;
-export const FORMATS: Readonly<Record<PlanKind, readonly { readonly value: Format; readonly text: string }[]>> = {
+export const EXPORT_FORMATS: Readonly<Record<PlanKind, readonly { readonly value: Format; readonly text: string }[]>> = {
   waypoint_plan: WAYPOINT_FORMATS,
   offboard_mission: [
     { value: 'yaml', text: 'YAML' },
@@ -91,9 +90,9 @@ export const FORMATS: Readonly<Record<PlanKind, readonly { readonly value: Forma
   ],
 };
 
-export const IMPORTABLE = '.plan,.waypoints,.csv,.txt,.json,.geojson,.kml,.kmz,.yaml,.yml';
+export const IMPORT_EXTENSIONS = '.plan,.waypoints,.csv,.txt,.json,.geojson,.kml,.kmz,.yaml,.yml';
 
-/** Casts between the API's types and the editor's types, which also keep unknown kinds of items and steps. */
+/** Cast between the API's types and the editor's types. The editor's types also permit unknown kinds of items and steps. */
 export const toApi = <D extends Document>(plan: D) => plan as unknown as D extends Mission ? Schemas['OffboardMission'] : Schemas['Plan'];
 const fromApi = <T>(response: Promise<Outcome<unknown>>) => response as Promise<Outcome<T>>;
 
@@ -157,13 +156,13 @@ export class PlanApi {
   }
 
   /**
-   * Inserts a stored mission: its steps become a list of the mission, and a call step at the path `at` flies this list.
+   * Inserts a stored mission: its steps become a list of the mission, and a call step at `callPath` flies this list.
    * @param in_air true: the take-off and the last landing of the stored mission are left out.
    * @param positions null: the server refuses with an error on the field `positions` if the planned starts differ and
    * the path depends on them.
    */
-  insert(plan: Mission, at: JsonPath, plan_id: string, in_air: boolean, positions: PositionHandling | null): Promise<Outcome<InsertedMission>> {
-    return fromApi(this.api.post('/plans/insert', { body: { plan: toApi(plan), at: [...at], plan_id, in_air, positions } }));
+  insert(plan: Mission, callPath: JsonPath, plan_id: string, in_air: boolean, positions: PositionHandling | null): Promise<Outcome<InsertedMission>> {
+    return fromApi(this.api.post('/plans/insert', { body: { plan: toApi(plan), at: [...callPath], plan_id, in_air, positions } }));
   }
 
   /** The trajectory in a CSV or NumPy file (.npy). */
@@ -181,8 +180,8 @@ export class PlanApi {
    * @param tolerance_m largest deviation of the lines from their height above ground; null: the server does not compute
    * the AMSL altitudes of items above terrain.
    */
-  pattern(pattern: Pattern, document: PlanKind, vehicle: string | null, tolerance_m: number | null): Promise<Outcome<GeneratedPattern>> {
-    const query = { document, ...(vehicle === null ? {} : { vehicle }), ...(tolerance_m === null ? {} : { tolerance_m }) };
+  pattern(pattern: Pattern, kind: PlanKind, vehicle: string | null, tolerance_m: number | null): Promise<Outcome<GeneratedPattern>> {
+    const query = { document: kind, ...(vehicle === null ? {} : { vehicle }), ...(tolerance_m === null ? {} : { tolerance_m }) };
     return fromApi(this.api.post('/plans/pattern', { params: { query }, body: pattern }));
   }
 }

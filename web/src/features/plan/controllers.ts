@@ -15,9 +15,9 @@ import { Plans } from './plans.svelte';
 
 export const editor = new PlanEditor();
 const planApi = new PlanApi(page.api);
-const browserMemory = availableStorage(() => localStorage);
-export const plans = new Plans(planApi, editor, browserMemory);
-export const drawing = new PatternDrawing(planApi, editor, browserMemory);
+const browserStorage = availableStorage(() => localStorage);
+export const plans = new Plans(planApi, editor, browserStorage);
+export const drawing = new PatternDrawing(planApi, editor, browserStorage);
 
 export const insertion = new MissionInsertion(planApi, editor);
 

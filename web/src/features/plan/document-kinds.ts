@@ -15,8 +15,8 @@ import { treeOf, type TreeEntry } from './document/list-entries';
 
 export type Document = Plan | Mission;
 
-export const KINDS = { waypoint_plan: 'Waypoint plan', offboard_mission: 'Offboard mission' } as const;
-export type PlanKind = keyof typeof KINDS;
+export const KIND_NAMES = { waypoint_plan: 'Waypoint plan', offboard_mission: 'Offboard mission' } as const;
+export type PlanKind = keyof typeof KIND_NAMES;
 
 export function kindOf(document: Document): PlanKind {
   return isMission(document) ? 'offboard_mission' : 'waypoint_plan';
@@ -30,14 +30,14 @@ export function withHome<D extends Document>(document: D, home: PlannedHome): D 
   return isMission(document) ? { ...document, home } : { ...document, planned_home: home };
 }
 
-/** Position of a selectable part; null if the part has no position or no longer exists. */
+/** Position of the part with this id; null if the part has no position or no longer exists. */
 export function positionIn(document: Document, id: string, frame: Frame): GeoPosition | null {
   if (!isMission(document)) return positionOf(document, id);
   const ref = pointOf(id);
   if (ref !== null) {
     const node = offboard.nodeOf(document, id);
-    const at = node === null ? undefined : (valueAt(document, pathOf(node, ref)) as MissionPosition | undefined);
-    return at == null ? null : geoPointOf(at, frame);
+    const position = node === null ? undefined : (valueAt(document, pathOf(node, ref)) as MissionPosition | undefined);
+    return position == null ? null : geoPointOf(position, frame);
   }
   if (id === 'home') return document.home ?? null;
   return sharedPositionOf(document, refOf(id));
@@ -52,12 +52,12 @@ export function positionsOfId(document: Document, id: string, frame: Frame): Geo
   return [positionIn(document, id, frame) ?? []].flat();
 }
 
-/** Moves several points by the same horizontal offset. */
-export function move<D extends Document>(document: D, from: ReadonlyMap<string, GeoPosition>, by: EastNorth, frame: Frame): D {
+/** Moves points from these positions, by id, by the same horizontal offset. */
+export function move<D extends Document>(document: D, positions: ReadonlyMap<string, GeoPosition>, offset: EastNorth, frame: Frame): D {
   let moved: Document = document;
-  for (const [id, at] of from) {
-    const to = positionAt(at, by);
-    moved = isMission(moved) ? offboard.movePoint(moved, id, to, frame) : edit.movePoint(moved, id, to);
+  for (const [id, position] of positions) {
+    const target = positionAt(position, offset);
+    moved = isMission(moved) ? offboard.movePoint(moved, id, target, frame) : edit.movePoint(moved, id, target);
   }
   return moved as D;
 }
@@ -75,9 +75,9 @@ export function remove(document: Document, ids: readonly string[]): Document {
 
 /** Inserts a point at a midpoint. @returns null: the id is not that of a midpoint. */
 export function insertAt(document: Document, id: string, at: GeoPosition, frame: Frame): { document: Document; id: string } | null {
-  const between = missionPicture.pointInsertionOf(id);
-  if (between !== null && isMission(document)) {
-    const inserted = offboard.insertPoint(document, between.place, between.index, at, frame);
+  const pointInsertion = missionPicture.pointInsertionOf(id);
+  if (pointInsertion !== null && isMission(document)) {
+    const inserted = offboard.insertPoint(document, pointInsertion.place, pointInsertion.index, at, frame);
     return inserted === null ? null : { document: inserted.mission, id: inserted.id };
   }
   const insertion = insertionOf(id);
@@ -97,12 +97,12 @@ export function insertAt(document: Document, id: string, at: GeoPosition, frame:
  * Inserts the items or steps of another document after the selection, or without a selection at the end, but before a
  * final landing or return. @returns the ids of the inserted items or steps.
  */
-export function insertAll(document: Document, added: Document, selected: readonly string[]): { document: Document; ids: string[] } {
+export function insertAll(document: Document, source: Document, selected: readonly string[]): { document: Document; ids: string[] } {
   if (isMission(document)) {
-    const inserted = offboard.addSteps(document, isMission(added) ? added.steps : [], selected);
+    const inserted = offboard.addSteps(document, isMission(source) ? source.steps : [], selected);
     return { document: inserted.mission, ids: inserted.ids };
   }
-  const items = isMission(added) ? [] : added.items;
+  const items = isMission(source) ? [] : source.items;
   const row = edit.rowToInsert(document, selected);
   return { document: edit.insertItems(document, row, items), ids: items.map((_, i) => `item:${row + i}`) };
 }
@@ -111,25 +111,26 @@ export function isInsertion(id: string): boolean {
   return insertionOf(id) !== null || missionPicture.pointInsertionOf(id) !== null;
 }
 
-/** The newest flight that the server has compiled from a mission. */
-export interface Compiled {
+/** The newest flight that the server has compiled from a mission; null: none yet. */
+export interface CompiledMission {
   readonly flight: CompiledFlight | null;
   /** False: the flight was compiled before the last change. */
   readonly isCurrent: boolean;
 }
 
 /**
- * The position at which the plan starts, with its altitude; for a plan without home the first point, at sea level.
- * @param drawn a position of the area that is being drawn, used for a plan without points.
+ * Start of the plan, with the altitude to which altitudes above home are relative. Without home: the first point, at sea
+ * level.
+ * @param drawnPosition a position of the area that is being drawn, used for a plan without points.
  */
-export function groundOf(document: Document, frame: Frame, drawn?: GeoPosition): Required<LayerPosition> {
+export function startOf(document: Document, frame: Frame, drawnPosition?: GeoPosition): Required<LayerPosition> {
   const first = isMission(document) ? undefined : allPositions(document)[0];
-  const { lat_deg, lon_deg } = frame.known ? frame.start : (first ?? drawn ?? frame.start);
+  const { lat_deg, lon_deg } = frame.known ? frame.start : (first ?? drawnPosition ?? frame.start);
   return { lat_deg, lon_deg, alt_amsl_m: frame.start.alt_amsl_m };
 }
 
-export function pictureOf(document: Document, selected: ReadonlySet<string>, sketch: Sketch | null, frame: Frame, compiled: Compiled): LayerPicture {
-  if (!isMission(document)) return picture(document, selected, sketch, groundOf(document, frame));
+export function pictureOf(document: Document, selected: ReadonlySet<string>, sketch: Sketch | null, frame: Frame, compiled: CompiledMission): LayerPicture {
+  if (!isMission(document)) return picture(document, selected, sketch, startOf(document, frame));
   return missionPicture.picture(document, selected, sketch, frame, compiled.flight, compiled.isCurrent);
 }
 
@@ -145,12 +146,12 @@ export function allPositionsOf(document: Document, frame: Frame, flight: Compile
   return [frame.start, ...stepPositions, ...pathPositions, ...sharedPositions(document)];
 }
 
-/** Ids of all steps, to select them. */
-export function allSteps(document: Document): string[] {
+/** Ids of all steps or items, to select them. */
+export function allStepIds(document: Document): string[] {
   return isMission(document) ? nodesOf(document).map((node) => stepId(node.place)) : document.items.map((_, row) => `item:${row}`);
 }
 
-/** Whether the selected part still exists. */
+/** Whether the part with this id exists. */
 export function exists(document: Document, id: string, frame: Frame): boolean {
   if (isMission(document) && id.startsWith('step:')) return offboard.nodeOf(document, id) !== null;
   const ref = refOf(id);
@@ -159,8 +160,8 @@ export function exists(document: Document, id: string, frame: Frame): boolean {
 }
 
 /**
- * The parts of a mission to select after a deletion: the step or point that now has the id of a deleted one, or else the
- * trajectory point before. Empty for a waypoint plan.
+ * The parts of a mission to select after a deletion: the step or point that now has the id of a deleted part, or else
+ * the trajectory point before the deleted point. Empty for a waypoint plan.
  */
 export function selectionAfterDelete(before: Document, after: Document, ids: readonly string[], frame: Frame): string[] {
   if (!isMission(before) || !isMission(after)) return [];

@@ -99,10 +99,7 @@ export function alt_amsl_m(altitude: Altitude, home_amsl_m: number): number {
   return (altitude.reference === 'terrain' ? altitude.resolved_amsl_m : null) ?? home_amsl_m + altitude.value_m;
 }
 
-/**
- * Everything that can be selected and dragged: a row of the plan, a corner or circle of the geofence, a corner of an
- * obstacle, a rally point, home.
- */
+/** A part of a plan that can be selected and dragged. */
 export type PointRef =
   | { readonly type: 'item'; readonly row: number }
   | { readonly type: 'corner'; readonly zone: number; readonly corner: number }
@@ -147,19 +144,19 @@ export function sharedPositionOf(document: SharedParts, ref: PointRef | null): G
 
 /** All positions of the geofence and the obstacles. */
 export function sharedPositions(document: SharedParts): GeoPosition[] {
-  const zones = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
-  return [...zones, ...obstaclesOf(document).flatMap((obstacle) => obstacle.polygon)];
+  const fencePositions = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
+  return [...fencePositions, ...obstaclesOf(document).flatMap((obstacle) => obstacle.polygon)];
 }
 
 /** All positions of the plan, to fit them into the view. */
 export function allPositions(plan: Plan): GeoPosition[] {
-  const items = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as GeoPosition] : []));
-  return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...items, ...sharedPositions(plan), ...plan.rally_points];
+  const itemPositions = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as GeoPosition] : []));
+  return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...itemPositions, ...sharedPositions(plan), ...plan.rally_points];
 }
 
-/** Altitude for a new item: the altitude of the item before it. */
+/** Altitude for a new item: the altitude of the previous flown item, or else of the first one, or else the default. */
 export function altitudeBefore(plan: Plan, row: number): Altitude {
-  const before = plan.items.slice(0, row).reverse().find(isFlownTo) ?? plan.items.find(isFlownTo);
-  const altitude = before?.altitude ?? DEFAULT_ALTITUDE;
+  const neighbour = plan.items.slice(0, row).reverse().find(isFlownTo) ?? plan.items.find(isFlownTo);
+  const altitude = neighbour?.altitude ?? DEFAULT_ALTITUDE;
   return { value_m: altitude.value_m, reference: altitude.reference };
 }

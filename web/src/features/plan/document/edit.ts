@@ -26,8 +26,8 @@ function latLon({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
 }
 
 /**
- * Changes only these fields. An imported item keeps its text (`original`) with keys that this editor does not know;
- * when the plan is written to a file, the changed values replace those in the text.
+ * Changes these fields of an item. An imported item keeps its text from the file (`original`) with fields that this
+ * editor does not know; the export writes the changed values into this text.
  */
 export function setItem(plan: Plan, row: number, fields: Readonly<Record<string, unknown>>): Plan {
   const item = plan.items[row];
@@ -55,38 +55,38 @@ export function movePoint(plan: Plan, id: string, at: GeoPosition): Plan {
   if (ref === null) return plan;
   if (ref.type === 'item') {
     const item = plan.items[ref.row];
-    return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...to, altitude: unresolved(item.altitude) }) : plan;
+    return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...to, altitude: withoutResolvedAltitude(item.altitude) }) : plan;
   }
   if (ref.type === 'rally') {
     const point = plan.rally_points[ref.index];
     return point === undefined
       ? plan
-      : { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, ...to, altitude: unresolved(point.altitude) }) };
+      : { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, ...to, altitude: withoutResolvedAltitude(point.altitude) }) };
   }
   return moveShared(plan, id, at);
 }
 
-/** Limits of an altitude [m]. */
-export const ALTITUDE_M = { min: -12_000, max: 100_000 } as const;
+/** Limits of an altitude. */
+export const ALTITUDE_LIMITS_M = { min: -12_000, max: 100_000 } as const;
 
 /** Changes the altitude of an item or a rally point by `by_m`; other parts have no altitude. */
 export function raisePoint(plan: Plan, id: string, by_m: number): Plan {
   const ref = refOf(id);
   const item = ref?.type === 'item' ? plan.items[ref.row] : undefined;
-  if (ref?.type === 'item' && item !== undefined && isPlaced(item)) return setItem(plan, ref.row, { altitude: raised(item.altitude, by_m) });
+  if (ref?.type === 'item' && item !== undefined && isPlaced(item)) return setItem(plan, ref.row, { altitude: withAltitudeChange(item.altitude, by_m) });
   const point = ref?.type === 'rally' ? plan.rally_points[ref.index] : undefined;
   if (ref?.type !== 'rally' || point === undefined) return plan;
-  return { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, altitude: raised(point.altitude, by_m) } satisfies RallyPoint) };
+  return { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, altitude: withAltitudeChange(point.altitude, by_m) } satisfies RallyPoint) };
 }
 
-function raised(altitude: Altitude, by_m: number): Altitude {
-  const value_m = Number(Math.max(ALTITUDE_M.min, Math.min(altitude.value_m + by_m, ALTITUDE_M.max)).toFixed(2));
+function withAltitudeChange(altitude: Altitude, by_m: number): Altitude {
+  const value_m = Number(Math.max(ALTITUDE_LIMITS_M.min, Math.min(altitude.value_m + by_m, ALTITUDE_LIMITS_M.max)).toFixed(2));
   const resolved_amsl_m = altitude.resolved_amsl_m ?? null;
   return resolved_amsl_m === null ? { ...altitude, value_m } : { ...altitude, value_m, resolved_amsl_m: resolved_amsl_m + value_m - altitude.value_m };
 }
 
 /** Removes the resolved terrain altitude, because the terrain differs at another position. */
-function unresolved(altitude: Altitude): Altitude {
+function withoutResolvedAltitude(altitude: Altitude): Altitude {
   return altitude.reference === 'terrain' ? { ...altitude, resolved_amsl_m: null } : altitude;
 }
 
@@ -114,8 +114,8 @@ export function insertItem(plan: Plan, row: number, item: Item): Plan {
   return shiftJumps({ ...plan, items: [...plan.items.slice(0, row), item, ...plan.items.slice(row)] }, (target) => (target >= row ? target + 1 : target), row);
 }
 
-/** Items that end the flight: no item is added after them. */
-export const FLIGHT_ENDS: ReadonlySet<Item['kind']> = new Set(['land', 'return_home']);
+/** Kinds of items that end the flight; no item is added after them. */
+export const FLIGHT_END_KINDS: ReadonlySet<Item['kind']> = new Set(['land', 'return_home']);
 
 /**
  * The row after the selected rows, or without a selection the end of the plan, but before a final landing or return.
@@ -123,8 +123,8 @@ export const FLIGHT_ENDS: ReadonlySet<Item['kind']> = new Set(['land', 'return_h
 export function rowToInsert(plan: Plan, selected: readonly string[]): number {
   const { items } = plan;
   const last = items.at(-1);
-  const end = last !== undefined && FLIGHT_ENDS.has(last.kind) ? items.length - 1 : items.length;
-  const rows = selected.flatMap((id) => ((ref) => (ref?.type === 'item' ? [ref.row] : []))(refOf(id)));
+  const end = last !== undefined && FLIGHT_END_KINDS.has(last.kind) ? items.length - 1 : items.length;
+  const rows = selected.map(refOf).flatMap((ref) => (ref?.type === 'item' ? [ref.row] : []));
   return rows.length > 0 ? Math.min(Math.max(...rows) + 1, end) : end;
 }
 
@@ -165,7 +165,7 @@ export function remove(plan: Plan, ids: readonly string[]): Plan {
     items: plan.items.filter((_, row) => !rows.has(row)),
     rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)),
   };
-  // A jump to a removed item goes to the item after it.
+  // A jump to a removed item now goes to the next remaining item.
   return shiftJumps(next, (target) => (target >= plan.items.length ? target : remaining.filter((row) => row < target).length));
 }
 
@@ -188,10 +188,10 @@ export function removeShared<D extends SharedParts>(plan: D, ids: readonly strin
 /** The polygon without the selected corners; none if fewer than three remain. */
 function withoutCorners<P extends { readonly polygon: readonly GeoPosition[] }>(
   part: P,
-  isCorner: (ref: PointRef, corner: number) => boolean,
+  refersTo: (ref: PointRef, corner: number) => boolean,
   refs: readonly PointRef[],
 ): P[] {
-  const polygon = part.polygon.filter((_, corner) => !refs.some((ref) => isCorner(ref, corner)));
+  const polygon = part.polygon.filter((_, corner) => !refs.some((ref) => refersTo(ref, corner)));
   return polygon.length === part.polygon.length ? [part] : polygon.length < 3 ? [] : [{ ...part, polygon }];
 }
 
@@ -203,17 +203,17 @@ export function removeZone<D extends SharedParts>(plan: D, zone: number): D {
   return { ...plan, fence: plan.fence.filter((_, index) => index !== zone) };
 }
 
-/** Moves the rows, in their order, before the row `before` of the unchanged plan. @returns also the new rows. */
-export function reorder(plan: Plan, rows: readonly number[], before: number): { plan: Plan; rows: number[] } {
+/** Moves rows before `targetRow`, a row of the unchanged plan. The moved rows keep their order. @returns the plan and the new rows. */
+export function reorder(plan: Plan, rows: readonly number[], targetRow: number): { plan: Plan; rows: number[] } {
   const chosen = new Set(rows);
-  const order = plan.items.map((_, row) => row);
-  const head = order.filter((row) => row < before && !chosen.has(row));
-  const tail = order.filter((row) => row >= before && !chosen.has(row));
-  const moved = order.filter((row) => chosen.has(row));
-  const next = [...head, ...moved, ...tail];
-  const items = next.flatMap((row) => plan.items[row] ?? []);
-  const result = shiftJumps({ ...plan, items }, (target) => (next.includes(target) ? next.indexOf(target) : target));
-  return { plan: result, rows: moved.map((row) => next.indexOf(row)) };
+  const allRows = plan.items.map((_, row) => row);
+  const rowsBefore = allRows.filter((row) => row < targetRow && !chosen.has(row));
+  const rowsAfter = allRows.filter((row) => row >= targetRow && !chosen.has(row));
+  const movedRows = allRows.filter((row) => chosen.has(row));
+  const newOrder = [...rowsBefore, ...movedRows, ...rowsAfter];
+  const items = newOrder.flatMap((row) => plan.items[row] ?? []);
+  const result = shiftJumps({ ...plan, items }, (target) => (newOrder.includes(target) ? newOrder.indexOf(target) : target));
+  return { plan: result, rows: movedRows.map((row) => newOrder.indexOf(row)) };
 }
 
 /**
@@ -221,11 +221,11 @@ export function reorder(plan: Plan, rows: readonly number[], before: number): { 
  * changed, because their targets count the items of a pattern one by one.
  * @param inserted row of a jump that was just inserted and keeps its target.
  */
-function shiftJumps(plan: Plan, to: (target: number) => number, inserted = -1): Plan {
+function shiftJumps(plan: Plan, newTarget: (target: number) => number, inserted = -1): Plan {
   if (!plan.items.some((item) => item.kind === 'jump') || plan.items.some((item) => item.kind === 'complex')) return plan;
   const items = plan.items.map((item, row) => {
     const target = item['target_index'];
-    return item.kind === 'jump' && row !== inserted && typeof target === 'number' ? { ...item, target_index: to(target) } : item;
+    return item.kind === 'jump' && row !== inserted && typeof target === 'number' ? { ...item, target_index: newTarget(target) } : item;
   });
   return { ...plan, items };
 }

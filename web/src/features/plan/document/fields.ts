@@ -18,7 +18,7 @@ export interface Field {
   readonly options?: readonly { readonly value: string; readonly text: string }[];
 }
 
-/** Suffixes of field names with their units, the longest first. */
+/** Suffixes of field names, each with unit and step; longest first. */
 const UNITS: readonly (readonly [string, string, number])[] = [
   ['_deg_s', '°/s', 1],
   ['_m_s', 'm/s', 0.5],
@@ -39,28 +39,28 @@ export function fieldsOf(item: Item): Field[] {
     if (spec.label === null || spec.when?.(item) === false) return [];
     const stored = item[name] === undefined ? spec.initial : item[name];
     const value = typeof stored === 'number' ? stored : null;
-    const [, unit, step] = UNITS.find(([end]) => name.endsWith(end)) ?? ['', '', 1];
-    const row = { name, label: spec.label, step: spec.step ?? step, unit: spec.unit?.(item) ?? unit, min: spec.min ?? -1e9, max: spec.max ?? 1e9, decimals: 3 };
-    if (spec.options !== undefined) return [{ ...row, type: 'choice', value: String(value), options: optionsOf({ ...item, [name]: value }, name, spec) }];
+    const [, unit, step] = UNITS.find(([suffix]) => name.endsWith(suffix)) ?? ['', '', 1];
+    const common = { name, label: spec.label, step: spec.step ?? step, unit: spec.unit?.(item) ?? unit, min: spec.min ?? -1e9, max: spec.max ?? 1e9, decimals: 3 };
+    if (spec.options !== undefined) return [{ ...common, type: 'choice', value: String(value), options: optionsOf({ ...item, [name]: value }, name, spec) }];
     // A field without a value in an imported file stays empty until it is edited.
     const placeholder = spec.placeholder ?? (value === null ? 'not set' : undefined);
     return [
-      { ...row, type: 'number', value: value === null ? null : value + (ONE_BASED.has(name) ? 1 : 0), ...(placeholder === undefined ? {} : { placeholder }) },
+      { ...common, type: 'number', value: value === null ? null : value + (ONE_BASED.has(name) ? 1 : 0), ...(placeholder === undefined ? {} : { placeholder }) },
     ];
   });
 }
 
-/** The texts of the code numbers, and the number itself if it has no text. */
+/** The choices: all code numbers with a text, and the current number if it has none. */
 function optionsOf(item: Item, name: string, { options = {} }: FieldSpec): { value: string; text: string }[] {
-  const known = Object.entries(options).map(([value, text]) => ({ value, text }));
+  const choices = Object.entries(options).map(([value, text]) => ({ value, text }));
   const current = String(item[name]);
-  return options[current] !== undefined ? known : [...known, { value: current, text: optionText(item, name) ?? current }];
+  return options[current] !== undefined ? choices : [...choices, { value: current, text: optionText(item, name) ?? current }];
 }
 
-export type Parsed = { ok: true; value: number | null } | { ok: false; problem: string };
+export type ParsedNumber = { ok: true; value: number | null } | { ok: false; problem: string };
 
 /** Parses typed text, with a comma or a point. Empty text is null if the field is optional. */
-export function parseNumber(text: string, limits: { optional?: boolean; min?: number; max?: number } = {}): Parsed {
+export function parseNumber(text: string, limits: { optional?: boolean; min?: number; max?: number } = {}): ParsedNumber {
   const normalized = text.trim().replace(',', '.').replace('−', '-');
   if (normalized === '') return limits.optional === true ? { ok: true, value: null } : { ok: false, problem: 'Enter a number.' };
   const value = Number(normalized);
@@ -70,9 +70,9 @@ export function parseNumber(text: string, limits: { optional?: boolean; min?: nu
   return { ok: true, value };
 }
 
-/** Converts the value of a row to the document's value. */
+/** Converts the displayed value of a field to the document's value. */
 export function toDocument({ kind }: Pick<Item, 'kind'>, name: string, value: number | string | boolean | null): number | null {
   if (value === null || value === 'null') return null;
-  const whole = specsOf(kind).find(([field]) => field === name)?.[1].whole === true;
-  return (whole ? Math.round(Number(value)) : Number(value)) - (ONE_BASED.has(name) ? 1 : 0);
+  const isWhole = specsOf(kind).find(([field]) => field === name)?.[1].whole === true;
+  return (isWhole ? Math.round(Number(value)) : Number(value)) - (ONE_BASED.has(name) ? 1 : 0);
 }

@@ -13,7 +13,7 @@ export interface Fix<D = Plan> {
   readonly plan: D;
 }
 
-/** The speed in a speed change that means the vehicle's default. */
+/** Speed of a speed change that stands for the vehicle's default speed. */
 const VEHICLE_DEFAULT_SPEED = -2;
 
 /** @param home home of the vehicle; null if it is not known. */
@@ -26,15 +26,14 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
     case 'takeoff_missing':
       return addTakeoff(plan);
     case 'takeoff_not_first': {
-      const first = plan.items.findIndex(({ kind }) => kind === 'takeoff');
-      return first <= 0 ? null : { text: 'Move the take-off to the beginning', plan: reorder(plan, [first], 0).plan };
+      const takeoffRow = plan.items.findIndex(({ kind }) => kind === 'takeoff');
+      return takeoffRow <= 0 ? null : { text: 'Move the take-off to the beginning', plan: reorder(plan, [takeoffRow], 0).plan };
     }
     case 'landing_missing':
       return addLanding(plan);
     case 'takeoff_landing_mismatch':
       return plan.items.some(({ kind }) => kind === 'takeoff') ? addLanding(plan) : addTakeoff(plan);
     case 'takeoff_too_low':
-      return setAltitude(plan, finding);
     case 'altitude_too_high':
     case 'altitude_fence':
       return setAltitude(plan, finding);
@@ -43,14 +42,14 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
     case 'speed_invalid':
       return row === null ? null : { text: 'Set the vehicle’s default speed', plan: setItem(plan, row, { speed_m_s: VEHICLE_DEFAULT_SPEED }) };
     case 'endurance_endless': {
-      const endless = plan.items.findIndex(({ kind, repeat }) => kind === 'jump' && Number(repeat) < 0);
-      return endless < 0 ? null : { text: `Set the repeats of item ${endless + 1} to 1`, plan: setItem(plan, endless, { repeat: 1 }) };
+      const jumpRow = plan.items.findIndex(({ kind, repeat }) => kind === 'jump' && Number(repeat) < 0);
+      return jumpRow < 0 ? null : { text: `Set the repeats of item ${jumpRow + 1} to 1`, plan: setItem(plan, jumpRow, { repeat: 1 }) };
     }
     case 'jump_endless':
       return item?.kind === 'jump' && row !== null ? { text: 'Set the repeats to 1', plan: setItem(plan, row, { repeat: 1 }) } : null;
     case 'items_never_reached': {
-      const after = row === null ? [] : plan.items.flatMap((_, i) => (i > row ? [`item:${i}`] : []));
-      return row === null || after.length === 0 ? null : { text: `Delete the items after item ${row + 1}`, plan: remove(plan, after) };
+      const laterIds = row === null ? [] : plan.items.flatMap((_, i) => (i > row ? [`item:${i}`] : []));
+      return row === null || laterIds.length === 0 ? null : { text: `Delete the items after item ${row + 1}`, plan: remove(plan, laterIds) };
     }
     case 'complex_without_items':
     case 'command_refused':
@@ -67,38 +66,38 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
   }
 }
 
-/** Adds a take-off at the plan's start, to the altitude of its first point. */
+/** Adds a take-off at home, or else at the first point, to the altitude of the first point; null for a plan without both. */
 function addTakeoff(plan: Plan): Fix | null {
   const first = flownItems(plan)[0]?.item;
-  const at = plan.planned_home ?? first;
-  if (at === undefined || at === null) return null;
-  return { text: 'Add a take-off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', at, first?.altitude ?? DEFAULT_ALTITUDE)) };
+  const position = plan.planned_home ?? first;
+  if (position === undefined || position === null) return null;
+  return { text: 'Add a take-off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', position, first?.altitude ?? DEFAULT_ALTITUDE)) };
 }
 
 /** Adds a landing at home, or else at the last point; null if the plan ends with a return or an unlimited loiter. */
 function addLanding(plan: Plan): Fix | null {
   const last = plan.items.at(-1);
-  const at = plan.planned_home ?? flownItems(plan).at(-1)?.item;
-  if (at === undefined || last?.kind === 'return_home' || last?.kind === 'loiter_unlimited') return null;
+  const position = plan.planned_home ?? flownItems(plan).at(-1)?.item;
+  if (position === undefined || last?.kind === 'return_home' || last?.kind === 'loiter_unlimited') return null;
   const text = plan.planned_home == null ? 'Add a landing at the last point' : 'Add a landing at home';
-  return { text, plan: insertItem(plan, plan.items.length, newItem('land', at, DEFAULT_ALTITUDE)) };
+  return { text, plan: insertItem(plan, plan.items.length, newItem('land', position, DEFAULT_ALTITUDE)) };
 }
 
 /** Sets an item's altitude to the limit of the finding. */
 function setAltitude(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
   const item = row === null ? undefined : plan.items[row];
   if (item === undefined || row === null || limit === null || !isPlaced(item)) return null;
-  return { text: `Set the altitude to ${numberText(limit)} m above home`, plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }) };
+  return { text: `Set the altitude to ${limitText(limit)} m above home`, plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }) };
 }
 
 /** Sets the speed of the item, or without an item the speed of the plan, to the limit of the finding. */
 function setSpeed(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
   if (limit === null) return null;
-  const text = `Set the speed to ${numberText(limit)} m/s`;
+  const text = `Set the speed to ${limitText(limit)} m/s`;
   return { text, plan: row === null ? { ...plan, hover_speed_m_s: limit } : setItem(plan, row, { speed_m_s: limit }) };
 }
 
 /** A limit with at most one decimal. */
-export function numberText(value: number): string {
+export function limitText(value: number): string {
   return String(Number(value.toFixed(1)));
 }

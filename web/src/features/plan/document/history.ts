@@ -17,8 +17,8 @@ export function begin<T>(now: T): History<T> {
 /** @param group null: the change is undone alone. */
 export function change<T>(history: History<T>, next: T, group: string | null = null): History<T> {
   if (next === history.now) return history;
-  const joins = group !== null && group === history.group;
-  return { past: joins ? history.past : [...history.past, history.now].slice(-MAX_STATES), now: next, future: [], group };
+  const isSameGroup = group !== null && group === history.group;
+  return { past: isSameGroup ? history.past : [...history.past, history.now].slice(-MAX_STATES), now: next, future: [], group };
 }
 
 /** Ends a group: the next change is undone separately. */
@@ -27,9 +27,9 @@ export function endGroup<T>(history: History<T>): History<T> {
 }
 
 export function undo<T>(history: History<T>): History<T> {
-  const before = history.past.at(-1);
-  if (before === undefined) return history;
-  return { past: history.past.slice(0, -1), now: before, future: [history.now, ...history.future], group: null };
+  const previous = history.past.at(-1);
+  if (previous === undefined) return history;
+  return { past: history.past.slice(0, -1), now: previous, future: [history.now, ...history.future], group: null };
 }
 
 export function redo<T>(history: History<T>): History<T> {

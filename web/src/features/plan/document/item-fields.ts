@@ -1,6 +1,6 @@
 /**
  * Every field of every mission item: initial value, label, bounds, and texts instead of code numbers. The types require
- * an entry for each field of the API's items. Meanings: the MAVLink common message set and PX4 v1.16. Pure.
+ * an entry for each field of the API's items. Their meanings are those of MAVLink's common message set and PX4 v1.16. Pure.
  */
 
 import type { components } from '../../../api/schema';
@@ -9,8 +9,8 @@ import type { Item, ItemKind } from './document';
 type ApiItem = components['schemas']['Plan']['items'][number];
 /** Kinds with fields of their own; `command` and `complex` are kept unchanged. */
 export type SimpleKind = Exclude<ItemKind, 'command' | 'complex'>;
-type Shared = 'kind' | 'autocontinue' | 'spare_params' | 'original' | 'lat_deg' | 'lon_deg' | 'altitude';
-type OwnField<K extends SimpleKind> = Exclude<keyof Extract<ApiItem, { kind: K }>, Shared>;
+type SharedField = 'kind' | 'autocontinue' | 'spare_params' | 'original' | 'lat_deg' | 'lon_deg' | 'altitude';
+type OwnField<K extends SimpleKind> = Exclude<keyof Extract<ApiItem, { kind: K }>, SharedField>;
 
 export interface FieldSpec {
   /** Value in a new item; null is sent as NaN. */
@@ -35,8 +35,8 @@ export interface FieldSpec {
 type FieldDetails = Omit<FieldSpec, 'initial' | 'label'>;
 
 const field = (initial: number | null, label: string, details: FieldDetails = {}): FieldSpec => ({ initial, label, ...details });
-/** Unused by PX4 on a multicopter. */
-const hidden = (initial: number | null): FieldSpec => ({ initial, label: null });
+/** A field that PX4 does not use on a multicopter. */
+const hiddenField = (initial: number | null): FieldSpec => ({ initial, label: null });
 const choice = (initial: number, label: string, options: Readonly<Record<string, string>>, details: FieldDetails = {}): FieldSpec => ({
   initial,
   label,
@@ -48,16 +48,16 @@ const isOneOf =
   (item: Item): boolean =>
     values.includes(Number(item[name]));
 
-const WHOLE_ID = { min: 0, max: 255, whole: true };
-const camera = field(0, 'Camera (0: all)', WHOLE_ID);
-const gimbal = field(0, 'Gimbal (0: all)', WHOLE_ID);
-const stream = field(0, 'Video stream (0: all)', WHOLE_ID);
+const ID_RANGE = { min: 0, max: 255, whole: true };
+const camera = field(0, 'Camera (0: all)', ID_RANGE);
+const gimbal = field(0, 'Gimbal (0: all)', ID_RANGE);
+const stream = field(0, 'Video stream (0: all)', ID_RANGE);
 const shutter = field(0, 'Shutter time (0: set by the camera)', { min: -1 });
 const hold = (initial: number) => field(initial, 'Hold for', { min: 0 });
 const yaw = field(null, 'Yaw from north', { placeholder: 'chosen by the autopilot' });
-const ANGLE = { min: -360, max: 360 };
-const WHOLE_ANGLE = { min: -180, max: 180, whole: true };
-const UNCHANGED = { placeholder: 'unchanged' };
+const ANGLE_RANGE = { min: -360, max: 360 };
+const WHOLE_ANGLE_RANGE = { min: -180, max: 180, whole: true };
+const UNCHANGED_IF_EMPTY = { placeholder: 'unchanged' };
 
 const YES_NO = { 0: 'no', 1: 'yes' };
 const YES_NO_UNCHANGED = { ...YES_NO, '-1': 'unchanged' };
@@ -93,25 +93,25 @@ const COMPONENTS = { ...GIMBAL_CONTROL, 1: 'autopilot (1)', 190: 'ground station
 const GIMBAL_FLAGS = { 0: 'vehicle', 12: 'vehicle heading, horizon', 16: 'north', 28: 'north, horizon' };
 
 export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnField<K>]-?: FieldSpec } } = {
-  takeoff: { pitch_deg: hidden(0), yaw_ned_deg: yaw },
+  takeoff: { pitch_deg: hiddenField(0), yaw_ned_deg: yaw },
   waypoint: {
     hold_s: hold(0),
     acceptance_radius_m: field(0, 'Acceptance radius', { min: 0 }),
     pass_radius_m: field(0, 'Pass radius (negative: counter-clockwise)'),
     yaw_ned_deg: yaw,
   },
-  loiter_unlimited: { radius_m: hidden(0), yaw_ned_deg: yaw },
-  loiter_time: { hold_s: hold(10), radius_m: hidden(0), exit_xtrack: hidden(0) },
-  loiter_to_altitude: { leave_towards_next: hidden(0), radius_m: hidden(0), exit_xtrack: hidden(0) },
+  loiter_unlimited: { radius_m: hiddenField(0), yaw_ned_deg: yaw },
+  loiter_time: { hold_s: hold(10), radius_m: hiddenField(0), exit_xtrack: hiddenField(0) },
+  loiter_to_altitude: { leave_towards_next: hiddenField(0), radius_m: hiddenField(0), exit_xtrack: hiddenField(0) },
   land: {
-    abort_altitude_m: hidden(0),
+    abort_altitude_m: hiddenField(0),
     precision: choice(0, 'Precision landing', { 0: 'off', 1: 'if a target is visible', 2: 'required' }),
     yaw_ned_deg: yaw,
   },
   roi_location: { gimbal_id: gimbal },
-  // With a position PX4 accepts only these two modes.
-  roi: { mode: choice(3, 'Mode', { 3: 'look at the position', 0: 'clear' }), target: hidden(0), index: hidden(0) },
-  gate: { geometry: hidden(0), use_altitude: hidden(0) },
+  // For an item with a position, PX4 accepts only these two modes.
+  roi: { mode: choice(3, 'Mode', { 3: 'look at the position', 0: 'clear' }), target: hiddenField(0), index: hiddenField(0) },
+  gate: { geometry: hiddenField(0), use_altitude: hiddenField(0) },
   return_home: {},
   delay: {
     delay_s: field(5, 'Wait for (−1: until a UTC time)', { min: -1 }),
@@ -126,30 +126,30 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   change_speed: {
     speed_type: choice(1, 'Speed type', { 1: 'ground speed', 2: 'climb speed', 3: 'descent speed', 0: 'airspeed' }),
     speed_m_s: field(5, 'Speed (−1: unchanged, −2: default)', { min: -2, max: 1000 }),
-    throttle_percent: hidden(-1),
+    throttle_percent: hiddenField(-1),
   },
   // PX4 accepts only the vehicle's position.
   set_home: { use_current: choice(1, 'New home', { 1: 'vehicle’s position' }, { when: (item) => item['use_current'] !== 1 }) },
   land_start: {},
   roi_next_waypoint: {
     gimbal_id: gimbal,
-    pitch_offset_deg: field(0, 'Pitch offset', WHOLE_ANGLE),
-    roll_offset_deg: field(0, 'Roll offset', WHOLE_ANGLE),
-    yaw_offset_deg: field(0, 'Yaw offset', ANGLE),
+    pitch_offset_deg: field(0, 'Pitch offset', WHOLE_ANGLE_RANGE),
+    roll_offset_deg: field(0, 'Roll offset', WHOLE_ANGLE_RANGE),
+    yaw_offset_deg: field(0, 'Yaw offset', ANGLE_RANGE),
   },
   roi_none: { gimbal_id: gimbal },
-  set_servo: { servo: field(1, 'Servo', WHOLE_ID), pulse_us: field(1500, 'Pulse width', { min: 0, max: 65_535 }) },
+  set_servo: { servo: field(1, 'Servo', ID_RANGE), pulse_us: field(1500, 'Pulse width', { min: 0, max: 65_535 }) },
   set_actuator: {
-    actuator_1: field(null, 'Actuator 1, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED }),
-    actuator_2: field(null, 'Actuator 2, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED }),
-    actuator_3: field(null, 'Actuator 3, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED }),
-    actuator_4: field(null, 'Actuator 4, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED }),
-    // PX4 has the set 0 only.
-    set_index: field(0, 'Actuator set', { ...WHOLE_ID, when: (item) => item['set_index'] !== 0 }),
+    actuator_1: field(null, 'Actuator 1, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
+    actuator_2: field(null, 'Actuator 2, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
+    actuator_3: field(null, 'Actuator 3, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
+    actuator_4: field(null, 'Actuator 4, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
+    // PX4 has only set 0.
+    set_index: field(0, 'Actuator set', { ...ID_RANGE, when: (item) => item['set_index'] !== 0 }),
   },
-  gripper: { gripper: field(1, 'Gripper', { ...WHOLE_ID, min: 1 }), action: choice(0, 'Action', { 0: 'open', 1: 'close' }) },
+  gripper: { gripper: field(1, 'Gripper', { ...ID_RANGE, min: 1 }), action: choice(0, 'Action', { 0: 'open', 1: 'close' }) },
   winch: {
-    winch: field(1, 'Winch', { ...WHOLE_ID, min: 1 }),
+    winch: field(1, 'Winch', { ...ID_RANGE, min: 1 }),
     action: choice(4, 'Action', WINCH_ACTIONS),
     length_m: field(0, 'Line out (negative: in)', { when: isOneOf('action', 1) }),
     rate_m_s: field(0, 'Rate out (negative: in)', { when: isOneOf('action', 1, 2) }),
@@ -171,7 +171,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
     interval_s: field(0, 'Interval', { min: 0 }),
     count: field(1, 'Photos (0: until stopped)', { min: 0, whole: true }),
     camera,
-    sequence: hidden(0),
+    sequence: hiddenField(0),
   },
   photo_stop: { camera },
   video_start: { stream, status_hz: field(0, 'Status messages (0: none)', { min: 0 }), camera },
@@ -196,23 +196,23 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   digicam: {
     shoot: choice(1, 'Take a photo', YES_NO),
     shot_id: choice(0, 'Test photo, not counted', YES_NO),
-    session: hidden(0),
-    zoom: hidden(0),
-    zoom_step: hidden(0),
-    focus_lock: hidden(0),
-    command_id: hidden(0),
+    session: hiddenField(0),
+    zoom: hiddenField(0),
+    zoom_step: hiddenField(0),
+    focus_lock: hiddenField(0),
+    command_id: hiddenField(0),
   },
   oblique_survey: {
     distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
     interval_ms: field(0, 'Minimum time between photos', { min: 0, whole: true }),
     positions: field(3, 'Number of camera positions', { min: 0, max: 100, whole: true }),
-    roll_deg: field(30, 'Roll to each side', WHOLE_ANGLE),
-    pitch_deg: field(-90, 'Pitch', WHOLE_ANGLE),
+    roll_deg: field(30, 'Roll to each side', WHOLE_ANGLE_RANGE),
+    pitch_deg: field(-90, 'Pitch', WHOLE_ANGLE_RANGE),
     shutter_ms: shutter,
   },
   gimbal_pitch_yaw: {
-    pitch_deg: field(-90, 'Pitch', { ...ANGLE, ...UNCHANGED }),
-    yaw_deg: field(0, 'Yaw', { ...ANGLE, ...UNCHANGED }),
+    pitch_deg: field(-90, 'Pitch', { ...ANGLE_RANGE, ...UNCHANGED_IF_EMPTY }),
+    yaw_deg: field(0, 'Yaw', { ...ANGLE_RANGE, ...UNCHANGED_IF_EMPTY }),
     flags: choice(0, 'Angles relative to', GIMBAL_FLAGS),
     pitch_rate_deg_s: field(null, 'Pitch rate', { placeholder: 'default' }),
     yaw_rate_deg_s: field(null, 'Yaw rate', { placeholder: 'default' }),
@@ -233,9 +233,9 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   },
   mount_control: {
     mode: choice(2, 'Mode', MOUNT_MODES),
-    pitch_deg: field(0, 'Pitch', ANGLE),
-    roll_deg: field(0, 'Roll', ANGLE),
-    yaw_deg: field(0, 'Yaw', ANGLE),
+    pitch_deg: field(0, 'Pitch', ANGLE_RANGE),
+    roll_deg: field(0, 'Roll', ANGLE_RANGE),
+    yaw_deg: field(0, 'Yaw', ANGLE_RANGE),
   },
 };
 

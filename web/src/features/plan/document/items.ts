@@ -48,12 +48,12 @@ const TITLES: Readonly<Record<ItemKind, string>> = {
   complex: 'Pattern',
 };
 
-const REFERENCES: Readonly<Record<Reference, string>> = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' };
+const REFERENCE_TEXTS: Readonly<Record<Reference, string>> = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' };
 
-export const REFERENCE_CHOICES = (Object.keys(REFERENCES) as Reference[]).map((value) => ({ value, text: REFERENCES[value] }));
+export const REFERENCE_CHOICES = (Object.keys(REFERENCE_TEXTS) as Reference[]).map((value) => ({ value, text: REFERENCE_TEXTS[value] }));
 
 export function altitudeText(altitude: Altitude): string {
-  return `${fixed(altitude.value_m, 1)} m ${REFERENCES[altitude.reference]}`;
+  return `${fixed(altitude.value_m, 1)} m ${REFERENCE_TEXTS[altitude.reference]}`;
 }
 
 export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: unknown }): string {
@@ -65,8 +65,8 @@ export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: u
 
 const numberIn = (item: Item, field: string): number | null => (typeof item[field] === 'number' ? item[field] : null);
 
-/** Choices that the text below the title states. */
-const DETAILS: Readonly<Partial<Record<ItemKind, readonly string[]>>> = {
+/** Choice fields that the text below the title states. */
+const DETAIL_FIELDS: Readonly<Partial<Record<ItemKind, readonly string[]>>> = {
   change_speed: ['speed_type'],
   trigger_control: ['enable'],
   camera_mode: ['mode'],
@@ -95,7 +95,7 @@ export function detailOf(item: Item): string {
       numberIn(item, 'repeat') === -1 ? 'endless' : item['repeat'] === 1 ? 'once' : `${String(item['repeat'])} times`,
     );
   if (item.kind === 'takeoff' || item.kind === 'land') return parts.join(' · ');
-  parts.push(...(DETAILS[item.kind] ?? []).flatMap((field) => optionText(item, field) ?? []));
+  parts.push(...(DETAIL_FIELDS[item.kind] ?? []).flatMap((field) => optionText(item, field) ?? []));
   add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
   add('delay_s', (s) => (s < 0 ? 'until a UTC time' : `${fixed(s, 0)} s`));
   add('speed_m_s', (v) => SPECIAL_SPEEDS[v] ?? `${fixed(v, 1)} m/s`);
@@ -108,8 +108,8 @@ export function detailOf(item: Item): string {
   return parts.join(' · ');
 }
 
-/** Kinds with a position: they need a click on the map. */
-const PLACED: ReadonlySet<ItemKind> = new Set([
+/** Kinds that a click on the map places. */
+const KINDS_WITH_POSITION: ReadonlySet<ItemKind> = new Set([
   'takeoff',
   'waypoint',
   'loiter_time',
@@ -122,7 +122,7 @@ const PLACED: ReadonlySet<ItemKind> = new Set([
 ]);
 
 export function needsPosition(kind: ItemKind): boolean {
-  return PLACED.has(kind);
+  return KINDS_WITH_POSITION.has(kind);
 }
 
 /** The kinds that can be added, in groups: all except `set_servo` and `camera_zoom`, which PX4 v1.16 refuses. */
@@ -156,8 +156,8 @@ export const CHOICES: readonly { readonly label: string; readonly folded: boolea
 
 /** @param at position of a kind that needs one. */
 export function newItem(kind: ItemKind, at: GeoPosition | null, altitude: Altitude): Item {
-  const onGround = kind === 'land' || ROI_KINDS.has(kind);
-  const position = at === null ? {} : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: onGround ? 0 : altitude.value_m } };
+  const isOnGround = kind === 'land' || ROI_KINDS.has(kind);
+  const position = at === null ? {} : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: isOnGround ? 0 : altitude.value_m } };
   const fields = Object.fromEntries(specsOf(kind).map(([name, { initial }]) => [name, initial]));
   return { kind, autocontinue: true, spare_params: [], original: null, ...fields, ...position };
 }

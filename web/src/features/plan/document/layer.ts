@@ -28,22 +28,25 @@ export interface Sketch {
   readonly tone: Tone;
 }
 
-/** @param ground position of home, to which altitudes above home are relative. */
+/**
+ * Points, lines and areas of a waypoint plan.
+ * @param ground position of home, to which altitudes above home are relative.
+ */
 export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, ground: Required<LayerPosition>): LayerPicture {
   const withAltitude = (at: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
     lat_deg: at.lat_deg,
     lon_deg: at.lon_deg,
     alt_amsl_m: alt_amsl_m(at.altitude, ground.alt_amsl_m),
   });
-  const { points, lines: fences, areas, solids } = fencePicture(plan, selected, sketch, ground.alt_amsl_m);
+  const { points, lines: sharedLines, areas, solids } = sharedPicture(plan, selected, sketch, ground.alt_amsl_m);
   const add = pointAdder(points, selected);
   const items = flownItems(plan);
   const showsAllMidpoints = items.length <= MAX_MIDPOINTS;
   items.forEach(({ row, item }, i) => {
-    const before = items[i - 1];
-    if (before === undefined || plan.items[row]?.kind === 'complex' || before.row === row) return;
-    if (showsAllMidpoints || selected.has(`item:${row}`) || selected.has(`item:${before.row}`))
-      add(`middle:${row}`, midpoint(withAltitude(before.item), withAltitude(item)), 'midpoint', 'target');
+    const previous = items[i - 1];
+    if (previous === undefined || plan.items[row]?.kind === 'complex' || previous.row === row) return;
+    if (showsAllMidpoints || selected.has(`item:${row}`) || selected.has(`item:${previous.row}`))
+      add(`middle:${row}`, midpoint(withAltitude(previous.item), withAltitude(item)), 'midpoint', 'target');
   });
   plan.rally_points.forEach((point, index) => add(`rally:${index}`, withAltitude(point), 'disc', 'actual', 'R', altitudeText(point.altitude)));
   if (plan.planned_home !== null) add('home', { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m }, 'home', 'text2');
@@ -52,7 +55,7 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
     const isFlown = isFlownTo(item);
     add(`item:${row}`, withAltitude(item), isFlown ? 'disc' : 'cross', 'target', isFlown ? String(row + 1) : '', altitudeText(item.altitude));
   });
-  return { points, lines: [...fences, ...pathLines(plan, withAltitude, ground), ...sketchLines(sketch)], areas, solids, ground };
+  return { points, lines: [...sharedLines, ...pathLines(plan, withAltitude, ground), ...sketchLines(sketch)], areas, solids, ground };
 }
 
 /** @returns a function that adds a point. The altitude of a point can be changed only if the point has an `altitudeText`. */
@@ -67,7 +70,7 @@ export function pointAdder(points: LayerPoint[], selected: ReadonlySet<string>) 
  * Draws the geofence, the obstacles, and the area that is being drawn.
  * @param home_amsl_m altitude of home.
  */
-export function fencePicture(
+export function sharedPicture(
   plan: SharedParts,
   selected: ReadonlySet<string>,
   sketch: Sketch | null,
@@ -86,13 +89,13 @@ export function fencePicture(
   });
   obstaclesOf(plan).forEach(({ polygon }, index) => addPolygon(polygon, `obstacle:${index}`, `edge:${index}`, 'danger'));
   sketch?.corners.forEach((corner, i) => add(`sketch:${i}`, corner, 'corner', sketch.tone));
-  const fences = plan.fence.map((zone): LayerLine => {
+  const fenceLines = plan.fence.map((zone): LayerLine => {
     const ring = ringOf(zone);
     return { positions: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' };
   });
-  const walls = obstaclesOf(plan).map(({ polygon }): LayerLine => ({ positions: [...polygon, ...polygon.slice(0, 1)], tone: 'danger', style: 'solid' }));
+  const obstacleLines = obstaclesOf(plan).map(({ polygon }): LayerLine => ({ positions: [...polygon, ...polygon.slice(0, 1)], tone: 'danger', style: 'solid' }));
   const solids = obstaclesOf(plan).map(({ polygon, top }): LayerSolid => ({ ring: polygon, top_amsl_m: alt_amsl_m(top, home_amsl_m), tone: 'danger' }));
-  return { points, lines: [...fences, ...walls], areas: areas(plan, sketch), solids };
+  return { points, lines: [...fenceLines, ...obstacleLines], areas: areasOf(plan, sketch), solids };
 }
 
 /** An inclusion zone has the colour of a limit, an exclusion zone the colour of a forbidden area. */
@@ -123,8 +126,8 @@ function pathLines(
   if (path.length > 1) lines.push({ positions: path, tone: 'target', style: 'solid' });
   const [first, last] = [path[0], path.at(-1)];
   if (home !== null && first !== undefined) lines.push({ positions: [home, first], tone: 'target', style: 'dotted' });
-  const returns = plan.items.some((item) => item.kind === 'return_home');
-  if (home !== null && last !== undefined && returns) lines.push({ positions: [last, home], tone: 'target', style: 'dotted' });
+  const hasReturn = plan.items.some((item) => item.kind === 'return_home');
+  if (home !== null && last !== undefined && hasReturn) lines.push({ positions: [last, home], tone: 'target', style: 'dotted' });
   return lines;
 }
 
@@ -135,7 +138,7 @@ export function sketchLines(sketch: Sketch | null): LayerLine[] {
   return [{ positions: [...corners, first], tone, style: 'dashed' }];
 }
 
-function areas(plan: SharedParts, sketch: Sketch | null): LayerArea[] {
+function areasOf(plan: SharedParts, sketch: Sketch | null): LayerArea[] {
   const forbidden = [
     ...plan.fence.filter((zone) => !zone.inclusion).map((zone) => ({ ring: ringOf(zone), tone: 'danger' as const })),
     ...obstaclesOf(plan).map(({ polygon }) => ({ ring: polygon, tone: 'danger' as const })),

@@ -69,7 +69,7 @@ export class PlanEditor implements LayerEditor {
   /** The mission's position on the earth. */
   frame = $state.raw<Frame>(frameOf(null, null, null));
   /** The mission's path, if the server has compiled one. */
-  compiled = $state.raw<kinds.Compiled>({ flight: null, isCurrent: false });
+  compiled = $state.raw<kinds.CompiledMission>({ flight: null, isCurrent: false });
   readonly canUndo = $derived(this.history.past.length > 0);
   readonly canRedo = $derived(this.history.future.length > 0);
   /** Rows of the selected items. */
@@ -167,7 +167,7 @@ export class PlanEditor implements LayerEditor {
   }
 
   selectAll(): void {
-    this.select(kinds.allSteps(this.document));
+    this.select(kinds.allStepIds(this.document));
   }
 
   startPlacing(placing: Placing): void {
@@ -201,7 +201,7 @@ export class PlanEditor implements LayerEditor {
 
   /** Adds an item after the selection, or without a selection at the end, but before a final landing or return. */
   addItem(kind: ItemKind, at: GeoPosition | null): void {
-    const row = kind === 'takeoff' ? 0 : edit.FLIGHT_ENDS.has(kind) ? this.plan.items.length : edit.rowToInsert(this.plan, [...this.selected]);
+    const row = kind === 'takeoff' ? 0 : edit.FLIGHT_END_KINDS.has(kind) ? this.plan.items.length : edit.rowToInsert(this.plan, [...this.selected]);
     this.change(edit.insertItem(this.plan, row, newItem(kind, at, altitudeBefore(this.plan, row))));
     this.select([`item:${row}`]);
     if (kind !== 'waypoint' && this.placing?.type === 'item') this.stopPlacing();

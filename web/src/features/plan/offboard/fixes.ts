@@ -3,7 +3,7 @@
  */
 
 import { removeObstacle } from '../document/edit';
-import { numberText, type Finding, type Fix } from '../document/fixes';
+import { limitText, type Finding, type Fix } from '../document/fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
 import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type StepNode } from './mission';
 import { inFrame, geoPointOf, frameOfPosition, type Frame } from './positions';
@@ -58,7 +58,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
 /** Sets the maximum speed of the step, or else of the mission, to the limit. */
 function setSpeed(mission: Mission, node: StepNode, limit: number | null): Fix<Mission> | null {
   if (limit === null) return null;
-  const text = `Set the speed to ${numberText(limit)} m/s`;
+  const text = `Set the speed to ${limitText(limit)} m/s`;
   if (typeof node.step['speed_m_s'] === 'number' || mission.limits?.speed_m_s == null)
     return { text, plan: setStep(mission, node, { ...node.step, speed_m_s: limit }) };
   return { text, plan: { ...mission, limits: { ...mission.limits, speed_m_s: limit } } };
@@ -67,10 +67,10 @@ function setSpeed(mission: Mission, node: StepNode, limit: number | null): Fix<M
 /** Lowers the points of a step, or the height of a take-off, to an altitude above home. */
 function limitAltitude(mission: Mission, node: StepNode, frame: Frame, max_m: number): Fix<Mission> | null {
   if (node.step.step === 'take_off') {
-    const text = `Limit the height above the take-off position to ${numberText(max_m)} m`;
+    const text = `Limit the height above the take-off position to ${limitText(max_m)} m`;
     return { text, plan: setStep(mission, node, { ...node.step, height_m: max_m }) };
   }
-  const text = `Limit the altitude above home to ${numberText(max_m)} m`;
+  const text = `Limit the altitude above home to ${limitText(max_m)} m`;
   return changeAltitudes(mission, node, frame, text, (up_m) => Math.min(up_m, max_m));
 }
 

@@ -3,7 +3,7 @@
 import type { LayerLine, LayerPicture, LayerPosition } from '../../../app/map-layers.svelte';
 import { duration } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
-import { pointAdder, fencePicture, sketchLines, type Sketch } from '../document/layer';
+import { pointAdder, sharedPicture, sketchLines, type Sketch } from '../document/layer';
 import { midpoint } from '../document/edit';
 import { homeEntry, sharedEntries, type TreeEntry } from '../document/list-entries';
 import { nodesOf, stepNameOf, positionsOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
@@ -28,7 +28,7 @@ export function picture(
   flight: CompiledFlight | null,
   isCurrent: boolean,
 ): LayerPicture {
-  const { points, areas, lines, solids } = fencePicture(mission, selected, sketch, frame.start.alt_amsl_m);
+  const { points, areas, lines, solids } = sharedPicture(mission, selected, sketch, frame.start.alt_amsl_m);
   const add = pointAdder(points, selected);
   const nodes = nodesOf(mission);
   const showsAllMidpoints = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MAX_MIDPOINTS;

@@ -4,7 +4,7 @@ import type { LayerEditor } from '../../../app/map-layers.svelte';
 import type { GeoPosition } from '../../../vehicle/geo';
 import type { Problem } from '../../../api/problems';
 import type { GeneratedPattern, PlanApi } from '../api';
-import { groundOf, kindOf, type PlanKind } from '../document-kinds';
+import { startOf, kindOf, type PlanKind } from '../document-kinds';
 import type { PlanEditor } from '../editor/editor.svelte';
 import type { FieldValue } from '../offboard/fields';
 import { shapePicture } from './pattern-layer';
@@ -77,7 +77,7 @@ export class PatternDrawing implements LayerEditor {
   readonly picture = $derived.by(() => {
     if (this.kind === null) return null;
     const radius_m = this.kind === 'orbit' ? this.values.radius_m : null;
-    const ground = groundOf(this.editor.document, this.editor.frame, this.rings[0]?.[0]);
+    const ground = startOf(this.editor.document, this.editor.frame, this.rings[0]?.[0]);
     return shapePicture(this.rings, this.type.shape, this.selected, this.generated, this.isCurrent, radius_m, ground);
   });
 
