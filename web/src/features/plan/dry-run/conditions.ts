@@ -19,19 +19,17 @@ export interface Conditions {
   readonly noise_percent: number;
   /** Number of Monte Carlo flights; 0: one flight under exactly these conditions. */
   readonly flights: number;
-  /**
-   * How much the conditions vary between the Monte Carlo flights (1 σ); 0: no variation. The wind varies on each axis.
-   */
+  /** The fields `spread_…`: variation of a condition between the Monte Carlo flights (1 σ). The wind varies on each axis. */
   readonly spread_wind_m_s: number;
   readonly spread_gusts_percent: number;
   readonly spread_mass_percent: number;
   readonly spread_battery_percent: number;
   readonly spread_noise_percent: number;
-  /** Data of the real vehicle; null: not known. */
+  /** This field and the next two: data of the real vehicle; null: not known. */
   readonly hover_power_w: number | null;
   readonly battery_wh: number | null;
   readonly mass_kg: number | null;
-  /** Battery charge that must be left at the end. */
+  /** Battery charge that must remain at the end. */
   readonly reserve_percent: number;
 }
 
@@ -80,7 +78,7 @@ export const ROWS: readonly ConditionRow[] = [
   { name: 'reserve_percent', label: 'Battery reserve', unit: '%', min: 0, max: 95, step: 5 },
 ];
 
-/** The first row of `ROWS` with data of the vehicle; the rows before contain the simulated conditions. */
+/** The first row of `ROWS` with data of the vehicle; the earlier rows contain the simulated conditions. */
 export const FIRST_VEHICLE_ROW = 'hover_power_w';
 
 /**
@@ -100,13 +98,13 @@ export function withCondition(conditions: Conditions, { name, optional }: Condit
   return { ...conditions, [name]: name === 'flights' && value !== null ? Math.round(value) : value };
 }
 
-/** Wind velocity as a vector, north, east, down [m/s]. */
+/** Wind velocity north, east and down [m/s]. The added 0 converts −0 to 0. */
 export function windOf({ wind_m_s, from_deg }: Conditions): [number, number, number] {
   const from_rad = (from_deg * Math.PI) / 180;
   return [-wind_m_s * Math.cos(from_rad) + 0, -wind_m_s * Math.sin(from_rad) + 0, 0];
 }
 
-/** Values for the energy estimate; null if one of the three is missing, because then there is no estimate. */
+/** Values for the energy estimate; null if power, capacity or mass is not known, because then there is no estimate. */
 export function powerOf({ hover_power_w, battery_wh, mass_kg, reserve_percent }: Conditions): Power | null {
   if (hover_power_w === null || battery_wh === null || mass_kg === null) return null;
   return { hover_power_w, battery_wh, mass_kg, reserve: reserve_percent / 100 };
@@ -136,7 +134,7 @@ export function toDryRunRequest(conditions: Conditions) {
   };
 }
 
-/** Text about all conditions that differ from the defaults; empty if none do. */
+/** Text about the simulated conditions that differ from the defaults; empty if there are none. */
 export function conditionsText(conditions: Conditions): string {
   const parts: string[] = [];
   const { wind_m_s, from_deg, gusts_m_s, mass_percent, battery_percent, noise_percent, flights } = conditions;

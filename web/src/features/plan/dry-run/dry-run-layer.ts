@@ -24,7 +24,7 @@ export interface SimulatedVehicle extends GeoPosition {
   readonly camera_pitch_deg: number;
 }
 
-const DEG = 180 / Math.PI;
+const DEG_PER_RAD = 180 / Math.PI;
 /** Half the drawn field of view of the camera [deg]. */
 const HALF_VIEW_DEG = 27;
 /** Limits of the drawn length of the camera's view on the ground [m]. */
@@ -41,54 +41,54 @@ function monteCarloByRole({ monte_carlo, together }: DryRunView): (readonly [str
   return together?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(together.monte_carlo.roles);
 }
 
-/** The simulated vehicle at a time, interpolated between the samples; null if it did not take off. */
+/** The simulated vehicle at a time, with its position interpolated between the samples; null if it did not take off. */
 export function simulatedVehicleAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): SimulatedVehicle | null {
   const { path, origin } = nominal;
   const last = (path?.t_s.length ?? 0) - 1;
   if (path === null || last < 0) return null;
   let [low, high] = [0, last];
   while (low < high) {
-    const half = Math.ceil((low + high) / 2);
-    if ((path.t_s[half] ?? 0) <= t_s) low = half;
-    else high = half - 1;
+    const middle = Math.ceil((low + high) / 2);
+    if ((path.t_s[middle] ?? 0) <= t_s) low = middle;
+    else high = middle - 1;
   }
   const next = Math.min(low + 1, last);
   const [from_s, to_s] = [path.t_s[low] ?? 0, path.t_s[next] ?? 0];
   const fraction = to_s > from_s ? Math.min(1, Math.max(0, (t_s - from_s) / (to_s - from_s))) : 0;
   const [a, b] = [(path.position_ned_m[low] ?? []) as Vector, (path.position_ned_m[next] ?? []) as Vector];
-  const at = (axis: number): number => (a[axis] ?? 0) + fraction * ((b[axis] ?? 0) - (a[axis] ?? 0));
+  const interpolated = (axis: number): number => (a[axis] ?? 0) + fraction * ((b[axis] ?? 0) - (a[axis] ?? 0));
   return {
-    ...positionAt(origin, { north_m: at(0), east_m: at(1) }),
-    up_m: -at(2) + 0,
+    ...positionAt(origin, { north_m: interpolated(0), east_m: interpolated(1) }),
+    up_m: -interpolated(2) + 0,
     speed_m_s: Math.hypot(...((path.velocity_ned_m_s[low] ?? []) as Vector)),
     step: path.step_places[path.step[low] ?? -1] ?? '',
     yaw_deg: yaw_deg((path.q_ned_frd[low] ?? [1, 0, 0, 0]) as Vector),
-    camera_yaw_deg: (path.gimbal_rad[low]?.[1] ?? 0) * DEG,
-    camera_pitch_deg: (path.gimbal_rad[low]?.[0] ?? 0) * DEG,
+    camera_yaw_deg: (path.gimbal_rad[low]?.[1] ?? 0) * DEG_PER_RAD,
+    camera_pitch_deg: (path.gimbal_rad[low]?.[0] ?? 0) * DEG_PER_RAD,
   };
 }
 
 function yaw_deg([w = 1, x = 0, y = 0, z = 0]: Vector): number {
-  return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) * DEG;
+  return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) * DEG_PER_RAD;
 }
 
-/** The ground that the camera sees, up to a maximum length; empty if the camera points almost straight down. */
+/** The ground that the camera sees, up to a maximum length; empty if its far edge is too near to be drawn. */
 function cameraViewRing(simulated: SimulatedVehicle): GeoPosition[] {
-  const slope = Math.tan(-simulated.camera_pitch_deg / DEG);
+  const slope = Math.tan(-simulated.camera_pitch_deg / DEG_PER_RAD);
   const far_m = slope > 1e-3 ? Math.max(0, simulated.up_m) / slope : VIEW_LENGTH_M.max;
   if (far_m < VIEW_LENGTH_M.min) return [];
   const length_m = Math.min(VIEW_LENGTH_M.max, far_m);
-  const edge = (turn_deg: number): GeoPosition => {
-    const angle = (simulated.camera_yaw_deg + turn_deg) / DEG;
+  const farPoint = (turn_deg: number): GeoPosition => {
+    const angle = (simulated.camera_yaw_deg + turn_deg) / DEG_PER_RAD;
     return positionAt(simulated, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
   };
-  return [{ lat_deg: simulated.lat_deg, lon_deg: simulated.lon_deg }, edge(-HALF_VIEW_DEG), edge(0), edge(HALF_VIEW_DEG)];
+  return [{ lat_deg: simulated.lat_deg, lon_deg: simulated.lon_deg }, farPoint(-HALF_VIEW_DEG), farPoint(0), farPoint(HALF_VIEW_DEG)];
 }
 
 /**
  * The corridor: the 95th percentile of the horizontal deviation, to both sides of the path. It is drawn as several
- * short areas, because a single ring around a path that turns back would cross itself. Samples at one position count
- * once.
+ * short areas, because a single ring around a path that turns back would cross itself. Samples too close to the previous
+ * one are skipped.
  */
 function corridorRings(origin: SimulatedFlight['origin'], { corridor }: MonteCarlo): GeoPosition[][] {
   if (corridor === null) return [];
@@ -110,9 +110,9 @@ function corridorRings(origin: SimulatedFlight['origin'], { corridor }: MonteCar
     return { left: side(-1), right: side(1) };
   });
   const rings: GeoPosition[][] = [];
-  for (let from = 0; from < sides.length - 1; from += CORRIDOR.sides_per_area) {
-    const piece = sides.slice(from, from + CORRIDOR.sides_per_area + 1);
-    rings.push([...piece.map(({ left }) => left), ...piece.reverse().map(({ right }) => right)]);
+  for (let start = 0; start < sides.length - 1; start += CORRIDOR.sides_per_area) {
+    const areaSides = sides.slice(start, start + CORRIDOR.sides_per_area + 1);
+    rings.push([...areaSides.map(({ left }) => left), ...areaSides.reverse().map(({ right }) => right)]);
   }
   return rings;
 }
@@ -164,22 +164,22 @@ export function findingPosition(
   return simulated === null ? null : { lat_deg: simulated.lat_deg, lon_deg: simulated.lon_deg };
 }
 
-const percent = (fraction: number | null): string => (fraction === null ? 'not known' : `${fixed(100 * fraction, 0)} %`);
+const percentText = (fraction: number | null): string => (fraction === null ? 'not known' : `${fixed(100 * fraction, 0)} %`);
 
-/** The result as sentences with numbers. */
+/** The result as sentences. */
 export function resultLines(view: DryRunView): string[] {
   const { nominal, together } = view;
   const length = metres(nominal.length_m);
   const isBatteryKnown = nominal.battery_start_share !== null || nominal.battery_end_share !== null;
-  const battery = isBatteryKnown ? `battery ${percent(nominal.battery_start_share)} → ${percent(nominal.battery_end_share)}` : 'battery not known';
+  const battery = isBatteryKnown ? `battery ${percentText(nominal.battery_start_share)} → ${percentText(nominal.battery_end_share)}` : 'battery not known';
   const lines = [`${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of together?.closest ?? [])
     lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${duration(t_s)}.`);
   for (const [role, monteCarlo] of monteCarloByRole(view)) lines.push(monteCarloText(role, monteCarlo));
-  for (const { roles, distance_m, nearer_than_minimum: near } of together?.monte_carlo?.closest ?? [])
+  for (const { roles, distance_m, nearer_than_minimum: tooNear } of together?.monte_carlo?.closest ?? [])
     lines.push(
-      `Smallest separation of ${roles.join(' and ')} in all flights: ${fixed(distance_m.least, 1)} m. In ${near.count} ${near.count === 1 ? 'flight' : 'flights'} they came closer than the minimum separation (estimated probability: at most ${percent(near.upper)}).`,
+      `Smallest separation of ${roles.join(' and ')} in all flights: ${fixed(distance_m.least, 1)} m. In ${tooNear.count} ${tooNear.count === 1 ? 'flight' : 'flights'} they came closer than the minimum separation (estimated probability: at most ${percentText(tooNear.upper)}).`,
     );
   return lines;
 }
@@ -188,6 +188,6 @@ function monteCarloText(role: string | null, monteCarlo: MonteCarlo): string {
   const parts = [`95 % within ${fixed(Math.max(0, ...(monteCarlo.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
   if (monteCarlo.duration_s !== null)
     parts.push(`flight time ${duration(monteCarlo.duration_s.p5)} to ${duration(monteCarlo.duration_s.p95)} (5th to 95th percentile)`);
-  if (monteCarlo.battery_end_share !== null) parts.push(`95 % with at least ${percent(monteCarlo.battery_end_share.p5)} battery at the end`);
+  if (monteCarlo.battery_end_share !== null) parts.push(`95 % with at least ${percentText(monteCarlo.battery_end_share.p5)} battery at the end`);
   return `${role === null ? '' : `${role}, `}${monteCarlo.flights.length} simulated flights: ${parts.join('; ')}.`;
 }

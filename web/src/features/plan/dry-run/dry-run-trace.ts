@@ -15,6 +15,7 @@ export interface Trace {
   readonly band: readonly (readonly [number, number, number])[];
   /** Time [s] and altitude of the terrain below the vehicle; only in the altitude trace, if the terrain is known. */
   readonly ground: readonly (readonly [number, number])[];
+  /** Limits of the vertical scale. */
   readonly top: number;
   readonly bottom: number;
 }
@@ -22,8 +23,8 @@ export interface Trace {
 const MAX_POINTS = 600;
 type Path = NonNullable<DryRunView['nominal']['path']>;
 
-const DEG = 180 / Math.PI;
-const SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; scaleStep: number; value: (path: Path, i: number) => number | null }>> = {
+const DEG_PER_RAD = 180 / Math.PI;
+const QUANTITY_SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; scaleStep: number; value: (path: Path, i: number) => number | null }>> = {
   Altitude: { unit: 'm above the start', decimals: 1, scaleStep: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
   Speed: { unit: 'm/s', decimals: 1, scaleStep: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
   Tilt: { unit: '°', decimals: 0, scaleStep: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
@@ -31,14 +32,14 @@ const SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; scaleSt
 };
 
 function tilt_deg([, x, y]: readonly number[]): number {
-  return Math.acos(Math.min(1, Math.max(-1, 1 - 2 * ((x ?? 0) ** 2 + (y ?? 0) ** 2)))) * DEG;
+  return Math.acos(Math.min(1, Math.max(-1, 1 - 2 * ((x ?? 0) ** 2 + (y ?? 0) ** 2)))) * DEG_PER_RAD;
 }
 
 /** @returns null: the simulated vehicle did not take off, or the quantity is not known. */
 export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity): Trace | null {
   const { path } = nominal;
   if (path === null || path.t_s.length === 0) return null;
-  const { unit, decimals, scaleStep, value } = SPECS[quantity];
+  const { unit, decimals, scaleStep, value } = QUANTITY_SPECS[quantity];
   const stride = Math.max(1, Math.floor(path.t_s.length / MAX_POINTS));
   const indices = path.t_s.flatMap((_, i) => (i % stride === 0 || i === path.t_s.length - 1 ? [i] : []));
   const samples = indices.map((i) => [path.t_s[i] ?? 0, value(path, i)] as const);
@@ -54,17 +55,17 @@ export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity
   return scaledTrace({ unit, decimals, scaleStep, end_s: path.t_s.at(-1) ?? 0, points, band, ground });
 }
 
-interface Unscaled extends Pick<Trace, 'unit' | 'decimals' | 'end_s' | 'points'> {
+interface UnscaledTrace extends Pick<Trace, 'unit' | 'decimals' | 'end_s' | 'points'> {
   /** The scale ends at multiples of this value. */
   readonly scaleStep: number;
   readonly band?: Trace['band'];
   readonly ground?: Trace['ground'];
-  /** Further points that the scale must contain. */
+  /** Other points that the scale must contain. */
   readonly furtherPoints?: Trace['points'];
 }
 
-/** A trace with a scale that contains zero and all its values. */
-export function scaledTrace({ unit, decimals, scaleStep, end_s, points, band = [], ground = [], furtherPoints = [] }: Unscaled): Trace {
+/** A trace with a scale that contains zero and all values; the lower end may cut off up to 5 % of `scaleStep`. */
+export function scaledTrace({ unit, decimals, scaleStep, end_s, points, band = [], ground = [], furtherPoints = [] }: UnscaledTrace): Trace {
   const values = [...points, ...ground, ...furtherPoints].map(([, value]) => value).concat(band.flatMap(([, low, high]) => [low, high]));
   const bottom = Math.min(0, Math.floor(Math.min(...values) / scaleStep + 0.05) * scaleStep);
   return { unit, decimals, end_s, points, band, ground, top: Math.max(scaleStep, Math.ceil(Math.max(...values) / scaleStep) * scaleStep), bottom };
@@ -72,10 +73,10 @@ export function scaledTrace({ unit, decimals, scaleStep, end_s, points, band = [
 
 /** The value at a time, interpolated. */
 export function valueAt({ points }: Trace, t_s: number): number {
-  const after = points.findIndex(([t]) => t >= t_s);
-  const [to, from] = [points[after] ?? points.at(-1), points[Math.max(0, after - 1)]];
-  if (to === undefined || from === undefined || after < 0 || to[0] <= from[0]) return to?.[1] ?? 0;
-  return from[1] + ((t_s - from[0]) / (to[0] - from[0])) * (to[1] - from[1]);
+  const nextIndex = points.findIndex(([t]) => t >= t_s);
+  const [next, previous] = [points[nextIndex] ?? points.at(-1), points[Math.max(0, nextIndex - 1)]];
+  if (next === undefined || previous === undefined || nextIndex < 0 || next[0] <= previous[0]) return next?.[1] ?? 0;
+  return previous[1] + ((t_s - previous[0]) / (next[0] - previous[0])) * (next[1] - previous[1]);
 }
 
 export interface PlotShape {
@@ -87,7 +88,7 @@ export interface PlotShape {
   readonly zero_y: number;
 }
 
-/** SVG paths in a box of this size, y downwards. */
+/** The trace as SVG paths in a box of this size; y points down. */
 export function plotShape({ points, band, ground, end_s, top, bottom }: Trace, width: number, height: number): PlotShape {
   const x = (t_s: number): string => ((end_s === 0 ? 0 : t_s / end_s) * width).toFixed(1);
   const y = (value: number): string => (((top - value) / (top - bottom)) * height).toFixed(1);

@@ -18,8 +18,8 @@ export type DryRunVehicles = { vehicle: string | null } | { vehicles: Readonly<R
 export class DryRun {
   operation = $state.raw<Operation | null>(null);
   problem = $state.raw<Problem | null>(null);
-  private view = $state.raw<DryRunView | null>(null);
-  /** The document that `view` belongs to. */
+  private result = $state.raw<DryRunView | null>(null);
+  /** The document that `result` belongs to. */
   private simulatedDocument = $state.raw<Document | null>(null);
   private requestedDocument: Document | null = null;
   /** The time that map and 3D view show [s]. */
@@ -32,12 +32,12 @@ export class DryRun {
 
   /** Result of the dry run of exactly this document; null: there is no result. */
   resultOf(document: Document): DryRunView | null {
-    return this.simulatedDocument === document ? this.view : null;
+    return this.simulatedDocument === document ? this.result : null;
   }
 
   /**
-   * Starts a dry run. With a vehicle, the dry run uses its parameters, position and battery charge. Without a vehicle,
-   * it begins at the planned start position. A mission with roles has a vehicle for each role, or none.
+   * Starts a dry run. With a vehicle, the dry run uses the vehicle's parameters, position and battery charge. Without a
+   * vehicle, the dry run begins at the planned start position. A mission with roles has a vehicle for each role, or none.
    */
   async start(document: Document, vehicles: DryRunVehicles, conditions: Conditions): Promise<void> {
     this.problem = null;
@@ -72,7 +72,7 @@ export class DryRun {
       this.problem = response.problem;
       return;
     }
-    this.view = response.value;
+    this.result = response.value;
     this.simulatedDocument = document;
     this.showTime(0);
   }

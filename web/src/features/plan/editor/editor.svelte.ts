@@ -41,23 +41,30 @@ export type Placing =
   | { readonly type: 'circle' };
 export type AreaUse = 'inclusion' | 'exclusion' | 'obstacle';
 
-const NEW_NAME = 'New plan';
-const NEW_MISSION = 'New mission';
+const NEW_PLAN_NAME = 'New plan';
+const NEW_MISSION_NAME = 'New mission';
 /** Radius of a new fence circle. */
 const CIRCLE_RADIUS_M = 50;
-/** Top of a new obstacle: a house of two floors. */
+/** Top of a new obstacle, about the height of a house with two floors. */
 const OBSTACLE_TOP: Altitude = { value_m: 10, reference: 'home' };
 const NO_SELECTION: ReadonlySet<string> = new Set();
 
 export class PlanEditor implements LayerEditor {
-  private history = $state.raw(history.begin<Draft>({ documentId: 0, name: NEW_NAME, plan: EMPTY_PLAN }));
+  private history = $state.raw(history.begin<Draft>({ documentId: 0, name: NEW_PLAN_NAME, plan: EMPTY_PLAN }));
   selected = $state.raw<ReadonlySet<string>>(NO_SELECTION);
   placing = $state.raw<Placing | null>({ type: 'item', kind: 'waypoint' });
   /** Corners of the area that is being drawn. */
   corners = $state.raw<readonly GeoPosition[]>([]);
   private documentCount = 0;
   private gestureCount = 0;
-  private grabbed: { group: string; base: Document; at: GeoPosition; from: ReadonlyMap<string, GeoPosition>; selected: ReadonlySet<string> } | null = null;
+  /** A drag in progress: the position `at` which it began, and the document, positions by id and selection before it. */
+  private grabbed: {
+    group: string;
+    document: Document;
+    at: GeoPosition;
+    positions: ReadonlyMap<string, GeoPosition>;
+    selected: ReadonlySet<string>;
+  } | null = null;
 
   readonly draft = $derived(this.history.now);
   /** The edited document, a waypoint plan or a mission. */
@@ -89,7 +96,7 @@ export class PlanEditor implements LayerEditor {
     this.history = history.change(this.history, plan === this.document ? this.draft : { ...this.draft, plan }, group);
   }
 
-  /** Makes a change that may insert, remove or rename parts: the ids of the selection may no longer be valid. */
+  /** Makes a change after which the selected ids may no longer be valid, and clears the selection. */
   changeAndDeselect(plan: Document): void {
     this.change(plan);
     this.select([]);
@@ -132,12 +139,12 @@ export class PlanEditor implements LayerEditor {
   }
 
   begin(home: PlannedHome | null): void {
-    this.replace(NEW_NAME, { ...EMPTY_PLAN, planned_home: home });
+    this.replace(NEW_PLAN_NAME, { ...EMPTY_PLAN, planned_home: home });
     this.startPlacing({ type: 'item', kind: 'waypoint' });
   }
 
   beginMission(home: PlannedHome | null): void {
-    this.replace(NEW_MISSION, newMission(home));
+    this.replace(NEW_MISSION_NAME, newMission(home));
     this.startPlacing({ type: 'step', kind: 'fly' });
   }
 
@@ -145,15 +152,15 @@ export class PlanEditor implements LayerEditor {
     this.selected = new Set(ids);
   }
 
-  /** Selects a point; with `more`, adds the point to the selection or removes it. At a midpoint it inserts a point. */
-  pick(id: string, more: boolean): void {
+  /** Selects a point; with `extend`, adds the point to the selection or removes it. For a midpoint, inserts a point. */
+  pick(id: string, extend: boolean): void {
     if (kinds.isInsertion(id)) {
       const at = this.picture.points.find((point) => point.id === id);
       if (at !== undefined) this.insert(id, at);
       return;
     }
     if (id.startsWith('sketch:')) return;
-    if (!more) return this.select([id]);
+    if (!extend) return this.select([id]);
     const next = new Set(this.selected);
     if (!next.delete(id)) next.add(id);
     this.selected = next;
@@ -161,8 +168,8 @@ export class PlanEditor implements LayerEditor {
 
   /** Selects the range from the last selected row to `row`. */
   selectTo(row: number): void {
-    const from = this.rows.at(-1) ?? row;
-    const [low, high] = [Math.min(from, row), Math.max(from, row)];
+    const lastRow = this.rows.at(-1) ?? row;
+    const [low, high] = [Math.min(lastRow, row), Math.max(lastRow, row)];
     this.select(Array.from({ length: high - low + 1 }, (_, i) => `item:${low + i}`));
   }
 
@@ -180,7 +187,7 @@ export class PlanEditor implements LayerEditor {
     this.corners = [];
   }
 
-  /** Handles a click on the ground: adds what `placing` states, or clears the selection. */
+  /** Handles a click on the ground: adds what `placing` states, or clears the selection. @returns true: the click was handled. */
   press(at: GeoPosition): boolean {
     const placing = this.placing;
     if (placing === null) this.select([]);
@@ -228,7 +235,7 @@ export class PlanEditor implements LayerEditor {
     this.stopPlacing();
   }
 
-  /** Adds the drawn area to the geofence. */
+  /** Adds a drawn or imported area to the geofence. */
   addZone(inclusion: boolean, polygon: readonly GeoPosition[]): void {
     this.change({ ...this.document, fence: [...this.document.fence, { shape: 'polygon', inclusion, polygon }] });
     this.select([]);
@@ -250,9 +257,9 @@ export class PlanEditor implements LayerEditor {
     }
     if (this.selected.size === 0) return false;
     if (this.mission !== null) {
-      const [before, ids] = [this.mission, [...this.selected]];
-      this.change(kinds.remove(before, ids));
-      this.select(kinds.selectionAfterDelete(before, this.document, ids, this.frame));
+      const [mission, ids] = [this.mission, [...this.selected]];
+      this.change(kinds.remove(mission, ids));
+      this.select(kinds.selectionAfterDelete(mission, this.document, ids, this.frame));
       return true;
     }
     const firstRow = Math.min(...(this.rows.length > 0 ? this.rows : [0]));
@@ -263,9 +270,9 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Moves the selected rows or steps up (−1) or down (1) in the list. */
-  reorder(step: -1 | 1): void {
+  reorder(direction: -1 | 1): void {
     if (this.mission !== null) {
-      const moved = offboard.reorder(this.mission, [...this.selected], step);
+      const moved = offboard.reorder(this.mission, [...this.selected], direction);
       if (moved === null) return;
       this.change(moved.mission);
       this.select(moved.ids);
@@ -274,39 +281,39 @@ export class PlanEditor implements LayerEditor {
     const rows = [...this.rows].sort((a, b) => a - b);
     const [first, last] = [rows[0], rows.at(-1)];
     if (first === undefined || last === undefined) return;
-    const before = step < 0 ? first - 1 : last + 2;
-    if (before < 0 || before > this.plan.items.length) return;
-    const moved = edit.reorder(this.plan, rows, before);
+    const targetRow = direction < 0 ? first - 1 : last + 2;
+    if (targetRow < 0 || targetRow > this.plan.items.length) return;
+    const moved = edit.reorder(this.plan, rows, targetRow);
     this.change(moved.plan);
     this.select(moved.rows.map((row) => `item:${row}`));
   }
 
   grab(id: string): string | null {
-    const inserts = kinds.isInsertion(id);
+    const isMidpoint = kinds.isInsertion(id);
     const at = this.picture.points.find((point) => point.id === id);
     if (at === undefined || id.startsWith('sketch:')) return null;
     this.gestureCount += 1;
     const group = `drag ${this.gestureCount}`;
-    const before = this.selected;
-    const moving = inserts ? this.insert(id, at, group) : id;
-    if (!inserts && !this.selected.has(id)) this.select([id]);
-    const from = new Map(
+    const previousSelection = this.selected;
+    const draggedId = isMidpoint ? this.insert(id, at, group) : id;
+    if (!isMidpoint && !this.selected.has(id)) this.select([id]);
+    const positions = new Map(
       [...this.selected]
         .map((selectedId) => [selectedId, kinds.positionIn(this.document, selectedId, this.frame)] as const)
         .filter((pair): pair is [string, GeoPosition] => pair[1] !== null),
     );
-    this.grabbed = { group, base: this.document, at, from, selected: before };
-    return moving;
+    this.grabbed = { group, document: this.document, at, positions, selected: previousSelection };
+    return draggedId;
   }
 
   drag(_id: string, to: GeoPosition): void {
     const grabbed = this.grabbed;
-    if (grabbed !== null) this.change(kinds.move(grabbed.base, grabbed.from, eastNorth(grabbed.at, to), this.frame), grabbed.group);
+    if (grabbed !== null) this.change(kinds.move(grabbed.document, grabbed.positions, eastNorth(grabbed.at, to), this.frame), grabbed.group);
   }
 
   raise(by_m: number): void {
-    const [grabbed, step_m] = [this.grabbed, Number(by_m.toFixed(1))];
-    if (grabbed !== null && Number.isFinite(step_m)) this.change(kinds.raise(grabbed.base, grabbed.from.keys(), step_m), grabbed.group);
+    const [grabbed, rounded_m] = [this.grabbed, Number(by_m.toFixed(1))];
+    if (grabbed !== null && Number.isFinite(rounded_m)) this.change(kinds.raise(grabbed.document, grabbed.positions.keys(), rounded_m), grabbed.group);
   }
 
   drop(keep: boolean): void {
@@ -337,19 +344,19 @@ export class PlanEditor implements LayerEditor {
 
 /**
  * The hint's text about what the next click adds.
- * @param where where the person clicks: on the map, or on the ground in the 3D view.
+ * @param where the view that the person clicks: the map, or the ground in the 3D view.
  */
-export function placingText(placing: Placing, corners: number, where: 'map' | 'ground' = 'map'): string {
+export function placingText(placing: Placing, cornerCount: number, where: 'map' | 'ground' = 'map'): string {
   if (placing.type === 'item')
     return placing.kind === 'waypoint' ? `Click the ${where} to add waypoints.` : `Click the ${where} to place “${titleOf({ kind: placing.kind })}”.`;
   if (placing.type === 'step')
     return placing.kind === 'fly' ? `Click the ${where} to add points to the trajectory.` : `Click the ${where} to place “${stepKindTitle(placing.kind)}”.`;
   if (placing.type === 'rally') return `Click the ${where} to place the rally point.`;
   if (placing.type === 'circle') return `Click the ${where} at the centre of the geofence circle.`;
-  return `Click the corners of ${AREAS[placing.use]}${corners > 0 ? ` (${corners} so far)` : ''}.`;
+  return `Click the corners of ${AREA_TEXTS[placing.use]}${cornerCount > 0 ? ` (${cornerCount} so far)` : ''}.`;
 }
 
-const AREAS: Readonly<Record<AreaUse, string>> = {
+const AREA_TEXTS: Readonly<Record<AreaUse, string>> = {
   inclusion: 'the area that the vehicle must not leave',
   exclusion: 'the area that the vehicle must not enter',
   obstacle: 'the obstacle',

@@ -20,7 +20,7 @@ import {
   type StepNode,
 } from './mission';
 import { movedTo, raisedBy, inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
-import { newStep, PLACED } from './step-titles';
+import { newStep, KINDS_WITH_POSITION } from './step-titles';
 
 /** Altitude above the start of a new point without a neighbour [m]. */
 const DEFAULT_UP_M = 10;
@@ -139,7 +139,7 @@ export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null
     if (added !== null) return added;
   }
   const order = last === null ? nodes.length : nodes.indexOf(last) + 1;
-  const step = newStep(kind, PLACED.has(kind) ? newPosition(mission, at, frame, order, nodes) : undefined);
+  const step = newStep(kind, KINDS_WITH_POSITION.has(kind) ? newPosition(mission, at, frame, order, nodes) : undefined);
   const { mission: next, places } = insertSteps(mission, [step], last);
   const place = places[0] ?? '';
   return { mission: next, id: kind === 'fly' ? pointId({ place, field: 'points', index: 0 }) : stepId(place) };

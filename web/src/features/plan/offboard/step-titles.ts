@@ -166,7 +166,7 @@ export function newStep(kind: StepKind, at: MissionPosition = ABOVE_START): Step
 }
 
 /** Kinds of steps that a click on the map places. */
-export const PLACED: ReadonlySet<StepKind> = new Set<StepKind>(['fly', 'orbit', 'helix', 'spiral', 'figure_eight']);
+export const KINDS_WITH_POSITION: ReadonlySet<StepKind> = new Set<StepKind>(['fly', 'orbit', 'helix', 'spiral', 'figure_eight']);
 
 /** A mission with take-off and landing; new steps are inserted between them. */
 export function newMission(home: PlannedHome | null): Mission {
