@@ -1,4 +1,4 @@
-/** Errors of a plan that a person has accepted, for exactly one document and one vehicle. */
+/** Errors of a plan and errors of a start, which a person can accept. */
 
 import type { Outcome } from '../../../api/client';
 import type { Problem } from '../../../api/problems';
@@ -8,6 +8,7 @@ import type { Document } from '../document-kinds';
 const keyOf = ({ code, text, place }: Finding): string => JSON.stringify([code, text, place]);
 const isError = ({ severity }: Finding): boolean => severity === 'error';
 
+/** Errors of a plan that a person has accepted, for exactly one document and one vehicle. */
 export class AcceptedErrors {
   private acceptance = $state.raw<{ readonly document: Document | null; readonly vehicle: string | null; readonly keys: readonly string[] }>({
     document: null,
@@ -19,10 +20,10 @@ export class AcceptedErrors {
     return this.acceptance.document === document && this.acceptance.vehicle === vehicle && this.acceptance.keys.includes(keyOf(finding));
   }
 
-  /** Any change of the plan withdraws all acceptances. */
+  /** Accepts an error, or withdraws its acceptance. Any change of the plan withdraws all acceptances. */
   set(finding: Finding, document: Document, vehicle: string | null, accepted: boolean): void {
-    const before = this.acceptance.document === document && this.acceptance.vehicle === vehicle ? this.acceptance.keys : [];
-    const others = before.filter((key) => key !== keyOf(finding));
+    const keys = this.acceptance.document === document && this.acceptance.vehicle === vehicle ? this.acceptance.keys : [];
+    const others = keys.filter((key) => key !== keyOf(finding));
     this.acceptance = { document, vehicle, keys: accepted ? [...others, keyOf(finding)] : others };
   }
 
@@ -33,30 +34,34 @@ export class AcceptedErrors {
   }
 }
 
-/** Errors that the server finds only at a start, for example between the flights of different vehicles. */
+/**
+ * Errors that the server finds only at a start, for example between the flights of different vehicles. A start is
+ * identified by the document and a key, such as the vehicle of each role.
+ */
 export class StartErrors {
-  private refusal = $state.raw<{ readonly document: Document; readonly vehicles: string; readonly problem: Problem } | null>(null);
-  /** A person has accepted all errors. */
+  private refusal = $state.raw<{ readonly document: Document; readonly startKey: string; readonly problem: Problem } | null>(null);
+  /** Whether a person has accepted these errors. */
   accepted = $state(false);
 
-  /** Stores the errors of a refused start. Any change of the plan or of the vehicles withdraws the acceptance. */
-  setOutcome(outcome: Outcome<unknown>, document: Document, vehicles: Readonly<Record<string, string>>): void {
+  /** Stores the errors of a refused start. Another document or key withdraws the acceptance. */
+  setOutcome(outcome: Outcome<unknown>, document: Document, startKey: Readonly<Record<string, string>>): void {
     const hasErrors = !outcome.ok && outcome.problem.codes !== undefined;
-    this.refusal = hasErrors ? { document, vehicles: JSON.stringify(vehicles), problem: outcome.problem } : null;
+    this.refusal = hasErrors ? { document, startKey: JSON.stringify(startKey), problem: outcome.problem } : null;
     this.accepted = false;
   }
 
-  findings(document: Document, vehicles: Readonly<Record<string, string>>): readonly string[] {
-    return this.appliesTo(document, vehicles) ? (this.refusal?.problem.reasons ?? []) : [];
+  /** Texts of the errors. */
+  findings(document: Document, startKey: Readonly<Record<string, string>>): readonly string[] {
+    return this.appliesTo(document, startKey) ? (this.refusal?.problem.reasons ?? []) : [];
   }
 
   /** The codes of the accepted errors, for the next start; empty if the errors are not accepted. */
-  codes(document: Document, vehicles: Readonly<Record<string, string>>): readonly string[] {
-    return this.accepted && this.appliesTo(document, vehicles) ? (this.refusal?.problem.codes ?? []) : [];
+  codes(document: Document, startKey: Readonly<Record<string, string>>): readonly string[] {
+    return this.accepted && this.appliesTo(document, startKey) ? (this.refusal?.problem.codes ?? []) : [];
   }
 
-  private appliesTo(document: Document, vehicles: Readonly<Record<string, string>>): boolean {
-    return this.refusal?.document === document && this.refusal.vehicles === JSON.stringify(vehicles);
+  private appliesTo(document: Document, startKey: Readonly<Record<string, string>>): boolean {
+    return this.refusal?.document === document && this.refusal.startKey === JSON.stringify(startKey);
   }
 }
 
@@ -67,6 +72,6 @@ export function findingCodes(findings: readonly Finding[]): string[] {
 export const findingText = ({ text, place }: Finding): string => (place.step === null ? text : `${place.step}: ${text}`);
 
 /** Text for a confirmation that lists all accepted errors; empty if there are none. */
-export function acceptedErrorsText(findings: readonly string[]): string {
-  return findings.length === 0 ? '' : `You accepted ${findings.length} ${findings.length === 1 ? 'error' : 'errors'}: ${findings.join(' ')}`;
+export function acceptedErrorsText(texts: readonly string[]): string {
+  return texts.length === 0 ? '' : `You accepted ${texts.length} ${texts.length === 1 ? 'error' : 'errors'}: ${texts.join(' ')}`;
 }

@@ -1,11 +1,8 @@
-/**
- * The cards of ended flights that a person has closed. Stored in the browser tab, so that they stay closed after a
- * reload.
- */
+/** The cards of ended flights that a person has closed. The browser tab stores them: a reload does not open the cards again. */
 
 import { availableStorage } from '../../../app/identity';
 
-const PREFIX = 'gcs.closed-flight.';
+const KEY_PREFIX = 'gcs.closed-flight.';
 /** The card of an offboard mission or of a waypoint plan. */
 type Card = 'offboard' | 'waypoints';
 
@@ -14,16 +11,16 @@ export class ClosedCards {
 
   constructor(private readonly storage: Pick<Storage, 'getItem' | 'setItem'>) {}
 
-  /** @param started_unix_s start of the flight, which identifies it. */
+  /** @param started_unix_s start of the flight, which identifies the flight. */
   isClosed(card: Card, vehicle: string, started_unix_s: number): boolean {
     const key = `${card}.${vehicle}`;
-    return (this.closed[key] ?? this.storage.getItem(PREFIX + key)) === String(started_unix_s);
+    return (this.closed[key] ?? this.storage.getItem(KEY_PREFIX + key)) === String(started_unix_s);
   }
 
   close(card: Card, vehicle: string, started_unix_s: number): void {
     const key = `${card}.${vehicle}`;
     this.closed[key] = String(started_unix_s);
-    this.storage.setItem(PREFIX + key, String(started_unix_s));
+    this.storage.setItem(KEY_PREFIX + key, String(started_unix_s));
   }
 }
 

@@ -29,68 +29,69 @@ export function continueVerb(item: CurrentItem | null): string {
 /**
  * @param row the row to start at; null: the first item, or in the air the current item.
  * @param acceptedTexts texts of the accepted errors.
- * @param current the vehicle's current item; null: not reported.
+ * @param dryRunId the dry run to compare the flight with; null: none.
+ * @param currentItem the vehicle's current item; null: not reported.
  */
 export function startQuestion(
   vehicleName: string,
   inAir: boolean,
   row: number | null,
   acceptedTexts: readonly string[],
-  dryRun: string | null = null,
-  current: CurrentItem | null = null,
+  dryRunId: string | null = null,
+  currentItem: CurrentItem | null = null,
 ): Question {
-  const resumes = inAir && row === null;
-  const from = row === null ? (inAir ? currentItemText(current) : 'the first item') : `item ${row + 1}`;
-  const path = inAir ? `The vehicle flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
+  const isResume = inAir && row === null;
+  const startItem = row === null ? (inAir ? currentItemText(currentItem) : 'the first item') : `item ${row + 1}`;
+  const path = inAir ? `The vehicle flies to ${startItem} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${startItem}.`;
   return {
-    title: `${resumes ? 'Resume' : 'Fly'} the mission of ${vehicleName}${row === null ? '' : ` from item ${row + 1}`}`,
+    title: `${isResume ? 'Resume' : 'Fly'} the mission of ${vehicleName}${row === null ? '' : ` from item ${row + 1}`}`,
     effect: [
       path,
       acceptedErrorsText(acceptedTexts),
-      dryRun === null ? '' : 'The flight is compared with the dry run.',
+      dryRunId === null ? '' : 'The flight is compared with the dry run.',
       'Hold interrupts the mission; you can resume it.',
     ]
       .filter((part) => part !== '')
       .join(' '),
-    verb: resumes ? 'Resume' : 'Fly',
+    verb: isResume ? 'Resume' : 'Fly',
     danger: acceptedTexts.length > 0,
   };
 }
 
 /**
  * @param despite codes of the accepted errors.
- * @param dryRun the dry run to compare the flight with; null: none.
+ * @param dryRunId the dry run to compare the flight with; null: none.
  */
 export function startBody(
   plan: Plan,
   inAir: boolean,
   row: number | null,
   despite: readonly string[],
-  dryRun: string | null = null,
+  dryRunId: string | null = null,
 ): { item?: number; despite: string[]; dry_run?: string } {
   const item = row !== null ? itemOfRow(plan, row) : inAir ? null : 0;
-  return { ...(item === null ? {} : { item }), despite: [...despite], ...(dryRun === null ? {} : { dry_run: dryRun }) };
+  return { ...(item === null ? {} : { item }), despite: [...despite], ...(dryRunId === null ? {} : { dry_run: dryRunId }) };
 }
 
 /** An interrupted flight of the plan on the vehicle. */
 export type ResumeOffer = Readonly<components['schemas']['ResumeOffer']>;
 
-const REFERENCES = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' } as const;
+const REFERENCE_TEXTS = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' } as const;
 
 export function resumeVerb({ item, count }: ResumeOffer): string {
   return `Resume at item ${item + 1} of ${count}…`;
 }
 
-/** How far the plan was flown. @param age how long ago, such as "12 min ago". */
+/** Text about where the flight was interrupted. @param age how long ago, such as "12 min ago". */
 export function interruptedText({ interrupted_item, count }: ResumeOffer, age: string): string {
   return `Interrupted on the way to item ${interrupted_item + 1} of ${count}, ${age}.`;
 }
 
-/** The path from the ground to the item. */
+/** Text about the path from the ground to the item. */
 function pathText({ item, title, altitude_m, altitude_reference, distance_m }: ResumeOffer): string {
   const { text, unit } = metres(distance_m);
   const distance = distance_m === null ? '' : `${text} ${unit} `;
-  return `Arms, climbs at its current position to ${metres(altitude_m).text} m ${REFERENCES[altitude_reference]} and flies ${distance}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
+  return `Arms, climbs at its current position to ${metres(altitude_m).text} m ${REFERENCE_TEXTS[altitude_reference]} and flies ${distance}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
 }
 
 /** @param acceptedTexts texts of the accepted errors. */
@@ -106,7 +107,7 @@ export function resumeQuestion(vehicleName: string, offer: ResumeOffer, accepted
   };
 }
 
-/** The body of the request. The server refuses the start if the mission on the vehicle has another `mission_id`. */
+/** The body of the request to resume. The server refuses the start if the mission on the vehicle has another `mission_id`. */
 export function resumeBody({ item, mission_id }: ResumeOffer, despite: readonly string[]): { item: number; mission_id: number; despite: string[] } {
   return { item, mission_id, despite: [...despite] };
 }

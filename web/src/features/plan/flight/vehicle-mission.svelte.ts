@@ -1,7 +1,4 @@
-/**
- * The plan on the selected vehicle, and its upload or download. The server has both states, so they are also known
- * after a reload of the page.
- */
+/** The plan on the selected vehicle, and its upload or download. The server stores both, so a reload of the page keeps them. */
 
 import { ofVehicle, type ApiClient, type Outcome } from '../../../api/client';
 import type { Problem } from '../../../api/problems';
@@ -16,7 +13,7 @@ export type Downloaded = Readonly<Omit<components['schemas']['DownloadedPlan'], 
 /** A saved version, or the content of an unsaved plan. */
 type PlanReference = Readonly<components['schemas']['WhichPlan']>;
 
-const TRANSFERS = ['mission/upload', 'mission/download'];
+const TRANSFER_KINDS = ['mission/upload', 'mission/download'];
 
 export class VehicleMission {
   view = $state.raw<View | null>(null);
@@ -35,7 +32,7 @@ export class VehicleMission {
 
   readonly running: boolean = $derived.by(() => this.transfer?.state === 'running');
 
-  /** Called when another vehicle is selected. */
+  /** Selects the vehicle; for another vehicle, discards the state of the previous one. */
   selectVehicle(vehicle: string | null): void {
     if (vehicle === this.vehicle) return;
     this.vehicle = vehicle;
@@ -48,9 +45,9 @@ export class VehicleMission {
    * @param reported result of `reportedState`.
    */
   onReported(reported: string): void {
-    const changed = this.reportedState !== null && this.reportedState !== reported;
+    const hasChanged = this.reportedState !== null && this.reportedState !== reported;
     this.reportedState = reported;
-    if (changed) void this.refresh();
+    if (hasChanged) void this.refresh();
   }
 
   /** Requests the server's view. Only the response to the newest request is used. */
@@ -58,14 +55,14 @@ export class VehicleMission {
     const vehicle = this.vehicle;
     if (vehicle === null) return;
     this.requestCount += 1;
-    const request = this.requestCount;
+    const requestNumber = this.requestCount;
     const view = await this.api.get('/vehicles/{v}/mission', ofVehicle(vehicle));
-    if (vehicle !== this.vehicle || request !== this.requestCount) return;
+    if (vehicle !== this.vehicle || requestNumber !== this.requestCount) return;
     this.view = view.ok ? view.value : null;
     if (this.view?.transfer == null || this.running) return;
     const operations = await this.api.get('/operations', { params: { query: { vehicle } } });
-    const found = operations.ok ? operations.value.operations.find(({ kind, state }) => TRANSFERS.includes(kind) && state === 'running') : undefined;
-    if (vehicle === this.vehicle && found !== undefined) this.transfer = found;
+    const runningTransfer = operations.ok ? operations.value.operations.find(({ kind, state }) => TRANSFER_KINDS.includes(kind) && state === 'running') : undefined;
+    if (vehicle === this.vehicle && runningTransfer !== undefined) this.transfer = runningTransfer;
   }
 
   /** Whether exactly this version is on the vehicle. */
@@ -78,7 +75,7 @@ export class VehicleMission {
     await this.startTransfer((target) => this.api.post('/vehicles/{v}/mission/upload', { ...target, body: { plan_id, version } }));
   }
 
-  /** Reads the vehicle's plan, and then compares it with `plan`. */
+  /** Reads the vehicle's plan, and then compares this plan with `plan`. */
   async readBack(plan: Plan, reference: PlanReference): Promise<void> {
     this.lastComparison = this.pendingComparison = null;
     const download = await this.startTransfer((target) => this.api.post('/vehicles/{v}/mission/download', target));
@@ -108,7 +105,7 @@ export class VehicleMission {
   onEvent(event: WireEvent): void {
     const operation = event.kind === 'operation' ? (event['operation'] as Operation | undefined) : undefined;
     if (operation === undefined || operation.vehicle !== this.vehicle || !operation.kind.startsWith('mission/')) return;
-    if (TRANSFERS.includes(operation.kind)) this.transfer = operation;
+    if (TRANSFER_KINDS.includes(operation.kind)) this.transfer = operation;
     if (operation.state === 'running') return;
     if (operation.state === 'succeeded' && operation.id === this.pendingComparison?.download) void this.compare();
     else void this.refresh();

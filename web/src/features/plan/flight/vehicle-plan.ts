@@ -11,8 +11,8 @@ export type VehiclePlan = Readonly<Schemas['MissionView']['holds']>;
 export type Comparison = Readonly<Schemas['MissionComparison']>;
 export type Difference = Comparison['differences'][number];
 
-const PARTS = { mission: 'mission', fence: 'geofence', rally: 'rally points' } as const;
-const FIELDS: Readonly<Record<string, string>> = {
+const PART_NAMES = { mission: 'mission', fence: 'geofence', rally: 'rally points' } as const;
+const FIELD_NAMES: Readonly<Record<string, string>> = {
   command: 'command (MAV_CMD)',
   frame: 'altitude reference',
   z: 'altitude',
@@ -30,32 +30,32 @@ const ALTITUDE_REFERENCES: Readonly<Record<number, string>> = {
   11: 'above terrain',
 };
 
-/** Sentence about the plan on the vehicle. */
-export function vehiclePlanText(name: string, onVehicle: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): string {
-  if (onVehicle === undefined || onVehicle.state === 'not_known') return `The server does not know which plan is on ${name}.`;
-  if (onVehicle.state === 'another') return `The plan on ${name} is not the plan that this server last uploaded.`;
-  if (isOnVehicle(onVehicle, current)) return `This plan is on ${name}.`;
+/** Sentence about the plan on the vehicle. @param edited the edited plan; null: not saved. */
+export function vehiclePlanText(name: string, vehiclePlan: VehiclePlan | undefined, edited: { readonly id: string; readonly version: number } | null): string {
+  if (vehiclePlan === undefined || vehiclePlan.state === 'not_known') return `The server does not know which plan is on ${name}.`;
+  if (vehiclePlan.state === 'another') return `The plan on ${name} is not the plan that this server last uploaded.`;
+  if (isOnVehicle(vehiclePlan, edited)) return `This plan is on ${name}.`;
   const storedPlan =
-    current !== null && onVehicle.plan?.id === current.id
-      ? `version ${onVehicle.plan.version ?? 0} of this plan`
-      : onVehicle.plan?.name == null
+    edited !== null && vehiclePlan.plan?.id === edited.id
+      ? `version ${vehiclePlan.plan.version ?? 0} of this plan`
+      : vehiclePlan.plan?.name == null
         ? 'an unnamed plan'
-        : `the plan “${onVehicle.plan.name}”`;
+        : `the plan “${vehiclePlan.plan.name}”`;
   return `On ${name}: ${storedPlan}.`;
 }
 
-/** A key that changes when the plan on the vehicle, or the server's view of it, may have changed; the page then asks the server again. */
+/** A key whose change means that the server's view of the plan may have changed; the page then requests the view again. */
 export function reportedState(status: Status | null, mission: Schemas['Mission'] | null, flight: WaypointFlight | null): string {
   return JSON.stringify([status?.armed, status?.mode, mission?.current, mission?.mission_id, flight?.state, flight?.started_unix_s]);
 }
 
 /** Whether exactly this version is on the vehicle. */
-export function isOnVehicle(onVehicle: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): boolean {
-  const plan = onVehicle?.state === 'plan' ? onVehicle.plan : null;
-  return current !== null && plan?.id === current.id && plan.version === current.version;
+export function isOnVehicle(vehiclePlan: VehiclePlan | undefined, version: { readonly id: string; readonly version: number } | null): boolean {
+  const plan = vehiclePlan?.state === 'plan' ? vehiclePlan.plan : null;
+  return version !== null && plan?.id === version.id && plan.version === version.version;
 }
 
-/** Result of the comparison after reading the vehicle's plan back. */
+/** Text about the comparison of the vehicle's plan, which was read back, with the edited plan. */
 export function comparisonText(name: string, { equal, differences, still_held }: Comparison): string {
   if (still_held === false) return `The plan on ${name} has changed since it was read. Read it back again.`;
   if (equal && differences.length === 0) return `Read back: the plan on ${name} is identical to this plan.`;
@@ -65,11 +65,11 @@ export function comparisonText(name: string, { equal, differences, still_held }:
 }
 
 export function differenceText({ part, seq, field, planned, held }: Difference): string {
-  const [inPlan, onVehicle] = [valueText(field, planned), valueText(field, held)];
-  if (seq === null) return `The ${PARTS[part]}: ${inPlan} items in the plan, ${onVehicle} on the vehicle.`;
+  const [plannedText, heldText] = [valueText(field, planned), valueText(field, held)];
+  if (seq === null) return `The ${PART_NAMES[part]}: ${plannedText} items in the plan, ${heldText} on the vehicle.`;
   const isLatLonValue = isCoordinate(field, planned) || isCoordinate(field, held);
   const fieldText = field === 'x' ? (isLatLonValue ? 'latitude' : 'parameter 5') : field === 'y' ? (isLatLonValue ? 'longitude' : 'parameter 6') : null;
-  return `Item ${seq + 1} of the ${PARTS[part]}, ${fieldText ?? FIELDS[field] ?? field.replace('param', 'parameter ')}: ${inPlan} in the plan, ${onVehicle} on the vehicle.`;
+  return `Item ${seq + 1} of the ${PART_NAMES[part]}, ${fieldText ?? FIELD_NAMES[field] ?? field.replace('param', 'parameter ')}: ${plannedText} in the plan, ${heldText} on the vehicle.`;
 }
 
 /** MAVLink sends positions in 1e-7 degrees. Items without a position have small numbers in these fields. */

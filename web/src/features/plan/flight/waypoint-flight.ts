@@ -5,7 +5,7 @@ import { duration, fixed } from '../../../ui/format';
 import { isSameStart, type GeoPosition } from '../../../vehicle/geo';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
 
-/** `planned_by` is `plan` if path and times are estimated from the straight lines of the plan, `dry_run` if they are from a dry run. */
+/** `planned_by` is the source of the planned path and times: `plan` for estimates from the plan's straight lines, or `dry_run`. */
 export type WaypointFlight = Readonly<components['schemas']['WaypointFlightStatus']>;
 
 const LABELS: Readonly<Record<WaypointFlight['state'], { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' }>> = {
@@ -44,9 +44,9 @@ function deviationText({ deviation_horizontal_m: horizontal_m, deviation_vertica
 
 /**
  * Id of the dry run to compare a flight with: a completed dry run of this vehicle from the same start; null: none.
- * @param here position of the vehicle on the ground.
+ * @param position position of the vehicle on the ground.
  */
-export function dryRunFor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
-  if (view === null || view.vehicle !== vehicle || !view.nominal.finished || here === null) return null;
-  return isSameStart(here, view.nominal.origin) ? view.id : null;
+export function dryRunFor(view: DryRunView | null, vehicle: string, position: GeoPosition | null): string | null {
+  if (view === null || view.vehicle !== vehicle || !view.nominal.finished || position === null) return null;
+  return isSameStart(position, view.nominal.origin) ? view.id : null;
 }

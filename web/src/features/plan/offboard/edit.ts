@@ -57,40 +57,40 @@ function spliced<T>(list: readonly T[], start: number, removed: number, ...added
   return [...list.slice(0, start), ...added, ...list.slice(start + removed)];
 }
 
-const listOf = (path: JsonPath): JsonPath => path.slice(0, -1);
+const listPathOf = (path: JsonPath): JsonPath => path.slice(0, -1);
 const indexOf = (path: JsonPath): number => Number(path.at(-1));
-const key = (path: JsonPath): string => JSON.stringify(path);
+const pathKey = (path: JsonPath): string => JSON.stringify(path);
 
 /** Removes steps and points. A step is removed with its last point or its centre. */
 export function remove(mission: Mission, ids: readonly string[]): Mission {
-  const steps = new Map<string, JsonPath>();
-  const points = new Map<string, { node: StepNode; indexes: Set<number> }>();
+  const removedSteps = new Map<string, JsonPath>();
+  const removedPoints = new Map<string, { node: StepNode; indexes: Set<number> }>();
   for (const id of ids) {
     const node = nodeOf(mission, id);
     if (node === null) continue;
     const ref = pointOf(id);
     if (ref?.field === 'look_at') continue;
     if (ref?.field === 'points') {
-      const entry = points.get(key(node.path)) ?? { node, indexes: new Set() };
-      points.set(key(node.path), { node, indexes: entry.indexes.add(ref.index) });
-    } else steps.set(key(node.path), node.path);
+      const entry = removedPoints.get(pathKey(node.path)) ?? { node, indexes: new Set() };
+      removedPoints.set(pathKey(node.path), { node, indexes: entry.indexes.add(ref.index) });
+    } else removedSteps.set(pathKey(node.path), node.path);
   }
   let next = removeShared(mission, ids);
-  for (const [text, { node, indexes }] of points) {
+  for (const [key, { node, indexes }] of removedPoints) {
     const remaining = (node.step.points ?? []).filter((_, index) => !indexes.has(index));
-    if (remaining.length === 0) steps.set(text, node.path);
+    if (remaining.length === 0) removedSteps.set(key, node.path);
     else next = withValue(next, [...node.path, 'points'], remaining);
   }
-  // Removes the deepest and last steps first, so that the paths of the other steps stay valid.
-  const paths = [...steps.values()].sort((a, b) => b.length - a.length || indexOf(b) - indexOf(a));
+  // The deepest and last steps are removed first, so that the paths of the other steps stay valid.
+  const paths = [...removedSteps.values()].sort((a, b) => b.length - a.length || indexOf(b) - indexOf(a));
   for (const path of paths) {
-    const list = valueAt(next, listOf(path));
-    if (Array.isArray(list)) next = withValue(next, listOf(path), spliced(list as readonly Step[], indexOf(path), 1));
+    const list = valueAt(next, listPathOf(path));
+    if (Array.isArray(list)) next = withValue(next, listPathOf(path), spliced(list as readonly Step[], indexOf(path), 1));
   }
   return next;
 }
 
-/** Inserts a point into a step at `index`, with the frame and altitude of the point before. */
+/** Inserts a point into a step at `index`, with the frame and altitude of a neighbouring point. */
 export function insertPoint(mission: Mission, place: string, index: number, at: GeoPosition, frame: Frame): { mission: Mission; id: string } | null {
   const node = nodeOf(mission, stepId(place));
   const points = node?.step.points;
@@ -108,17 +108,17 @@ function positionOnly(point: MissionPosition): MissionPosition {
 }
 
 /**
- * A new position, in the frame of the position before; for the first position in lat/lon if the start is known.
- * @param after number of nodes before the new step.
+ * A new position, in the frame of the previous position. The first position is in lat/lon if the start is known.
+ * @param nodeCount number of nodes before the new step.
  */
-function newPosition(mission: Mission, at: GeoPosition | null, frame: Frame, after: number, nodes: readonly StepNode[]): MissionPosition {
+function newPosition(mission: Mission, at: GeoPosition | null, frame: Frame, nodeCount: number, nodes: readonly StepNode[]): MissionPosition {
   const positionsBefore = nodes
-    .slice(0, after)
+    .slice(0, nodeCount)
     .flatMap((node): readonly MissionPosition[] | MissionPosition => node.step.points?.at(-1) ?? (node.step['center'] as MissionPosition | undefined) ?? []);
   const template = positionsBefore.at(-1);
   const positionFrame: PositionFrame = template !== undefined ? frameOfPosition(template) : frame.known && mission.home != null ? 'home' : 'offset';
-  const takeoff = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
-  const up_m = template !== undefined ? geoPointOf(template, frame).up_m : typeof takeoff === 'number' ? takeoff : DEFAULT_UP_M;
+  const takeoffHeight_m = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
+  const up_m = template !== undefined ? geoPointOf(template, frame).up_m : typeof takeoffHeight_m === 'number' ? takeoffHeight_m : DEFAULT_UP_M;
   const geoPoint: GeoPoint = { ...(at ?? (template === undefined ? frame.start : geoPointOf(template, frame))), up_m };
   return inFrame(positionFrame, geoPoint, frame);
 }
@@ -138,8 +138,8 @@ export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null
     const added = insertPoint(mission, last.place, ref == null ? (last.step.points?.length ?? 0) : ref.index + 1, at, frame);
     if (added !== null) return added;
   }
-  const order = last === null ? nodes.length : nodes.indexOf(last) + 1;
-  const step = newStep(kind, KINDS_WITH_POSITION.has(kind) ? newPosition(mission, at, frame, order, nodes) : undefined);
+  const nodeCount = last === null ? nodes.length : nodes.indexOf(last) + 1;
+  const step = newStep(kind, KINDS_WITH_POSITION.has(kind) ? newPosition(mission, at, frame, nodeCount, nodes) : undefined);
   const { mission: next, places } = insertSteps(mission, [step], last);
   const place = places[0] ?? '';
   return { mission: next, id: kind === 'fly' ? pointId({ place, field: 'points', index: 0 }) : stepId(place) };
@@ -155,7 +155,7 @@ export function lastSelected(mission: Mission, selected: readonly string[]): Ste
   );
 }
 
-/** Inserts several steps at the position that `addStep` would use. @returns also the ids of the inserted steps. */
+/** Inserts several steps where `addStep` would insert a step. @returns the mission and the ids of the inserted steps. */
 export function addSteps(mission: Mission, steps: readonly Step[], selected: readonly string[]): { mission: Mission; ids: string[] } {
   const last = lastSelected(mission, selected);
   const { mission: next, places } = insertSteps(mission, steps, last);
@@ -163,21 +163,22 @@ export function addSteps(mission: Mission, steps: readonly Step[], selected: rea
 }
 
 /**
- * Path at which a step is inserted: after `after`, into the empty branch `after`, or at the end before a final landing.
+ * Path at which a step is inserted: after the selected step or into its empty branch, or without a selection at the end,
+ * but before a final landing. A take-off is inserted at the beginning.
  */
-function pathToInsert(mission: Mission, kind: StepKind | undefined, after: StepNode | null): JsonPath {
+function pathToInsert(mission: Mission, kind: StepKind | undefined, selectedNode: StepNode | null): JsonPath {
   const [role] = roleNames(mission);
-  let list: JsonPath = role === undefined ? ['steps'] : ['roles', role, 'steps'];
+  let listPath: JsonPath = role === undefined ? ['steps'] : ['roles', role, 'steps'];
   let index = role === undefined ? mission.steps.length : (mission.roles?.[role]?.steps.length ?? 0);
-  if (after !== null && kind !== 'take_off') {
-    const isEmptyBranch = after.step.step === 'branch' && (after.step.then ?? []).length === 0;
-    list = isEmptyBranch ? [...after.path, 'then'] : listOf(after.path);
-    index = isEmptyBranch ? 0 : indexOf(after.path) + 1;
+  if (selectedNode !== null && kind !== 'take_off') {
+    const isEmptyBranch = selectedNode.step.step === 'branch' && (selectedNode.step.then ?? []).length === 0;
+    listPath = isEmptyBranch ? [...selectedNode.path, 'then'] : listPathOf(selectedNode.path);
+    index = isEmptyBranch ? 0 : indexOf(selectedNode.path) + 1;
   }
   if (kind === 'take_off') index = 0;
-  const steps = (valueAt(mission, list) ?? []) as readonly Step[];
-  if (kind !== 'land' && steps[index - 1]?.step === 'land' && list.length === (list[0] === 'roles' ? 3 : 1)) index -= 1;
-  return [...list, index];
+  const steps = (valueAt(mission, listPath) ?? []) as readonly Step[];
+  if (kind !== 'land' && steps[index - 1]?.step === 'land' && listPath.length === (listPath[0] === 'roles' ? 3 : 1)) index -= 1;
+  return [...listPath, index];
 }
 
 /** Path at which `addStep` would insert a call. */
@@ -187,18 +188,18 @@ export function pathOfCall(mission: Mission, selected: readonly string[]): JsonP
 
 /** Id of the step at a path; null: there is no step. */
 export function idAt(mission: Mission, path: JsonPath): string | null {
-  const node = nodesOf(mission).find((candidate) => key(candidate.path) === key(path));
+  const node = nodesOf(mission).find((candidate) => pathKey(candidate.path) === pathKey(path));
   return node === undefined ? null : stepId(node.place);
 }
 
-/** Inserts steps, in their order, at the path for the first step. */
-function insertSteps(mission: Mission, added: readonly Step[], after: StepNode | null): { mission: Mission; places: string[] } {
-  const path = pathToInsert(mission, added[0]?.step, after);
-  const [list, index] = [listOf(path), indexOf(path)];
-  const steps = (valueAt(mission, list) ?? []) as readonly Step[];
-  const next = withValue(mission, list, spliced(steps, index, 0, ...added));
-  const placeOf = new Map(nodesOf(next).map((node) => [key(node.path), node.place]));
-  return { mission: next, places: added.map((_, i) => placeOf.get(key([...list, index + i])) ?? '') };
+/** Inserts steps in their order, at the path for the first of them. */
+function insertSteps(mission: Mission, added: readonly Step[], selectedNode: StepNode | null): { mission: Mission; places: string[] } {
+  const path = pathToInsert(mission, added[0]?.step, selectedNode);
+  const [listPath, index] = [listPathOf(path), indexOf(path)];
+  const steps = (valueAt(mission, listPath) ?? []) as readonly Step[];
+  const next = withValue(mission, listPath, spliced(steps, index, 0, ...added));
+  const placeOf = new Map(nodesOf(next).map((node) => [pathKey(node.path), node.place]));
+  return { mission: next, places: added.map((_, i) => placeOf.get(pathKey([...listPath, index + i])) ?? '') };
 }
 
 /** Adds a step at the end of one list of a branch step. */
@@ -221,30 +222,30 @@ export function addCalledList(mission: Mission, node: StepNode): Mission {
  * Moves steps of one list up (−1) or down (1).
  * @returns null: the steps cannot be moved further, or are in several lists.
  */
-export function reorder(mission: Mission, ids: readonly string[], by: -1 | 1): { mission: Mission; ids: string[] } | null {
+export function reorder(mission: Mission, ids: readonly string[], direction: -1 | 1): { mission: Mission; ids: string[] } | null {
   const paths = [
     ...new Map(
       ids
         .map((id) => nodeOf(mission, id)?.path ?? null)
         .filter((path) => path !== null)
-        .map((path) => [key(path), path]),
+        .map((path) => [pathKey(path), path]),
     ).values(),
   ];
   const [first] = paths;
-  if (first === undefined || paths.some((path) => key(listOf(path)) !== key(listOf(first)))) return null;
-  const list = valueAt(mission, listOf(first)) as readonly Step[];
+  if (first === undefined || paths.some((path) => pathKey(listPathOf(path)) !== pathKey(listPathOf(first)))) return null;
+  const list = valueAt(mission, listPathOf(first)) as readonly Step[];
   const chosen = new Set(paths.map(indexOf));
-  const edge = by < 0 ? Math.min(...chosen) - 1 : Math.max(...chosen) + 1;
-  const neighbour = list[edge];
+  const neighbourIndex = direction < 0 ? Math.min(...chosen) - 1 : Math.max(...chosen) + 1;
+  const neighbour = list[neighbourIndex];
   if (neighbour === undefined) return null;
-  const target = by < 0 ? Math.max(...chosen) : Math.min(...chosen);
-  const rest = spliced(list, edge, 1);
-  const next = withValue(mission, listOf(first), spliced(rest, target, 0, neighbour));
-  const moved = new Set([...chosen].map((index) => key([...listOf(first), index + by])));
+  const targetIndex = direction < 0 ? Math.max(...chosen) : Math.min(...chosen);
+  const withoutNeighbour = spliced(list, neighbourIndex, 1);
+  const next = withValue(mission, listPathOf(first), spliced(withoutNeighbour, targetIndex, 0, neighbour));
+  const moved = new Set([...chosen].map((index) => pathKey([...listPathOf(first), index + direction])));
   return {
     mission: next,
     ids: nodesOf(next)
-      .filter((node) => moved.has(key(node.path)))
+      .filter((node) => moved.has(pathKey(node.path)))
       .map((node) => stepId(node.place)),
   };
 }

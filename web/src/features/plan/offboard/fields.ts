@@ -1,9 +1,9 @@
-/** Every field of every step in one table. A heading, a position and a condition have several rows. Pure. */
+/** The editor's rows of a step, a trajectory point and a mission. Some fields of a step have several rows. Pure. */
 
 import { positionFields } from './position-fields';
 import type { Frame } from './positions';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
-import { PER_CENT, TRACKS, VALUES } from './step-titles';
+import { PERCENT, GIMBAL_MODES, CONDITION_VALUES } from './step-titles';
 
 export type FieldValue = number | string | boolean | null;
 
@@ -28,15 +28,16 @@ export interface Field<T> {
 /** The part of a field that is needed to display it. */
 export type ShownField = Omit<Field<never>, 'name' | 'set'>;
 
-/** What the fields of a step depend on besides the step. */
+/** What the rows of a step depend on besides the step. */
 export interface Context {
   readonly mission: Mission;
   readonly frame: Frame;
 }
 
-type Spec = (step: Step, context: Context) => Field<Step>[];
+/** Returns the rows of one field of a step. */
+type RowSpec = (step: Step, context: Context) => Field<Step>[];
 
-/** Suffixes of field names, unit and increment; longest first. Angles: radians in the document, degrees on the page. */
+/** Suffixes of field names, unit and step; longest first. Angles are in radians in the document, in degrees on the page. */
 const UNITS: readonly (readonly [string, string, number])[] = [
   ['_m_s2', 'm/s²', 0.5],
   ['_m_s3', 'm/s³', 0.5],
@@ -46,7 +47,7 @@ const UNITS: readonly (readonly [string, string, number])[] = [
   ['_m', 'm', 1],
   ['_s', 's', 1],
 ];
-const DEG = 180 / Math.PI;
+const DEG_PER_RAD = 180 / Math.PI;
 
 export interface Bounds {
   readonly min?: number;
@@ -55,10 +56,10 @@ export interface Bounds {
   readonly placeholder?: string;
 }
 
-/** A number field of any object; the suffix of its name gives the unit. */
+/** A number field of any object; the suffix of the field's name gives the unit. */
 export function numberField<T extends object>(target: T, name: string, label: string, bounds: Bounds = {}): Field<T> {
-  const [ending, unit, step] = UNITS.find(([end]) => name.endsWith(end)) ?? ['', '', 1];
-  const scale = ending.startsWith('_rad') ? DEG : 1;
+  const [suffix, unit, step] = UNITS.find(([candidate]) => name.endsWith(candidate)) ?? ['', '', 1];
+  const scale = suffix.startsWith('_rad') ? DEG_PER_RAD : 1;
   const value = (target as Record<string, unknown>)[name];
   return {
     name,
@@ -85,43 +86,43 @@ function choiceField<T extends object>(target: T, name: string, label: string, o
   };
 }
 
-const number =
-  (name: string, label: string, bounds: Bounds = {}): Spec =>
+const numberRow =
+  (name: string, label: string, bounds: Bounds = {}): RowSpec =>
   (step) => [numberField(step, name, label, bounds)];
-const choice =
-  (name: string, label: string, options: Readonly<Record<string, string>>): Spec =>
+const choiceRow =
+  (name: string, label: string, options: Readonly<Record<string, string>>): RowSpec =>
   (step) => [choiceField(step, name, label, options)];
-const toggle =
-  (name: string, label: string, fallback = false): Spec =>
+const switchRow =
+  (name: string, label: string, fallback = false): RowSpec =>
   (step) => [
     { name, label, type: 'switch', value: step[name] === undefined ? fallback : step[name] === true, set: (old, next) => ({ ...old, [name]: next === true }) },
   ];
-const text =
-  (name: string, label: string): Spec =>
+const textRow =
+  (name: string, label: string): RowSpec =>
   (step) => [
     { name, label, type: 'text', value: (step[name] as string | null | undefined) ?? '', set: (old, next) => ({ ...old, [name]: next === '' ? null : next }) },
   ];
-const position =
-  (name: string, label: string): Spec =>
+const positionRows =
+  (name: string, label: string): RowSpec =>
   (step, { frame }) =>
     positionFields<Step>(step[name] as MissionPosition, frame, (old, next) => ({ ...old, [name]: next }), label, name);
 
-const SECONDS: Bounds = { min: 0, max: 86_400 };
-const METRES: Bounds = { min: 0.1, max: 10_000 };
-const SPEED: Bounds = { min: 0.1, max: 100, placeholder: 'default' };
-const ANGLE: Bounds = { min: -360, max: 360 };
-const OPTIONAL_ANGLE: Bounds = { ...ANGLE, placeholder: 'unchanged' };
+const DURATION_S: Bounds = { min: 0, max: 86_400 };
+const LENGTH_M: Bounds = { min: 0.1, max: 10_000 };
+const SPEED_M_S: Bounds = { min: 0.1, max: 100, placeholder: 'default' };
+const ANGLE_DEG: Bounds = { min: -360, max: 360 };
+const OPTIONAL_ANGLE_DEG: Bounds = { ...ANGLE_DEG, placeholder: 'unchanged' };
 export const ACTIONS = { continue: 'Continue', hold: 'Hold', return: 'Return', land: 'Land' };
 
-/** The rows of the heading: a choice of four, and the rows of the chosen one. */
-const heading: Spec = (step, context) => {
-  const current = step['look_at'] != null ? 'look_at' : step['yaw_ned_rad'] != null ? 'yaw' : step['heading'] === 'along_path' ? 'along_path' : 'keep';
+/** The rows of the heading: the choice of a mode, and the value of this mode. */
+const headingRows: RowSpec = (step, context) => {
+  const mode = step['look_at'] != null ? 'look_at' : step['yaw_ned_rad'] != null ? 'yaw' : step['heading'] === 'along_path' ? 'along_path' : 'keep';
   const rows: Field<Step>[] = [
     {
       name: 'heading',
       label: 'Heading',
       type: 'choice',
-      value: current,
+      value: mode,
       options: [
         { value: 'keep', text: 'unchanged' },
         { value: 'along_path', text: 'along the path' },
@@ -137,12 +138,12 @@ const heading: Spec = (step, context) => {
       },
     },
   ];
-  if (current === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Yaw from north', ANGLE));
-  if (current === 'look_at') rows.push(...position('look_at', 'Point to face')(step, context));
+  if (mode === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Yaw from north', ANGLE_DEG));
+  if (mode === 'look_at') rows.push(...positionRows('look_at', 'Point to face')(step, context));
   return rows;
 };
 
-/** Converts a choice to the document's value. In documents true means `over`, and null in a step "as the mission". */
+/** Converts a choice to the document's value. In a document, true also means `over`; in a step, null means the mission's value. */
 const avoidanceOf = (choice: FieldValue): 'over' | 'around' | false => (choice === 'over' || choice === 'around' ? choice : false);
 const avoidanceRow = (value: unknown) =>
   choiceField({ avoidance: value === true ? 'over' : value === false ? 'off' : value }, 'avoidance', 'Avoid obstacles', {
@@ -150,7 +151,7 @@ const avoidanceRow = (value: unknown) =>
     over: 'over them',
     around: 'around them',
   });
-const avoidance: Spec = (step) => {
+const stepAvoidance: RowSpec = (step) => {
   const row = avoidanceRow(step['avoidance'] ?? '');
   return [
     {
@@ -160,30 +161,30 @@ const avoidance: Spec = (step) => {
     },
   ];
 };
-const PATH_FIELDS: readonly Spec[] = [
-  number('speed_m_s', 'Maximum speed', SPEED),
-  heading,
-  number('photo_every_m', 'Photo every', { ...METRES, placeholder: 'none' }),
-  avoidance,
+const PATH_FIELDS: readonly RowSpec[] = [
+  numberRow('speed_m_s', 'Maximum speed', SPEED_M_S),
+  headingRows,
+  numberRow('photo_every_m', 'Photo every', { ...LENGTH_M, placeholder: 'none' }),
+  stepAvoidance,
 ];
-const CIRCLE_FIELDS: readonly Spec[] = [
-  position('center', 'Centre'),
-  number('radius_m', 'Radius', METRES),
-  number('turns', 'Turns', { min: 0.01, max: 200, step: 0.5 }),
-  toggle('clockwise', 'Clockwise, seen from above', true),
-  number('start_angle_ned_rad', 'Start bearing', { ...ANGLE, placeholder: 'nearest' }),
+const CIRCLE_FIELDS: readonly RowSpec[] = [
+  positionRows('center', 'Centre'),
+  numberRow('radius_m', 'Radius', LENGTH_M),
+  numberRow('turns', 'Turns', { min: 0.01, max: 200, step: 0.5 }),
+  switchRow('clockwise', 'Clockwise, seen from above', true),
+  numberRow('start_angle_ned_rad', 'Start bearing', { ...ANGLE_DEG, placeholder: 'nearest' }),
 ];
 
 /** The rows of a condition: value, comparison, threshold and duration. */
-function condition(field: string): Spec {
+function conditionRows(field: string): RowSpec {
   return (step) => {
     const stored = (step[field] ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
-    const side = stored.above != null ? 'above' : 'below';
-    const scale = stored.value === 'battery_share' ? PER_CENT : 1;
+    const comparison = stored.above != null ? 'above' : 'below';
+    const scale = stored.value === 'battery_share' ? PERCENT : 1;
     const withFields = (old: Step, fields: object): Step => ({ ...old, [field]: { ...(old[field] as object), ...fields } });
     return [
       {
-        ...choiceField(step, 'value', 'Value', Object.fromEntries(Object.entries(VALUES).map(([value, [label]]) => [value, label]))),
+        ...choiceField(step, 'value', 'Value', Object.fromEntries(Object.entries(CONDITION_VALUES).map(([value, [label]]) => [value, label]))),
         name: `${field}-value`,
         value: stored.value ?? '',
         set: (old, next) => withFields(old, { value: next }),
@@ -192,7 +193,7 @@ function condition(field: string): Spec {
         name: `${field}-side`,
         label: 'Comparison',
         type: 'choice',
-        value: side,
+        value: comparison,
         options: [
           { value: 'above', text: 'above' },
           { value: 'below', text: 'below' },
@@ -207,16 +208,16 @@ function condition(field: string): Spec {
         name: `${field}-bound`,
         label: 'Threshold',
         type: 'number',
-        unit: VALUES[stored.value ?? '']?.[1] ?? '',
+        unit: CONDITION_VALUES[stored.value ?? '']?.[1] ?? '',
         value: (stored.above ?? stored.below ?? 0) * scale,
-        set: (old, next) => withFields(old, { [side]: typeof next === 'number' ? next / scale : 0 }),
+        set: (old, next) => withFields(old, { [comparison]: typeof next === 'number' ? next / scale : 0 }),
       },
       {
         name: `${field}-for`,
         label: 'For at least',
         type: 'number',
         unit: 's',
-        ...SECONDS,
+        ...DURATION_S,
         value: stored.for_s ?? 0,
         set: (old, next) => withFields(old, { for_s: next ?? 0 }),
       },
@@ -224,7 +225,7 @@ function condition(field: string): Spec {
   };
 }
 
-const until: Spec = (step, context) => [
+const untilRows: RowSpec = (step, context) => [
   {
     name: 'until',
     label: 'Until',
@@ -236,10 +237,10 @@ const until: Spec = (step, context) => [
     ],
     set: (old, next) => ({ ...old, until: next === 'person' ? 'person' : { value: 'battery_share', above: 0.5, for_s: 0 } }),
   },
-  ...(step['until'] === 'person' ? text('message', 'Question')(step, context) : condition('until')(step, context)),
+  ...(step['until'] === 'person' ? textRow('message', 'Question')(step, context) : conditionRows('until')(step, context)),
 ];
 
-const velocity: Spec = (step) => {
+const velocityRows: RowSpec = (step) => {
   const stored = (step['velocity_ned_m_s'] as readonly number[] | undefined) ?? [0, 0, 0];
   return [
     ['North', 0, 1],
@@ -265,99 +266,96 @@ const velocity: Spec = (step) => {
   });
 };
 
-const gimbal: Spec = (step, context) => {
+const gimbalRows: RowSpec = (step, context) => {
   const rows: Field<Step>[] = [
     {
-      ...choiceField(step, 'track', 'Gimbal mode', TRACKS),
-      // Only look_at has a position.
+      ...choiceField(step, 'track', 'Gimbal mode', GIMBAL_MODES),
+      // Only the mode `look_at` has a position.
       set: (old, next) => ({ ...old, track: next, place: next === 'look_at' ? (old['place'] ?? { offset_ned_m: [0, 0, 0] }) : null }),
     },
   ];
-  const add = (...specs: readonly Spec[]): void => specs.forEach((spec) => rows.push(...spec(step, context)));
+  const add = (...specs: readonly RowSpec[]): void => specs.forEach((spec) => rows.push(...spec(step, context)));
   const track = step['track'];
-  if (track === 'look_at') add(position('place', 'Look at'));
-  else if (track !== 'release') add(number('pitch_rad', 'Pitch, up is positive', { min: -90, max: 90 }));
-  if (track === 'fixed' || track === 'sweep') add(number('yaw_rad', 'Yaw from the vehicle’s heading', ANGLE));
+  if (track === 'look_at') add(positionRows('place', 'Look at'));
+  else if (track !== 'release') add(numberRow('pitch_rad', 'Pitch, up is positive', { min: -90, max: 90 }));
+  if (track === 'fixed' || track === 'sweep') add(numberRow('yaw_rad', 'Yaw from the vehicle’s heading', ANGLE_DEG));
   if (track === 'sweep')
     add(
-      number('sweep_pitch_rad', 'Sweep up and down (±)', { min: 0, max: 180 }),
-      number('sweep_yaw_rad', 'Sweep to the sides (±)', { min: 0, max: 180 }),
-      number('period_s', 'Period', { min: 0.5, max: 3600 }),
+      numberRow('sweep_pitch_rad', 'Sweep up and down (±)', { min: 0, max: 180 }),
+      numberRow('sweep_yaw_rad', 'Sweep to the sides (±)', { min: 0, max: 180 }),
+      numberRow('period_s', 'Period', { min: 0.5, max: 3600 }),
     );
   return rows;
 };
 
 const nameChoice =
-  (field: string, label: string, source: 'missions' | 'tables', emptyText: string): Spec =>
+  (field: string, label: string, source: 'missions' | 'tables', emptyText: string): RowSpec =>
   (step, { mission }) => {
-    const known = Object.keys(mission[source] ?? {});
+    const names = Object.keys(mission[source] ?? {});
     const current = String(step[field] ?? '');
     const options = Object.fromEntries(
-      [...new Set([...(known.includes(current) ? [] : [current]), ...known])].map((name) => [name, name === '' ? emptyText : name]),
+      [...new Set([...(names.includes(current) ? [] : [current]), ...names])].map((name) => [name, name === '' ? emptyText : name]),
     );
     return [choiceField(step, field, label, options)];
   };
 
-const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
-  take_off: [
-    number('height_m', 'Height above the take-off position', { min: 0.5, max: 500 }),
-    number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '60' }),
-  ],
-  fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_FIELDS],
-  hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE)],
+const STEP_FIELDS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
+  take_off: [numberRow('height_m', 'Height above the take-off position', { min: 0.5, max: 500 }), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '60' })],
+  fly: [choiceRow('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_FIELDS],
+  hold: [numberRow('duration_s', 'Duration', DURATION_S), numberRow('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG)],
   orbit: [...CIRCLE_FIELDS, ...PATH_FIELDS],
-  helix: [...CIRCLE_FIELDS, number('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
+  helix: [...CIRCLE_FIELDS, numberRow('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
   spiral: [
     ...CIRCLE_FIELDS,
-    number('end_radius_m', 'Radius at the end', METRES),
-    number('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }),
+    numberRow('end_radius_m', 'Radius at the end', LENGTH_M),
+    numberRow('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }),
     ...PATH_FIELDS,
   ],
   figure_eight: [
-    position('center', 'Centre'),
-    number('length_m', 'Length', METRES),
-    number('width_m', 'Width of a loop', METRES),
-    number('rounds', 'Laps', { min: 0.01, max: 200, step: 0.5 }),
-    number('axis_ned_rad', 'Bearing of the long axis', ANGLE),
+    positionRows('center', 'Centre'),
+    numberRow('length_m', 'Length', LENGTH_M),
+    numberRow('width_m', 'Width of a loop', LENGTH_M),
+    numberRow('rounds', 'Laps', { min: 0.01, max: 200, step: 0.5 }),
+    numberRow('axis_ned_rad', 'Bearing of the long axis', ANGLE_DEG),
     ...PATH_FIELDS,
   ],
-  table: [nameChoice('file', 'Table', 'tables', 'none'), toggle('relative', 'Positions relative to the start of the mission', true)],
-  velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE)],
+  table: [nameChoice('file', 'Table', 'tables', 'none'), switchRow('relative', 'Positions relative to the start of the mission', true)],
+  velocity: [velocityRows, numberRow('duration_s', 'Duration', { min: 0.1, max: 3600 }), numberRow('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG)],
   attitude: [
-    number('roll_rad', 'Roll', { min: -85, max: 85 }),
-    number('pitch_rad', 'Pitch', { min: -85, max: 85 }),
-    number('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE),
-    number('thrust', 'Thrust, 0 to 1', { min: 0, max: 1, step: 0.05 }),
-    number('duration_s', 'Duration', { min: 0.1, max: 30 }),
+    numberRow('roll_rad', 'Roll', { min: -85, max: 85 }),
+    numberRow('pitch_rad', 'Pitch', { min: -85, max: 85 }),
+    numberRow('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG),
+    numberRow('thrust', 'Thrust, 0 to 1', { min: 0, max: 1, step: 0.05 }),
+    numberRow('duration_s', 'Duration', { min: 0.1, max: 30 }),
   ],
-  gimbal: [gimbal],
+  gimbal: [gimbalRows],
   photo: [
-    number('count', 'Photos', { min: 1, max: 10_000 }),
-    number('interval_s', 'Time between photos', { min: 0.1, max: 3600 }),
-    number('component', 'Camera', { min: 1, max: 255, step: 1, placeholder: 'first' }),
+    numberRow('count', 'Photos', { min: 1, max: 10_000 }),
+    numberRow('interval_s', 'Time between photos', { min: 0.1, max: 3600 }),
+    numberRow('component', 'Camera', { min: 1, max: 255, step: 1, placeholder: 'first' }),
   ],
-  wait: [until, number('timeout_s', 'Timeout', { min: 0.1, max: 86_400 }), choice('on_timeout', 'On timeout', ACTIONS)],
-  repeat: [number('times', 'Times', { min: 1, max: 1000 })],
-  branch: [condition('condition')],
+  wait: [untilRows, numberRow('timeout_s', 'Timeout', { min: 0.1, max: 86_400 }), choiceRow('on_timeout', 'On timeout', ACTIONS)],
+  repeat: [numberRow('times', 'Times', { min: 1, max: 1000 })],
+  branch: [conditionRows('condition')],
   call: [nameChoice('mission', 'List of steps', 'missions', 'choose …')],
-  land: [number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '300' })],
-  meet: [text('meeting', 'Name of the sync point'), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '120' })],
+  land: [numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '300' })],
+  meet: [textRow('meeting', 'Name of the sync point'), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '120' })],
 };
-/** Integer fields: the page rounds typed fractions. */
-const WHOLE: ReadonlySet<string> = new Set(['times', 'count']);
+/** Fields with whole numbers; the page rounds typed fractions. */
+const WHOLE_NUMBERS: ReadonlySet<string> = new Set(['times', 'count']);
 
 /** The rows of a step; the first row is the name. */
 export function fieldsOf(step: Step, context: Context): Field<Step>[] {
-  const rows = [...text('name', 'Name')(step, context), ...FIELDS[step.step].flatMap((spec) => spec(step, context))];
-  return rows.map((row) => (WHOLE.has(row.name) ? { ...row, set: (old, next) => row.set(old, typeof next === 'number' ? Math.round(next) : next) } : row));
+  const rows = [...textRow('name', 'Name')(step, context), ...STEP_FIELDS[step.step].flatMap((spec) => spec(step, context))];
+  return rows.map((row) => (WHOLE_NUMBERS.has(row.name) ? { ...row, set: (old, next) => row.set(old, typeof next === 'number' ? Math.round(next) : next) } : row));
 }
 
 /** The rows of one point of a trajectory. */
 export function pointFields(point: MissionPosition, { frame }: Context): Field<MissionPosition>[] {
   return [
     ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Position', 'point'),
-    numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE),
-    numberField(point, 'hold_s', 'Wait at the point', { ...SECONDS, placeholder: '0' }),
+    numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG),
+    numberField(point, 'hold_s', 'Wait at the point', { ...DURATION_S, placeholder: '0' }),
     numberField(point, 'corner_m', 'Corner rounding: maximum distance from the point', { min: 0, max: 1000, placeholder: '1' }),
     { name: 'stop', label: 'Stop at the point', type: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
   ];
@@ -370,7 +368,7 @@ const EVENT_LABELS: Readonly<Record<string, string>> = {
   control_lost: 'Controlling client lost',
 };
 
-/** The rows of the whole mission: failsafe actions and limits. */
+/** The rows of the whole mission: failsafe actions, obstacle avoidance and limits. */
 export function missionFields(mission: Mission): Field<Mission>[] {
   const actions = mission.actions as unknown as Readonly<Record<string, string>>;
   const limits = mission.limits as unknown as Readonly<Record<string, number | null>>;

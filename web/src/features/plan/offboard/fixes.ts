@@ -11,7 +11,7 @@ import { newStep } from './step-titles';
 
 /** Altitude above the start to which points below the start are raised [m]. */
 const MIN_UP_M = 2;
-/** Points are lowered to this distance below a limit, because a curve may pass a little above its points [m]. */
+/** Distance below a limit to which points are lowered [m]. A curve may pass slightly above its points. */
 const MARGIN_M = 0.5;
 
 export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mission> | null {
@@ -91,14 +91,15 @@ function limitGimbal(mission: Mission, node: StepNode): Fix<Mission> {
   return { text: 'Limit the gimbal pitch to ±90°', plan: setStep(mission, node, { ...node.step, pitch_rad, sweep_pitch_rad }) };
 }
 
-/** Sets the altitude above the start of each point of a step to `to(up_m)`; null for a step without points. */
-function changeAltitudes(mission: Mission, node: StepNode, frame: Frame, text: string, to: (up_m: number) => number): Fix<Mission> | null {
-  const moved = (at: MissionPosition): MissionPosition => {
-    const geoPoint = geoPointOf(at, frame);
-    return to(geoPoint.up_m) === geoPoint.up_m ? at : inFrame(frameOfPosition(at), { ...geoPoint, up_m: to(geoPoint.up_m) }, frame, at);
+/** Sets the altitude above the start of each point of a step to `newUp_m(up_m)`; null for a step without points. */
+function changeAltitudes(mission: Mission, node: StepNode, frame: Frame, text: string, newUp_m: (up_m: number) => number): Fix<Mission> | null {
+  const changed = (point: MissionPosition): MissionPosition => {
+    const geoPoint = geoPointOf(point, frame);
+    const up_m = newUp_m(geoPoint.up_m);
+    return up_m === geoPoint.up_m ? point : inFrame(frameOfPosition(point), { ...geoPoint, up_m }, frame, point);
   };
   if (node.step.points === undefined) return null;
-  return { text, plan: setStep(mission, node, { ...node.step, points: node.step.points.map(moved) }) };
+  return { text, plan: setStep(mission, node, { ...node.step, points: node.step.points.map(changed) }) };
 }
 
 /** Ids of the parts that a finding concerns. */

@@ -12,10 +12,7 @@ export type FlownPath = Readonly<Schemas['FlownMission']>;
 type Sample = FlownPath['samples'][number];
 type Vector = readonly number[];
 
-/**
- * The flown length is measured in steps of at least this distance, so that it does not contain the noise of the
- * estimate [m].
- */
+/** Minimum step for measuring the flown length, which excludes the noise of the position estimate [m]. */
 const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
 
@@ -70,59 +67,59 @@ function plannedLines({ planned_legs, samples }: FlownPath): { place: string; po
  */
 export function pathDistances(flown: FlownPath): PathDistance[] {
   const lines = plannedLines(flown);
-  const linesOf = new Map<string | null, readonly (readonly Vector[])[]>();
+  const linesByPlace = new Map<string | null, readonly (readonly Vector[])[]>();
   for (const { place } of flown.samples) {
     const stepLines = lines.filter((line) => line.place === place);
-    linesOf.set(
+    linesByPlace.set(
       place,
       (stepLines.length === 0 ? lines : stepLines).map(({ points }) => points),
     );
   }
   return flown.samples.flatMap((sample) => {
-    const distance_m = sample.planned_ned_m === null ? Infinity : distanceToLines_m(sample.flown_ned_m, linesOf.get(sample.place) ?? []);
+    const distance_m = sample.planned_ned_m === null ? Infinity : distanceToLines_m(sample.flown_ned_m, linesByPlace.get(sample.place) ?? []);
     return Number.isFinite(distance_m) ? [{ t_s: sample.t_s, distance_m }] : [];
   });
 }
 
-function distanceToLines_m(at: Vector, lines: readonly (readonly Vector[])[]): number {
+function distanceToLines_m(point: Vector, lines: readonly (readonly Vector[])[]): number {
   let min_m = Infinity;
   for (const points of lines)
     for (let i = 0; i < points.length; i += 1) {
-      const end = points[i] ?? at;
-      min_m = Math.min(min_m, distanceToSegment_m(at, points[i - 1] ?? end, end));
+      const end = points[i] ?? point;
+      min_m = Math.min(min_m, distanceToSegment_m(point, points[i - 1] ?? end, end));
     }
   return min_m;
 }
 
-function distanceToSegment_m(at: Vector, from: Vector, to: Vector): number {
-  let [along, length2] = [0, 0];
+function distanceToSegment_m(point: Vector, start: Vector, end: Vector): number {
+  let [dotProduct, squaredLength] = [0, 0];
   for (let axis = 0; axis < 3; axis += 1) {
-    const component = (to[axis] ?? 0) - (from[axis] ?? 0);
-    along += ((at[axis] ?? 0) - (from[axis] ?? 0)) * component;
-    length2 += component * component;
+    const component = (end[axis] ?? 0) - (start[axis] ?? 0);
+    dotProduct += ((point[axis] ?? 0) - (start[axis] ?? 0)) * component;
+    squaredLength += component * component;
   }
-  const fraction = length2 === 0 ? 0 : Math.min(1, Math.max(0, along / length2));
-  return Math.hypot(...[0, 1, 2].map((axis) => (at[axis] ?? 0) - (from[axis] ?? 0) - fraction * ((to[axis] ?? 0) - (from[axis] ?? 0))));
+  const fraction = squaredLength === 0 ? 0 : Math.min(1, Math.max(0, dotProduct / squaredLength));
+  return Math.hypot(...[0, 1, 2].map((axis) => (point[axis] ?? 0) - (start[axis] ?? 0) - fraction * ((end[axis] ?? 0) - (start[axis] ?? 0))));
 }
 
 /** Length of the flown path. */
 export function flownLength_m(samples: readonly Sample[]): number {
   let length_m = 0;
-  let last: Vector | undefined;
+  let previous: Vector | undefined;
   for (const { flown_ned_m: position } of samples) {
-    const step_m = last === undefined ? 0 : Math.hypot(...position.map((value, axis) => value - (last?.[axis] ?? 0)));
-    if (last !== undefined && step_m < LENGTH_STEP_M) continue;
+    const step_m = previous === undefined ? 0 : Math.hypot(...position.map((value, axis) => value - (previous?.[axis] ?? 0)));
+    if (previous !== undefined && step_m < LENGTH_STEP_M) continue;
     length_m += step_m;
-    last = position;
+    previous = position;
   }
   return length_m;
 }
 
-/** The figures. @param dryRun the dry run that the flight was compared with; null: none. */
+/** The figures of a flight. @param dryRun the dry run that the flight was compared with; null: none. */
 export function figures(flown: FlownPath, distances: readonly PathDistance[], dryRun: DryRunView | null): Figures {
   const sorted_m = distances.map(({ distance_m }) => distance_m).sort((a, b) => a - b);
-  const length = (value_m: number | null): string => (value_m === null ? 'not known' : `${metres(value_m).text} ${metres(value_m).unit}`);
-  const simulated = dryRun?.together == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is the flight of the first role
+  const lengthText = (value_m: number | null): string => (value_m === null ? 'not known' : `${metres(value_m).text} ${metres(value_m).unit}`);
+  const dryRunFlight = dryRun?.together == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is the flight of the first role
   return {
     largest_m: sorted_m.at(-1) ?? null,
     p95_m: sorted_m[Math.ceil(QUANTILE * sorted_m.length) - 1] ?? null,
@@ -132,10 +129,10 @@ export function figures(flown: FlownPath, distances: readonly PathDistance[], dr
         planned: duration(flown.planned_duration_s),
         flown: duration(flown.duration_s),
       },
-      { name: 'Length', planned: length(flown.planned_length_m), flown: length(flownLength_m(flown.samples)) },
+      { name: 'Length', planned: lengthText(flown.planned_length_m), flown: lengthText(flownLength_m(flown.samples)) },
       {
         name: 'Battery used',
-        planned: percentUsed(simulated?.battery_start_share, simulated?.battery_end_share),
+        planned: percentUsed(dryRunFlight?.battery_start_share, dryRunFlight?.battery_end_share),
         flown: percentUsed(flown.battery_start_share, flown.battery_end_share),
       },
     ],
@@ -146,7 +143,7 @@ function percentUsed(start: number | null | undefined, end: number | null | unde
   return start == null || end == null ? 'not known' : `${fixed(100 * (start - end), 0)} %`;
 }
 
-/** Explains what the figures refer to. */
+/** Text about what the figures refer to. */
 export function sourceText({ planned_by }: FlownPath): string {
   return SOURCE_TEXTS[planned_by];
 }
@@ -154,8 +151,8 @@ export function sourceText({ planned_by }: FlownPath): string {
 /** The largest distance and the 95th percentile as text. */
 export function distanceText({ largest_m, p95_m }: Figures, { planned_by }: FlownPath): string {
   if (largest_m === null) {
-    const why = planned_by === 'mission' ? 'the server sent no position setpoints' : 'no planned path is known for this flight';
-    return `Distance from the planned path: not known, because ${why}.`;
+    const reason = planned_by === 'mission' ? 'the server sent no position setpoints' : 'no planned path is known for this flight';
+    return `Distance from the planned path: not known, because ${reason}.`;
   }
   return `Distance from the planned path: at most ${fixed(largest_m, 1)} m; 95 % within ${fixed(p95_m, 1)} m.`;
 }
@@ -179,8 +176,8 @@ export function flownPlot(flown: FlownPath, distances: readonly PathDistance[], 
     if (planned_ned_m === null) planned.push([]);
     else planned.at(-1)?.push([t_s, up_m(planned_ned_m)]);
   }
-  const parts = planned.filter((part) => part.length > 1);
-  return { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 5, end_s, points, furtherPoints: parts.flat() }), planned: parts };
+  const plannedParts = planned.filter((part) => part.length > 1);
+  return { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 5, end_s, points, furtherPoints: plannedParts.flat() }), planned: plannedParts };
 }
 
 /**
@@ -189,17 +186,17 @@ export function flownPlot(flown: FlownPath, distances: readonly PathDistance[], 
 export function flownPicture(flown: FlownPath): LayerPicture | null {
   const { origin } = flown;
   if (origin === null) return null;
-  const positions = (points: readonly Vector[]) => points.map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m }));
+  const positionsOf = (points: readonly Vector[]) => points.map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m }));
   const planned: { place: string; points: Vector[] }[] = [];
   for (const { place, points } of plannedLines(flown)) {
     const last = planned.at(-1);
-    const joins = last?.points.at(-1)?.every((value, axis) => Math.abs(value - (points[0]?.[axis] ?? Infinity)) < 0.01) === true;
-    if (last !== undefined && joins) last.points.push(...points.slice(1));
+    const isContinuous = last?.points.at(-1)?.every((value, axis) => Math.abs(value - (points[0]?.[axis] ?? Infinity)) < 0.01) === true;
+    if (last !== undefined && isContinuous) last.points.push(...points.slice(1));
     else planned.push({ place, points: [...points] });
   }
   const lines: LayerLine[] = [
-    ...planned.map(({ points }): LayerLine => ({ positions: positions(points), tone: 'target', style: 'dashed' })),
-    { positions: positions(flown.samples.map(({ flown_ned_m }) => flown_ned_m)), tone: 'actual', style: 'solid' },
+    ...planned.map(({ points }): LayerLine => ({ positions: positionsOf(points), tone: 'target', style: 'dashed' })),
+    { positions: positionsOf(flown.samples.map(({ flown_ned_m }) => flown_ned_m)), tone: 'actual', style: 'solid' },
   ];
   return { lines: lines.filter((line) => line.positions.length > 1), areas: [], points: [] };
 }

@@ -37,10 +37,10 @@ export class MissionInsertion {
     this.requestCount += 1;
     this.isOpen = false;
     this.busy = false;
-    this.clear();
+    this.clearProblem();
   }
 
-  private clear(): void {
+  private clearProblem(): void {
     [this.problem, this.missionAwaitingChoice] = [null, null];
   }
 
@@ -49,20 +49,20 @@ export class MissionInsertion {
    * @param positions how relative positions are inserted; null: the person has not chosen.
    * @returns null: the mission was not inserted, see `problem`.
    */
-  async insert(stored: StoredMission, positions: PositionHandling | null = null): Promise<InsertedMission | null> {
+  async insert(storedMission: StoredMission, positions: PositionHandling | null = null): Promise<InsertedMission | null> {
     const { mission, draft, selected } = this.editor;
     if (mission === null || this.busy) return null;
-    const at = pathOfCall(mission, [...selected]);
+    const callPath = pathOfCall(mission, [...selected]);
     this.requestCount += 1;
-    const request = this.requestCount;
-    this.clear();
+    const requestNumber = this.requestCount;
+    this.clearProblem();
     this.busy = true;
-    const response = await this.api.insert(mission, at, stored.id, this.inAir, positions);
-    if (request !== this.requestCount) return null;
+    const response = await this.api.insert(mission, callPath, storedMission.id, this.inAir, positions);
+    if (requestNumber !== this.requestCount) return null;
     this.busy = false;
     if (!response.ok) {
       const awaitsChoice = response.problem.field === 'positions' && positions === null;
-      this.missionAwaitingChoice = awaitsChoice ? stored : null;
+      this.missionAwaitingChoice = awaitsChoice ? storedMission : null;
       this.problem = fieldProblemText(awaitsChoice ? { ...response.problem, remedy: null } : response.problem);
       return null;
     }
@@ -71,7 +71,7 @@ export class MissionInsertion {
       return null;
     }
     this.editor.change(response.value.plan);
-    const id = idAt(response.value.plan, at);
+    const id = idAt(response.value.plan, callPath);
     this.editor.select(id === null ? [] : [id]);
     this.close();
     return response.value;

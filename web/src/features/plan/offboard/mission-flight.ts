@@ -45,7 +45,7 @@ export function lastFlightText(flight: MissionFlight, vehicleName: string): stri
   return `Last flight of “${flight.name}” by ${vehicleName}: ${STATE_TEXTS[flight.state].toLowerCase()}.`;
 }
 
-/** Who commands the vehicle during a mission; null: the flight mode has no executor, or the mission is over. */
+/** Text about who commands the vehicle during a mission; null: the flight mode has no executor, or the mission is over. */
 export function executorText(flight: MissionFlight): string | null {
   if (isOver(flight) || flight.executor_in_charge === null) return null;
   return flight.executor_in_charge
@@ -57,12 +57,13 @@ export function executorText(flight: MissionFlight): string | null {
 export function availableCommands(flight: MissionFlight): readonly FlightCommand[] {
   if (isOver(flight)) return [];
   const isPaused = flight.state === 'paused' || flight.state === 'suspended' || flight.state === 'pausing';
-  const goOn: FlightCommand[] = flight.question === null || isPaused ? [] : ['go_on'];
-  const skip: FlightCommand[] = flight.others.length > 0 ? [] : ['skip']; // after a skipped step, vehicles that fly together would no longer be synchronized
-  return [...goOn, isPaused ? 'resume' : 'pause', ...skip, 'abort'];
+  const goOnCommands: FlightCommand[] = flight.question === null || isPaused ? [] : ['go_on'];
+  const skipCommands: FlightCommand[] = flight.others.length > 0 ? [] : ['skip']; // after a skipped step, vehicles that fly together would no longer be synchronized
+  return [...goOnCommands, isPaused ? 'resume' : 'pause', ...skipCommands, 'abort'];
 }
 
-export const COMMAND_NAMES: Readonly<Record<FlightCommand, string>> = {
+/** Texts of the command buttons. */
+export const COMMAND_BUTTONS: Readonly<Record<FlightCommand, string>> = {
   pause: 'Pause',
   resume: 'Resume…',
   skip: 'Skip step…',
@@ -71,7 +72,7 @@ export const COMMAND_NAMES: Readonly<Record<FlightCommand, string>> = {
 };
 
 /** Names of the commands in progress texts and refusals. */
-export const COMMAND_TEXTS: Readonly<Record<FlightCommand, string>> = {
+export const COMMAND_NAMES: Readonly<Record<FlightCommand, string>> = {
   pause: 'Pause mission',
   resume: 'Resume mission',
   skip: 'Skip step',
@@ -111,7 +112,7 @@ export function commandQuestion(command: FlightCommand, flight: MissionFlight, v
   }
 }
 
-const ACTIONS: Readonly<Record<string, string>> = { continue: 'continues', hold: 'holds', return: 'returns', land: 'lands' };
+const ACTION_VERBS: Readonly<Record<string, string>> = { continue: 'continues', hold: 'holds', return: 'returns', land: 'lands' };
 
 /**
  * Why this page cannot start a mission; null if it can.
@@ -124,7 +125,7 @@ export function startProblem(blocking: readonly Finding[] | null, flight: Missio
   return blockingErrorsText(blocking);
 }
 
-/** Text about errors that are not accepted, with the text of the first one. */
+/** Text about errors that are not accepted, with the text of the first error. */
 export function blockingErrorsText(blocking: readonly Finding[]): string {
   const text = blocking[0]?.text ?? '';
   return blocking.length === 1 ? `An error to fix or accept below: ${text}` : `${blocking.length} errors to fix or accept below. The first one: ${text}`;
@@ -135,16 +136,16 @@ export function startQuestion(
   mission: Mission,
   vehicleName: string,
   time_s: number | null,
-  warnings: number,
+  warningCount: number,
   ifStreamStops: string | null,
   acceptedTexts: readonly string[] = [],
 ): Question {
   const { link_loss, low_battery, control_lost } = mission.actions;
-  const actionText = (action: string): string => ACTIONS[action] ?? action;
+  const actionText = (action: string): string => ACTION_VERBS[action] ?? action;
   const count = nodesOf(mission).filter((node) => node.depth === 0).length;
   const parts = [
     `${mission.steps?.[0]?.step === 'take_off' ? 'Arms, takes off and flies' : 'Flies'} ${count} ${count === 1 ? 'step' : 'steps'}${time_s === null ? '' : `, about ${duration(time_s)}`}.`,
-    warnings === 0 ? '' : `The check found ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}.`,
+    warningCount === 0 ? '' : `The check found ${warningCount} ${warningCount === 1 ? 'warning' : 'warnings'}.`,
     acceptedErrorsText(acceptedTexts),
     `${low_battery === 'continue' ? 'Low battery: no action by the mission; the vehicle’s own setting applies' : `Low battery: the vehicle ${actionText(low_battery)}`}. If the controlling client is lost: the vehicle ${actionText(control_lost)}.`,
     `If the server fails or loses the connection to the vehicle: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(
@@ -165,14 +166,14 @@ export function startQuestion(
 /**
  * Id of the dry run to compare a flight with: a dry run of this vehicle with a corridor, from the same start; null:
  * none.
- * @param here position of the vehicle; null: not known.
+ * @param position position of the vehicle; null: not known.
  */
-export function dryRunWithCorridor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
-  if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || here === null) return null;
-  return isSameStart(here, view.nominal.origin) ? view.id : null;
+export function dryRunWithCorridor(view: DryRunView | null, vehicle: string, position: GeoPosition | null): string | null {
+  if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || position === null) return null;
+  return isSameStart(position, view.nominal.origin) ? view.id : null;
 }
 
-/** As `dryRunWithCorridor`, for the vehicles of a mission with roles. @param positionOf null: the position is not known. */
+/** Like `dryRunWithCorridor`, for a mission with roles: all vehicles must match. @param positionOf null: the position is not known. */
 export function dryRunWithCorridorForRoles(
   view: DryRunView | null,
   vehicles: Readonly<Record<string, string>>,
@@ -180,14 +181,14 @@ export function dryRunWithCorridorForRoles(
 ): string | null {
   const roles = Object.entries(view?.together?.monte_carlo?.roles ?? {});
   if (view === null || roles.length === 0) return null;
-  const matches = roles.every(([role, { corridor }]) => {
+  const allMatch = roles.every(([role, { corridor }]) => {
     const vehicle = vehicles[role];
     const [north_m, east_m] = corridor?.position_ned_m[0] ?? [];
-    const at = vehicle === undefined || vehicle !== view.vehicles?.[role] ? null : positionOf(vehicle);
-    if (at === null || north_m === undefined || east_m === undefined) return false;
-    return isSameStart(at, positionAt(view.nominal.origin, { north_m, east_m }));
+    const position = vehicle === undefined || vehicle !== view.vehicles?.[role] ? null : positionOf(vehicle);
+    if (position === null || north_m === undefined || east_m === undefined) return false;
+    return isSameStart(position, positionAt(view.nominal.origin, { north_m, east_m }));
   });
-  return matches ? view.id : null;
+  return allMatch ? view.id : null;
 }
 
 /** Text about the distance outside the corridor; null if the vehicle is inside or no corridor is monitored. */

@@ -32,17 +32,17 @@ export function picture(
   const add = pointAdder(points, selected);
   const nodes = nodesOf(mission);
   const showsAllMidpoints = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MAX_MIDPOINTS;
-  const chosen = new Set([...selected].map(stepNameOf));
+  const selectedPlaces = new Set([...selected].map(stepNameOf));
   add('home', frame.start, 'home', 'text2');
-  const drawn = new Set<string>();
+  const drawnPaths = new Set<string>();
   for (const node of nodes) {
-    // The points of a list that is called twice are shown once.
-    const key = JSON.stringify(node.path);
-    if (drawn.has(key)) continue;
-    drawn.add(key);
+    // The points of a list of steps that is called twice are shown once.
+    const pathKey = JSON.stringify(node.path);
+    if (drawnPaths.has(pathKey)) continue;
+    drawnPaths.add(pathKey);
     const positions = positionsOf(node);
     const count = node.step.points?.length ?? 0;
-    if (showsAllMidpoints || chosen.has(node.place))
+    if (showsAllMidpoints || selectedPlaces.has(node.place))
       for (let i = 1; i < count; i += 1) {
         const [a, b] = [node.step.points?.[i - 1], node.step.points?.[i]];
         if (a !== undefined && b !== undefined)
@@ -77,17 +77,17 @@ function straightLines(nodes: readonly StepNode[], frame: Frame): LayerLine[] {
 
 /** The compiled path. Alternative branches and outdated paths are dotted. */
 function flightLines(flight: CompiledFlight, frame: Frame, isCurrent: boolean): LayerLine[] {
-  const parts: { main: boolean; positions: LayerPosition[] }[] = [];
+  const lines: { main: boolean; positions: LayerPosition[] }[] = [];
   for (const { main, points } of flight.legs) {
     const positions = points.map(([, north_m, east_m, down_m]): LayerPosition => ({
       ...positionAt(frame.origin, { north_m, east_m }),
       alt_amsl_m: frame.origin.alt_amsl_m - down_m,
     }));
-    const before = parts.at(-1);
-    if (before !== undefined && before.main === main && isSamePosition(before.positions.at(-1), positions[0])) before.positions.push(...positions.slice(1));
-    else parts.push({ main, positions });
+    const previous = lines.at(-1);
+    if (previous !== undefined && previous.main === main && isSamePosition(previous.positions.at(-1), positions[0])) previous.positions.push(...positions.slice(1));
+    else lines.push({ main, positions });
   }
-  return parts
+  return lines
     .filter(({ positions }) => positions.length > 1)
     .map(({ main, positions }) => ({ positions, tone: 'target', style: main && isCurrent ? 'solid' : 'dotted' }));
 }
@@ -96,13 +96,13 @@ function isSamePosition(a: GeoPosition | undefined, b: GeoPosition | undefined):
   return a !== undefined && b !== undefined && Math.abs(a.lat_deg - b.lat_deg) < 1e-7 && Math.abs(a.lon_deg - b.lon_deg) < 1e-7;
 }
 
-/** Parses the id of a leg's midpoint: the step, and the index of the point before which it inserts. */
+/** Parses the id of a leg's midpoint. @returns the step, and the index that a new point gets; null: the id of another part. */
 export function pointInsertionOf(id: string): { index: number; place: string } | null {
   const match = /^between:(\d+):(.*)$/s.exec(id);
   return match === null ? null : { index: Number(match[1]), place: match[2] ?? '' };
 }
 
-/** The list of a mission. The duration of a step contains the durations of its nested steps. */
+/** The list entries of a mission. The duration of a step contains the durations of its nested steps. */
 export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[] {
   const timeOfStep = new Map(times.map((time) => [time.place, time]));
   const duration_s = (node: StepNode, nested: readonly StepNode[]): number | null => {
@@ -113,10 +113,10 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
   return [
     ...homeEntry(mission.home ?? null),
     ...nodes.map((node, index): TreeEntry => {
-      const end = nodes.findIndex((other, i) => i > index && other.depth <= node.depth);
-      const time_s = duration_s(node, nodes.slice(index + 1, end < 0 ? nodes.length : end));
+      const endIndex = nodes.findIndex((other, i) => i > index && other.depth <= node.depth);
+      const stepDuration_s = duration_s(node, nodes.slice(index + 1, endIndex < 0 ? nodes.length : endIndex));
       const photos = timeOfStep.get(node.place)?.photos ?? 0;
-      const durationText = [time_s === null || time_s < 0.5 ? '' : duration(time_s), photos > 0 ? `${photos} ${photos === 1 ? 'photo' : 'photos'}` : '']
+      const durationText = [stepDuration_s === null || stepDuration_s < 0.5 ? '' : duration(stepDuration_s), photos > 0 ? `${photos} ${photos === 1 ? 'photo' : 'photos'}` : '']
         .filter(Boolean)
         .join('\n');
       return {

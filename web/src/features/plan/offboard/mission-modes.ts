@@ -8,18 +8,19 @@ import { blockingErrorsText } from './mission-flight';
 
 export type MissionMode = Readonly<components['schemas']['MissionModeStatus']>;
 /** Longest name of a mode in PX4. */
-export const NAME_LENGTH = 24;
+export const MAX_NAME_LENGTH = 24;
 /** Longest time for which PX4 may defer a failsafe [s]. */
 const MAX_DEFERRAL_S = 120;
+/** Printable ASCII characters without a space at the beginning or end. */
 const NAME_PATTERN = /^[!-~]([ -~]{0,22}[!-~])?$/;
 
 /** A name for the mode of a mission: printable ASCII characters, at most as long as PX4 permits. */
-export function modeName(mission: string): string {
-  const ascii = mission.normalize('NFKD').replace(/[^ -~]/g, '');
-  return ascii.trim().slice(0, NAME_LENGTH).trim();
+export function modeName(missionName: string): string {
+  const ascii = missionName.normalize('NFKD').replace(/[^ -~]/g, '');
+  return ascii.trim().slice(0, MAX_NAME_LENGTH).trim();
 }
 
-/** Parses how long PX4 may defer a failsafe [s], a whole number; empty text is 0 (never). Null: not valid. */
+/** Parses the time for which PX4 may defer a failsafe, in whole seconds; empty text is 0 (never). Null: not valid. */
 export function deferralOf(text: string): number | null {
   const typed = text.trim();
   if (!/^[0-9]{0,3}$/.test(typed)) return null;
@@ -38,7 +39,7 @@ export function deferralProblem(text: string): string | null {
  *   counted as an error, because the mode of a mission without a take-off begins in the air.
  */
 export function registerProblem(name: string, mission: Mission, blocking: readonly Finding[] | null, modes: readonly MissionMode[]): string | null {
-  if (!NAME_PATTERN.test(name)) return `The name of the mode must have 1 to ${NAME_LENGTH} ASCII characters.`;
+  if (!NAME_PATTERN.test(name)) return `The name of the mode must have 1 to ${MAX_NAME_LENGTH} ASCII characters.`;
   if (modes.some((mode) => mode.name === name && (mode.state === 'registered' || mode.state === 'registering')))
     return `A mode “${name}” is already registered. Remove it first, or choose another name.`;
   if (blocking === null) return 'The mission has not been checked for this vehicle yet.';
@@ -91,7 +92,7 @@ function armingText(mode: MissionMode): string {
 }
 
 /** What selecting the mode does in flight. */
-function flightText(mode: MissionMode): string {
+function inFlightText(mode: MissionMode): string {
   const missionEffect = mode.takes_off
     ? `continues the mission “${mode.mission}”${versionText(mode)} if it was suspended. Otherwise the vehicle holds, because the mission begins with a take-off.`
     : `flies the mission “${mode.mission}”${versionText(mode)} from its current position.`;
@@ -103,20 +104,20 @@ function versionText(mode: MissionMode): string {
 }
 
 export function selectQuestion(mode: MissionMode, vehicleName: string, inAir: boolean): Question {
-  const deferral =
+  const deferralText =
     mode.defer_failsafes_s > 0
       ? ` During the mission, PX4 defers these failsafes for up to ${mode.defer_failsafes_s} s: lost ground station connection, lost manual control, low battery.`
       : '';
   if (!inAir)
     return {
       title: `Select “${mode.name}” for ${vehicleName}`,
-      effect: `Switches to the flight mode “${mode.name}”. ${armingText(mode)}${deferral}`,
+      effect: `Switches to the flight mode “${mode.name}”. ${armingText(mode)}${deferralText}`,
       verb: 'Select',
       danger: false,
     };
   return {
     title: `Start “${mode.name}” with ${vehicleName}`,
-    effect: `${flightText(mode)}${deferral}`,
+    effect: `${inFlightText(mode)}${deferralText}`,
     verb: 'Start',
     danger: false,
   };

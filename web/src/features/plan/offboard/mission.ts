@@ -4,9 +4,9 @@ import type { components } from '../../../api/schema';
 import type { PlannedHome, SharedParts } from '../document/document';
 
 type Schemas = components['schemas'];
-type Wire = Schemas['OffboardMission'];
+type ApiMission = Schemas['OffboardMission'];
 
-export type StepKind = Wire['steps'][number]['step'];
+export type StepKind = ApiMission['steps'][number]['step'];
 export type Action = Schemas['Actions']['link_loss'];
 export type Vector = readonly [number, number, number];
 
@@ -40,7 +40,7 @@ export interface Role {
   readonly steps: readonly Step[];
 }
 
-export type Mission = Readonly<Omit<Wire, 'steps' | 'roles' | 'missions' | 'fence' | 'obstacles' | 'home'>> &
+export type Mission = Readonly<Omit<ApiMission, 'steps' | 'roles' | 'missions' | 'fence' | 'obstacles' | 'home'>> &
   SharedParts & {
     readonly home?: PlannedHome | null;
     readonly steps: readonly Step[];
@@ -73,27 +73,27 @@ export interface StepNode {
   readonly listHeading: string;
 }
 
-/** The tree contains at most this many steps, because nested calls multiply the steps. */
+/** Limits of the tree; nested calls multiply the steps. */
 const MAX_NODES = 3000;
 const MAX_DEPTH = 24;
 
-/** All steps in order, nested steps after their parent. */
+/** All steps in order; nested steps follow their parent. A list that calls itself is not expanded again. */
 export function nodesOf(mission: Mission): StepNode[] {
   const nodes: StepNode[] = [];
-  const walk = (steps: readonly Step[], path: JsonPath, prefix: string, depth: number, listHeading: string, called: readonly string[]): void => {
+  const walk = (steps: readonly Step[], path: JsonPath, prefix: string, depth: number, listHeading: string, callingLists: readonly string[]): void => {
     steps.forEach((step, index) => {
       if (nodes.length >= MAX_NODES || depth > MAX_DEPTH) return;
       const place = `${prefix}${index + 1}`;
       const stepPath = [...path, index];
       nodes.push({ place, path: stepPath, step, depth, mark: String(index + 1), listHeading: index === 0 ? listHeading : '' });
-      if (step.step === 'repeat') walk(step.steps ?? [], [...stepPath, 'steps'], `${place}.`, depth + 1, '', called);
+      if (step.step === 'repeat') walk(step.steps ?? [], [...stepPath, 'steps'], `${place}.`, depth + 1, '', callingLists);
       if (step.step === 'branch') {
-        walk(step.then ?? [], [...stepPath, 'then'], `${place} then `, depth + 1, 'then', called);
-        walk(step.otherwise ?? [], [...stepPath, 'otherwise'], `${place} otherwise `, depth + 1, 'otherwise', called);
+        walk(step.then ?? [], [...stepPath, 'then'], `${place} then `, depth + 1, 'then', callingLists);
+        walk(step.otherwise ?? [], [...stepPath, 'otherwise'], `${place} otherwise `, depth + 1, 'otherwise', callingLists);
       }
       const name = step.step === 'call' ? (step.mission ?? '') : '';
-      if (name !== '' && !called.includes(name))
-        walk(mission.missions[name] ?? [], ['missions', name], `${place}, ${name} `, depth + 1, name, [...called, name]);
+      if (name !== '' && !callingLists.includes(name))
+        walk(mission.missions[name] ?? [], ['missions', name], `${place}, ${name} `, depth + 1, name, [...callingLists, name]);
     });
   };
   walk(mission.steps, ['steps'], 'step ', 0, '', []);
@@ -128,6 +128,7 @@ export function stepNameOf(id: string): string | null {
   return pointOf(id)?.place ?? null;
 }
 
+/** Parses the id of a point; null: the id of another part. */
 export function pointOf(id: string): PointRef | null {
   const match = /^point:(points|center|look_at|place):(\d+):(.*)$/s.exec(id);
   return match === null ? null : { field: match[1] as PointRef['field'], index: Number(match[2]), place: match[3] ?? '' };
@@ -138,7 +139,7 @@ export function pathOf(node: StepNode, ref: PointRef): JsonPath {
   return ref.field === 'points' ? [...node.path, 'points', ref.index] : [...node.path, ref.field];
 }
 
-/** All positions of a step with their ids. */
+/** All positions of a step, with references to them. */
 export function positionsOf(node: StepNode): { ref: PointRef; at: MissionPosition }[] {
   const positions = (node.step.points ?? []).map((at, index) => ({ ref: { place: node.place, field: 'points', index } as PointRef, at }));
   for (const field of ['center', 'look_at', 'place'] as const) {
@@ -148,6 +149,7 @@ export function positionsOf(node: StepNode): { ref: PointRef; at: MissionPositio
   return positions;
 }
 
+/** The value at a path; undefined: there is none. */
 export function valueAt(document: unknown, path: JsonPath): unknown {
   return path.reduce<unknown>(
     (value, key) => (value === null || typeof value !== 'object' ? undefined : (value as Record<string | number, unknown>)[key]),

@@ -19,16 +19,16 @@ const ALTITUDE_LABELS: Readonly<Record<PositionFrame, string>> = {
 
 /**
  * The rows of a position in any object.
- * @param put returns the target with the changed position.
+ * @param withPosition returns the target with the changed position.
  * @param label displayed name of the position.
- * @param key beginning of the names of the rows.
+ * @param prefix prefix of the names of the rows.
  */
 export function positionFields<T>(
   position: MissionPosition,
   frame: Frame,
-  put: (target: T, position: MissionPosition) => T,
+  withPosition: (target: T, position: MissionPosition) => T,
   label: string,
-  key: string,
+  prefix: string,
 ): Field<T>[] {
   const positionFrame = frameOfPosition(position);
   const geoPoint = geoPointOf(position, frame);
@@ -46,13 +46,13 @@ export function positionFields<T>(
     const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';
     return { ...position, [field]: (position[field] ?? [0, 0, 0]).map((component, i) => (i === index ? value : component)) };
   };
-  const row = (name: string, text: string, value: number, change: (value: number) => MissionPosition, details: Partial<Field<T>> = {}): Field<T> => ({
-    name: `${key}-${name}`,
-    label: text,
+  const row = (name: string, rowLabel: string, value: number, change: (value: number) => MissionPosition, details: Partial<Field<T>> = {}): Field<T> => ({
+    name: `${prefix}-${name}`,
+    label: rowLabel,
     type: 'number',
     unit: 'm',
     value,
-    set: (target, next) => put(target, change(typeof next === 'number' ? next : 0)),
+    set: (target, next) => withPosition(target, change(typeof next === 'number' ? next : 0)),
     ...details,
   });
   const vector = position.offset_ned_m ?? position.position_ned_m;
@@ -66,12 +66,12 @@ export function positionFields<T>(
         ];
   return [
     {
-      name: `${key}-frame`,
+      name: `${prefix}-frame`,
       label: `${label}: given as`,
       type: 'choice',
       value: positionFrame,
       options: (Object.keys(FRAME_TEXTS) as PositionFrame[]).map((value) => ({ value, text: FRAME_TEXTS[value] })),
-      set: (target, next) => put(target, inFrame(next as PositionFrame, geoPoint as GeoPoint, frame, position)),
+      set: (target, next) => withPosition(target, inFrame(next as PositionFrame, geoPoint as GeoPoint, frame, position)),
     },
     row('height', ALTITUDE_LABELS[positionFrame], altitude_m(), withAltitude),
     ...coordinates,

@@ -40,15 +40,15 @@ export interface GeoPoint extends GeoPosition {
 export function geoPointOf(position: MissionPosition, frame: Frame): GeoPoint {
   const local = position.offset_ned_m ?? position.position_ned_m;
   if (local != null) {
-    const from = position.offset_ned_m != null ? frame.start : frame.origin;
-    return { ...positionAt(from, { north_m: local[0], east_m: local[1] }), up_m: from.alt_amsl_m - local[2] - frame.start.alt_amsl_m };
+    const reference = position.offset_ned_m != null ? frame.start : frame.origin;
+    return { ...positionAt(reference, { north_m: local[0], east_m: local[1] }), up_m: reference.alt_amsl_m - local[2] - frame.start.alt_amsl_m };
   }
   const up_m = position.alt_amsl_m != null ? position.alt_amsl_m - frame.start.alt_amsl_m : (position.alt_home_m ?? 0);
   return { lat_deg: position.lat_deg ?? 0, lon_deg: position.lon_deg ?? 0, up_m };
 }
 
 const roundCm = (value_m: number): number => Number(value_m.toFixed(2));
-const NO_POSITION = {
+const WITHOUT_POSITION = {
   position_ned_m: undefined,
   offset_ned_m: undefined,
   lat_deg: undefined,
@@ -57,17 +57,17 @@ const NO_POSITION = {
   alt_home_m: undefined,
 };
 
-/** A position in the given frame. @param rest a point whose other fields are kept. */
-export function inFrame(positionFrame: PositionFrame, geoPoint: GeoPoint, frame: Frame, rest: MissionPosition = {}): MissionPosition {
-  const kept: MissionPosition = Object.fromEntries(Object.entries({ ...rest, ...NO_POSITION }).filter(([, value]) => value !== undefined));
+/** A position in the given frame. @param point a point whose other fields are kept. */
+export function inFrame(positionFrame: PositionFrame, geoPoint: GeoPoint, frame: Frame, point: MissionPosition = {}): MissionPosition {
+  const kept: MissionPosition = Object.fromEntries(Object.entries({ ...point, ...WITHOUT_POSITION }).filter(([, value]) => value !== undefined));
   const amsl_m = frame.start.alt_amsl_m + geoPoint.up_m;
   if (positionFrame === 'home' || positionFrame === 'amsl') {
-    const on_earth = { lat_deg: Number(geoPoint.lat_deg.toFixed(8)), lon_deg: Number(geoPoint.lon_deg.toFixed(8)) };
-    return positionFrame === 'amsl' ? { ...kept, ...on_earth, alt_amsl_m: roundCm(amsl_m) } : { ...kept, ...on_earth, alt_home_m: roundCm(geoPoint.up_m) };
+    const latLon = { lat_deg: Number(geoPoint.lat_deg.toFixed(8)), lon_deg: Number(geoPoint.lon_deg.toFixed(8)) };
+    return positionFrame === 'amsl' ? { ...kept, ...latLon, alt_amsl_m: roundCm(amsl_m) } : { ...kept, ...latLon, alt_home_m: roundCm(geoPoint.up_m) };
   }
-  const from = positionFrame === 'offset' ? frame.start : frame.origin;
-  const { north_m, east_m } = eastNorth(from, geoPoint);
-  const vector: Vector = [roundCm(north_m), roundCm(east_m), roundCm(from.alt_amsl_m - amsl_m)];
+  const reference = positionFrame === 'offset' ? frame.start : frame.origin;
+  const { north_m, east_m } = eastNorth(reference, geoPoint);
+  const vector: Vector = [roundCm(north_m), roundCm(east_m), roundCm(reference.alt_amsl_m - amsl_m)];
   return positionFrame === 'offset' ? { ...kept, offset_ned_m: vector } : { ...kept, position_ned_m: vector };
 }
 
@@ -96,6 +96,6 @@ export function movedTo(position: MissionPosition, at: GeoPosition, frame: Frame
   if (positionFrame === 'home') return { ...moved, alt_home_m: position.alt_home_m ?? 0 };
   if (positionFrame === 'amsl') return { ...moved, alt_amsl_m: position.alt_amsl_m ?? 0 };
   const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';
-  const [before, after] = [position[field] as Vector, moved[field] as Vector];
-  return { ...moved, [field]: [after[0], after[1], before[2]] };
+  const [oldVector, newVector] = [position[field] as Vector, moved[field] as Vector];
+  return { ...moved, [field]: [newVector[0], newVector[1], oldVector[2]] };
 }

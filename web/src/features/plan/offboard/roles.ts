@@ -30,11 +30,11 @@ export function addRole(mission: Mission): Mission {
   const [north = 0, , down = 0] = starts.at(-1) ?? [];
   const east = Math.max(...starts.map((start) => start?.[1] ?? 0)) + ROLE_SPACING_M;
   const role: Role = { start_ned_m: starts.includes(null) ? null : [north, east, down], steps: newRoleSteps(existing[0]?.steps ?? []) };
-  const named = { ...mission, roles, steps: [] };
-  return { ...named, roles: { ...roles, [newRoleName(named, 'wing')]: role } };
+  const withRoles = { ...mission, roles, steps: [] };
+  return { ...withRoles, roles: { ...roles, [newRoleName(withRoles, 'wing')]: role } };
 }
 
-/** Why a role cannot have this name; null: it can. */
+/** Why a role cannot have this name; null: the name is permitted. */
 export function nameProblem(mission: Mission, old: string, name: string): string | null {
   if (name.trim() === '') return 'A role needs a name.';
   if (name !== old && roleNames(mission).includes(name)) return `A role named “${name}” already exists.`;
@@ -51,13 +51,13 @@ export function setRole(mission: Mission, name: string, fields: Partial<Role>): 
   return role === undefined ? mission : { ...mission, roles: { ...mission.roles, [name]: { ...role, ...fields } } };
 }
 
-/** Removes a role. If only one role remains, the mission becomes one for a single vehicle, without "meet" steps. */
+/** Removes a role. If only one role remains, the mission becomes a mission for one vehicle, without "meet" steps. */
 export function removeRole(mission: Mission, name: string): Mission {
   const { [name]: _removed, ...roles } = mission.roles ?? {};
-  const [last, ...others] = Object.values(roles);
-  if (last === undefined || others.length > 0) return { ...mission, roles };
+  const [remaining, ...others] = Object.values(roles);
+  if (remaining === undefined || others.length > 0) return { ...mission, roles };
   const { roles: _roles, minimum_separation_m: _separation, ...rest } = mission;
-  return { ...rest, steps: withoutMeetings(last.steps) };
+  return { ...rest, steps: withoutMeetings(remaining.steps) };
 }
 
 function withoutMeetings(steps: readonly Step[]): readonly Step[] {

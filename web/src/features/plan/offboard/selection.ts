@@ -15,10 +15,10 @@ export interface SelectedStep {
 
 /** The selected step; null: no step is selected, or several steps are. */
 export function stepOf(mission: Mission, ids: readonly string[]): SelectedStep | null {
-  const [first, ...more] = ids;
-  const node = first === undefined ? null : nodeOf(mission, first);
-  if (first === undefined || node === null || more.some((id) => stepNameOf(id) !== node.place)) return null;
-  const ref = more.length === 0 ? pointOf(first) : null;
+  const [firstId, ...otherIds] = ids;
+  const node = firstId === undefined ? null : nodeOf(mission, firstId);
+  if (firstId === undefined || node === null || otherIds.some((id) => stepNameOf(id) !== node.place)) return null;
+  const ref = otherIds.length === 0 ? pointOf(firstId) : null;
   const ownTitle = stepTitle(node.step);
   const count = node.step.points?.length ?? 0;
   const title =

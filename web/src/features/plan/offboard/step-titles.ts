@@ -26,7 +26,7 @@ const TITLES: Readonly<Record<StepKind, string>> = {
 };
 export const KINDS = Object.keys(TITLES) as StepKind[];
 
-export const TRACKS: Readonly<Record<string, string>> = {
+export const GIMBAL_MODES: Readonly<Record<string, string>> = {
   fixed: 'fixed to the vehicle',
   look_at: 'look at a point',
   along_path: 'along the path',
@@ -35,7 +35,7 @@ export const TRACKS: Readonly<Record<string, string>> = {
 };
 
 /** Values that a condition can compare, with their units. */
-export const VALUES: Readonly<Record<string, readonly [string, string]>> = {
+export const CONDITION_VALUES: Readonly<Record<string, readonly [string, string]>> = {
   battery_share: ['battery', '%'],
   wind_speed_m_s: ['wind', 'm/s'],
   ground_speed_m_s: ['ground speed', 'm/s'],
@@ -43,8 +43,8 @@ export const VALUES: Readonly<Record<string, readonly [string, string]>> = {
   satellites: ['satellites', ''],
   horizontal_error_m: ['estimated horizontal position error', 'm'],
 };
-/** Fractions are shown in per cent. */
-export const PER_CENT = 100;
+/** Factor from a fraction to per cent. */
+export const PERCENT = 100;
 
 export const titleOf = (kind: StepKind): string => TITLES[kind];
 
@@ -53,14 +53,14 @@ export function stepTitle(step: Step): string {
   return step.name != null && step.name !== '' ? step.name : TITLES[step.step];
 }
 
-const number = (value: unknown): number | null => (typeof value === 'number' ? value : null);
-const deg = (value: unknown): string => `${fixed(((number(value) ?? 0) * 180) / Math.PI, 0)}°`;
+const numberOrNull = (value: unknown): number | null => (typeof value === 'number' ? value : null);
+const degreesText = (value: unknown): string => `${fixed(((numberOrNull(value) ?? 0) * 180) / Math.PI, 0)}°`;
 
 function conditionText(condition: unknown): string {
   const { value, above, below, for_s } = (condition ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
-  const [label, unit] = VALUES[value ?? ''] ?? [value ?? 'a value', ''];
-  const bound = above ?? below ?? 0;
-  const displayed = value === 'battery_share' ? bound * PER_CENT : bound;
+  const [label, unit] = CONDITION_VALUES[value ?? ''] ?? [value ?? 'a value', ''];
+  const threshold = above ?? below ?? 0;
+  const displayed = value === 'battery_share' ? threshold * PERCENT : threshold;
   const durationText = (for_s ?? 0) > 0 ? ` for ${fixed(for_s ?? 0, 0)} s` : '';
   return `${label} ${above != null ? 'above' : 'below'} ${fixed(displayed, 1).replace(/\.0$/, '')}${unit === '' ? '' : ` ${unit}`}${durationText}`;
 }
@@ -70,7 +70,7 @@ export function detailOf(step: Step): string {
   const parts: string[] = step.name != null && step.name !== '' ? [TITLES[step.step]] : [];
   /** Adds the text with the field's value in place of `#`, unless the value is 0 or missing. */
   const add = (field: string, text: string): void => {
-    const value = number(step[field]);
+    const value = numberOrNull(step[field]);
     if (value !== null && value !== 0) parts.push(text.replace('#', fixed(value, 1).replace(/\.0$/, '')));
   };
   switch (step.step) {
@@ -94,12 +94,12 @@ export function detailOf(step: Step): string {
       parts.push(String(step['file'] ?? ''));
       break;
     case 'gimbal':
-      parts.push(TRACKS[String(step['track'])] ?? '');
-      if (step['track'] !== 'look_at' && step['track'] !== 'release') parts.push(`pitch ${deg(step['pitch_rad'])}`);
+      parts.push(GIMBAL_MODES[String(step['track'])] ?? '');
+      if (step['track'] !== 'look_at' && step['track'] !== 'release') parts.push(`pitch ${degreesText(step['pitch_rad'])}`);
       break;
     case 'photo':
       parts.push(
-        step['count'] === 1 || step['count'] === undefined ? '1 photo' : `${String(step['count'])} photos every ${fixed(number(step['interval_s']) ?? 1, 1)} s`,
+        step['count'] === 1 || step['count'] === undefined ? '1 photo' : `${String(step['count'])} photos every ${fixed(numberOrNull(step['interval_s']) ?? 1, 1)} s`,
       );
       if (step['component'] != null) parts.push(`camera ${String(step['component'])}`);
       break;
@@ -136,20 +136,20 @@ export function detailOf(step: Step): string {
 }
 
 /** 10 m above the start. */
-const ABOVE_START: MissionPosition = { offset_ned_m: [0, 0, -10] };
+const DEFAULT_POSITION: MissionPosition = { offset_ned_m: [0, 0, -10] };
 
-/** Fields of a new step; `at` is the clicked position. */
-export function newStep(kind: StepKind, at: MissionPosition = ABOVE_START): Step {
-  const circle = { center: at, radius_m: 10, turns: 1, clockwise: true };
+/** A new step. @param position the clicked position. */
+export function newStep(kind: StepKind, position: MissionPosition = DEFAULT_POSITION): Step {
+  const circle = { center: position, radius_m: 10, turns: 1, clockwise: true };
   const condition = { value: 'battery_share', above: 0.5 };
   const fields: Readonly<Record<StepKind, object>> = {
     take_off: { height_m: 10 },
-    fly: { points: [at], curve: 'straight' },
+    fly: { points: [position], curve: 'straight' },
     hold: { duration_s: 10 },
     orbit: circle,
     helix: { ...circle, turns: 3, climb_m: 10 },
     spiral: { ...circle, turns: 3, end_radius_m: 20, climb_m: 0 },
-    figure_eight: { center: at, length_m: 40, width_m: 20, rounds: 1, axis_ned_rad: 0 },
+    figure_eight: { center: position, length_m: 40, width_m: 20, rounds: 1, axis_ned_rad: 0 },
     table: { file: 'path.csv', relative: true },
     velocity: { velocity_ned_m_s: [1, 0, 0], duration_s: 5 },
     attitude: { roll_rad: 0, pitch_rad: 0, thrust: 0.5, duration_s: 1 },

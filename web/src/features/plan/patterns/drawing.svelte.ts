@@ -23,8 +23,8 @@ import {
   type RowName,
 } from './values';
 
-type Memory = Pick<Storage, 'getItem' | 'setItem'>;
-const STORED_CAMERA = 'gcs.pattern-camera';
+type BrowserStorage = Pick<Storage, 'getItem' | 'setItem'>;
+const CAMERA_STORAGE_KEY = 'gcs.pattern-camera';
 /** Largest deviation of the lines from their height above the ground [m]. */
 export const GROUND_TOLERANCE_M = 5;
 
@@ -37,24 +37,25 @@ interface Preview {
 export class PatternDrawing implements LayerEditor {
   /** Null: no pattern is being drawn. */
   kind = $state.raw<PatternKind | null>(null);
-  /** The drawn shape. It stays after a cancellation for the next pattern. */
+  /** The drawn shape. After a cancellation, the shape is kept for the next pattern. */
   rings = $state.raw<Rings>(NO_RINGS);
   /** The ring to which the next click adds a point. */
   private activeRing = $state(0);
   selected = $state.raw<ShapePoint | null>(null);
   values = $state.raw<PatternValues>(DEFAULT_VALUES);
   private preview = $state.raw<Preview | null>(null);
-  /** A preview is being generated. */
+  /** Whether a preview is being generated. */
   busy = $state(false);
   /** The vehicle whose parameters are used; null: none. */
   vehicle = $state.raw<string | null>(null);
   private requestCount = 0;
+  /** Shape and selection before the drag in progress. */
   private grabbed: { rings: Rings; selected: ShapePoint | null } | null = null;
 
   constructor(
     private readonly api: PlanApi,
     private readonly editor: PlanEditor,
-    private readonly memory: Memory,
+    private readonly storage: BrowserStorage,
   ) {
     this.values = withCamera(DEFAULT_VALUES, this.storedCamera());
   }
@@ -65,9 +66,9 @@ export class PatternDrawing implements LayerEditor {
   private readonly request: PatternRequest | null = $derived.by(() =>
     this.kind === null || this.missing > 0 ? null : requestOf(this.kind, this.rings, this.values),
   );
-  private readonly document: PlanKind = $derived.by(() => kindOf(this.editor.document));
+  private readonly documentKind: PlanKind = $derived.by(() => kindOf(this.editor.document));
   /** Identifies the request to the server; null: the shape is not complete, or a value is missing. */
-  readonly key: string | null = $derived.by(() => (this.request?.ok === true ? JSON.stringify([this.request.pattern, this.document, this.vehicle]) : null));
+  readonly key: string | null = $derived.by(() => (this.request?.ok === true ? JSON.stringify([this.request.pattern, this.documentKind, this.vehicle]) : null));
   readonly isCurrent = $derived(this.key !== null && this.preview?.key === this.key);
   /** The newest generated pattern; while `isCurrent` is false, it belongs to an earlier shape or setting. */
   readonly generated: GeneratedPattern | null = $derived.by(() => (this.key === null ? null : (this.preview?.generated ?? null)));
@@ -100,7 +101,7 @@ export class PatternDrawing implements LayerEditor {
 
   set(name: RowName, value: FieldValue): void {
     this.values = withRow(this.values, name, value);
-    this.memory.setItem(STORED_CAMERA, JSON.stringify(cameraOf(this.values)));
+    this.storage.setItem(CAMERA_STORAGE_KEY, JSON.stringify(cameraOf(this.values)));
   }
 
   /** Replaces the shape by an area or a line. */
@@ -140,19 +141,19 @@ export class PatternDrawing implements LayerEditor {
   }
 
   pick(id: string): void {
-    const target = shape.pointOfId(id);
-    if (target === null) return;
-    if (target.inserts) this.insertAt(id, target.point);
-    this.choose(target.point);
+    const parsed = shape.pointOfId(id);
+    if (parsed === null) return;
+    if (parsed.inserts) this.insertAt(id, parsed.point);
+    this.choose(parsed.point);
   }
 
   grab(id: string): string | null {
-    const target = shape.pointOfId(id);
-    if (target === null) return null;
+    const parsed = shape.pointOfId(id);
+    if (parsed === null) return null;
     this.grabbed = { rings: this.rings, selected: this.selected };
-    if (target.inserts) this.insertAt(id, target.point);
-    this.choose(target.point);
-    return shape.pointId(target.point);
+    if (parsed.inserts) this.insertAt(id, parsed.point);
+    this.choose(parsed.point);
+    return shape.pointId(parsed.point);
   }
 
   drag(_id: string, to: GeoPosition): void {
@@ -188,7 +189,7 @@ export class PatternDrawing implements LayerEditor {
     const requestNumber = this.requestCount;
     this.busy = true;
     const tolerance_m = this.values.reference === 'terrain' ? GROUND_TOLERANCE_M : null;
-    const response = await this.api.pattern(request.pattern, this.document, this.vehicle, tolerance_m);
+    const response = await this.api.pattern(request.pattern, this.documentKind, this.vehicle, tolerance_m);
     if (requestNumber === this.requestCount) this.busy = false;
     if (key !== this.key) return;
     if (response.ok) this.preview = { key, generated: response.value, problem: null };
@@ -221,14 +222,14 @@ export class PatternDrawing implements LayerEditor {
 
   private storedCamera(): unknown {
     try {
-      return JSON.parse(this.memory.getItem(STORED_CAMERA) ?? 'null');
+      return JSON.parse(this.storage.getItem(CAMERA_STORAGE_KEY) ?? 'null');
     } catch {
       return null;
     }
   }
 }
 
-/** The server's reason and remedy, without the name of the field: the text is shown beside the field. */
+/** The server's reason and remedy, without the name of the field, because the text is shown beside the field. */
 export function fieldProblemText({ code, detail, remedy, field }: Problem): string {
   if (code === 'unreachable') return 'The server did not answer. Is it still running?';
   const reason = detail.replace(`${field ?? ''}: `, '').replace(/^field /, '');

@@ -16,19 +16,19 @@ export function areaText(area_m2: number): string {
 
 /**
  * The figures of a pattern, without those that do not apply, such as the resolution of a pattern without photos.
- * @param spacing name of the distance between lines or rounds.
+ * @param spacingLabel name of the distance between lines or rounds.
  */
-export function figuresOf(figures: GeneratedPattern['figures'], spacing: string): Figure[] {
+export function figuresOf(figures: GeneratedPattern['figures'], spacingLabel: string): Figure[] {
   const length = metres(figures.length_m);
-  const all: (Figure | null)[] = [
+  const allFigures: (Figure | null)[] = [
     { label: 'Length', value: `${length.text} ${length.unit}` },
     { label: 'Time', value: duration(figures.time_s) },
     figures.photos > 0 ? { label: 'Photos', value: fixed(figures.photos, 0) } : null,
     figures.resolution_m_px === null ? null : { label: 'Resolution', value: `${fixed(figures.resolution_m_px * 100, 2)} cm/px` },
     figures.area_m2 === null ? null : { label: 'Area', value: areaText(figures.area_m2) },
     figures.trigger_m > 0 ? { label: 'Photo every', value: `${fixed(figures.trigger_m, 1)} m` } : null,
-    figures.spacing_m > 0 ? { label: spacing, value: `${fixed(figures.spacing_m, 1)} m` } : null,
+    figures.spacing_m > 0 ? { label: spacingLabel, value: `${fixed(figures.spacing_m, 1)} m` } : null,
     figures.heading_deg === null ? null : { label: 'Line heading', value: `${fixed(figures.heading_deg, 0)}°` },
   ];
-  return all.filter((figure) => figure !== null);
+  return allFigures.filter((figure) => figure !== null);
 }

@@ -10,10 +10,11 @@ import { midpoints, pointId, type Rings, type ShapeKind, type ShapePoint } from 
 /** Above this number of points, midpoints would cover the corners. */
 const MAX_MIDPOINTS = 60;
 
-/** Positions nearer to each other than this are the same [m]: more than the rounding of JSON, less than any line. */
-const SAME_M = 0.01;
+/** Positions closer to each other than this distance [m] are the same. The distance exceeds the rounding in JSON. */
+const SAME_POSITION_M = 0.01;
 
 /**
+ * Points, lines and areas of a drawn shape and of its generated pattern.
  * @param radius_m radius of the circle of an orbit; null: another pattern.
  * @param ground position of home, to which altitudes above home are relative.
  */
@@ -35,7 +36,7 @@ export function shapePicture(
       points.push({ id: pointId({ ring: i, index }), ...at, mark: kind === 'point' ? 'cross' : 'corner', tone: 'actual', text: '', selected: isSelected });
     }),
   );
-  return { points, lines: [...outlines(rings, kind, radius_m), ...patternLines(generated, isCurrent, ground.alt_amsl_m)], areas: areas(rings, kind), ground };
+  return { points, lines: [...outlines(rings, kind, radius_m), ...patternLines(generated, isCurrent, ground.alt_amsl_m)], areas: areasOf(rings, kind), ground };
 }
 
 function outlines(rings: Rings, kind: ShapeKind, radius_m: number | null): LayerLine[] {
@@ -63,24 +64,24 @@ function patternLines(generated: GeneratedPattern | null, isCurrent: boolean, ho
  * position of the path. A path that follows the ground can have more positions along a line.
  */
 export function linesOnPath(path: readonly Required<LayerPosition>[], lines: GeneratedPattern['lines']): LayerPosition[][] {
-  let from = 0;
+  let searchStart = 0;
   return lines.map(([start, end]) => {
-    const first = path.findIndex((at, i) => i >= from && groundDistance_m(at, start) < SAME_M);
-    if (first < 0) return [start, end];
+    const startIndex = path.findIndex((at, i) => i >= searchStart && groundDistance_m(at, start) < SAME_POSITION_M);
+    if (startIndex < 0) return [start, end];
     const length_m = groundDistance_m(start, end);
-    const along_m = (i: number): number => groundDistance_m(start, path[i] ?? end);
-    let next = first + 1;
-    while (next < path.length && along_m(next) < length_m - SAME_M) next += 1;
-    from = next - 1;
-    const [before, after] = [path[next - 1], path[next] ?? path[next - 1]];
-    const span_m = along_m(next) - along_m(next - 1);
-    const fraction = span_m > SAME_M ? (length_m - along_m(next - 1)) / span_m : 0;
-    const [before_amsl_m, after_amsl_m] = [before?.alt_amsl_m ?? 0, after?.alt_amsl_m ?? 0];
-    return [...path.slice(first, next), { lat_deg: end.lat_deg, lon_deg: end.lon_deg, alt_amsl_m: before_amsl_m + fraction * (after_amsl_m - before_amsl_m) }];
+    const distance_m = (i: number): number => groundDistance_m(start, path[i] ?? end);
+    let endIndex = startIndex + 1;
+    while (endIndex < path.length && distance_m(endIndex) < length_m - SAME_POSITION_M) endIndex += 1;
+    searchStart = endIndex - 1;
+    const [previous, next] = [path[endIndex - 1], path[endIndex] ?? path[endIndex - 1]];
+    const span_m = distance_m(endIndex) - distance_m(endIndex - 1);
+    const fraction = span_m > SAME_POSITION_M ? (length_m - distance_m(endIndex - 1)) / span_m : 0;
+    const [previous_amsl_m, next_amsl_m] = [previous?.alt_amsl_m ?? 0, next?.alt_amsl_m ?? 0];
+    return [...path.slice(startIndex, endIndex), { lat_deg: end.lat_deg, lon_deg: end.lon_deg, alt_amsl_m: previous_amsl_m + fraction * (next_amsl_m - previous_amsl_m) }];
   });
 }
 
-function areas(rings: Rings, kind: ShapeKind): LayerPicture['areas'] {
+function areasOf(rings: Rings, kind: ShapeKind): LayerPicture['areas'] {
   if (kind !== 'area') return [];
   return rings.filter((ring) => ring.length > 2).map((ring, i) => ({ ring, tone: i === 0 ? ('actual' as const) : ('text2' as const) }));
 }

@@ -93,26 +93,26 @@ export function addHole(rings: Rings): Rings {
   return rings.at(-1)?.length === 0 ? rings : [...rings, []];
 }
 
-/** A rectangle around a position, clockwise from its north-west corner. */
-export function rectangle(around: GeoPosition, half_east_m: number, half_north_m: number): GeoPosition[] {
+/** A rectangle with this centre, clockwise from its north-west corner. */
+export function rectangle(center: GeoPosition, half_east_m: number, half_north_m: number): GeoPosition[] {
   const corners = [
     [-1, 1],
     [1, 1],
     [1, -1],
     [-1, -1],
   ] as const;
-  return corners.map(([east, north]) => positionAt(around, { east_m: east * half_east_m, north_m: north * half_north_m }));
+  return corners.map(([east, north]) => positionAt(center, { east_m: east * half_east_m, north_m: north * half_north_m }));
 }
 
 /** The part of a shape that a kind of pattern can use: only a survey has holes, and an orbit has only one point. */
 export function usableRings(rings: Rings, kind: PatternKind): Rings {
   const { shape } = PATTERNS[kind];
-  const [first = [], ...holes] = rings;
-  if (shape === 'point') return [first.slice(0, 1)];
-  return kind === 'survey' ? [first, ...holes] : [first];
+  const [outline = [], ...holes] = rings;
+  if (shape === 'point') return [outline.slice(0, 1)];
+  return kind === 'survey' ? [outline, ...holes] : [outline];
 }
 
-/** The points with their displayed names. */
+/** The points of a shape with their displayed names. */
 export function namedPoints(rings: Rings, kind: ShapeKind): { value: string; text: string }[] {
   const noun = kind === 'line' ? 'Point' : kind === 'point' ? 'Centre' : 'Corner';
   return rings.flatMap((points, ring) =>
@@ -135,9 +135,9 @@ export function pointOfId(id: string): { point: ShapePoint; inserts: boolean } |
 export function midpoints(rings: Rings, kind: ShapeKind): { id: string; at: GeoPosition }[] {
   if (kind === 'point') return [];
   return rings.flatMap((points, ring) => {
-    const closes = kind === 'area' && points.length > 2;
+    const isClosed = kind === 'area' && points.length > 2;
     return points.flatMap((a, index) => {
-      const b = points[index + 1] ?? (closes ? points[0] : undefined);
+      const b = points[index + 1] ?? (isClosed ? points[0] : undefined);
       return b === undefined ? [] : [{ id: `between:${ring}:${index + 1}`, at: midpoint(a, b) }];
     });
   });

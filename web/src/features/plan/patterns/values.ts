@@ -4,7 +4,7 @@ import type { GeoPosition } from '../../../vehicle/geo';
 import type { Altitude, Reference } from '../document/document';
 import { REFERENCE_CHOICES } from '../document/items';
 import type { FieldValue, ShownField } from '../offboard/fields';
-import { PATTERNS, type Pattern, type PatternKind, type Rings } from './shape';
+import type { Pattern, PatternKind, Rings } from './shape';
 
 /** One value for each setting of any pattern. Overlaps are in per cent, and in the API as fractions. */
 export interface PatternValues {
@@ -12,7 +12,9 @@ export interface PatternValues {
   readonly reference: Reference;
   /** Distance from the camera to the ground; null: equal to the altitude. */
   readonly distance_m: number | null;
+  /** Overlap of photos along a line. */
   readonly front_percent: number;
+  /** Overlap of photos of neighbouring lines. */
   readonly side_percent: number;
   readonly orientation: 'landscape' | 'portrait';
   readonly sensor_width_mm: number;
@@ -26,17 +28,23 @@ export interface PatternValues {
   readonly crosshatch: boolean;
   readonly speed_m_s: number | null;
   readonly width_m: number;
+  /** Distance of a perimeter from the edge of the area. */
   readonly offset_m: number;
   readonly rounds: number;
   readonly radius_m: number;
   readonly direction: 'clockwise' | 'counterclockwise';
   readonly start_deg: number;
   readonly looks_at_center: boolean;
+  /** Altitude that the camera looks at. */
   readonly look_at_m: number;
+  /** Altitude of the base of the structure. */
   readonly base_m: number;
   readonly height_m: number;
+  /** Lowest round above the base. */
   readonly lowest_m: number;
+  /** Distance from the sides of the structure. */
   readonly sides_m: number;
+  /** Order of the rounds. */
   readonly order: 'up' | 'down';
   readonly gimbal_pitch_deg: number;
 }
@@ -98,8 +106,8 @@ export const DEFAULT_VALUES: PatternValues = {
   gimbal_pitch_deg: 0,
 };
 
-type Spec = Omit<ShownField, 'value'>;
-const number = (label: string, unit: string, min: number, max: number, details: Partial<Spec> = {}): Spec => ({
+type FieldSpec = Omit<ShownField, 'value'>;
+const numberSpec = (label: string, unit: string, min: number, max: number, details: Partial<FieldSpec> = {}): FieldSpec => ({
   label,
   type: 'number',
   unit,
@@ -107,74 +115,74 @@ const number = (label: string, unit: string, min: number, max: number, details: 
   max,
   ...details,
 });
-const choice = (label: string, options: readonly { value: string; text: string }[]): Spec => ({ label, type: 'choice', options });
-const options = (texts: Readonly<Record<string, string>>) => Object.entries(texts).map(([value, text]) => ({ value, text }));
+const choiceSpec = (label: string, options: readonly { value: string; text: string }[]): FieldSpec => ({ label, type: 'choice', options });
+const choicesOf = (texts: Readonly<Record<string, string>>) => Object.entries(texts).map(([value, text]) => ({ value, text }));
 
-const SPECS: Readonly<Record<ValueName, Spec>> = {
-  altitude_m: number('Altitude', 'm', -12_000, 100_000),
-  reference: choice('Reference', REFERENCE_CHOICES),
-  distance_m: number('Distance from camera to ground', 'm', 0.1, 100_000, { placeholder: 'same as altitude' }),
-  front_percent: number('Front overlap', '%', 0, 95),
-  side_percent: number('Side overlap', '%', 0, 95),
-  orientation: choice('Camera orientation', options({ landscape: 'landscape', portrait: 'portrait' })),
-  sensor_width_mm: number('Sensor width', 'mm', 0.1, 1000, { step: 0.1 }),
-  sensor_height_mm: number('Sensor height', 'mm', 0.1, 1000, { step: 0.1 }),
-  focal_length_mm: number('Focal length', 'mm', 0.1, 10_000, { step: 0.1 }),
-  image_width_px: number('Photo width', 'px', 1, 1_000_000, { decimals: 0 }),
-  image_height_px: number('Photo height', 'px', 1, 1_000_000, { decimals: 0 }),
-  heading_deg: number('Heading of the lines', '°', -360, 360, { placeholder: 'shortest path' }),
-  turnaround_m: number('Turnaround distance', 'm', 0, 1000),
+const FIELD_SPECS: Readonly<Record<ValueName, FieldSpec>> = {
+  altitude_m: numberSpec('Altitude', 'm', -12_000, 100_000),
+  reference: choiceSpec('Reference', REFERENCE_CHOICES),
+  distance_m: numberSpec('Distance from camera to ground', 'm', 0.1, 100_000, { placeholder: 'same as altitude' }),
+  front_percent: numberSpec('Front overlap', '%', 0, 95),
+  side_percent: numberSpec('Side overlap', '%', 0, 95),
+  orientation: choiceSpec('Camera orientation', choicesOf({ landscape: 'landscape', portrait: 'portrait' })),
+  sensor_width_mm: numberSpec('Sensor width', 'mm', 0.1, 1000, { step: 0.1 }),
+  sensor_height_mm: numberSpec('Sensor height', 'mm', 0.1, 1000, { step: 0.1 }),
+  focal_length_mm: numberSpec('Focal length', 'mm', 0.1, 10_000, { step: 0.1 }),
+  image_width_px: numberSpec('Photo width', 'px', 1, 1_000_000, { decimals: 0 }),
+  image_height_px: numberSpec('Photo height', 'px', 1, 1_000_000, { decimals: 0 }),
+  heading_deg: numberSpec('Heading of the lines', '°', -360, 360, { placeholder: 'shortest path' }),
+  turnaround_m: numberSpec('Turnaround distance', 'm', 0, 1000),
   crosshatch: { label: 'Second set of lines at right angles', type: 'switch' },
-  speed_m_s: number('Speed', 'm/s', 0.1, 100, { placeholder: 'default', step: 0.5 }),
-  width_m: number('Width', 'm', 0.1, 10_000),
-  offset_m: number('Distance outside the edge (negative: inside)', 'm', -10_000, 10_000),
-  rounds: number('Rounds', '', 1, 100, { decimals: 0 }),
-  radius_m: number('Radius', 'm', 1, 10_000),
-  direction: choice('Direction', options({ clockwise: 'clockwise', counterclockwise: 'counterclockwise' })),
-  start_deg: number('Start bearing', '°', -360, 360),
+  speed_m_s: numberSpec('Speed', 'm/s', 0.1, 100, { placeholder: 'default', step: 0.5 }),
+  width_m: numberSpec('Width', 'm', 0.1, 10_000),
+  offset_m: numberSpec('Distance outside the edge (negative: inside)', 'm', -10_000, 10_000),
+  rounds: numberSpec('Rounds', '', 1, 100, { decimals: 0 }),
+  radius_m: numberSpec('Radius', 'm', 1, 10_000),
+  direction: choiceSpec('Direction', choicesOf({ clockwise: 'clockwise', counterclockwise: 'counterclockwise' })),
+  start_deg: numberSpec('Start bearing', '°', -360, 360),
   looks_at_center: { label: 'Camera looks at the centre', type: 'switch' },
-  look_at_m: number('Camera target altitude (reference as above)', 'm', -12_000, 100_000),
-  base_m: number('Altitude of the base', 'm', -12_000, 100_000),
-  height_m: number('Height of the structure', 'm', 0.1, 10_000),
-  lowest_m: number('Lowest round above base', 'm', 0.1, 10_000),
-  sides_m: number('Distance to the sides', 'm', 0.1, 10_000),
-  order: choice('Order', options({ up: 'from the bottom', down: 'from the top' })),
-  gimbal_pitch_deg: number('Gimbal pitch', '°', -90, 90),
+  look_at_m: numberSpec('Camera target altitude (reference as above)', 'm', -12_000, 100_000),
+  base_m: numberSpec('Altitude of the base', 'm', -12_000, 100_000),
+  height_m: numberSpec('Height of the structure', 'm', 0.1, 10_000),
+  lowest_m: numberSpec('Lowest round above base', 'm', 0.1, 10_000),
+  sides_m: numberSpec('Distance to the sides', 'm', 0.1, 10_000),
+  order: choiceSpec('Order', choicesOf({ up: 'from the bottom', down: 'from the top' })),
+  gimbal_pitch_deg: numberSpec('Gimbal pitch', '°', -90, 90),
 };
-const WHOLE: ReadonlySet<ValueName> = new Set(['rounds', 'image_width_px', 'image_height_px']);
+const WHOLE_NUMBERS: ReadonlySet<ValueName> = new Set(['rounds', 'image_width_px', 'image_height_px']);
 
 interface SectionSpec {
   readonly title: string;
   readonly rows: readonly RowName[];
-  /** The section is closed at first. */
+  /** Whether the section is closed initially. */
   readonly folded?: boolean;
 }
-const CAMERA_DATA: SectionSpec = { title: 'Camera data', rows: CAMERA_FIELDS, folded: true };
+const CAMERA_DATA_SECTION: SectionSpec = { title: 'Camera data', rows: CAMERA_FIELDS, folded: true };
 const photoSection = (...rows: RowName[]): SectionSpec => ({ title: 'Photos', rows: ['camera', ...rows, 'front_percent', 'side_percent'] });
-const ALTITUDE: readonly RowName[] = ['altitude_m', 'reference'];
+const ALTITUDE_ROWS: readonly RowName[] = ['altitude_m', 'reference'];
 const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
   survey: [
-    { title: 'Altitude', rows: [...ALTITUDE, 'distance_m'] },
+    { title: 'Altitude', rows: [...ALTITUDE_ROWS, 'distance_m'] },
     photoSection('orientation'),
     { title: 'Lines', rows: ['heading_deg', 'turnaround_m', 'speed_m_s', 'crosshatch'] },
-    CAMERA_DATA,
+    CAMERA_DATA_SECTION,
   ],
   corridor: [
     { title: 'Corridor', rows: ['width_m', 'turnaround_m'] },
-    { title: 'Altitude', rows: [...ALTITUDE, 'distance_m'] },
+    { title: 'Altitude', rows: [...ALTITUDE_ROWS, 'distance_m'] },
     photoSection('orientation'),
-    CAMERA_DATA,
+    CAMERA_DATA_SECTION,
   ],
-  perimeter: [{ title: 'Path', rows: [...ALTITUDE, 'offset_m', 'rounds'] }],
+  perimeter: [{ title: 'Path', rows: [...ALTITUDE_ROWS, 'offset_m', 'rounds'] }],
   orbit: [
-    { title: 'Path', rows: ['radius_m', ...ALTITUDE, 'rounds', 'direction', 'start_deg'] },
+    { title: 'Path', rows: ['radius_m', ...ALTITUDE_ROWS, 'rounds', 'direction', 'start_deg'] },
     { title: 'Camera', rows: ['looks_at_center', 'look_at_m'] },
   ],
   structure: [
     { title: 'Structure', rows: ['base_m', 'reference', 'height_m'] },
     { title: 'Rounds', rows: ['sides_m', 'lowest_m', 'order', 'gimbal_pitch_deg'] },
     photoSection(),
-    CAMERA_DATA,
+    CAMERA_DATA_SECTION,
   ],
 };
 
@@ -192,20 +200,20 @@ export function sectionsOf(kind: PatternKind, values: PatternValues): Section[] 
     ...section,
     rows: section.rows
       .filter((name) => name !== 'look_at_m' || values.looks_at_center)
-      .map((name): Row => ({ name, field: name === 'camera' ? cameraField(values) : { ...SPECS[name], value: values[name] } })),
+      .map((name): Row => ({ name, field: name === 'camera' ? cameraField(values) : { ...FIELD_SPECS[name], value: values[name] } })),
   }));
 }
 
 function cameraField(values: PatternValues): ShownField {
-  const known = Object.entries(CAMERAS).find(([, data]) => CAMERA_FIELDS.every((name) => data[name] === values[name]))?.[0];
-  const names = [...Object.keys(CAMERAS), ...(known === undefined ? ['other'] : [])];
-  return { label: 'Camera', type: 'choice', value: known ?? 'other', options: names.map((value) => ({ value, text: value })) };
+  const cameraName = Object.entries(CAMERAS).find(([, data]) => CAMERA_FIELDS.every((name) => data[name] === values[name]))?.[0];
+  const names = [...Object.keys(CAMERAS), ...(cameraName === undefined ? ['other'] : [])];
+  return { label: 'Camera', type: 'choice', value: cameraName ?? 'other', options: names.map((value) => ({ value, text: value })) };
 }
 
 /** The values after a row was edited. */
 export function withRow(values: PatternValues, name: RowName, value: FieldValue): PatternValues {
   if (name === 'camera') return { ...values, ...CAMERAS[String(value)] };
-  return { ...values, [name]: WHOLE.has(name) ? Math.round(Number(value)) : value };
+  return { ...values, [name]: WHOLE_NUMBERS.has(name) ? Math.round(Number(value)) : value };
 }
 
 /** The values with the camera that was stored in the browser; an invalid camera is ignored. */
@@ -230,12 +238,13 @@ export type PatternRequest = { readonly ok: true; readonly pattern: Pattern } | 
 export function requestOf(kind: PatternKind, rings: Rings, values: PatternValues): PatternRequest {
   const [outline = [], ...holes] = rings.filter((ring, i) => i === 0 || ring.length > 0).map((ring) => [...ring]);
   const altitude: Altitude = { value_m: values.altitude_m, reference: values.reference };
-  if ((kind === 'survey' || kind === 'corridor') && values.reference === 'amsl' && values.distance_m === null) {
+  const photographsGround = kind === 'survey' || kind === 'corridor';
+  if (photographsGround && values.reference === 'amsl' && values.distance_m === null) {
     const text = 'With an altitude AMSL, the distance to the ground is not known. Enter “Distance from camera to ground”.';
     return { ok: false, problem: { place: 'distance_m', text } };
   }
   const coverage = coverageOf(values, kind === 'structure' ? values.sides_m : (values.distance_m ?? values.altitude_m));
-  if (kind !== 'structure' && PATTERNS[kind].shape !== 'point' && kind !== 'perimeter' && coverage.distance_m <= 0)
+  if (photographsGround && coverage.distance_m <= 0)
     return { ok: false, problem: { place: 'altitude_m', text: 'Enter an altitude above 0 m: the camera looks down at the ground.' } };
   return { ok: true, pattern: patternOf(kind, outline, holes, values, altitude, coverage) };
 }
@@ -275,7 +284,7 @@ function patternOf(kind: PatternKind, outline: GeoPosition[], holes: GeoPosition
   }
 }
 
-/** Beginnings of API field paths, each with the row beside which its problem is shown. The first match applies. */
+/** Prefixes of API field paths, each with the row beside which a problem is shown. The first match applies. */
 const API_FIELDS: readonly (readonly [string, ProblemPlace])[] = [
   ['coverage.front_overlap', 'front_percent'],
   ['coverage.side_overlap', 'side_percent'],
@@ -296,8 +305,8 @@ const API_FIELDS: readonly (readonly [string, ProblemPlace])[] = [
 /** The row beside which a problem of this API field is shown; null: the problem belongs to the whole form. */
 export function placeOf(kind: PatternKind, field: string | null): ProblemPlace {
   if (field === null) return null;
-  const last = field.split('.').at(-1) ?? '';
-  if (field.startsWith('coverage.camera.') && last in SPECS) return last as ValueName;
-  const place = API_FIELDS.find(([start]) => field.startsWith(start))?.[1] ?? (field in SPECS ? (field as ValueName) : null);
+  const lastName = field.split('.').at(-1) ?? '';
+  if (field.startsWith('coverage.camera.') && lastName in FIELD_SPECS) return lastName as ValueName;
+  const place = API_FIELDS.find(([prefix]) => field.startsWith(prefix))?.[1] ?? (field in FIELD_SPECS ? (field as ValueName) : null);
   return place === 'distance_m' && kind === 'structure' ? 'sides_m' : place;
 }
