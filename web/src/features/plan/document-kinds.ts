@@ -47,7 +47,7 @@ export function positionIn(document: Document, id: string, frame: Frame): GeoPos
 export function positionsOfId(document: Document, id: string, frame: Frame): GeoPosition[] {
   if (isMission(document) && id.startsWith('step:')) {
     const node = offboard.nodeOf(document, id);
-    return node === null ? [] : positionsOf(node).map(({ at }) => geoPointOf(at, frame));
+    return node === null ? [] : positionsOf(node).map(({ position }) => geoPointOf(position, frame));
   }
   return [positionIn(document, id, frame) ?? []].flat();
 }
@@ -74,23 +74,26 @@ export function remove(document: Document, ids: readonly string[]): Document {
 }
 
 /** Inserts a point at a midpoint. @returns null: the id is not that of a midpoint. */
-export function insertAt(document: Document, id: string, at: GeoPosition, frame: Frame): { document: Document; id: string } | null {
+export function insertAt(document: Document, id: string, position: GeoPosition, frame: Frame): { document: Document; id: string } | null {
   const pointInsertion = missionPicture.pointInsertionOf(id);
   if (pointInsertion !== null && isMission(document)) {
-    const inserted = offboard.insertPoint(document, pointInsertion.place, pointInsertion.index, at, frame);
+    const inserted = offboard.insertPoint(document, pointInsertion.place, pointInsertion.index, position, frame);
     return inserted === null ? null : { document: inserted.mission, id: inserted.id };
   }
   const insertion = insertionOf(id);
   if (insertion === null) return null;
   if ('zone' in insertion)
-    return { document: edit.insertCorner(document, insertion.zone, insertion.corner, at), id: `corner:${insertion.zone}:${insertion.corner}` };
+    return { document: edit.insertCorner(document, insertion.zone, insertion.corner, position), id: `corner:${insertion.zone}:${insertion.corner}` };
   if ('obstacle' in insertion)
     return {
-      document: edit.insertObstacleCorner(document, insertion.obstacle, insertion.corner, at),
+      document: edit.insertObstacleCorner(document, insertion.obstacle, insertion.corner, position),
       id: `obstacle:${insertion.obstacle}:${insertion.corner}`,
     };
   if (isMission(document)) return null;
-  return { document: edit.insertItem(document, insertion.row, newItem('waypoint', at, altitudeBefore(document, insertion.row))), id: `item:${insertion.row}` };
+  return {
+    document: edit.insertItem(document, insertion.row, newItem('waypoint', position, altitudeBefore(document, insertion.row))),
+    id: `item:${insertion.row}`,
+  };
 }
 
 /**
@@ -141,7 +144,7 @@ export function entriesOf(document: Document, flight: CompiledFlight | null): Tr
 /** All positions, to fit them into the view. */
 export function allPositionsOf(document: Document, frame: Frame, flight: CompiledFlight | null = null): GeoPosition[] {
   if (!isMission(document)) return allPositions(document);
-  const stepPositions = nodesOf(document).flatMap((node) => positionsOf(node).map(({ at }) => geoPointOf(at, frame)));
+  const stepPositions = nodesOf(document).flatMap((node) => positionsOf(node).map(({ position }) => geoPointOf(position, frame)));
   const pathPositions = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m })));
   return [frame.start, ...stepPositions, ...pathPositions, ...sharedPositions(document)];
 }

@@ -49,21 +49,21 @@ export function addObstacle<D extends SharedParts>(plan: D, obstacle: Obstacle):
 }
 
 /** Moves the point with this id. */
-export function movePoint(plan: Plan, id: string, at: GeoPosition): Plan {
+export function movePoint(plan: Plan, id: string, position: GeoPosition): Plan {
   const ref = refOf(id);
-  const to = latLon(at);
+  const target = latLon(position);
   if (ref === null) return plan;
   if (ref.type === 'item') {
     const item = plan.items[ref.row];
-    return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...to, altitude: withoutResolvedAltitude(item.altitude) }) : plan;
+    return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...target, altitude: withoutResolvedAltitude(item.altitude) }) : plan;
   }
   if (ref.type === 'rally') {
     const point = plan.rally_points[ref.index];
     return point === undefined
       ? plan
-      : { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, ...to, altitude: withoutResolvedAltitude(point.altitude) }) };
+      : { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, ...target, altitude: withoutResolvedAltitude(point.altitude) }) };
   }
-  return moveShared(plan, id, at);
+  return moveShared(plan, id, position);
 }
 
 /** Limits of an altitude. */
@@ -76,7 +76,10 @@ export function raisePoint(plan: Plan, id: string, by_m: number): Plan {
   if (ref?.type === 'item' && item !== undefined && isPlaced(item)) return setItem(plan, ref.row, { altitude: withAltitudeChange(item.altitude, by_m) });
   const point = ref?.type === 'rally' ? plan.rally_points[ref.index] : undefined;
   if (ref?.type !== 'rally' || point === undefined) return plan;
-  return { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, altitude: withAltitudeChange(point.altitude, by_m) } satisfies RallyPoint) };
+  return {
+    ...plan,
+    rally_points: withReplaced(plan.rally_points, ref.index, { ...point, altitude: withAltitudeChange(point.altitude, by_m) } satisfies RallyPoint),
+  };
 }
 
 function withAltitudeChange(altitude: Altitude, by_m: number): Altitude {
@@ -91,22 +94,22 @@ function withoutResolvedAltitude(altitude: Altitude): Altitude {
 }
 
 /** Moves home, a part of the geofence, or a corner of an obstacle. */
-export function moveShared<D extends SharedParts>(plan: D, id: string, at: GeoPosition): D {
+export function moveShared<D extends SharedParts>(plan: D, id: string, position: GeoPosition): D {
   const ref = refOf(id);
-  const to = latLon(at);
+  const target = latLon(position);
   if (ref?.type === 'home') {
     const field = 'planned_home' in plan ? 'planned_home' : 'home';
     const home = (plan as Readonly<Record<string, unknown>>)[field] as PlannedHome | null | undefined;
-    return home == null ? plan : { ...plan, [field]: { ...home, ...to } };
+    return home == null ? plan : { ...plan, [field]: { ...home, ...target } };
   }
   if (ref?.type === 'obstacle') {
     const obstacle = obstaclesOf(plan)[ref.index];
-    return obstacle === undefined ? plan : setObstacle(plan, ref.index, { polygon: withReplaced(obstacle.polygon, ref.corner, to) });
+    return obstacle === undefined ? plan : setObstacle(plan, ref.index, { polygon: withReplaced(obstacle.polygon, ref.corner, target) });
   }
   if (ref?.type !== 'corner' && ref?.type !== 'circle') return plan;
   const zone = plan.fence[ref.zone];
-  if (zone?.shape === 'circle' && ref.type === 'circle') return setZone(plan, ref.zone, { center: to });
-  if (zone?.shape === 'polygon' && ref.type === 'corner') return setZone(plan, ref.zone, { polygon: withReplaced(zone.polygon, ref.corner, to) });
+  if (zone?.shape === 'circle' && ref.type === 'circle') return setZone(plan, ref.zone, { center: target });
+  if (zone?.shape === 'polygon' && ref.type === 'corner') return setZone(plan, ref.zone, { polygon: withReplaced(zone.polygon, ref.corner, target) });
   return plan;
 }
 
@@ -135,23 +138,23 @@ export function insertItems(plan: Plan, row: number, items: readonly Item[]): Pl
   return { ...shifted, items: [...shifted.items.slice(0, row), ...items, ...shifted.items.slice(row)] };
 }
 
-export function insertCorner<D extends SharedParts>(plan: D, zone: number, corner: number, at: GeoPosition): D {
+export function insertCorner<D extends SharedParts>(plan: D, zone: number, corner: number, position: GeoPosition): D {
   const old = plan.fence[zone];
   if (old?.shape !== 'polygon') return plan;
-  return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), latLon(at), ...old.polygon.slice(corner)] });
+  return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), latLon(position), ...old.polygon.slice(corner)] });
 }
 
-export function insertObstacleCorner<D extends SharedParts>(plan: D, index: number, corner: number, at: GeoPosition): D {
+export function insertObstacleCorner<D extends SharedParts>(plan: D, index: number, corner: number, position: GeoPosition): D {
   const old = obstaclesOf(plan)[index];
   if (old === undefined) return plan;
-  return setObstacle(plan, index, { polygon: [...old.polygon.slice(0, corner), latLon(at), ...old.polygon.slice(corner)] });
+  return setObstacle(plan, index, { polygon: [...old.polygon.slice(0, corner), latLon(position), ...old.polygon.slice(corner)] });
 }
 
 /** The midpoint of two positions, at which a point can be inserted. */
 export function midpoint(a: LayerPosition, b: LayerPosition): LayerPosition {
   const { east_m, north_m } = eastNorth(a, b);
-  const at = positionAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
-  return a.alt_amsl_m === undefined || b.alt_amsl_m === undefined ? at : { ...at, alt_amsl_m: (a.alt_amsl_m + b.alt_amsl_m) / 2 };
+  const middle = positionAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
+  return a.alt_amsl_m === undefined || b.alt_amsl_m === undefined ? middle : { ...middle, alt_amsl_m: (a.alt_amsl_m + b.alt_amsl_m) / 2 };
 }
 
 /** Removes the selected parts. A polygon with fewer than three remaining corners is removed completely. */

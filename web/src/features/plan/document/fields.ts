@@ -40,12 +40,25 @@ export function fieldsOf(item: Item): Field[] {
     const stored = item[name] === undefined ? spec.initial : item[name];
     const value = typeof stored === 'number' ? stored : null;
     const [, unit, step] = UNITS.find(([suffix]) => name.endsWith(suffix)) ?? ['', '', 1];
-    const common = { name, label: spec.label, step: spec.step ?? step, unit: spec.unit?.(item) ?? unit, min: spec.min ?? -1e9, max: spec.max ?? 1e9, decimals: 3 };
+    const common = {
+      name,
+      label: spec.label,
+      step: spec.step ?? step,
+      unit: spec.unit?.(item) ?? unit,
+      min: spec.min ?? -1e9,
+      max: spec.max ?? 1e9,
+      decimals: 3,
+    };
     if (spec.options !== undefined) return [{ ...common, type: 'choice', value: String(value), options: optionsOf({ ...item, [name]: value }, name, spec) }];
     // A field without a value in an imported file stays empty until it is edited.
     const placeholder = spec.placeholder ?? (value === null ? 'not set' : undefined);
     return [
-      { ...common, type: 'number', value: value === null ? null : value + (ONE_BASED.has(name) ? 1 : 0), ...(placeholder === undefined ? {} : { placeholder }) },
+      {
+        ...common,
+        type: 'number',
+        value: value === null ? null : value + (ONE_BASED.has(name) ? 1 : 0),
+        ...(placeholder === undefined ? {} : { placeholder }),
+      },
     ];
   });
 }

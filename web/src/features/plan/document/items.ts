@@ -154,10 +154,11 @@ export const CHOICES: readonly { readonly label: string; readonly folded: boolea
   { label: 'Older commands', folded: true, kinds: ['roi', 'mount_configure', 'mount_control', 'control_video', 'digicam'] },
 ];
 
-/** @param at position of a kind that needs one. */
-export function newItem(kind: ItemKind, at: GeoPosition | null, altitude: Altitude): Item {
+/** @param position null for a kind without a position. */
+export function newItem(kind: ItemKind, position: GeoPosition | null, altitude: Altitude): Item {
   const isOnGround = kind === 'land' || ROI_KINDS.has(kind);
-  const position = at === null ? {} : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: isOnGround ? 0 : altitude.value_m } };
+  const placement =
+    position === null ? {} : { lat_deg: position.lat_deg, lon_deg: position.lon_deg, altitude: { ...altitude, value_m: isOnGround ? 0 : altitude.value_m } };
   const fields = Object.fromEntries(specsOf(kind).map(([name, { initial }]) => [name, initial]));
-  return { kind, autocontinue: true, spare_params: [], original: null, ...fields, ...position };
+  return { kind, autocontinue: true, spare_params: [], original: null, ...fields, ...placement };
 }

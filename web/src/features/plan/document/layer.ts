@@ -33,10 +33,10 @@ export interface Sketch {
  * @param ground position of home, to which altitudes above home are relative.
  */
 export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, ground: Required<LayerPosition>): LayerPicture {
-  const withAltitude = (at: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
-    lat_deg: at.lat_deg,
-    lon_deg: at.lon_deg,
-    alt_amsl_m: alt_amsl_m(at.altitude, ground.alt_amsl_m),
+  const withAltitude = (item: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
+    lat_deg: item.lat_deg,
+    lon_deg: item.lon_deg,
+    alt_amsl_m: alt_amsl_m(item.altitude, ground.alt_amsl_m),
   });
   const { points, lines: sharedLines, areas, solids } = sharedPicture(plan, selected, sketch, ground.alt_amsl_m);
   const add = pointAdder(points, selected);
@@ -60,8 +60,15 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
 
 /** @returns a function that adds a point. The altitude of a point can be changed only if the point has an `altitudeText`. */
 export function pointAdder(points: LayerPoint[], selected: ReadonlySet<string>) {
-  return (id: string, at: LayerPosition, mark: LayerPoint['mark'], tone: Tone, text = '', altitudeText?: string): void => {
-    const position = { lat_deg: at.lat_deg, lon_deg: at.lon_deg, ...(at.alt_amsl_m === undefined ? {} : { alt_amsl_m: at.alt_amsl_m }) };
+  return (
+    id: string,
+    { lat_deg, lon_deg, alt_amsl_m: amsl_m }: LayerPosition,
+    mark: LayerPoint['mark'],
+    tone: Tone,
+    text = '',
+    altitudeText?: string,
+  ): void => {
+    const position = { lat_deg, lon_deg, ...(amsl_m === undefined ? {} : { alt_amsl_m: amsl_m }) };
     points.push({ id, ...position, mark, tone, text, selected: selected.has(id), ...(altitudeText === undefined ? {} : { altitudeText }) });
   };
 }
@@ -93,7 +100,11 @@ export function sharedPicture(
     const ring = ringOf(zone);
     return { positions: [...ring, ...ring.slice(0, 1)], tone: toneOf(zone), style: 'dashed' };
   });
-  const obstacleLines = obstaclesOf(plan).map(({ polygon }): LayerLine => ({ positions: [...polygon, ...polygon.slice(0, 1)], tone: 'danger', style: 'solid' }));
+  const obstacleLines = obstaclesOf(plan).map(({ polygon }): LayerLine => ({
+    positions: [...polygon, ...polygon.slice(0, 1)],
+    tone: 'danger',
+    style: 'solid',
+  }));
   const solids = obstaclesOf(plan).map(({ polygon, top }): LayerSolid => ({ ring: polygon, top_amsl_m: alt_amsl_m(top, home_amsl_m), tone: 'danger' }));
   return { points, lines: [...fenceLines, ...obstacleLines], areas: areasOf(plan, sketch), solids };
 }

@@ -57,11 +57,11 @@ export class PlanEditor implements LayerEditor {
   corners = $state.raw<readonly GeoPosition[]>([]);
   private documentCount = 0;
   private gestureCount = 0;
-  /** A drag in progress: the position `at` which it began, and the document, positions by id and selection before it. */
+  /** A drag in progress: its start, and the document, positions by id and selection before the drag. */
   private grabbed: {
     group: string;
     document: Document;
-    at: GeoPosition;
+    start: GeoPosition;
     positions: ReadonlyMap<string, GeoPosition>;
     selected: ReadonlySet<string>;
   } | null = null;
@@ -155,8 +155,8 @@ export class PlanEditor implements LayerEditor {
   /** Selects a point; with `extend`, adds the point to the selection or removes it. For a midpoint, inserts a point. */
   pick(id: string, extend: boolean): void {
     if (kinds.isInsertion(id)) {
-      const at = this.picture.points.find((point) => point.id === id);
-      if (at !== undefined) this.insert(id, at);
+      const midpoint = this.picture.points.find((point) => point.id === id);
+      if (midpoint !== undefined) this.insert(id, midpoint);
       return;
     }
     if (id.startsWith('sketch:')) return;
@@ -188,28 +188,31 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Handles a click on the ground: adds what `placing` states, or clears the selection. @returns true: the click was handled. */
-  press(at: GeoPosition): boolean {
+  press(position: GeoPosition): boolean {
     const placing = this.placing;
     if (placing === null) this.select([]);
-    else if (placing.type === 'item') this.addItem(placing.kind, at);
-    else if (placing.type === 'step') this.addStep(placing.kind, at);
+    else if (placing.type === 'item') this.addItem(placing.kind, position);
+    else if (placing.type === 'step') this.addStep(placing.kind, position);
     else if (placing.type === 'rally') {
-      this.change({ ...this.plan, rally_points: [...this.plan.rally_points, { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: DEFAULT_ALTITUDE }] });
+      this.change({
+        ...this.plan,
+        rally_points: [...this.plan.rally_points, { lat_deg: position.lat_deg, lon_deg: position.lon_deg, altitude: DEFAULT_ALTITUDE }],
+      });
       this.select([`rally:${this.plan.rally_points.length - 1}`]);
       this.stopPlacing();
     } else if (placing.type === 'circle') {
-      const center = { lat_deg: at.lat_deg, lon_deg: at.lon_deg };
+      const center = { lat_deg: position.lat_deg, lon_deg: position.lon_deg };
       this.change({ ...this.document, fence: [...this.document.fence, { shape: 'circle', inclusion: true, center, radius_m: CIRCLE_RADIUS_M }] });
       this.select([`circle:${this.document.fence.length - 1}`]);
       this.stopPlacing();
-    } else this.corners = [...this.corners, { lat_deg: at.lat_deg, lon_deg: at.lon_deg }];
+    } else this.corners = [...this.corners, { lat_deg: position.lat_deg, lon_deg: position.lon_deg }];
     return true;
   }
 
   /** Adds an item after the selection, or without a selection at the end, but before a final landing or return. */
-  addItem(kind: ItemKind, at: GeoPosition | null): void {
+  addItem(kind: ItemKind, position: GeoPosition | null): void {
     const row = kind === 'takeoff' ? 0 : edit.FLIGHT_END_KINDS.has(kind) ? this.plan.items.length : edit.rowToInsert(this.plan, [...this.selected]);
-    this.change(edit.insertItem(this.plan, row, newItem(kind, at, altitudeBefore(this.plan, row))));
+    this.change(edit.insertItem(this.plan, row, newItem(kind, position, altitudeBefore(this.plan, row))));
     this.select([`item:${row}`]);
     if (kind !== 'waypoint' && this.placing?.type === 'item') this.stopPlacing();
   }
@@ -218,9 +221,9 @@ export class PlanEditor implements LayerEditor {
    * Adds a step of a mission after the selection, or without a selection at the end. For a selected trajectory, a click
    * with the kind `fly` adds a point to this trajectory.
    */
-  addStep(kind: StepKind, at: GeoPosition | null): void {
+  addStep(kind: StepKind, position: GeoPosition | null): void {
     if (this.mission === null) return;
-    const added = offboard.addStep(this.mission, kind, at, [...this.selected], this.frame);
+    const added = offboard.addStep(this.mission, kind, position, [...this.selected], this.frame);
     this.change(added.mission);
     this.select([added.id]);
     if (kind !== 'fly' && this.placing?.type === 'step') this.stopPlacing();
@@ -290,25 +293,25 @@ export class PlanEditor implements LayerEditor {
 
   grab(id: string): string | null {
     const isMidpoint = kinds.isInsertion(id);
-    const at = this.picture.points.find((point) => point.id === id);
-    if (at === undefined || id.startsWith('sketch:')) return null;
+    const start = this.picture.points.find((point) => point.id === id);
+    if (start === undefined || id.startsWith('sketch:')) return null;
     this.gestureCount += 1;
     const group = `drag ${this.gestureCount}`;
     const previousSelection = this.selected;
-    const draggedId = isMidpoint ? this.insert(id, at, group) : id;
+    const draggedId = isMidpoint ? this.insert(id, start, group) : id;
     if (!isMidpoint && !this.selected.has(id)) this.select([id]);
     const positions = new Map(
       [...this.selected]
         .map((selectedId) => [selectedId, kinds.positionIn(this.document, selectedId, this.frame)] as const)
         .filter((pair): pair is [string, GeoPosition] => pair[1] !== null),
     );
-    this.grabbed = { group, document: this.document, at, positions, selected: previousSelection };
+    this.grabbed = { group, document: this.document, start, positions, selected: previousSelection };
     return draggedId;
   }
 
   drag(_id: string, to: GeoPosition): void {
     const grabbed = this.grabbed;
-    if (grabbed !== null) this.change(kinds.move(grabbed.document, grabbed.positions, eastNorth(grabbed.at, to), this.frame), grabbed.group);
+    if (grabbed !== null) this.change(kinds.move(grabbed.document, grabbed.positions, eastNorth(grabbed.start, to), this.frame), grabbed.group);
   }
 
   raise(by_m: number): void {
@@ -327,8 +330,8 @@ export class PlanEditor implements LayerEditor {
     this.endGroup();
   }
 
-  private insert(id: string, at: GeoPosition, group: string | null = null): string {
-    const inserted = kinds.insertAt(this.document, id, at, this.frame);
+  private insert(id: string, position: GeoPosition, group: string | null = null): string {
+    const inserted = kinds.insertAt(this.document, id, position, this.frame);
     if (inserted === null) return id;
     this.change(inserted.document, group);
     this.select([inserted.id]);

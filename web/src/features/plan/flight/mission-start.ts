@@ -42,7 +42,9 @@ export function startQuestion(
 ): Question {
   const isResume = inAir && row === null;
   const startItem = row === null ? (inAir ? currentItemText(currentItem) : 'the first item') : `item ${row + 1}`;
-  const path = inAir ? `The vehicle flies to ${startItem} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${startItem}.`;
+  const path = inAir
+    ? `The vehicle flies to ${startItem} and continues from there.`
+    : `Arms, takes off and flies the mission stored on the vehicle from ${startItem}.`;
   return {
     title: `${isResume ? 'Resume' : 'Fly'} the mission of ${vehicleName}${row === null ? '' : ` from item ${row + 1}`}`,
     effect: [

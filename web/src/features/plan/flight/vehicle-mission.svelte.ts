@@ -61,7 +61,9 @@ export class VehicleMission {
     this.view = view.ok ? view.value : null;
     if (this.view?.transfer == null || this.running) return;
     const operations = await this.api.get('/operations', { params: { query: { vehicle } } });
-    const runningTransfer = operations.ok ? operations.value.operations.find(({ kind, state }) => TRANSFER_KINDS.includes(kind) && state === 'running') : undefined;
+    const runningTransfer = operations.ok
+      ? operations.value.operations.find(({ kind, state }) => TRANSFER_KINDS.includes(kind) && state === 'running')
+      : undefined;
     if (vehicle === this.vehicle && runningTransfer !== undefined) this.transfer = runningTransfer;
   }
 

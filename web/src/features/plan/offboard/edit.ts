@@ -35,13 +35,13 @@ export function setStep(mission: Mission, node: StepNode, step: Step): Mission {
 }
 
 /** Moves the point with this id. */
-export function movePoint(mission: Mission, id: string, at: GeoPosition, frame: Frame): Mission {
+export function movePoint(mission: Mission, id: string, position: GeoPosition, frame: Frame): Mission {
   const ref = pointOf(id);
   const node = ref === null ? null : nodeOf(mission, id);
-  if (ref === null || node === null) return moveShared(mission, id, at);
+  if (ref === null || node === null) return moveShared(mission, id, position);
   const path = pathOf(node, ref);
   const old = valueAt(mission, path) as MissionPosition | undefined;
-  return old === undefined ? mission : withValue(mission, path, movedTo(old, at, frame));
+  return old === undefined ? mission : withValue(mission, path, movedTo(old, position, frame));
 }
 
 /** Changes the altitude of the point with this id by `by_m`; home and the geofence have no altitude. */
@@ -91,12 +91,12 @@ export function remove(mission: Mission, ids: readonly string[]): Mission {
 }
 
 /** Inserts a point into a step at `index`, with the frame and altitude of a neighbouring point. */
-export function insertPoint(mission: Mission, place: string, index: number, at: GeoPosition, frame: Frame): { mission: Mission; id: string } | null {
+export function insertPoint(mission: Mission, place: string, index: number, position: GeoPosition, frame: Frame): { mission: Mission; id: string } | null {
   const node = nodeOf(mission, stepId(place));
   const points = node?.step.points;
   if (node === null || points === undefined) return null;
   const template = points[index - 1] ?? points[index];
-  const point = template === undefined ? inFrame('offset', { ...at, up_m: DEFAULT_UP_M }, frame) : positionOnly(movedTo(template, at, frame));
+  const point = template === undefined ? inFrame('offset', { ...position, up_m: DEFAULT_UP_M }, frame) : positionOnly(movedTo(template, position, frame));
   const next = withValue(mission, [...node.path, 'points'], spliced(points, index, 0, point));
   return { mission: next, id: pointId({ place, field: 'points', index }) };
 }
@@ -111,7 +111,7 @@ function positionOnly(point: MissionPosition): MissionPosition {
  * A new position, in the frame of the previous position. The first position is in lat/lon if the start is known.
  * @param nodeCount number of nodes before the new step.
  */
-function newPosition(mission: Mission, at: GeoPosition | null, frame: Frame, nodeCount: number, nodes: readonly StepNode[]): MissionPosition {
+function newPosition(mission: Mission, position: GeoPosition | null, frame: Frame, nodeCount: number, nodes: readonly StepNode[]): MissionPosition {
   const positionsBefore = nodes
     .slice(0, nodeCount)
     .flatMap((node): readonly MissionPosition[] | MissionPosition => node.step.points?.at(-1) ?? (node.step['center'] as MissionPosition | undefined) ?? []);
@@ -119,7 +119,7 @@ function newPosition(mission: Mission, at: GeoPosition | null, frame: Frame, nod
   const positionFrame: PositionFrame = template !== undefined ? frameOfPosition(template) : frame.known && mission.home != null ? 'home' : 'offset';
   const takeoffHeight_m = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
   const up_m = template !== undefined ? geoPointOf(template, frame).up_m : typeof takeoffHeight_m === 'number' ? takeoffHeight_m : DEFAULT_UP_M;
-  const geoPoint: GeoPoint = { ...(at ?? (template === undefined ? frame.start : geoPointOf(template, frame))), up_m };
+  const geoPoint: GeoPoint = { ...(position ?? (template === undefined ? frame.start : geoPointOf(template, frame))), up_m };
   return inFrame(positionFrame, geoPoint, frame);
 }
 
@@ -127,19 +127,25 @@ function newPosition(mission: Mission, at: GeoPosition | null, frame: Frame, nod
  * Adds a step after the selection, into a selected empty branch, or without a selection at the end, but before a final
  * landing. If a trajectory is selected, `fly` with a position adds a point to the trajectory instead.
  */
-export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null, selected: readonly string[], frame: Frame): { mission: Mission; id: string } {
+export function addStep(
+  mission: Mission,
+  kind: StepKind,
+  position: GeoPosition | null,
+  selected: readonly string[],
+  frame: Frame,
+): { mission: Mission; id: string } {
   const nodes = nodesOf(mission);
   const last = lastSelected(mission, selected);
-  if (kind === 'fly' && at !== null && last?.step.step === 'fly') {
+  if (kind === 'fly' && position !== null && last?.step.step === 'fly') {
     const ref = selected
       .map(pointOf)
       .filter((point) => point?.field === 'points')
       .at(-1);
-    const added = insertPoint(mission, last.place, ref == null ? (last.step.points?.length ?? 0) : ref.index + 1, at, frame);
+    const added = insertPoint(mission, last.place, ref == null ? (last.step.points?.length ?? 0) : ref.index + 1, position, frame);
     if (added !== null) return added;
   }
   const nodeCount = last === null ? nodes.length : nodes.indexOf(last) + 1;
-  const step = newStep(kind, KINDS_WITH_POSITION.has(kind) ? newPosition(mission, at, frame, nodeCount, nodes) : undefined);
+  const step = newStep(kind, KINDS_WITH_POSITION.has(kind) ? newPosition(mission, position, frame, nodeCount, nodes) : undefined);
   const { mission: next, places } = insertSteps(mission, [step], last);
   const place = places[0] ?? '';
   return { mission: next, id: kind === 'fly' ? pointId({ place, field: 'points', index: 0 }) : stepId(place) };

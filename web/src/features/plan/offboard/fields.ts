@@ -342,12 +342,12 @@ const STEP_FIELDS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
   meet: [textRow('meeting', 'Name of the sync point'), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '120' })],
 };
 /** Fields with whole numbers; the page rounds typed fractions. */
-const WHOLE_NUMBERS: ReadonlySet<string> = new Set(['times', 'count']);
+const INTEGERS: ReadonlySet<string> = new Set(['times', 'count']);
 
 /** The rows of a step; the first row is the name. */
 export function fieldsOf(step: Step, context: Context): Field<Step>[] {
   const rows = [...textRow('name', 'Name')(step, context), ...STEP_FIELDS[step.step].flatMap((spec) => spec(step, context))];
-  return rows.map((row) => (WHOLE_NUMBERS.has(row.name) ? { ...row, set: (old, next) => row.set(old, typeof next === 'number' ? Math.round(next) : next) } : row));
+  return rows.map((row) => (INTEGERS.has(row.name) ? { ...row, set: (old, next) => row.set(old, typeof next === 'number' ? Math.round(next) : next) } : row));
 }
 
 /** The rows of one point of a trajectory. */

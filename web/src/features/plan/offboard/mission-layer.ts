@@ -53,10 +53,17 @@ export function picture(
             'target',
           );
       }
-    for (const { ref, at } of positions) {
+    for (const { ref, position } of positions) {
       const isFlown = ref.field === 'points';
       const text = isFlown ? pointMark(node, ref.index, count) : '';
-      add(pointId(ref), withAltitude(geoPointOf(at, frame), frame), isFlown ? 'disc' : 'cross', isFlown ? 'target' : 'actual', text, altitudeText(at, frame));
+      add(
+        pointId(ref),
+        withAltitude(geoPointOf(position, frame), frame),
+        isFlown ? 'disc' : 'cross',
+        isFlown ? 'target' : 'actual',
+        text,
+        altitudeText(position, frame),
+      );
     }
   }
   lines.push(...(flight === null ? straightLines(nodes, frame) : flightLines(flight, frame, isCurrent)), ...sketchLines(sketch));
@@ -84,7 +91,8 @@ function flightLines(flight: CompiledFlight, frame: Frame, isCurrent: boolean): 
       alt_amsl_m: frame.origin.alt_amsl_m - down_m,
     }));
     const previous = lines.at(-1);
-    if (previous !== undefined && previous.main === main && isSamePosition(previous.positions.at(-1), positions[0])) previous.positions.push(...positions.slice(1));
+    if (previous !== undefined && previous.main === main && isSamePosition(previous.positions.at(-1), positions[0]))
+      previous.positions.push(...positions.slice(1));
     else lines.push({ main, positions });
   }
   return lines
@@ -116,7 +124,10 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
       const endIndex = nodes.findIndex((other, i) => i > index && other.depth <= node.depth);
       const stepDuration_s = duration_s(node, nodes.slice(index + 1, endIndex < 0 ? nodes.length : endIndex));
       const photos = timeOfStep.get(node.place)?.photos ?? 0;
-      const durationText = [stepDuration_s === null || stepDuration_s < 0.5 ? '' : duration(stepDuration_s), photos > 0 ? `${photos} ${photos === 1 ? 'photo' : 'photos'}` : '']
+      const durationText = [
+        stepDuration_s === null || stepDuration_s < 0.5 ? '' : duration(stepDuration_s),
+        photos > 0 ? `${photos} ${photos === 1 ? 'photo' : 'photos'}` : '',
+      ]
         .filter(Boolean)
         .join('\n');
       return {

@@ -140,11 +140,11 @@ export function pathOf(node: StepNode, ref: PointRef): JsonPath {
 }
 
 /** All positions of a step, with references to them. */
-export function positionsOf(node: StepNode): { ref: PointRef; at: MissionPosition }[] {
-  const positions = (node.step.points ?? []).map((at, index) => ({ ref: { place: node.place, field: 'points', index } as PointRef, at }));
+export function positionsOf(node: StepNode): { ref: PointRef; position: MissionPosition }[] {
+  const positions = (node.step.points ?? []).map((position, index) => ({ ref: { place: node.place, field: 'points', index } as PointRef, position }));
   for (const field of ['center', 'look_at', 'place'] as const) {
-    const at = node.step[field] as MissionPosition | null | undefined;
-    if (at !== null && at !== undefined) positions.push({ ref: { place: node.place, field, index: 0 }, at });
+    const position = node.step[field] as MissionPosition | null | undefined;
+    if (position !== null && position !== undefined) positions.push({ ref: { place: node.place, field, index: 0 }, position });
   }
   return positions;
 }

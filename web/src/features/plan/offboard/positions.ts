@@ -88,10 +88,10 @@ export function altitudeText(position: MissionPosition, frame: Frame): string {
 }
 
 /** Moves a point horizontally; altitude and frame are kept. */
-export function movedTo(position: MissionPosition, at: GeoPosition, frame: Frame): MissionPosition {
+export function movedTo(position: MissionPosition, target: GeoPosition, frame: Frame): MissionPosition {
   const positionFrame = frameOfPosition(position);
   const { up_m } = geoPointOf(position, frame);
-  const moved = inFrame(positionFrame, { ...at, up_m }, frame, position);
+  const moved = inFrame(positionFrame, { ...target, up_m }, frame, position);
   // Keeps the exact altitude, without rounding.
   if (positionFrame === 'home') return { ...moved, alt_home_m: position.alt_home_m ?? 0 };
   if (positionFrame === 'amsl') return { ...moved, alt_amsl_m: position.alt_amsl_m ?? 0 };

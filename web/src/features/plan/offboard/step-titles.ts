@@ -99,7 +99,9 @@ export function detailOf(step: Step): string {
       break;
     case 'photo':
       parts.push(
-        step['count'] === 1 || step['count'] === undefined ? '1 photo' : `${String(step['count'])} photos every ${fixed(numberOrNull(step['interval_s']) ?? 1, 1)} s`,
+        step['count'] === 1 || step['count'] === undefined
+          ? '1 photo'
+          : `${String(step['count'])} photos every ${fixed(numberOrNull(step['interval_s']) ?? 1, 1)} s`,
       );
       if (step['component'] != null) parts.push(`camera ${String(step['component'])}`);
       break;

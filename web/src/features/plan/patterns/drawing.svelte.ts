@@ -130,12 +130,12 @@ export class PatternDrawing implements LayerEditor {
   readonly at: GeoPosition | null = $derived.by(() => (this.selected === null ? null : (this.rings[this.selected.ring]?.[this.selected.index] ?? null)));
 
   /** Moves the selected point. */
-  moveTo(at: GeoPosition): void {
-    if (this.selected !== null) this.rings = shape.movePoint(this.rings, this.selected, at);
+  moveTo(position: GeoPosition): void {
+    if (this.selected !== null) this.rings = shape.movePoint(this.rings, this.selected, position);
   }
 
-  press(at: GeoPosition): boolean {
-    this.rings = shape.addPoint(this.rings, this.type.shape, this.activeRing, at);
+  press(position: GeoPosition): boolean {
+    this.rings = shape.addPoint(this.rings, this.type.shape, this.activeRing, position);
     this.selected = { ring: this.activeRing, index: (this.rings[this.activeRing]?.length ?? 1) - 1 };
     return true;
   }
@@ -216,8 +216,8 @@ export class PatternDrawing implements LayerEditor {
   }
 
   private insertAt(id: string, point: ShapePoint): void {
-    const at = shape.midpoints(this.rings, this.type.shape).find((midpoint) => midpoint.id === id)?.at;
-    if (at !== undefined) this.rings = shape.insertPoint(this.rings, point, at);
+    const position = shape.midpoints(this.rings, this.type.shape).find((midpoint) => midpoint.id === id)?.at;
+    if (position !== undefined) this.rings = shape.insertPoint(this.rings, point, position);
   }
 
   private storedCamera(): unknown {

@@ -1,4 +1,4 @@
-/** The drawn shape (on the ground) and the lines of the generated pattern (at their altitudes) as a map layer. Pure. */
+/** Map layer with the drawn shape on the ground and the generated pattern's lines at their altitudes. Pure. */
 
 import type { LayerLine, LayerPicture, LayerPoint, LayerPosition } from '../../../app/map-layers.svelte';
 import { groundDistance_m } from '../../../vehicle/geo';
@@ -31,9 +31,16 @@ export function shapePicture(
   if (rings.flat().length <= MAX_MIDPOINTS)
     for (const { id, at } of midpoints(rings, kind)) points.push({ id, ...at, mark: 'midpoint', tone: 'actual', text: '', selected: false });
   rings.forEach((ring, i) =>
-    ring.forEach((at, index) => {
+    ring.forEach((position, index) => {
       const isSelected = selected?.ring === i && selected.index === index;
-      points.push({ id: pointId({ ring: i, index }), ...at, mark: kind === 'point' ? 'cross' : 'corner', tone: 'actual', text: '', selected: isSelected });
+      points.push({
+        id: pointId({ ring: i, index }),
+        ...position,
+        mark: kind === 'point' ? 'cross' : 'corner',
+        tone: 'actual',
+        text: '',
+        selected: isSelected,
+      });
     }),
   );
   return { points, lines: [...outlines(rings, kind, radius_m), ...patternLines(generated, isCurrent, ground.alt_amsl_m)], areas: areasOf(rings, kind), ground };
@@ -66,7 +73,7 @@ function patternLines(generated: GeneratedPattern | null, isCurrent: boolean, ho
 export function linesOnPath(path: readonly Required<LayerPosition>[], lines: GeneratedPattern['lines']): LayerPosition[][] {
   let searchStart = 0;
   return lines.map(([start, end]) => {
-    const startIndex = path.findIndex((at, i) => i >= searchStart && groundDistance_m(at, start) < SAME_POSITION_M);
+    const startIndex = path.findIndex((position, i) => i >= searchStart && groundDistance_m(position, start) < SAME_POSITION_M);
     if (startIndex < 0) return [start, end];
     const length_m = groundDistance_m(start, end);
     const distance_m = (i: number): number => groundDistance_m(start, path[i] ?? end);
@@ -77,7 +84,10 @@ export function linesOnPath(path: readonly Required<LayerPosition>[], lines: Gen
     const span_m = distance_m(endIndex) - distance_m(endIndex - 1);
     const fraction = span_m > SAME_POSITION_M ? (length_m - distance_m(endIndex - 1)) / span_m : 0;
     const [previous_amsl_m, next_amsl_m] = [previous?.alt_amsl_m ?? 0, next?.alt_amsl_m ?? 0];
-    return [...path.slice(startIndex, endIndex), { lat_deg: end.lat_deg, lon_deg: end.lon_deg, alt_amsl_m: previous_amsl_m + fraction * (next_amsl_m - previous_amsl_m) }];
+    return [
+      ...path.slice(startIndex, endIndex),
+      { lat_deg: end.lat_deg, lon_deg: end.lon_deg, alt_amsl_m: previous_amsl_m + fraction * (next_amsl_m - previous_amsl_m) },
+    ];
   });
 }
 

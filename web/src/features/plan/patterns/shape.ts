@@ -61,13 +61,13 @@ const latLon = ({ lat_deg, lon_deg }: GeoPosition): GeoPosition => ({ lat_deg, l
 const withRing = (rings: Rings, ring: number, points: readonly GeoPosition[]): Rings => rings.map((old, i) => (i === ring ? points : old));
 
 /** Adds a point at the end of a ring, or moves the only point of an orbit. */
-export function addPoint(rings: Rings, kind: ShapeKind, ring: number, at: GeoPosition): Rings {
-  return withRing(rings, ring, kind === 'point' ? [latLon(at)] : [...(rings[ring] ?? []), latLon(at)]);
+export function addPoint(rings: Rings, kind: ShapeKind, ring: number, position: GeoPosition): Rings {
+  return withRing(rings, ring, kind === 'point' ? [latLon(position)] : [...(rings[ring] ?? []), latLon(position)]);
 }
 
-export function insertPoint(rings: Rings, { ring, index }: ShapePoint, at: GeoPosition): Rings {
+export function insertPoint(rings: Rings, { ring, index }: ShapePoint, position: GeoPosition): Rings {
   const points = rings[ring] ?? [];
-  return withRing(rings, ring, [...points.slice(0, index), latLon(at), ...points.slice(index)]);
+  return withRing(rings, ring, [...points.slice(0, index), latLon(position), ...points.slice(index)]);
 }
 
 export function movePoint(rings: Rings, { ring, index }: ShapePoint, to: GeoPosition): Rings {
