@@ -14,7 +14,7 @@ export interface Filter {
 }
 
 export const NO_FILTER: Filter = { text: '', group: '', nonDefaultOnly: false };
-/** Number of rows that the panel shows at most, to keep the page fast. */
+/** Maximum number of rows that the panel shows, to keep the page fast. */
 export const MAX_ROWS = 120;
 
 /** The groups of the parameters, sorted. */
@@ -49,7 +49,7 @@ export function numberText(value: number | null, decimals: number | null = null)
   return text.replace('-', '−');
 }
 
-/** The value with the given number of decimals, or with more decimals if it needs them. */
+/** The value with the given number of decimals, or with more decimals if the value needs them. */
 function withDecimals(value: number, decimals: number): string {
   const exact = String(Number(value.toPrecision(7)));
   const neededDecimals = exact.includes('e') ? 0 : (exact.split('.')[1] ?? '').length;
@@ -104,7 +104,7 @@ export function parseTyped(text: string, isInteger: boolean): number | null {
   return Number.isFinite(value) && (!isInteger || Number.isInteger(value)) ? value : null;
 }
 
-/** Why the metadata does not permit a value; null if it is permitted. The server checks the same. */
+/** Why the metadata does not permit a value; null if it is permitted. The server makes the same check. */
 export function valueProblem(facts: ParameterMetadata | null, value: number): string | null {
   if (facts === null) return null;
   if (facts.choices.length > 0) return facts.choices.some((c) => equalAsFloat32(c.value, value)) ? null : 'Not one of the documented values.';

@@ -50,7 +50,7 @@ export interface GeneratedPattern {
 
 export interface ResolvedPlan {
   readonly plan: Plan;
-  /** Numbers of resolved altitudes, unresolved altitudes and added waypoints. */
+  /** This field and the next two: numbers of resolved altitudes, unresolved altitudes and added waypoints. */
   readonly resolved: number;
   readonly unknown: number;
   readonly added: number;
@@ -141,8 +141,8 @@ export class PlanApi {
 
   /**
    * Computes the AMSL altitudes of items above terrain.
-   * @param tolerance_m largest deviation of a leg from its height above ground; the server adds waypoints to keep
-   * within it. Null: the server adds no waypoints.
+   * @param tolerance_m largest deviation of a leg from its height above ground. The server adds waypoints to
+   * limit the deviation. Null: the server adds no waypoints.
    */
   resolveTerrain(plan: Plan, tolerance_m: number | null): Promise<Outcome<ResolvedPlan>> {
     return fromApi(this.api.post('/plans/ground', { body: { plan: toApi(plan), tolerance_m } }));

@@ -23,7 +23,7 @@ export const insertion = new MissionInsertion(planApi, editor);
 
 export const vehicleMission = new VehicleMission(page.api);
 export const dryRun = new DryRun(page.api);
-// Registered for the whole page: a dry run continues while another room is open.
+// Registered for the whole page, because a dry run continues while another room is open.
 page.onEvent.push((event) => void dryRun.onEvent(event));
 export const acceptedErrors = new AcceptedErrors();
 export const roleAssignment = new RoleAssignment();

@@ -43,7 +43,7 @@ export function positionIn(document: Document, id: string, frame: Frame): GeoPos
   return sharedPositionOf(document, refOf(id));
 }
 
-/** The positions that a list entry shows on the map; for a step, all its points. */
+/** The positions of the part with this id; for a step, the positions of all its points. */
 export function positionsOfId(document: Document, id: string, frame: Frame): GeoPosition[] {
   if (isMission(document) && id.startsWith('step:')) {
     const node = offboard.nodeOf(document, id);
@@ -52,7 +52,7 @@ export function positionsOfId(document: Document, id: string, frame: Frame): Geo
   return [positionIn(document, id, frame) ?? []].flat();
 }
 
-/** Moves points from these positions, by id, by the same horizontal offset. */
+/** Moves points by the same horizontal offset. @param positions positions of the points before the move, by id. */
 export function move<D extends Document>(document: D, positions: ReadonlyMap<string, GeoPosition>, offset: EastNorth, frame: Frame): D {
   let moved: Document = document;
   for (const [id, position] of positions) {
@@ -166,11 +166,11 @@ export function exists(document: Document, id: string, frame: Frame): boolean {
  * The parts of a mission to select after a deletion: the step or point that now has the id of a deleted part, or else
  * the trajectory point before the deleted point. Empty for a waypoint plan.
  */
-export function selectionAfterDelete(before: Document, after: Document, ids: readonly string[], frame: Frame): string[] {
-  if (!isMission(before) || !isMission(after)) return [];
-  const remaining = ids.find((id) => exists(after, id, frame));
+export function selectionAfterDelete(oldDocument: Document, newDocument: Document, ids: readonly string[], frame: Frame): string[] {
+  if (!isMission(oldDocument) || !isMission(newDocument)) return [];
+  const remaining = ids.find((id) => exists(newDocument, id, frame));
   if (remaining !== undefined) return [remaining];
   const point = ids.map(pointOf).find((ref) => ref !== null && ref?.field === 'points');
-  if (point != null && point.index > 0) return [pointId({ ...point, index: point.index - 1 })].filter((id) => exists(after, id, frame));
+  if (point != null && point.index > 0) return [pointId({ ...point, index: point.index - 1 })].filter((id) => exists(newDocument, id, frame));
   return [];
 }

@@ -31,7 +31,7 @@ export type RallyPoint = Readonly<Schemas['RallyPoint']>;
 /** Properties that waypoint plans and missions share. */
 export interface SharedParts {
   readonly fence: readonly FenceZone[];
-  /** Missing in older documents. */
+  /** Older documents do not have this field. */
   readonly obstacles?: readonly Obstacle[];
 }
 

@@ -36,7 +36,7 @@ const ONE_BASED: ReadonlySet<string> = new Set(['target_index']);
 
 export function fieldsOf(item: Item): Field[] {
   return specsOf(item.kind).flatMap(([name, spec]): Field[] => {
-    if (spec.label === null || spec.when?.(item) === false) return [];
+    if (spec.label === null || spec.appliesTo?.(item) === false) return [];
     const stored = item[name] === undefined ? spec.initial : item[name];
     const value = typeof stored === 'number' ? stored : null;
     const [, unit, step] = UNITS.find(([suffix]) => name.endsWith(suffix)) ?? ['', '', 1];

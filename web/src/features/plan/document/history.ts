@@ -1,4 +1,4 @@
-/** Undo and redo. Every state is stored completely; states share their unchanged parts. Pure. */
+/** Undo and redo. Each state is a complete value; states share their unchanged parts. Pure. */
 
 const MAX_STATES = 300;
 

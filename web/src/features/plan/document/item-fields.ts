@@ -1,6 +1,6 @@
 /**
  * Every field of every mission item: initial value, label, bounds, and texts instead of code numbers. The types require
- * an entry for each field of the API's items. Their meanings are those of MAVLink's common message set and PX4 v1.16. Pure.
+ * an entry for each field of the API's items. The fields mean what MAVLink's common message set and PX4 v1.16 define. Pure.
  */
 
 import type { components } from '../../../api/schema';
@@ -20,7 +20,7 @@ export interface FieldSpec {
   readonly min?: number;
   readonly max?: number;
   readonly step?: number;
-  /** Only whole numbers. */
+  /** Whether only whole numbers are permitted. */
   readonly whole?: boolean;
   /** The field may be empty; this text then describes the value that applies. */
   readonly placeholder?: string;
@@ -28,8 +28,8 @@ export interface FieldSpec {
   readonly options?: Readonly<Record<string, string>>;
   /** Unit, if the name of the field does not give it. */
   readonly unit?: (item: Item) => string;
-  /** Whether the field applies, depending on the other fields. */
-  readonly when?: (item: Item) => boolean;
+  /** Whether the field applies to an item, depending on the other fields. */
+  readonly appliesTo?: (item: Item) => boolean;
 }
 
 type FieldDetails = Omit<FieldSpec, 'initial' | 'label'>;
@@ -115,9 +115,9 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   return_home: {},
   delay: {
     delay_s: field(5, 'Wait for (−1: until a UTC time)', { min: -1 }),
-    hour_utc: field(0, 'Until, hour (UTC)', { min: -1, max: 23, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
-    minute_utc: field(0, 'Until, minute (UTC)', { min: -1, max: 59, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
-    second_utc: field(0, 'Until, second (UTC)', { min: -1, max: 59, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
+    hour_utc: field(0, 'Until, hour (UTC)', { min: -1, max: 23, whole: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    minute_utc: field(0, 'Until, minute (UTC)', { min: -1, max: 59, whole: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    second_utc: field(0, 'Until, second (UTC)', { min: -1, max: 59, whole: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
   },
   jump: {
     target_index: field(0, 'Target item', { min: 1, max: 100_001, whole: true }),
@@ -129,7 +129,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
     throttle_percent: hiddenField(-1),
   },
   // PX4 accepts only the vehicle's position.
-  set_home: { use_current: choice(1, 'New home', { 1: 'vehicle’s position' }, { when: (item) => item['use_current'] !== 1 }) },
+  set_home: { use_current: choice(1, 'New home', { 1: 'vehicle’s position' }, { appliesTo: (item) => item['use_current'] !== 1 }) },
   land_start: {},
   roi_next_waypoint: {
     gimbal_id: gimbal,
@@ -145,14 +145,14 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
     actuator_3: field(null, 'Actuator 3, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
     actuator_4: field(null, 'Actuator 4, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
     // PX4 has only set 0.
-    set_index: field(0, 'Actuator set', { ...ID_RANGE, when: (item) => item['set_index'] !== 0 }),
+    set_index: field(0, 'Actuator set', { ...ID_RANGE, appliesTo: (item) => item['set_index'] !== 0 }),
   },
   gripper: { gripper: field(1, 'Gripper', { ...ID_RANGE, min: 1 }), action: choice(0, 'Action', { 0: 'open', 1: 'close' }) },
   winch: {
     winch: field(1, 'Winch', { ...ID_RANGE, min: 1 }),
     action: choice(4, 'Action', WINCH_ACTIONS),
-    length_m: field(0, 'Line out (negative: in)', { when: isOneOf('action', 1) }),
-    rate_m_s: field(0, 'Rate out (negative: in)', { when: isOneOf('action', 1, 2) }),
+    length_m: field(0, 'Line out (negative: in)', { appliesTo: isOneOf('action', 1) }),
+    rate_m_s: field(0, 'Rate out (negative: in)', { appliesTo: isOneOf('action', 1, 2) }),
   },
   trigger_distance: {
     distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
@@ -184,7 +184,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   },
   camera_focus: {
     focus_type: choice(4, 'Focus by', FOCUS_TYPES),
-    value: field(0, 'Focus', { when: isOneOf('focus_type', 0, 1, 2, 3), unit: (item) => ({ 2: '%', 3: 'm' })[Number(item['focus_type'])] ?? '' }),
+    value: field(0, 'Focus', { appliesTo: isOneOf('focus_type', 0, 1, 2, 3), unit: (item) => ({ 2: '%', 3: 'm' })[Number(item['focus_type'])] ?? '' }),
     camera,
   },
   control_video: {

@@ -6,7 +6,7 @@ import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, flownItems, type Altitude
 import { midpoint } from './edit';
 import { altitudeText } from './items';
 
-/** Above this number of legs, midpoints are shown only beside the selection. */
+/** Above this number of flown items, midpoints are shown only beside the selection. */
 const MAX_MIDPOINTS = 60;
 const CIRCLE_CORNERS = 72;
 const EARTH_M_PER_DEG = 111_194.9;

@@ -12,7 +12,7 @@ type Schemas = components['schemas'];
 type Operation = Readonly<Schemas['Operation']>;
 export type DryRunView = Readonly<Schemas['DryRunView']>;
 
-/** One vehicle, or for a mission with roles the vehicle of each role; null: none. */
+/** One vehicle, or for a mission with roles the vehicle of each role; null: no vehicle. */
 export type DryRunVehicles = { vehicle: string | null } | { vehicles: Readonly<Record<string, string>> | null };
 
 export class DryRun {

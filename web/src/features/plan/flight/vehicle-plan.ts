@@ -14,7 +14,7 @@ export type Difference = Comparison['differences'][number];
 const PART_NAMES = { mission: 'mission', fence: 'geofence', rally: 'rally points' } as const;
 const FIELD_NAMES: Readonly<Record<string, string>> = {
   command: 'command (MAV_CMD)',
-  frame: 'altitude reference',
+  frame: 'frame (MAV_FRAME)',
   z: 'altitude',
   autocontinue: 'autocontinue',
 };
@@ -30,7 +30,7 @@ const ALTITUDE_REFERENCES: Readonly<Record<number, string>> = {
   11: 'above terrain',
 };
 
-/** Sentence about the plan on the vehicle. @param edited the edited plan; null: not saved. */
+/** Sentence about the plan on the vehicle. @param edited version of the edited plan; null: the plan has unsaved changes. */
 export function vehiclePlanText(name: string, vehiclePlan: VehiclePlan | undefined, edited: { readonly id: string; readonly version: number } | null): string {
   if (vehiclePlan === undefined || vehiclePlan.state === 'not_known') return `The server does not know which plan is on ${name}.`;
   if (vehiclePlan.state === 'another') return `The plan on ${name} is not the plan that this server last uploaded.`;
@@ -79,7 +79,6 @@ function isCoordinate(field: string, value: number | null): boolean {
 
 function valueText(field: string, value: number | null): string {
   if (value === null) return 'not set';
-  if (field === 'frame') return ALTITUDE_REFERENCES[value] ?? `MAV_FRAME ${value}`;
   if (isCoordinate(field, value)) return `${fixed(value / 1e7, 7)}°`;
   return field === 'z' ? `${fixed(value, 1)} m` : String(Number(value.toFixed(4)));
 }

@@ -9,7 +9,7 @@ import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type St
 import { inFrame, geoPointOf, frameOfPosition, type Frame } from './positions';
 import { newStep } from './step-titles';
 
-/** Altitude above the start to which points below the start are raised [m]. */
+/** Minimum altitude above the start to which points are raised [m]. */
 const MIN_UP_M = 2;
 /** Distance below a limit to which points are lowered [m]. A curve may pass slightly above its points. */
 const MARGIN_M = 0.5;
@@ -55,7 +55,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
   }
 }
 
-/** Sets the maximum speed of the step, or else of the mission, to the limit. */
+/** Sets the maximum speed of the step to the limit, or that of the mission if only the mission has one. */
 function setSpeed(mission: Mission, node: StepNode, limit: number | null): Fix<Mission> | null {
   if (limit === null) return null;
   const text = `Set the speed to ${limitText(limit)} m/s`;

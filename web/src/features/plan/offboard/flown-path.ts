@@ -53,7 +53,7 @@ export interface FlownPlot {
   readonly planned: readonly (readonly (readonly [number, number])[])[];
 }
 
-/** The planned path of the steps that were flown, and of the longest branch. */
+/** The planned path of the flown steps, and of the steps on the longest path through the branches. */
 function plannedLines({ planned_legs, samples }: FlownPath): { place: string; points: readonly Vector[] }[] {
   const flownPlaces = new Set(samples.map(({ place }) => place));
   return planned_legs

@@ -164,8 +164,8 @@ export function startQuestion(
 }
 
 /**
- * Id of the dry run to compare a flight with: a dry run of this vehicle with a corridor, from the same start; null:
- * none.
+ * Id of the dry run to compare a flight with: a dry run of this vehicle with a corridor, from the same start. Null: there
+ * is none.
  * @param position position of the vehicle; null: not known.
  */
 export function dryRunWithCorridor(view: DryRunView | null, vehicle: string, position: GeoPosition | null): string | null {

@@ -56,7 +56,7 @@ export function isMission(document: { readonly format: string }): document is Mi
   return document.format === FORMAT;
 }
 
-/** Keys and indexes of a value in the mission. */
+/** Keys and indexes that lead to a value in the mission. */
 export type JsonPath = readonly (string | number)[];
 
 export interface StepNode {
@@ -73,7 +73,7 @@ export interface StepNode {
   readonly listHeading: string;
 }
 
-/** Limits of the tree; nested calls multiply the steps. */
+/** Limits for the number and the nesting depth of steps, because nested calls multiply the steps. */
 const MAX_NODES = 3000;
 const MAX_DEPTH = 24;
 

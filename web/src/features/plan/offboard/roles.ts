@@ -4,7 +4,7 @@ import { roleNames, type Mission, type Role, type Step } from './mission';
 import { newStep } from './step-titles';
 
 export const MAX_ROLES = 10;
-/** Distance of a new role's start to the east of the others [m]. */
+/** Distance of a new role's start from the other starts, to the east [m]. */
 const ROLE_SPACING_M = 10;
 
 function newRoleName(mission: Mission, requested: string): string {

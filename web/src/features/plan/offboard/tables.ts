@@ -13,7 +13,7 @@ export interface Table {
   readonly text: string;
 }
 
-/** All steps, also those of lists that no step calls. */
+/** All steps, including those of lists that no step calls. */
 function allSteps(mission: Mission): Step[] {
   const lists = [mission.steps, ...Object.values(mission.roles ?? {}).map((role) => role.steps), ...Object.values(mission.missions)];
   const withNestedSteps = (steps: readonly Step[]): Step[] =>
