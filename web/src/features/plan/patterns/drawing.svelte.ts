@@ -29,7 +29,7 @@ const CAMERA_STORAGE_KEY = 'gcs.pattern-camera';
 export const GROUND_TOLERANCE_M = 5;
 
 interface Preview {
-  readonly key: string;
+  readonly requestKey: string;
   readonly generated: GeneratedPattern | null;
   readonly problem: FieldProblem | null;
 }
@@ -68,10 +68,10 @@ export class PatternDrawing implements LayerEditor {
   );
   private readonly documentKind: PlanKind = $derived.by(() => kindOf(this.editor.document));
   /** Identifies the request to the server; null: the shape is not complete, or a value is missing. */
-  readonly key: string | null = $derived.by(() => (this.request?.ok === true ? JSON.stringify([this.request.pattern, this.documentKind, this.vehicle]) : null));
-  readonly isCurrent = $derived(this.key !== null && this.preview?.key === this.key);
+  readonly requestKey: string | null = $derived.by(() => (this.request?.ok === true ? JSON.stringify([this.request.pattern, this.documentKind, this.vehicle]) : null));
+  readonly isCurrent = $derived(this.requestKey !== null && this.preview?.requestKey === this.requestKey);
   /** The newest generated pattern; while `isCurrent` is false, it belongs to an earlier shape or setting. */
-  readonly generated: GeneratedPattern | null = $derived.by(() => (this.key === null ? null : (this.preview?.generated ?? null)));
+  readonly generated: GeneratedPattern | null = $derived.by(() => (this.requestKey === null ? null : (this.preview?.generated ?? null)));
   readonly problem: FieldProblem | null = $derived.by(() =>
     this.request?.ok === false ? this.request.problem : this.isCurrent ? (this.preview?.problem ?? null) : null,
   );
@@ -183,18 +183,18 @@ export class PatternDrawing implements LayerEditor {
 
   /** Requests the pattern from the server. The response to an earlier request is discarded. */
   async refresh(): Promise<void> {
-    const [key, kind, request] = [this.key, this.kind, this.request];
-    if (key === null || kind === null || request?.ok !== true || this.isCurrent) return;
+    const [requestKey, kind, request] = [this.requestKey, this.kind, this.request];
+    if (requestKey === null || kind === null || request?.ok !== true || this.isCurrent) return;
     this.requestCount += 1;
     const requestNumber = this.requestCount;
     this.busy = true;
     const tolerance_m = this.values.reference === 'terrain' ? GROUND_TOLERANCE_M : null;
     const response = await this.api.pattern(request.pattern, this.documentKind, this.vehicle, tolerance_m);
     if (requestNumber === this.requestCount) this.busy = false;
-    if (key !== this.key) return;
-    if (response.ok) this.preview = { key, generated: response.value, problem: null };
+    if (requestKey !== this.requestKey) return;
+    if (response.ok) this.preview = { requestKey, generated: response.value, problem: null };
     else {
-      this.preview = { key, generated: null, problem: { place: placeOf(kind, response.problem.field), text: fieldProblemText(response.problem) } };
+      this.preview = { requestKey, generated: null, problem: { place: placeOf(kind, response.problem.field), text: fieldProblemText(response.problem) } };
     }
   }
 
