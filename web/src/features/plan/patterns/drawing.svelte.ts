@@ -68,7 +68,9 @@ export class PatternDrawing implements LayerEditor {
   );
   private readonly documentKind: PlanKind = $derived.by(() => kindOf(this.editor.document));
   /** Identifies the request to the server; null: the shape is not complete, or a value is missing. */
-  readonly requestKey: string | null = $derived.by(() => (this.request?.ok === true ? JSON.stringify([this.request.pattern, this.documentKind, this.vehicle]) : null));
+  readonly requestKey: string | null = $derived.by(() =>
+    this.request?.ok === true ? JSON.stringify([this.request.pattern, this.documentKind, this.vehicle]) : null,
+  );
   readonly isCurrent = $derived(this.requestKey !== null && this.preview?.requestKey === this.requestKey);
   /** The newest generated pattern; while `isCurrent` is false, it belongs to an earlier shape or setting. */
   readonly generated: GeneratedPattern | null = $derived.by(() => (this.requestKey === null ? null : (this.preview?.generated ?? null)));
