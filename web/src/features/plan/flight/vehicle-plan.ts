@@ -14,7 +14,7 @@ export type Difference = Comparison['differences'][number];
 const PART_NAMES = { mission: 'mission', fence: 'geofence', rally: 'rally points' } as const;
 const FIELD_NAMES: Readonly<Record<string, string>> = {
   command: 'command (MAV_CMD)',
-  frame: 'frame (MAV_FRAME)',
+  frame: 'altitude reference',
   z: 'altitude',
   autocontinue: 'autocontinue',
 };
@@ -79,6 +79,7 @@ function isCoordinate(field: string, value: number | null): boolean {
 
 function valueText(field: string, value: number | null): string {
   if (value === null) return 'not set';
+  if (field === 'frame') return ALTITUDE_REFERENCES[value] ?? `MAV_FRAME ${value}`;
   if (isCoordinate(field, value)) return `${fixed(value / 1e7, 7)}°`;
   return field === 'z' ? `${fixed(value, 1)} m` : String(Number(value.toFixed(4)));
 }
