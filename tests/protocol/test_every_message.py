@@ -18,7 +18,7 @@ from gcs_server.api.responses import history_pieces, history_view, json_response
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload, full_payload
 from gcs_server.mavlink.tables import LAYOUTS
-from gcs_server.scene.texts import height_text
+from gcs_server.scene.texts import metres_text
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import world_pose
 from gcs_server.streamer.offboard.configuration import FAILSAFE_PARAMETERS
@@ -141,7 +141,7 @@ class OutputChecker:
         for mode, track in itertools.product(("chase", "top", "gimbal"), tracks.values()):
             pose = world_pose(mode, track.smoother.pose, track.smoother.heading_enu_rad)
             assert all(map(math.isfinite, (*pose.position_m, *pose.q)))
-            height_text(track.smoother.pose.position_enu_m[2])
+            metres_text(track.smoother.pose.position_enu_m[2])
         self.check_no_faults()
 
     def check_no_faults(self) -> None:
