@@ -300,10 +300,7 @@ const nameChoice =
   };
 
 const STEP_FIELDS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
-  take_off: [
-    numberRow('height_m', 'Height above the take-off position', { min: 0.5, max: 500 }),
-    numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '60' }),
-  ],
+  take_off: [numberRow('height_m', 'Height above the start', { min: 0.5, max: 500 }), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '60' })],
   fly: [choiceRow('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_FIELDS],
   hold: [numberRow('duration_s', 'Duration', DURATION_S), numberRow('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG)],
   orbit: [...CIRCLE_FIELDS, ...PATH_FIELDS],

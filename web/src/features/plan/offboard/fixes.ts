@@ -67,7 +67,7 @@ function setSpeed(mission: Mission, node: StepNode, limit: number | null): Fix<M
 /** Lowers the points of a step, or the height of a take-off, to an altitude above home. */
 function limitAltitude(mission: Mission, node: StepNode, frame: Frame, max_m: number): Fix<Mission> | null {
   if (node.step.step === 'take_off') {
-    const text = `Limit the height above the take-off position to ${limitText(max_m)} m`;
+    const text = `Limit the height above the start to ${limitText(max_m)} m`;
     return { text, plan: setStep(mission, node, { ...node.step, height_m: max_m }) };
   }
   const text = `Limit the altitude above home to ${limitText(max_m)} m`;

@@ -75,7 +75,7 @@ export function detailOf(step: Step): string {
   };
   switch (step.step) {
     case 'take_off':
-      add('height_m', '# m above the take-off position');
+      add('height_m', '# m above the start');
       break;
     case 'fly':
       parts.push(`${step.points?.length ?? 0} ${step.points?.length === 1 ? 'point' : 'points'}`);
