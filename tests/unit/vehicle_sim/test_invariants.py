@@ -157,5 +157,5 @@ def test_gusts_depend_on_the_seed_and_can_be_stopped():
     first.set_gusts(0.0)
     run(first, 10.0)
     assert np.abs(first.truth.velocity_ned_m_s).max() < 0.03
-    with pytest.raises(ValueError, match="gusts are -1"):
+    with pytest.raises(ValueError, match=r"the gusts' standard deviation is -1\.0 m/s"):
         first.set_gusts(-1.0)

@@ -310,4 +310,4 @@ def test_a_flood_of_lines_takes_limited_memory_and_telemetry_continues(terminal)
     terminal.station.run(1)
     assert terminal.station.received("HEARTBEAT", since_s=since_s)
     session = terminal.station.sim.nodes[0]._shell._sessions["gcs"]
-    assert len(session.waiting) <= 200_000
+    assert len(session.unsent) <= 200_000
