@@ -55,7 +55,7 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownDryRun, 404, "Unknown dry run"),
     (UnknownRecording, 404, "Unknown recording"),
     (RecordingUnusable, 409, "Recording unusable"),
-    (PlanConflict, 409, "Changed meanwhile"),
+    (PlanConflict, 409, "Changed by another client"),
     (InvalidRequest, 422, "Invalid request"),
     (NotPermitted, 403, "Not permitted"),
     (Rejected, 409, "The vehicle refused"),
@@ -213,10 +213,11 @@ def install(app: FastAPI) -> None:
             422, "Invalid request", "invalid_request", detail, field=errors[0]["field"], errors=errors
         )
 
-    async def http_error(_: Request, error: Exception) -> Response:
+    async def http_error(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
         code = {404: "not_found", 405: "method_not_allowed"}.get(error.status_code, "http_error")
-        return problem(error.status_code, str(error.detail), code, str(error.detail))
+        detail = f"{request.method} {request.url.path}: {error.detail}"
+        return problem(error.status_code, str(error.detail), code, detail)
 
     async def unexpected_error(request: Request, error: Exception) -> Response:
         log.error("%s %s failed", request.method, request.url.path, exc_info=error)

@@ -23,8 +23,9 @@ class Check(NamedTuple):
 STILL = "Keep the vehicle still and wait; if the problem stays, check the sensor."
 SKY = "Wait at a place with a clear view of the sky."
 CALIBRATE_RC = "Calibrate the RC transmitter again."
-CALIBRATE = "Calibrate it."
-WIRING = "Check that it is connected, and restart the vehicle."
+CALIBRATE = "Calibrate the sensor."
+WIRING = "Check the connection of this part, and restart the vehicle."
+NO_GPS_MODES = "Do not use flight modes that need GPS here."
 GYRO = "Check that the gyro is connected, and restart the vehicle."
 CHARGE = "Insert a charged battery."
 POWER = "Check the power module."
@@ -76,7 +77,9 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
         "Find the cause before you arm."
     ),
     21039037: Check("check_failure_detector_ext", "an external system reports a failure"),
-    17443695: Check("check_failure_detector_motor", "a motor failed", "Repair it before the next flight."),
+    17443695: Check(
+        "check_failure_detector_motor", "a motor failed", "Repair the motor before the next flight."
+    ),
     32570390: Check("check_failure_detector_arm_esc", "a motor controller did not arm", WIRING),
     21654568: Check(
         "check_failure_detector_imbalanced_prop", "a propeller is out of balance", "Change the propeller."
@@ -101,9 +104,9 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     29146769: Check("check_estimator_gps_fix_too_low", "GPS has no 3D fix", SKY),
     18865335: Check("check_estimator_gps_generic", "GPS is not good enough", SKY),
     26385442: Check("check_estimator_gps_not_fusing", "the estimator does not use GPS", SKY),
-    25491158: Check("check_estimator_gps_spoofed", "GPS spoofing detected", "Do not fly by GPS here."),
+    25491158: Check("check_estimator_gps_spoofed", "GPS spoofing detected", NO_GPS_MODES),
     29557505: Check(
-        "check_estimator_gps_jamming_critical", "GPS jamming detected", "Do not fly by GPS here."
+        "check_estimator_gps_jamming_critical", "GPS jamming detected", NO_GPS_MODES
     ),
     22831554: Check("check_estimator_missing_data", "the estimator has not started yet", STILL),
     33420013: Check("check_estimator_heading_not_stable", "the heading estimate is not stable yet", STILL),
@@ -113,21 +116,21 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     25948424: Check("check_estimator_vert_vel_not_stable", "the climb rate is not stable yet", STILL),
     27737349: Check("check_estimator_low_position_accuracy", "the position estimate is inaccurate", SKY),
     20390844: Check(
-        "check_estimator_high_accel_bias", "an accelerometer bias is too high", "Calibrate it again."
+        "check_estimator_high_accel_bias", "an accelerometer bias is too high", CALIBRATE
     ),
-    26084437: Check("check_estimator_high_gyro_bias", "a gyro bias is too high", "Calibrate it again."),
+    26084437: Check("check_estimator_high_gyro_bias", "a gyro bias is too high", "Calibrate the gyro again."),
     32490591: Check(
         "check_estimator_mag_interference", "the magnetic field here is disturbed", "Move away from metal."
     ),
     20380425: Check(
-        "check_estimator_mag_fault", "the estimator stopped using the compass", "Calibrate it again."
+        "check_estimator_mag_fault", "the estimator stopped using the compass", "Calibrate the compass again."
     ),
     26743035: Check("check_estimator_gnss_fault", "the GPS heading is not reliable", SKY),
     22720449: Check(
         "check_mag_sys_has_mag_missing", "too few compasses were found", "Connect them, or lower SYS_HAS_MAG."
     ),
-    22050956: Check("check_mag_consistency", "the compasses disagree", "Calibrate them again."),
-    23035260: Check("check_mag_fault", "a compass is faulty", "Calibrate it again, or exchange it."),
+    22050956: Check("check_mag_consistency", "the compasses disagree", "Calibrate the compasses again."),
+    23035260: Check("check_mag_fault", "a compass is faulty", "Calibrate the compass again, or replace it."),
     19838260: Check("check_imu_accel_inconsistent", "the accelerometers disagree", STILL),
     19259057: Check("check_imu_gyro_inconsistent", "the gyros disagree", STILL),
     22222072: Check("check_accel_not_calibrated", "an accelerometer is not calibrated", CALIBRATE),
@@ -159,9 +162,11 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
         "check_gf_violation_max_hor_dist", "the vehicle is too far from home (geofence)", BACK_INSIDE
     ),
     16901501: Check("check_gf_no_home", "a geofence with the action Return needs a home position", SKY),
-    29582859: Check("check_mission_failure", "the mission cannot be flown", "Correct it; upload it again."),
+    29582859: Check(
+        "check_mission_failure", "the mission cannot be flown", "Correct the mission and upload it again."
+    ),
     26938432: Check(
-        "check_open_drone_id_missing", "the Open Drone ID system is missing", "Connect it (COM_ARM_ODID)."
+        "check_open_drone_id_missing", "the Open Drone ID system is missing", "Connect one (COM_ARM_ODID)."
     ),
     25218996: Check("check_open_drone_id_unhealthy", "the Open Drone ID system is not ready", WIRING),
     32742900: Check("check_parachute_missing", "the parachute system is missing", WIRING),
@@ -171,8 +176,10 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
         "Check the link in both directions."
     ),
     29532170: Check("check_system_flight_term_active", "the flight was terminated", "Restart the vehicle."),
-    17054001: Check("check_system_safety_button", "the safety button is not pressed", "Press it."),
-    24439368: Check("check_system_usb_connected", "a USB cable is connected", "Disconnect it."),
+    17054001: Check(
+        "check_system_safety_button", "the safety button is not pressed", "Press the safety button."
+    ),
+    24439368: Check("check_system_usb_connected", "a USB cable is connected", "Disconnect the cable."),
     29053220: Check("check_system_no_global_pos", "no valid global position", SKY),
     23268580: Check("check_system_no_home_pos", "there is no home position", SKY),
     22481569: Check("check_system_arm_auth_failed", "arming authorization denied"),
@@ -181,11 +188,15 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     24736883: Check(
         "check_armable_configuration", "the vehicle is configured not to arm", "Complete its setup first."
     ),
-    28190816: Check("check_wind_too_high", "the wind is above the limit", "Wait, or land."),
+    28190816: Check(
+        "check_wind_too_high", "the wind is above the limit", "On the ground: wait. In the air: land."
+    ),
     31421834: Check("check_flight_time_limit", "the maximum flight time has been reached", "Land."),
-    27773549: Check("check_missing_fmu_sdcard", "there is no SD card", "Insert one."),
+    27773549: Check("check_missing_fmu_sdcard", "there is no SD card", "Insert an SD card."),
     21225307: Check(
-        "check_hardfault_present", "the SD card contains a crash log of the flight software", "Download it."
+        "check_hardfault_present",
+        "the SD card contains a crash log of the flight software",
+        "Download the crash log.",
     ),
     17836172: Check("check_cpuload_too_high", "the flight computer is overloaded", "Stop unused modules."),
     31198698: Check("check_ram_usage_too_high", "the flight computer's memory is nearly full"),

@@ -193,7 +193,7 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hove
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
         view.get_by_role("button", name="Start stick control").click()
-        expect(view).to_contain_text("Hovering")
+        expect(view).to_contain_text("zero velocity is sent")
 
         page.evaluate("testPad.axes = [0, 0, 0, -1]")
         expect(view.get_by_label("Right stick: horizontal motion").locator(".lever")).to_have_attribute(
@@ -205,7 +205,7 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hove
         wait_until(lambda: speed_m_s(drone) > 0.7, "the vehicle to move by the stick")
         assert violations_in_both_themes(page) == []
         page.evaluate("testPad.pressed = false")
-        expect(view).to_contain_text("Hovering")
+        expect(view).to_contain_text("zero velocity is sent")
         wait_until(
             lambda: offboard_status(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0],
             "zero velocity requested",

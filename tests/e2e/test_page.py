@@ -209,7 +209,7 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
         page.keyboard.press("Shift+A")
         hold_space(page)
         refusal = page.locator(".place").get_by_role("alert")
-        expect(refusal).to_contain_text("Disarming: The vehicle refused")
+        expect(refusal).to_contain_text("Disarm: The vehicle refused")
         expect(refusal).to_contain_text("Disarming denied: not landed")
         assert drone.status()["armed"]
         assert violations_in_both_themes(page) == []
@@ -276,8 +276,8 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
             "Home distance",
             "Flight time",
             "Heading",
-            "Position north",
-            "Position east",
+            "Local position north",
+            "Local position east",
         ]
         expect(labels).to_have_text(default_labels)
         values.get_by_role("button", name="Choose the values").click()
@@ -301,8 +301,8 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
             "Home distance",
             "Vertical speed",
             "Flight time",
-            "Position north",
-            "Position east",
+            "Local position north",
+            "Local position east",
         ]
         expect(labels).to_have_text(selected_labels)
         # A topic to which the page was not subscribed before.

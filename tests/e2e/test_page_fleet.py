@@ -44,7 +44,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
         expect(page.get_by_role("alertdialog")).to_contain_text("Arm 102 Quad")
         confirm_by_slider(page, page.get_by_role("button", name="Arm", exact=True).click)
         refusal = page.locator(".place").get_by_role("alert")
-        expect(refusal).to_contain_text("Arming: The vehicle refused")
+        expect(refusal).to_contain_text("Arm: The vehicle refused")
         expect(refusal).to_contain_text("102 Quad")
         expect(refusal).to_contain_text("Reason: Arming denied: Resolve system health failures first")
         assert violations_in_both_themes(page) == []

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { duration, fixed, heading, join, metres, wrap180 } from './format';
+import { duration, durationText, fixed, heading, join, metres, wrap180 } from './format';
 
 describe('numbers', () => {
   it('shows unknown values as a dash, never as zero', () => {
@@ -29,6 +29,7 @@ describe('numbers', () => {
   it('formats minutes, then hours', () => {
     expect(duration(221.9)).toBe('03:41');
     expect(duration(3723)).toBe('1:02:03');
+    expect([45, 750, 3723, null].map((s) => durationText(s))).toEqual(['45 s', '12 min 30 s', '1 h 02 min', '–']);
   });
   it('wraps angles, and joins texts without the unknown ones', () => {
     expect(wrap180(270)).toBe(-90);

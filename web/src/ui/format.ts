@@ -41,6 +41,15 @@ export function duration(value_s: number | null | undefined): string {
   return s >= 3600 ? `${Math.floor(s / 3600)}:${minutes}` : minutes;
 }
 
+/** A duration in a sentence or list, where mm:ss could be a time of day: 45 s, 12 min 30 s, 1 h 02 min. */
+export function durationText(value_s: number | null | undefined): string {
+  if (!isKnown(value_s) || value_s < 0) return UNKNOWN;
+  const s = Math.floor(value_s);
+  const twoDigits = (n: number): string => String(n).padStart(2, '0');
+  if (s >= 3600) return `${Math.floor(s / 3600)} h ${twoDigits(Math.floor(s / 60) % 60)} min`;
+  return s >= 60 ? `${Math.floor(s / 60)} min ${twoDigits(s % 60)} s` : `${s} s`;
+}
+
 /** Wall-clock time of day, 14:02:31. */
 export function timeOfDay(unix_s: number): string {
   const date = new Date(unix_s * 1000);

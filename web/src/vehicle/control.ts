@@ -34,7 +34,7 @@ export function chipText(control: Control | null, key: string | null): string {
     case 'others':
       return `${control?.holder ?? 'Another client'} has control`;
     case 'free':
-      return 'Control is free';
+      return 'Nobody has control';
     case 'unknown':
       return 'Control: not known';
   }

@@ -221,15 +221,15 @@ export function reasonUnavailable(action: ActionName, facts: ActionFacts & { los
 
 /** Name of each action for progress texts and refusals. */
 export const ACTION_NAMES: Readonly<Record<ActionName, string>> = {
-  arm: 'Arming',
-  disarm: 'Disarming',
-  takeoff: 'Take-off',
-  land: 'Landing',
+  arm: 'Arm',
+  disarm: 'Disarm',
+  takeoff: 'Take off',
+  land: 'Land',
   rtl: 'Return',
   hold: 'Hold',
-  land_now: 'Landing now',
-  force_control: 'Taking control',
-  kill: 'Stopping the motors',
+  land_now: 'Land now',
+  force_control: 'Take control',
+  kill: 'Stop motors',
   offboard_start: 'Offboard',
   goto: 'Go here',
 };

@@ -4,7 +4,7 @@ import { controlHolder } from './control-holder';
 import { gimbalKey, gimbalsOf, angleLimits, gimbalParams, withGimbal } from '../../vehicle/gimbal';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { Gimbal } from '../../live/topics';
-import { angleText, clamp, anglesAfterKey, toAngles, toPoint } from './pad';
+import { angleText, cameraDirection, cameraYaw_deg, clamp, anglesAfterKey, toAngles, toPoint } from './pad';
 
 describe('gimbal', () => {
   const bounds = angleLimits(null);
@@ -57,4 +57,11 @@ describe('gimbal', () => {
     expect(gimbalParams(selected)).toEqual({ params: { path: { v: '7' }, query: { component: 171 } } });
     expect(gimbalParams(withGimbal(twoGimbals, 'gone'))).toEqual({ params: { path: { v: '7' }, query: { component: 1, device: 1 } } });
   });
+});
+
+it('gives no yaw of the camera while the yaw is not known, although the pad shows the camera ahead', () => {
+  const gimbal = { pitch_rad: -Math.PI / 4, yaw_frd_rad: null, yaw_ned_rad: Math.PI / 2 } as Gimbal;
+  expect(cameraYaw_deg(gimbal, null)).toBeNull();
+  expect(cameraDirection(gimbal, null)).toEqual({ pitch_deg: -45, yaw_deg: 0 });
+  expect(cameraYaw_deg(gimbal, Math.PI / 4)).toBeCloseTo(45);
 });

@@ -83,13 +83,17 @@ export function angleText(angles: Angles): string {
   return `${axisText(angles.pitch_deg, 'up', 'down')}, ${axisText(angles.yaw_deg, 'right', 'left')}`;
 }
 
-/** Direction of the camera relative to the vehicle's nose; null if the gimbal reports no pitch. An unknown yaw is 0. */
-export function cameraDirection(gimbal: Gimbal, vehicleYaw_ned_rad: number | null): Angles | null {
+/** Yaw of the camera relative to the vehicle's nose, -180 to 180; null: not known. */
+export function cameraYaw_deg(gimbal: Gimbal, vehicleYaw_ned_rad: number | null): number | null {
   let yaw = toDeg(gimbal.yaw_frd_rad);
   if (yaw === null && gimbal.yaw_ned_rad !== null && vehicleYaw_ned_rad !== null) {
     yaw = toDeg(gimbal.yaw_ned_rad - vehicleYaw_ned_rad);
   }
+  return yaw === null ? null : ((((yaw + 180) % 360) + 360) % 360) - 180;
+}
+
+/** Direction of the camera relative to the vehicle's nose; null if the gimbal reports no pitch. The pad shows an unknown yaw as 0. */
+export function cameraDirection(gimbal: Gimbal, vehicleYaw_ned_rad: number | null): Angles | null {
   const pitch = toDeg(gimbal.pitch_rad);
-  if (pitch === null) return null;
-  return { pitch_deg: pitch, yaw_deg: yaw === null ? 0 : ((((yaw + 180) % 360) + 360) % 360) - 180 };
+  return pitch === null ? null : { pitch_deg: pitch, yaw_deg: cameraYaw_deg(gimbal, vehicleYaw_ned_rad) ?? 0 };
 }

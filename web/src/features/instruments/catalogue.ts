@@ -185,7 +185,9 @@ function topicQuantities(topic: string, fields: Readonly<Record<string, string>>
           ? `Target ${label.toLowerCase()}`
           : topic === 'home'
             ? `Home ${label.toLowerCase()}`
-            : label;
+            : topic === 'local_position'
+              ? `Local ${label.toLowerCase()}`
+              : label;
     if (kind === 'vector3') {
       const axes = field.includes('_frd') ? AXES_FRD : AXES_NED;
       return axes.map((axis, i) => fieldQuantity(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${defaultLabel} ${axis}`));

@@ -374,9 +374,9 @@ function terrainNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notic
     unknown === 0
       ? []
       : [`${unknown} ${unknown === 1 ? 'altitude is' : 'altitudes are'} still unknown. Put elevation files of this area into the server’s data folder.`];
-  const waypoints = added === 0 ? '' : `, ${added} ${added === 1 ? 'waypoint' : 'waypoints'} added`;
+  const waypoints = added === 0 ? '' : ` Added ${added} ${added === 1 ? 'waypoint' : 'waypoints'}.`;
   const text = [
-    `AMSL altitudes of ${resolved} ${resolved === 1 ? 'point' : 'points'} above terrain computed from elevation data${waypoints}.`,
+    `Computed the AMSL altitudes of ${resolved} ${resolved === 1 ? 'point that is' : 'points that are'} above terrain from elevation data.${waypoints}`,
     ...unknownTexts,
     ...notes,
   ].join(' ');

@@ -2,7 +2,7 @@
 
 import type { components } from '../../api/schema';
 import type { Replay } from '../../live/wire';
-import { duration, timeOfDay } from '../../ui/format';
+import { durationText, timeOfDay } from '../../ui/format';
 
 type Schemas = components['schemas'];
 export type Recording = Schemas['RecordedFlight'];
@@ -153,7 +153,7 @@ function vehicleText(vehicles: readonly number[]): string {
 
 /** Duration, vehicles, size and link of a recording in one line. */
 export function recordingText(r: Recording): string {
-  return [duration(r.duration_s), vehicleText(r.vehicles), sizeText(r.bytes), r.link ?? r.name].join(' · ');
+  return [durationText(r.duration_s), vehicleText(r.vehicles), sizeText(r.bytes), r.link ?? r.name].join(' · ');
 }
 
 /** The replay that the time bar shows: of the selected vehicle, or else the expected replay; without a selection, a replay without a vehicle. */

@@ -4,7 +4,7 @@
  */
 
 import type { LayerPicture } from '../../../app/map-layers.svelte';
-import { duration, fixed, metres } from '../../../ui/format';
+import { durationText, fixed, metres } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { DryRunView } from './dry-run.svelte';
 
@@ -172,10 +172,10 @@ export function resultLines(view: DryRunView): string[] {
   const length = metres(nominal.length_m);
   const isBatteryKnown = nominal.battery_start_share !== null || nominal.battery_end_share !== null;
   const battery = isBatteryKnown ? `battery ${percentText(nominal.battery_start_share)} → ${percentText(nominal.battery_end_share)}` : 'battery not known';
-  const lines = [`${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
+  const lines = [`${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${durationText(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of together?.closest ?? [])
-    lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${duration(t_s)}.`);
+    lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${durationText(t_s)}.`);
   for (const [role, monteCarlo] of monteCarloByRole(view)) lines.push(monteCarloText(role, monteCarlo));
   for (const { roles, distance_m, nearer_than_minimum: tooNear } of together?.monte_carlo?.closest ?? [])
     lines.push(
@@ -187,7 +187,7 @@ export function resultLines(view: DryRunView): string[] {
 function monteCarloText(role: string | null, monteCarlo: MonteCarlo): string {
   const parts = [`95 % within ${fixed(Math.max(0, ...(monteCarlo.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
   if (monteCarlo.duration_s !== null)
-    parts.push(`flight time ${duration(monteCarlo.duration_s.p5)} to ${duration(monteCarlo.duration_s.p95)} (5th to 95th percentile)`);
+    parts.push(`flight time ${durationText(monteCarlo.duration_s.p5)} to ${durationText(monteCarlo.duration_s.p95)} (5th to 95th percentile)`);
   if (monteCarlo.battery_end_share !== null) parts.push(`95 % with at least ${percentText(monteCarlo.battery_end_share.p5)} battery at the end`);
   return `${role === null ? '' : `${role}, `}${monteCarlo.flights.length} simulated flights: ${parts.join('; ')}.`;
 }

@@ -159,14 +159,14 @@ describe('a dry run', () => {
   });
 
   it('has a result with numbers', () => {
-    expect(resultLines(VIEW)).toEqual(['Dry run: 01:05, 120 m, battery 100 % → 81 %.']);
-    expect(resultLines(TOGETHER)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 01:05.');
+    expect(resultLines(VIEW)).toEqual(['Dry run: 1 min 05 s, 120 m, battery 100 % → 81 %.']);
+    expect(resultLines(TOGETHER)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 1 min 05 s.');
     expect(resultLines(MONTE_CARLO)[1]).toBe(
-      '2 simulated flights: 95 % within 2.0 m of the path; flight time 01:00 to 01:10 (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
+      '2 simulated flights: 95 % within 2.0 m of the path; flight time 1 min 00 s to 1 min 10 s (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
     );
     expect(resultLines(MONTE_CARLO_TOGETHER).slice(2)).toEqual([
-      'lead, 2 simulated flights: 95 % within 2.0 m of the path; flight time 01:00 to 01:10 (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
-      'left, 2 simulated flights: 95 % within 2.0 m of the path; flight time 01:00 to 01:10 (5th to 95th percentile).',
+      'lead, 2 simulated flights: 95 % within 2.0 m of the path; flight time 1 min 00 s to 1 min 10 s (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
+      'left, 2 simulated flights: 95 % within 2.0 m of the path; flight time 1 min 00 s to 1 min 10 s (5th to 95th percentile).',
       'Smallest separation of lead and left in all flights: 6.2 m. In 0 flights they came closer than the minimum separation (estimated probability: at most 16 %).',
     ]);
   });

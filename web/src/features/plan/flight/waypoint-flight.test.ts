@@ -44,7 +44,7 @@ describe('a monitored flight', () => {
   it('has a label for each state, and is ended when done or stopped', () => {
     const states = (['flying', 'paused', 'done', 'stopped'] as const).map((state) => ({ ...FLIGHT, state }));
     expect(states.map(hasEnded)).toEqual([false, false, true, true]);
-    expect(states.map((flight) => flightLabel(flight).text)).toEqual(['Flying', 'Paused: not in Mission mode', 'Done', 'Stopped']);
+    expect(states.map((flight) => flightLabel(flight).text)).toEqual(['Flying', 'Paused: not in Mission mode', 'Done', 'Ended early']);
   });
 });
 

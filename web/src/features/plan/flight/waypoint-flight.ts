@@ -12,7 +12,7 @@ const LABELS: Readonly<Record<WaypointFlight['state'], { text: string; tone: 'ok
   flying: { text: 'Flying', tone: 'target' },
   paused: { text: 'Paused: not in Mission mode', tone: 'dim' },
   done: { text: 'Done', tone: 'ok' },
-  stopped: { text: 'Stopped', tone: 'caution' },
+  stopped: { text: 'Ended early', tone: 'caution' },
 };
 
 export function flightLabel(flight: WaypointFlight): (typeof LABELS)[WaypointFlight['state']] {

@@ -364,7 +364,7 @@ export function pointFields(point: MissionPosition, { frame }: Context): Field<M
 const EVENT_LABELS: Readonly<Record<string, string>> = {
   failure: 'If a step cannot be flown',
   low_battery: 'Low battery (mission’s action)',
-  link_loss: 'Once a lost link is restored',
+  link_loss: 'Once a lost connection is restored',
   control_lost: 'Controlling client lost',
 };
 

@@ -87,7 +87,7 @@ describe('figures', () => {
   const nominal = { battery_start_share: 0.8, battery_end_share: 0.69 };
 
   it('show the planned and the flown values', () => {
-    expect(row('Time with setpoints', null)).toEqual(['01:05', '01:15']);
+    expect(row('Time with setpoints', null)).toEqual(['1 min 05 s', '1 min 15 s']);
     expect(row('Length', null)).toEqual(['64.0 m', '53.4 m']);
     expect(row('Battery used', null)).toEqual(['not known', '12 %']);
     expect(row('Battery used', null, { ...FLOWN, battery_start_share: null })).toEqual(['not known', 'not known']);
@@ -97,7 +97,7 @@ describe('figures', () => {
     const waypointPlan: FlownPath = { ...FLOWN, planned_by: 'plan', planned_duration_s: null, planned_length_m: null };
     expect(sourceText(FLOWN)).toContain('without take-off and landing');
     expect(sourceText(waypointPlan)).toContain('straight lines between the items');
-    expect(row('Time armed', null, waypointPlan)).toEqual(['–', '01:15']);
+    expect(row('Time armed', null, waypointPlan)).toEqual(['–', '1 min 15 s']);
     expect(row('Length', null, waypointPlan)[0]).toBe('not known');
     expect(distanceText(figures(waypointPlan, [], null), waypointPlan)).toContain('no planned path is known for this flight');
   });

@@ -2,7 +2,7 @@
 
 import type { components } from '../../../api/schema';
 import type { LayerLine, LayerPicture } from '../../../app/map-layers.svelte';
-import { duration, fixed, metres } from '../../../ui/format';
+import { durationText, fixed, metres } from '../../../ui/format';
 import { positionAt } from '../../../vehicle/geo';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
 import { scaledTrace, type Trace } from '../dry-run/dry-run-trace';
@@ -126,8 +126,8 @@ export function figures(flown: FlownPath, distances: readonly PathDistance[], dr
     rows: [
       {
         name: TIME_LABELS[flown.planned_by === 'mission' ? 'setpoints' : 'armed'],
-        planned: duration(flown.planned_duration_s),
-        flown: duration(flown.duration_s),
+        planned: durationText(flown.planned_duration_s),
+        flown: durationText(flown.duration_s),
       },
       { name: 'Length', planned: lengthText(flown.planned_length_m), flown: lengthText(flownLength_m(flown.samples)) },
       {

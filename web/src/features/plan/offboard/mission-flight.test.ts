@@ -150,10 +150,10 @@ describe('starting an offboard mission', () => {
   it('lists the failsafe actions for battery, control, link and server', () => {
     const { title, effect } = startQuestion(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
     expect(title).toBe('Fly “Tower” with 1 Quad');
-    expect(effect).toContain('Arms, takes off and flies 2 steps, about 01:05. The check found 2 warnings.');
+    expect(effect).toContain('Arms, takes off and flies 2 steps, about 1 min 05 s. The check found 2 warnings.');
     expect(effect).toContain('Low battery: the vehicle lands. If the controlling client is lost: the vehicle holds.');
     expect(effect).toContain(
-      'If the server fails or loses the connection to the vehicle: after 1 s the vehicle lands. Once a lost link is restored: the vehicle holds. Hold interrupts',
+      'If the server fails or loses the connection to the vehicle: after 1 s the vehicle lands. Once a lost connection is restored: the vehicle holds. Hold interrupts',
     );
     expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
     const withErrors = startQuestion(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);

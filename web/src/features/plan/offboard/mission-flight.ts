@@ -2,7 +2,7 @@
 
 import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
-import { duration, fixed } from '../../../ui/format';
+import { durationText, fixed } from '../../../ui/format';
 import { isSameStart, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { acceptedErrorsText } from '../flight/accepted-errors.svelte';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
@@ -25,7 +25,7 @@ const STATE_TEXTS: Readonly<Record<State, string>> = {
   suspended: 'Interrupted by another mode',
   done: 'Done',
   aborted: 'Aborted',
-  stopped: 'Stopped',
+  stopped: 'Ended early',
 };
 const END_STATES: readonly State[] = ['done', 'aborted', 'stopped'];
 
@@ -144,7 +144,7 @@ export function startQuestion(
   const actionText = (action: string): string => ACTION_VERBS[action] ?? action;
   const count = nodesOf(mission).filter((node) => node.depth === 0).length;
   const parts = [
-    `${mission.steps?.[0]?.step === 'take_off' ? 'Arms, takes off and flies' : 'Flies'} ${count} ${count === 1 ? 'step' : 'steps'}${time_s === null ? '' : `, about ${duration(time_s)}`}.`,
+    `${mission.steps?.[0]?.step === 'take_off' ? 'Arms, takes off and flies' : 'Flies'} ${count} ${count === 1 ? 'step' : 'steps'}${time_s === null ? '' : `, about ${durationText(time_s)}`}.`,
     warningCount === 0 ? '' : `The check found ${warningCount} ${warningCount === 1 ? 'warning' : 'warnings'}.`,
     acceptedErrorsText(acceptedTexts),
     `${low_battery === 'continue' ? 'Low battery: no action by the mission; the vehicle’s own setting applies' : `Low battery: the vehicle ${actionText(low_battery)}`}. If the controlling client is lost: the vehicle ${actionText(control_lost)}.`,
@@ -152,7 +152,7 @@ export function startQuestion(
       /\.\.$/,
       '.',
     ),
-    `Once a lost link is restored: the vehicle ${actionText(link_loss)}.`,
+    `Once a lost connection is restored: the vehicle ${actionText(link_loss)}.`,
     'Hold interrupts the mission; you can resume it.',
   ];
   return {

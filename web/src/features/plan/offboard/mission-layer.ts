@@ -1,7 +1,7 @@
 /** A mission as a map layer and as list entries. Pure. */
 
 import type { LayerLine, LayerPicture, LayerPosition } from '../../../app/map-layers.svelte';
-import { duration } from '../../../ui/format';
+import { durationText } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { pointAdder, sharedPicture, sketchLines, type Sketch } from '../document/layer';
 import { midpoint } from '../document/edit';
@@ -124,8 +124,8 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
       const endIndex = nodes.findIndex((other, i) => i > index && other.depth <= node.depth);
       const stepDuration_s = duration_s(node, nodes.slice(index + 1, endIndex < 0 ? nodes.length : endIndex));
       const photos = timeOfStep.get(node.place)?.photos ?? 0;
-      const durationText = [
-        stepDuration_s === null || stepDuration_s < 0.5 ? '' : duration(stepDuration_s),
+      const timeText = [
+        stepDuration_s === null || stepDuration_s < 0.5 ? '' : durationText(stepDuration_s),
         photos > 0 ? `${photos} ${photos === 1 ? 'photo' : 'photos'}` : '',
       ]
         .filter(Boolean)
@@ -141,7 +141,7 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
         detail: detailOf(node.step),
         depth: node.depth,
         listHeading: node.listHeading,
-        durationText,
+        durationText: timeText,
       };
     }),
     ...sharedEntries(mission),

@@ -86,13 +86,14 @@ describe('the steps of a mission', () => {
     expect(detailOf(FLY)).toBe('2 points');
     expect(detailOf(NESTED.steps[2] as Step)).toBe('if battery above 50 %');
     expect(detailOf({ ...newStep('orbit'), turns: 1 })).toBe('radius 10 m · 1 turn');
+    expect(detailOf({ ...newStep('helix'), turns: 1, climb_m: -5 })).toContain('descend 5 m');
     expect(detailOf({ ...newStep('helix'), speed_m_s: 3, photo_every_m: 2.5 })).toBe('radius 10 m · 3 turns · climb 10 m · ≤ 3 m/s · photo every 2.5 m');
   });
 
   it('show durations that contain the durations of nested steps', () => {
     const times = ['step 1', 'step 2.1', 'step 3 otherwise 1'].map((place, i) => ({ place, start_s: 0, duration_s: 60 * (i + 1), length_m: 0, photos: 0 }));
     const durations = Object.fromEntries(treeOf(NESTED, times).flatMap((entry) => (entry.step === undefined ? [] : [[entry.step, entry.durationText]])));
-    expect([durations['step 1'], durations['step 2'], durations['step 3'], durations['step 3 then 1']]).toEqual(['01:00', '02:00', '03:00', '']);
+    expect([durations['step 1'], durations['step 2'], durations['step 3'], durations['step 3 then 1']]).toEqual(['1 min 00 s', '2 min 00 s', '3 min 00 s', '']);
   });
 });
 

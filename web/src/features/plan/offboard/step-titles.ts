@@ -20,7 +20,7 @@ const TITLES: Readonly<Record<StepKind, string>> = {
   wait: 'Wait',
   repeat: 'Repeat',
   branch: 'If … then … otherwise',
-  call: 'Fly another mission',
+  call: 'Fly a list of steps',
   land: 'Land',
   meet: 'Wait for the other vehicles',
 };
@@ -122,7 +122,8 @@ export function detailOf(step: Step): string {
     case 'spiral':
       add('radius_m', 'radius # m');
       add('turns', step['turns'] === 1 ? '# turn' : '# turns');
-      add('climb_m', 'climb # m');
+      if ((numberOrNull(step['climb_m']) ?? 0) < 0) parts.push(`descend ${fixed(-(step['climb_m'] as number), 1).replace(/\.0$/, '')} m`);
+      else add('climb_m', 'climb # m');
       add('end_radius_m', 'to radius # m');
       break;
     case 'meet':

@@ -1,6 +1,6 @@
 /** The figures of a pattern as texts. Pure. */
 
-import { duration, fixed, metres } from '../../../ui/format';
+import { durationText, fixed, metres } from '../../../ui/format';
 import type { GeneratedPattern } from '../api';
 
 export interface Figure {
@@ -22,7 +22,7 @@ export function figuresOf(figures: GeneratedPattern['figures'], spacingLabel: st
   const length = metres(figures.length_m);
   const allFigures: (Figure | null)[] = [
     { label: 'Length', value: `${length.text} ${length.unit}` },
-    { label: 'Time', value: duration(figures.time_s) },
+    { label: 'Time', value: durationText(figures.time_s) },
     figures.photos > 0 ? { label: 'Photos', value: fixed(figures.photos, 0) } : null,
     figures.resolution_m_px === null ? null : { label: 'Resolution', value: `${fixed(figures.resolution_m_px * 100, 2)} cm/px` },
     figures.area_m2 === null ? null : { label: 'Area', value: areaText(figures.area_m2) },

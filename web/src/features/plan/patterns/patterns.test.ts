@@ -251,7 +251,7 @@ describe('the preview of a pattern', () => {
     expect(drawing.isCurrent).toBe(true);
     expect(figuresOf(FIGURES, PATTERNS.survey.spacing).map(({ value }) => value)).toEqual([
       '512 m',
-      '02:05',
+      '2 min 05 s',
       '41',
       '1.10 cm/px',
       '4.00 ha',
