@@ -1,4 +1,4 @@
-"""State of each estimator's fusion: flags and counters as PX4's EKF2 reports them, and their times."""
+"""State of each estimator's fusion: flags and counters as PX4's EKF2 reports them, and times of fusions."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 HEIGHT_TIMEOUT_S = 5.0
-"""After rejections for this time the fusion of a height source stops, or the height is reset to the source
-(hgt_fusion_timeout_max)."""
+"""If a height source is rejected for this long, its fusion stops if another source is fused; else the height
+is reset to the source (hgt_fusion_timeout_max)."""
 RESET_TIMEOUT_S = 7.0
-"""After rejections for this time, position, velocity or heading is reset to its source
+"""If a position, velocity or heading is rejected for this long, the estimate is reset to it
 (reset_timeout_max)."""
 HORIZON_S = 0.12
 """PX4 fuses samples of this age (its delayed time horizon), so it detects missing samples this much later."""
@@ -50,7 +50,7 @@ class Fusion:
     vehicle_at_rest: BoolArray
     in_air: BoolArray
     aided_once: BoolArray
-    """GNSS has aided the estimate since its start; if not, keeping the position is not counted as a reset."""
+    """GNSS has aided the estimate since boot; before, a reset to the last known position is not counted."""
     vision_hgt: BoolArray
     dead_reckoning: BoolArray
     bad_acc_vertical: BoolArray
@@ -60,7 +60,7 @@ class Fusion:
     gps_receiving: BoolArray
     """The receiver sends fixes."""
     resets: IntArray
-    """(4, N) array of the next four counters, which are its rows."""
+    """(4, N) array; its rows are the next four counters."""
     vxy_reset_counter: IntArray
     vz_reset_counter: IntArray
     xy_reset_counter: IntArray

@@ -32,7 +32,7 @@ from vehicle_sim.ros2.topics import (
 from vehicle_sim.topics.states import States
 
 CONNECTED_AFTER_S: Final = {True: 6.4, False: 1.3}
-"""Time from boot to the first message, by whether time is synchronized (`UXRCE_DDS_SYNCT`)."""
+"""Time from boot to the first message, with (True) and without time synchronization (`UXRCE_DDS_SYNCT`)."""
 CYCLE_US: Final = 10_000
 """Period of PX4's commander, which processes one command per cycle."""
 COMMAND_QUEUE_LENGTH: Final = 4
@@ -52,7 +52,7 @@ class Port(Protocol):
         ...
 
     def take(self) -> Iterable[tuple[str, bytes]]:
-        """Received messages (topic, data), at most a limited number; does not block."""
+        """Received messages (topic, data), at most as many as the port's limit; does not block."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Publications of one vehicle over ROS 2. The log and the console use the same table of topics."""
+"""Publications of one vehicle over ROS 2. The onboard log and the console read the same topics."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class _ArrayReader:
                 self._values[index] = source
 
     def read(self, simulation: Simulation, row: int, timestamp_us: int) -> bytes:
-        """Encodes the current message."""
+        """Reads the current values and encodes them as a message."""
         values = self._values
         values[0] = timestamp_us
         if self._timestamp_sample_index is not None:
@@ -62,7 +62,7 @@ class _ArrayReader:
 
 
 class _Schedule:
-    """When an output is published: at `next_at_us`, or when its key differs from `published_key`."""
+    """When an output is published: at `next_at_us`, or when its topic's key is not `published_key`."""
 
     def __init__(self, output: Output) -> None:
         self.output = output

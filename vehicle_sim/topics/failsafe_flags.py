@@ -1,4 +1,4 @@
-"""The topic `failsafe_flags`: which modes have each requirement, and which faults the vehicle has."""
+"""The topic `failsafe_flags`: a mask of modes for each mode requirement, and the vehicle's current faults."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ GIMBAL_ITEMS = frozenset(
      ROI_NONE}
 )  # fmt: skip
 TRIGGER_ITEMS = frozenset({CAMERA_TRIGGER_DISTANCE, CAMERA_TRIGGER_INTERVAL, TRIGGER_CONTROL})
-# Without a name here: 183 servo, 200 video control, 203 digital camera, 211 gripper, 260 oblique survey,
-# 531 zoom, 532 focus, 2500 and 2501 video start and stop, 42600 winch.
+# Numbers without a constant: 183 servo, 200 video control, 203 digital camera, 211 gripper, 260 oblique
+# survey, 531 zoom, 532 focus, 2500 and 2501 video start and stop, 42600 winch.
 SUPPORTED = POSITION_ITEMS | GIMBAL_ITEMS | TRIGGER_ITEMS | frozenset(
     {RETURN, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE, LAND_START, 183, SET_ACTUATOR, 200, 203, 211, 260,
      CAMERA_MODE, 531, 532, PICTURES_START, PICTURES_STOP, 2500, 2501, VTOL_TRANSITION, 42600}
@@ -37,7 +37,7 @@ upload or in the feasibility check."""
 
 AMSL_FRAMES = frozenset({0, 5})
 RELATIVE_FRAMES = frozenset({3, 6})
-"""MAV_FRAME of global positions with an altitude AMSL, and relative to home."""
+"""Values of MAV_FRAME for global positions whose altitude is AMSL, or relative to home."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""MAVLink FTP like PX4's server: one session per link, repeated replies, bursts spread over time.
+"""MAVLink FTP like PX4's server: one session per link, repeated requests get the same reply, slow bursts.
 
 Opcodes, errors and header are MAVLink's ("File Transfer Protocol"). Some behaviour was recorded on PX4: a
 directory can be opened and occupies the session, a burst ends after 40 kB, and an error contains the errno of
@@ -33,7 +33,7 @@ FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 8, 9, 10
 BURST_BYTES = 40_000
 """A burst ends after this many bytes; the client requests the next burst."""
 BURST_MESSAGES_PER_STEP = 5
-"""The recorded PX4 sent 1,100 burst messages per second."""
+"""At 250 steps per second; PX4 sent 1,100 burst messages per second in the recording."""
 
 
 class RequestFailed(Exception):
@@ -112,8 +112,8 @@ class FtpService:
     def request(self, link: Link, message: Message) -> None:
         """Handles one request; a repeated request (same sequence number and opcode) gets the same reply.
 
-        The opcode is compared too, because a client that stops a burst early uses the sequence number of the
-        burst's last message.
+        A client that stops a burst early sends a new request with the sequence number of the burst's last
+        message, so the opcode is compared too.
         """
         if message.target_system not in (0, self._context.system_id) or (
             message.target_component not in (0, AUTOPILOT_COMPONENT)

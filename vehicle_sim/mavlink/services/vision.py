@@ -37,8 +37,8 @@ class VisionService:
         )
 
     def odometry(self, link: Link, m: Message) -> None:
-        """Handles ODOMETRY: pose in LOCAL_NED or LOCAL_FRD, velocity in the pose's frame or in BODY_FRD;
-        other frames are ignored."""
+        """Handles ODOMETRY: pose in LOCAL_NED or LOCAL_FRD, velocity in the pose's frame or in BODY_FRD.
+        A pose in another frame is ignored with its velocity; a velocity in another frame is unknown."""
         if m.frame_id not in (LOCAL_NED, LOCAL_FRD):
             return
         q = np.array([m.q], dtype=float)
