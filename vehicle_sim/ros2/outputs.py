@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.ros2.messages import MESSAGES, MessageType
 from vehicle_sim.ros2.topics import OUTPUTS, STATUS, TIMESYNC, TRIPLET, Output
 from vehicle_sim.simulation import Simulation
@@ -18,11 +19,13 @@ TICK_US = 20_000
 TIMESYNC_US, TRIPLET_US = 1_000_000, 50_000
 DDS_PROTOCOL = 2
 """TimesyncStatus.SOURCE_PROTOCOL_DDS."""
+SETPOINT_TYPES = {NavState.TAKEOFF: 3, NavState.HOLD: 2, NavState.LAND: 4, NavState.PRECISION_LAND: 4}
+"""PositionSetpoint.type of a mode's waypoint; in other modes the waypoint is a position to fly to (0)."""
 DEFAULT_SETPOINT = {
     "type": 5, "loiter_radius": 80.0, "acceptance_radius": 2.0, "cruising_speed": -1.0,
-    "cruising_throttle": math.nan,
+    "cruising_throttle": math.nan, "lat": math.nan, "lon": math.nan, "yaw": math.nan,
 }  # fmt: skip
-"""Fields of a position setpoint that do not depend on the waypoint; type 5 is SETPOINT_TYPE_IDLE."""
+"""Fields of a position setpoint without a waypoint; type 5 is SETPOINT_TYPE_IDLE."""
 Publish = Callable[[str, bytes], None]
 
 
@@ -168,16 +171,19 @@ class Outputs:
         )  # fmt: skip
 
     def _publish_triplet(self, now_us: int) -> None:
-        """Publishes the waypoint when the waypoint changes, and while disarmed also at 20 Hz."""
-        armed, waypoint = self._autopilot.commander.armed, self._autopilot.waypoint
-        if waypoint == self._published_waypoint and (armed or now_us < self._next_triplet_at_us):
+        """Publishes the waypoint when it or its type changes, and while disarmed also at 20 Hz."""
+        commander, waypoint = self._autopilot.commander, self._autopilot.waypoint
+        setpoint_type = SETPOINT_TYPES.get(commander.active, 0)
+        published = None if waypoint is None else (waypoint, setpoint_type)
+        if published == self._published_waypoint and (commander.armed or now_us < self._next_triplet_at_us):
             return
-        self._published_waypoint, self._next_triplet_at_us = waypoint, (now_us // TRIPLET_US + 1) * TRIPLET_US
+        self._published_waypoint = published
+        self._next_triplet_at_us = (now_us // TRIPLET_US + 1) * TRIPLET_US
         values: dict[str, Any] = {"timestamp": now_us + self._offset_us}
         for role in ("previous", "current", "next"):
-            valid = role == "current" and waypoint is not None
-            lat_deg, lon_deg, alt_m = waypoint if valid and waypoint else (math.nan, math.nan, 0.0)
-            setpoint = DEFAULT_SETPOINT | {"timestamp": now_us, "valid": valid, "yaw": math.nan}
-            setpoint |= {"lat": lat_deg, "lon": lon_deg, "alt": alt_m}
+            setpoint = DEFAULT_SETPOINT | {"timestamp": now_us}
+            if role == "current" and waypoint is not None:
+                setpoint |= {"valid": True, "type": setpoint_type}
+                setpoint |= dict(zip(("lat", "lon", "alt"), waypoint, strict=True))
             values |= {f"{role}.{name}": value for name, value in setpoint.items()}
         self._publish(TRIPLET, MESSAGES["PositionSetpointTriplet"].encode(values))

@@ -95,3 +95,16 @@ def test_the_battery_is_read_from_the_same_topic_as_the_log(idle):
     logged = next(t for t in idle.sim._states[0].topics if t.layout.name == "battery_status").read()
     assert simulated["voltage_v"] == pytest.approx(logged["voltage_v"])
     assert (simulated["cell_count"], simulated["connected"]) == (logged["cell_count"], True)
+
+
+def test_the_position_setpoint_has_the_type_of_the_mode_as_recorded_for_a_landing():
+    vehicle = Ros2Vehicle()
+    vehicle.hover()
+    triplets = vehicle.all("/fmu/out/position_setpoint_triplet")
+    assert {t["current.type"] for t in triplets if t["current.valid"]} == {2, 3}
+    assert {t["current.type"] for t in triplets if not t["current.valid"]} == {5}
+    vehicle.command(21)
+    vehicle.run(1.0)
+    landing = vehicle.last("/fmu/out/position_setpoint_triplet")
+    assert (landing["current.valid"], landing["current.type"], landing["current.alt"]) == (True, 4, 0.0)
+    assert (landing["next.valid"], landing["next.type"]) == (False, 5)
