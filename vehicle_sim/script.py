@@ -194,9 +194,9 @@ def _event(fields: Fields) -> Event:
     conditions = [key for key in ("at_s", "when", "above_m") if fields.has(key)]
     if len(conditions) != 1:
         raise fields.problem(None, "needs one of at_s, when, above_m, to say when it happens")
-    at_s = fields.number("at_s", 0.0, low=0.0, high=MAX_TIME_S)
+    at_s = fields.number("at_s", None if "at_s" in conditions else 0.0, low=0.0, high=MAX_TIME_S)
     state = fields.text("when", "", choices=(*VEHICLE_STATES, *MODE_BY_NAME) if "when" in conditions else ())
-    above_m = fields.number("above_m", 0.0, low=-500, high=20_000)
+    above_m = fields.number("above_m", None if "above_m" in conditions else 0.0, low=-500, high=20_000)
     after_s = fields.number("after_s", 0.0, low=0.0, high=MAX_TIME_S)
     vehicles = _vehicles(fields)
     actions = _actions(fields)

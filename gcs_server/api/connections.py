@@ -3,9 +3,9 @@ too many.
 
 A connection is waiting until its first request is allowed (`guard.py`), then busy or idle. If there are too
 many connections, waiting connections are closed first, then idle connections. Connections of clients in
-control of a vehicle are never closed. If no connection can be closed, the connections of the reserve are
-used; they serve only requests of clients in control. This module does no I/O; the sockets are in
-`http_server/`.
+control of a vehicle are closed only if they do not read what is sent to them and all other such connections
+are closed. If no connection can be closed, the connections of the reserve are used; they serve only requests
+of clients in control. This module does no I/O; the sockets are in `http_server/`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """SET_GPS_GLOBAL_ORIGIN: the local frame moves, the vehicle and its home do not."""
 
+import math
+
 import pytest
 
 from tests.unit.vehicle_sim.sim_station import NAN, Station
@@ -85,3 +87,13 @@ def test_an_origin_is_refused_if_invalid_for_another_vehicle_or_while_armed():
     since_s = station.now_s
     station.run(0.2)
     assert station.received("GPS_GLOBAL_ORIGIN", since_s=since_s) == []
+
+
+def test_an_invalid_origin_before_the_first_fix_does_not_stop_the_later_report():
+    station = Station()
+    assert not math.isfinite(station.sim.autopilots[0].view.origin[0])
+    set_origin(station, lat=910_000_000)
+    station.run_until(lambda: station.ready, 15)
+    station.run(1.5)
+    reports = station.received("GPS_GLOBAL_ORIGIN")
+    assert reports[-1].latitude == pytest.approx(station.sim.autopilots[0].view.origin[0] * 1e7, abs=1)

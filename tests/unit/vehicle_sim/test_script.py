@@ -87,6 +87,8 @@ def test_a_gps_offset_moves_the_gps_position():
         ("gps: lost", "events[0] needs one of at_s, when, above_m"),
         ("at_s: 1, when: armed, gps: lost", "needs one of"),
         ("at_s: 1", "does nothing; give one of gps"),
+        ("at_s: , gps: lost", "at_s"),
+        ("above_m: , gps: lost", "above_m"),
         ("at_s: -1, gps: lost", "events[0].at_s is -1; give a number from 0"),
         ("at_s: 1, gps: off", "gps is 'off'; give one of ok, lost, stuck"),
         ("when: bored, gps: ok", "give one of armed, disarmed"),

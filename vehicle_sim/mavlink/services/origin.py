@@ -21,7 +21,7 @@ class OriginService:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._requested_by_client = False
+        self._sent_to_client = False
         self.handlers = {"SET_GPS_GLOBAL_ORIGIN": self.set_gps_global_origin}
         context.call_later(CHECK_EVERY_S, self._send_when_known)
 
@@ -35,7 +35,7 @@ class OriginService:
         )
         if is_valid and not self._context.autopilot.commander.armed:
             self._set_origin(lat_deg, lon_deg, alt_amsl_m)
-        self._requested_by_client = True
+        self._sent_to_client = math.isfinite(self._context.view.origin[0])
         self._context.call_soon(lambda: self._send(link))
 
     def _set_origin(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
@@ -44,7 +44,7 @@ class OriginService:
         home.on_origin_change()
 
     def _send_when_known(self) -> None:
-        if self._requested_by_client:
+        if self._sent_to_client:
             return
         if not math.isfinite(self._context.view.origin[0]):
             self._context.call_later(CHECK_EVERY_S, self._send_when_known)

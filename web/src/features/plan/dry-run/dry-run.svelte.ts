@@ -22,6 +22,8 @@ export class DryRun {
   /** The document that `result` belongs to. */
   private simulatedDocument = $state.raw<Document | null>(null);
   private requestedDocument: Document | null = null;
+  /** Events of operations that arrive before the response to the start: one of them may be about this dry run. */
+  private earlyEvents: WireEvent[] | null = null;
   /** The time that map and 3D view show [s]. */
   t_s = $state(0);
   playing = $state(false);
@@ -42,9 +44,13 @@ export class DryRun {
   async start(document: Document, vehicles: DryRunVehicles, conditions: Conditions): Promise<void> {
     this.problem = null;
     this.requestedDocument = document;
+    this.earlyEvents = [];
     const response = await this.api.post('/dry_runs', { body: { plan: toApi(document), ...vehicles, ...toDryRunRequest(conditions) } });
+    const earlyEvents = this.earlyEvents;
+    this.earlyEvents = null;
     if (!response.ok) this.problem = response.problem;
     else if (this.operation?.id !== response.value.id) this.operation = response.value;
+    for (const event of earlyEvents) await this.onEvent(event);
   }
 
   /** Shows this time and stops playing. */
@@ -63,6 +69,7 @@ export class DryRun {
   async onEvent(event: WireEvent): Promise<void> {
     const operation = event.kind === 'operation' ? (event['operation'] as Operation | undefined) : undefined;
     const document = this.requestedDocument;
+    if (operation !== undefined) this.earlyEvents?.push(event);
     if (operation === undefined || document === null || operation.id !== this.operation?.id) return;
     this.operation = operation;
     const id = operation.result?.['dry_run'];

@@ -221,6 +221,19 @@ describe('a dry run', () => {
     expect(run.resultOf({ ...EMPTY_PLAN })).toBeNull();
     expect(requests).toEqual(['POST /dry_runs', 'GET /dry_runs/d7']);
   });
+
+  it('has a result also if the event of its end arrives before the response to its start', async () => {
+    const running = { id: 'o1', kind: 'dry_run', state: 'running', progress: 0, text: '', result: null };
+    const responses: unknown[] = [running, VIEW];
+    const api = new ApiClient('p', undefined, () => Promise.resolve(new Response(JSON.stringify(responses.shift()))));
+    const run = new DryRun(api);
+    const started = run.start(EMPTY_PLAN, { vehicle: '1' }, DEFAULT_CONDITIONS);
+    const operation = { ...running, state: 'succeeded', result: { dry_run: 'd7' } };
+    await run.onEvent({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation });
+    expect(run.resultOf(EMPTY_PLAN)).toBeNull();
+    await started;
+    expect([run.running, run.resultOf(EMPTY_PLAN)]).toEqual([false, VIEW]);
+  });
 });
 
 it('a finding is shown at its position, or else at the position of the vehicle at the time of the finding', () => {
