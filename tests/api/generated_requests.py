@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote
 
-JUNK: list[Any] = [
+INVALID_VALUES: list[Any] = [
     None,
     True,
     -1,
@@ -27,7 +27,7 @@ JUNK: list[Any] = [
     [[[[]]]],
     {"a": {"b": 1}},
 ]
-TEXTS = [
+PLAUSIBLE_TEXTS = [
     "1",
     "77",
     "motors stop, vehicle 1 falls",
@@ -71,13 +71,13 @@ class RequestGenerator:
     ) -> Iterator[GeneratedRequest]:
         """Requests for one operation."""
         for number in range(count):
-            is_invalid = number % 3 == 2
+            is_invalid = number % 3 == 2  # every third request
             request = GeneratedRequest(method.upper(), path)
             for parameter in operation.get("parameters", []):
-                text = self._text(parameter["schema"], is_invalid)
+                text = self._parameter_text(parameter["schema"], is_invalid)
                 if parameter["in"] == "path":
                     if parameter["name"] in ("v", "g") and self._random.random() < 0.8:
-                        text = "1"
+                        text = "1"  # vehicle 1 exists
                     request.path = request.path.replace(
                         f"{{{parameter['name']}}}", quote(text, safe="") or "1"
                     )
@@ -87,7 +87,7 @@ class RequestGenerator:
                     request.query[parameter["name"]] = text
             content = operation.get("requestBody", {}).get("content", {}).get("application/json")
             if content is not None:
-                value = self.value(content["schema"])
+                value = self.valid_value(content["schema"])
                 request.body = json.dumps(self._invalidated(value) if is_invalid else value).encode()
             if self._random.random() < 0.05:
                 request.body = self._random.choice(
@@ -104,14 +104,14 @@ class RequestGenerator:
                 )
             yield request
 
-    def value(self, schema: dict[str, Any], depth: int = 0) -> Any:
+    def valid_value(self, schema: dict[str, Any], depth: int = 0) -> Any:
         """A value that the schema allows, as far as the schema can express it."""
         r = self._random
         if "$ref" in schema:
-            return self.value(self._schemas[schema["$ref"].rpartition("/")[2]], depth + 1)
+            return self.valid_value(self._schemas[schema["$ref"].rpartition("/")[2]], depth + 1)
         for key in ("anyOf", "oneOf", "allOf"):
             if key in schema:
-                return self.value(r.choice(schema[key]), depth + 1)
+                return self.valid_value(r.choice(schema[key]), depth + 1)
         if "const" in schema:
             return schema["const"]
         if "enum" in schema:
@@ -120,35 +120,39 @@ class RequestGenerator:
             return r.choice(schema["examples"])
         if schema.get("example") is not None and r.random() < 0.3:
             return schema["example"]
-        kind = schema.get("type")
-        if kind == "object":
+        json_type = schema.get("type")
+        if json_type == "object":
             required = set(schema.get("required", []))
             return {
-                name: self.value(part, depth + 1)
-                for name, part in schema.get("properties", {}).items()
+                name: self.valid_value(property_schema, depth + 1)
+                for name, property_schema in schema.get("properties", {}).items()
                 if name in required or r.random() < 0.5
             }
-        if kind == "array":
+        if json_type == "array":
             min_items = schema.get("minItems", 0)
             size = r.randint(min_items, min(schema.get("maxItems", min_items + 3), min_items + 3))
-            parts = schema.get("prefixItems")
+            item_schemas = schema.get("prefixItems")
             return (
-                [self.value(part, depth + 1) for part in parts]
-                if parts
-                else [self.value(schema.get("items", {}), depth + 1) for _ in range(size)]
+                [self.valid_value(item_schema, depth + 1) for item_schema in item_schemas]
+                if item_schemas
+                else [self.valid_value(schema.get("items", {}), depth + 1) for _ in range(size)]
             )
-        if kind in ("number", "integer"):
+        if json_type in ("number", "integer"):
             low = schema.get("minimum", schema.get("exclusiveMinimum", -50))
             high = schema.get("maximum", schema.get("exclusiveMaximum", 50))
-            return r.randint(math.ceil(low), math.floor(high)) if kind == "integer" else r.uniform(low, high)
-        if kind == "boolean":
+            return (
+                r.randint(math.ceil(low), math.floor(high))
+                if json_type == "integer"
+                else r.uniform(low, high)
+            )
+        if json_type == "boolean":
             return r.random() < 0.5
-        if kind == "null":
+        if json_type == "null":
             return None
-        return r.choice(TEXTS)
+        return r.choice(PLAUSIBLE_TEXTS)
 
-    def _text(self, schema: dict[str, Any], is_invalid: bool) -> str:
-        value = self._random.choice(JUNK) if is_invalid else self.value(schema)
+    def _parameter_text(self, schema: dict[str, Any], is_invalid: bool) -> str:
+        value = self._random.choice(INVALID_VALUES) if is_invalid else self.valid_value(schema)
         return value if isinstance(value, str) else json.dumps(value)
 
     def _invalidated(self, value: Any) -> Any:
@@ -160,9 +164,9 @@ class RequestGenerator:
             if choice < 0.3:
                 return {name: part for name, part in value.items() if name != key}
             if choice < 0.5:
-                return {**value, r.choice(["other", "é" * 500]): r.choice(JUNK)}
+                return {**value, r.choice(["other", "é" * 500]): r.choice(INVALID_VALUES)}
             return {**value, key: self._invalidated(value[key])}
         if isinstance(value, list) and value and r.random() < 0.6:
             index = r.randrange(len(value))
             return [*value[:index], self._invalidated(value[index]), *value[index + 1 :]]
-        return r.choice(JUNK)
+        return r.choice(INVALID_VALUES)

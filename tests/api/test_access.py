@@ -36,9 +36,9 @@ def test_the_link_and_the_form_sign_a_browser_in(server):
     assert refused.status_code == 401
     assert "Offboard GCS: sign in" in refused.text
     assert 'name="next" value="/docs?a=1"' in refused.text
-    opened = server.get(f"/docs?a=1&token={server.token}", headers=HTML)
-    assert (opened.status_code, opened.headers["location"]) == (303, "/docs?a=1")
-    assert "HttpOnly" in opened.headers["set-cookie"]
+    redirect = server.get(f"/docs?a=1&token={server.token}", headers=HTML)
+    assert (redirect.status_code, redirect.headers["location"]) == (303, "/docs?a=1")
+    assert "HttpOnly" in redirect.headers["set-cookie"]
     assert server.get("/docs?a=1", headers=HTML).status_code == 200
     server.cookies.clear()
     same_origin = {"Origin": URL}
@@ -79,13 +79,13 @@ def test_a_program_without_a_token_gets_an_error_that_explains_it(server):
 
 
 def test_a_page_that_is_opened_from_another_site_reloads_to_get_the_cookie(server):
-    from_mail = HTML | {
+    cross_site = HTML | {
         "Sec-Fetch-Site": "cross-site",
         "Sec-Fetch-Mode": "navigate",
         "Sec-Fetch-Dest": "document",
     }
-    assert server.get("/", headers=from_mail).headers["refresh"] == "0"
-    assert "refresh" not in server.get("/", headers=from_mail | {"Sec-Fetch-Site": "same-origin"}).headers
+    assert server.get("/", headers=cross_site).headers["refresh"] == "0"
+    assert "refresh" not in server.get("/", headers=cross_site | {"Sec-Fetch-Site": "same-origin"}).headers
 
 
 def test_the_sign_in_page_has_no_scripts_and_loads_nothing(server):
@@ -142,7 +142,7 @@ def test_on_loopback_there_is_no_token_unless_one_is_set(tmp_path):
 
 
 @pytest.mark.parametrize("token", ["short", "has a blank in between", "schlüssel-schlüssel", "x" * 300])
-def test_an_invalid_token_is_refused_without_repeating_it(tmp_path, token):
+def test_an_invalid_token_is_refused_and_does_not_appear_in_the_error(tmp_path, token):
     with pytest.raises(InvalidRequest) as caught:
         load({}, {"GCS_TOKEN": token})
     assert "GCS_TOKEN" in caught.value.message
@@ -154,7 +154,7 @@ def test_an_invalid_token_is_refused_without_repeating_it(tmp_path, token):
     assert token not in refused.value.message
 
 
-def test_a_folder_that_cannot_store_the_token_is_named_in_the_error(tmp_path):
+def test_an_error_about_a_missing_token_folder_names_the_folder(tmp_path):
     with pytest.raises(GcsError, match="missing"):
         token_of(Settings(token_file=tmp_path / "missing" / "token"))
 
@@ -179,12 +179,14 @@ def test_settings_never_show_the_token():
         ("0.0.0.0", "t", True, ["http://localhost:80/?token=t"]),
     ],
 )
-def test_the_printed_links_contain_the_token_and_can_be_clicked(host, token, in_container, expected):
+def test_the_printed_links_contain_the_token_and_an_address_that_a_browser_can_open(
+    host, token, in_container, expected
+):
     assert page_urls(host, 80, token, ["10.0.0.7"], in_container=in_container) == expected
 
 
 @pytest.mark.parametrize(
-    ("url", "given", "environment", "expected"),
+    ("url", "token", "environment", "expected"),
     [
         ("http://h:1/", None, {}, ("http://h:1", None)),
         ("http://h:1/?token=t", None, {"GCS_TOKEN": "e"}, ("http://h:1", "t")),
@@ -193,12 +195,14 @@ def test_the_printed_links_contain_the_token_and_can_be_clicked(host, token, in_
         ("http://h", "", {"GCS_TOKEN": "e"}, ("http://h", None)),
     ],
 )
-def test_the_client_accepts_the_printed_link(url, given, environment, expected):
-    assert address_and_token(url, given, environment) == expected
+def test_the_client_accepts_the_printed_link(url, token, environment, expected):
+    assert address_and_token(url, token, environment) == expected
 
 
 def test_the_api_description_explains_the_token(server):
-    described = server.get("/api/v1/openapi.json", headers={"Authorization": f"Bearer {server.token}"}).json()
-    assert described["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
-    assert described["security"] == [{"token": []}, {}]
-    assert "Bearer" in described["info"]["description"]
+    api_description = server.get(
+        "/api/v1/openapi.json", headers={"Authorization": f"Bearer {server.token}"}
+    ).json()
+    assert api_description["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
+    assert api_description["security"] == [{"token": []}, {}]
+    assert "Bearer" in api_description["info"]["description"]

@@ -19,8 +19,8 @@ def client(tmp_path_factory):
         yield client
 
 
-def setpoint(kind, name, values):
-    return f'{{"setpoint": {{"type": "{kind}", "{name}": {values}}}}}'
+def setpoint_body(kind, field, values):
+    return f'{{"setpoint": {{"type": "{kind}", "{field}": {values}}}}}'
 
 
 POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
@@ -39,17 +39,17 @@ POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
         ("goto", '{"lat_deg": 1, "lon_deg": 0}', "body"),
         (
             "offboard/setpoint",
-            setpoint("position", "position_ned_m", "[0, NaN, 0]"),
+            setpoint_body("position", "position_ned_m", "[0, NaN, 0]"),
             "setpoint.position_ned_m.1",
         ),
         (
             "offboard/setpoint",
-            setpoint("velocity", "velocity_ned_m_s", "[0, 21, 0]"),
+            setpoint_body("velocity", "velocity_ned_m_s", "[0, 21, 0]"),
             "setpoint.velocity_ned_m_s.1",
         ),
         (
             "offboard/setpoint",
-            setpoint("velocity", "velocity_ned_m_s", "[0, 1]"),
+            setpoint_body("velocity", "velocity_ned_m_s", "[0, 1]"),
             "setpoint.velocity_ned_m_s.2",
         ),
         ("offboard/setpoint", json.dumps({"setpoint": POSITION, "valid_for_s": 0.01}), "valid_for_s"),
@@ -134,14 +134,18 @@ def test_a_group_of_unknown_vehicles_gets_status_404_and_each_vehicle_is_journal
         ("group/start", "2", "unknown_vehicle"),
     ]
     assert client.get("/api/v1/groups").json() == {"groups": []}
-    for call in ("/hold", "/setpoints"):
-        unknown = client.post(f"/api/v1/groups/7{call}", json={"setpoints": []})
+    for route in ("/hold", "/setpoints"):
+        unknown = client.post(f"/api/v1/groups/7{route}", json={"setpoints": []})
         assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_group")
 
 
 def test_changes_of_a_group_are_sent_as_events(client):
     groups = client.app.state.station.groups
-    status = GroupStatus("4", "flying", "anna", "key", 5.0, 1.6, False, 1.0, 2.0, 3.0, (), None, (), None)
+    status = GroupStatus(
+        id="4", state="flying", client="anna", client_key="key", minimum_separation_m=5.0, margin_m=1.6,
+        others_go_on=False, created_unix_s=1.0, start_unix_s=2.0, valid_left_s=3.0, members=(), nearest=None,
+        findings=(), ended=None,
+    )  # fmt: skip
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
         assert socket.receive_json()["type"] == "hello"
         client.portal.call(groups.on_change, "Group 4 has begun.", status, True)
@@ -160,14 +164,14 @@ def test_links_are_added_and_removed_and_an_invalid_url_is_refused(client):
 
 
 def test_other_origins_and_host_names_are_refused(client):
-    foreign = {"Origin": "http://evil.example"}
-    assert client.post("/api/v1/vehicles/1/arm", headers=foreign).json()["code"] == "foreign_origin"
+    foreign_origin = {"Origin": "http://evil.example"}
+    assert client.post("/api/v1/vehicles/1/arm", headers=foreign_origin).json()["code"] == "foreign_origin"
     same_origin = client.post("/api/v1/vehicles/1/arm", headers={"Origin": "http://localhost"})
     assert same_origin.status_code == 404
     assert client.get("/api/v1/health", headers={"Host": "rebound.example"}).status_code == 403
     with (
         pytest.raises(WebSocketDisconnect) as closed,
-        client.websocket_connect("ws://localhost/api/v1/telemetry", headers=foreign),
+        client.websocket_connect("ws://localhost/api/v1/telemetry", headers=foreign_origin),
     ):
         pass
     assert closed.value.code == 1008
@@ -191,7 +195,8 @@ def test_telemetry_sends_hello_and_explains_an_invalid_subscription(client):
 
 def test_every_model_and_field_of_the_schema_is_described():
     schemas = description()["components"]["schemas"]
-    own_schemas = {n: s for n, s in schemas.items() if n not in ("HTTPValidationError", "ValidationError")}
+    fastapi_schemas = ("HTTPValidationError", "ValidationError")
+    own_schemas = {name: schema for name, schema in schemas.items() if name not in fastapi_schemas}
     undescribed = [name for name, schema in own_schemas.items() if not schema.get("description")]
     undescribed += [
         f"{name}.{key}"
@@ -205,12 +210,12 @@ def test_every_model_and_field_of_the_schema_is_described():
 
 
 def test_dependencies_of_routes_run_in_the_event_loop(client, monkeypatch):
-    seen = []
+    principals = []
 
     def renew(principal):
         asyncio.get_running_loop()  # raises if called in another thread
-        seen.append(principal)
+        principals.append(principal)
 
     monkeypatch.setattr(client.app.state.station.authority, "renew", renew)
     assert client.get("/api/v1/me", headers={"X-Client": "anna"}).json()["name"] == "anna"
-    assert [principal.name for principal in seen] == ["anna"]
+    assert [principal.name for principal in principals] == ["anna"]

@@ -42,7 +42,7 @@ def app(tmp_path, request):
     return create_app(settings_for(tmp_path, scene=True), static=tmp_path)
 
 
-def path_of(call):
+def method_and_path(call):
     method, path = call.split(" ")[:2]
     return method, re.sub(r"\{\w+\}", "1", path)
 
@@ -51,7 +51,7 @@ def test_each_route_and_message_has_exactly_one_row_and_no_row_is_unused(app):
     existing = {call for call, _ in calls_of(app)}
     assert len(existing) > 75
     assert existing | MESSAGES == set(BY_CALL)
-    assert len(BY_CALL) == sum(len(row.calls) for row in ALL), "no call is in two rows"
+    assert len(BY_CALL) == sum(len(row.calls) for row in ALL), "a call is in two rows"
     assert len(BY_NAME) == len(ALL)
 
 
@@ -68,10 +68,10 @@ def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(a
     client = TestClient(app, base_url="http://localhost")
     refused = set()
     for call, _ in calls_of(app):
-        row, (method, path) = BY_CALL[call], path_of(call)
+        row, (method, path) = BY_CALL[call], method_and_path(call)
         if row.permission is None:
             continue
-        first = row.name not in refused  # equal refusals share one journal line
+        is_first_refusal = row.name not in refused  # equal refusals share one journal line
         refused.add(row.name)
         if method == "WS":
             with (
@@ -85,25 +85,29 @@ def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(a
         assert (response.status_code, response.json()["code"]) == (403, "not_permitted"), call
         assert response.json()["permission"] == row.permission
         newest = app.state.station.journal.tail(1)
-        if row.journaled and first:
+        if row.journaled and is_first_refusal:
             assert (newest[0].command, newest[0].result) == (row.name, "not_permitted")
     assert refused == {row.name for row in ALL if row.permission is not None}
 
 
 def test_the_permission_for_a_socket_equals_the_permission_of_each_of_its_messages():
-    """One check when the socket opens is therefore enough."""
+    """So the server checks the permission only once, when the socket opens."""
     for call in MESSAGES:
-        socket = call.rsplit(" ", 1)[0]
-        assert BY_CALL[call].permission == BY_CALL[socket].permission
+        socket_call = call.rsplit(" ", 1)[0]
+        assert BY_CALL[call].permission == BY_CALL[socket_call].permission
 
 
-def test_the_api_description_lists_what_each_operation_needs():
+def test_the_api_description_has_the_authority_of_each_operation():
     paths = description()["paths"]
-    needs = paths["/api/v1/links/{name}"]["delete"]["x-authority"]
-    assert (needs["permission"], needs["control"], needs["journaled"]) == ("station", "not_anothers", True)
+    authority = paths["/api/v1/links/{name}"]["delete"]["x-authority"]
+    assert (authority["permission"], authority["control"], authority["journaled"]) == (
+        "station",
+        "not_anothers",
+        True,
+    )
     assert paths["/api/v1/vehicles/{v}/kill"]["post"]["x-authority"]["confirmed"]
     assert all("x-authority" in operation for methods in paths.values() for operation in methods.values())
 
 
-def test_the_document_contains_the_table():
-    assert table() in DOCUMENT.read_text(encoding="utf-8"), "python -m tools.build_command_table writes it"
+def test_authority_md_contains_the_table():
+    assert table() in DOCUMENT.read_text(encoding="utf-8"), "run `python -m tools.build_command_table`"

@@ -1,8 +1,8 @@
-"""Dry runs over HTTP: started with a plan in the body or a stored plan, tracked as an operation, read,
-refused."""
+"""Dry runs over HTTP: a request with a plan, or with the id of a stored plan, starts an operation."""
 
 import contextlib
 import json
+import math
 import sys
 
 import pytest
@@ -60,7 +60,8 @@ def client(tmp_path, monkeypatch):
         yield client
 
 
-def run(client, body):
+def run_to_end(client, body):
+    """Starts a dry run and returns its finished operation."""
     started = client.post("dry_runs", json=body)
     assert started.status_code == 202, started.text
     operation = started.json()
@@ -80,31 +81,35 @@ def test_a_plan_in_the_body_is_flown_with_the_given_conditions(client):
         "endurance_s": 900,
         "seed": 7,
     }
-    operation = run(client, request)
+    operation = run_to_end(client, request)
     assert operation["state"] == "succeeded"
     assert operation["result"]["errors"] == 1
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
-    stored = view["nominal"]["request"]
+    worker_request = view["nominal"]["request"]
     assert (view["kind"], view["vehicle"], view["plan_id"]) == ("waypoint_plan", None, None)
     assert view["assumed"] == ["No vehicle is named: PX4's defaults and a full battery are used."]
-    assert stored["aircraft"] == {"home": HOME, "endurance_s": 900, "battery_reserve": 0.2}
-    assert stored["conditions"]["wind_ned_m_s"] == [0, 4, 0]
-    assert (stored["flights"], stored["seed"], stored["spread"]["wind_m_s"]) == (20, 7, 2)
-    assert stored["obstacles"][0]["base_alt_home_m"] == 0
-    assert json.loads(stored["plan"])["items"][0]["kind"] == "takeoff"
+    assert worker_request["aircraft"] == {"home": HOME, "endurance_s": 900, "battery_reserve": 0.2}
+    assert worker_request["conditions"]["wind_ned_m_s"] == [0, 4, 0]
+    assert (worker_request["flights"], worker_request["seed"], worker_request["spread"]["wind_m_s"]) == (
+        20,
+        7,
+        2,
+    )
+    assert worker_request["obstacles"][0]["base_alt_home_m"] == 0
+    assert json.loads(worker_request["plan"])["items"][0]["kind"] == "takeoff"
 
 
 def test_a_stored_plan_and_an_offboard_mission_are_flown(client):
     stored = client.post("plans", json={"name": "Tower", "plan": PLAN}).json()
-    view = client.get(f"dry_runs/{run(client, {'plan_id': stored['id']})['result']['dry_run']}").json()
+    view = client.get(f"dry_runs/{run_to_end(client, {'plan_id': stored['id']})['result']['dry_run']}").json()
     assert (view["plan_id"], view["version"], view["name"]) == (stored["id"], 1, "Tower")
-    operation = run(client, {"plan": MISSION})
+    operation = run_to_end(client, {"plan": MISSION})
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
     assert view["kind"] == "offboard_mission"
 
 
 def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
-    operation = run(client, {"plan": TWO_ROLES, "flights": 20})
+    operation = run_to_end(client, {"plan": TWO_ROLES, "flights": 20})
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
     assert (view["vehicles"], view["nominal"]["request"]["flights"]) == (None, 20)
     roles = view["nominal"]["request"]["roles"]
@@ -112,15 +117,16 @@ def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
     lead, left = (roles[role]["aircraft"]["home"] for role in ("lead", "left"))
     assert lead["lat_deg"] == pytest.approx(HOME["lat_deg"])
     assert left["lat_deg"] == pytest.approx(HOME["lat_deg"], abs=1e-7)
-    assert (left["lon_deg"] - HOME["lon_deg"]) * 111_320 * 0.677 == pytest.approx(10.0, abs=0.1)
+    metres_per_degree_east = 111_320 * math.cos(math.radians(HOME["lat_deg"]))
+    assert (left["lon_deg"] - HOME["lon_deg"]) * metres_per_degree_east == pytest.approx(10.0, abs=0.1)
     assert view["assumed"] == ["No vehicle is named: PX4's defaults and a full battery are used."]
 
 
 def test_an_assumption_about_several_roles_is_reported_once_with_their_names():
-    not_known, flying = "The parameters of the vehicle are not known.", "The vehicle is flying."
+    unknown_parameters, flying = "The parameters of the vehicle are not known.", "The vehicle is flying."
     battery = "PX4's defaults and a full battery are used."
-    assumed = {"lead": [battery, not_known], "left": [battery, not_known, flying]}
-    assert merged_assumptions(assumed) == [battery, f"lead and left: {not_known}", f"left: {flying}"]
+    assumed = {"lead": [battery, unknown_parameters], "left": [battery, unknown_parameters, flying]}
+    assert merged_assumptions(assumed) == [battery, f"lead and left: {unknown_parameters}", f"left: {flying}"]
 
 
 @pytest.mark.parametrize(

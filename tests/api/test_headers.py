@@ -16,10 +16,10 @@ def client(tmp_path_factory):
     (data / "index.html").write_text("<!doctype html><title>page</title>")
     app = create_app(settings_for(data, scene=True), static=data)
 
-    async def broken(_):
+    async def raise_error(_):
         raise RuntimeError("boom")
 
-    app.router.routes.insert(0, Route("/broken", broken))
+    app.router.routes.insert(0, Route("/broken", raise_error))
     with TestClient(app, base_url="http://localhost", raise_server_exceptions=False) as client:
         yield client
 
@@ -56,7 +56,7 @@ def test_every_response_has_the_security_headers(client, path, status):
     assert response.headers["referrer-policy"] == "same-origin"
 
 
-def test_refusals_have_the_headers_and_another_host_is_not_in_the_policy(client):
+def test_the_headers_of_a_refusal_do_not_contain_the_invalid_host_name(client):
     response = client.get("/api/v1/health", headers={"Host": "x; script-src *"})
     assert response.status_code == 400
     assert directives(response)["connect-src"] == ["'self'"]
@@ -74,7 +74,7 @@ def test_the_3d_view_has_its_own_policy(client):
     assert response.headers["x-frame-options"] == "SAMEORIGIN"
 
 
-def test_the_reference_loads_nothing_from_other_sites(client):
+def test_the_api_reference_loads_nothing_from_other_sites(client):
     assert client.get("/api/v1/docs", follow_redirects=False).headers["location"] == "/docs"
     texts = [client.get(path).text for path in ("/docs", "/docs/reference.js", "/docs/reference.css")]
     assert not [text for text in texts if re.search(r"https?://|\burl\(|\bimport\b", text)]

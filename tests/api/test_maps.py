@@ -10,19 +10,22 @@ import pytest
 
 from tests.support.api_client import api_client
 
-PICTURE = b"\x89PNG\r\n\x1a\n not really"
+FAKE_PNG = b"\x89PNG\r\n\x1a\n not really"
 
 
 def write_pmtiles(path, *, tile_type=2, metadata=None, bounds=(8.5, 47.3, 8.6, 47.4), data=b"tiles" * 100):
-    raw = gzip.compress(json.dumps(metadata or {}).encode())
-    numbers = [127, 0, 127, len(raw), 127 + len(raw), 0, 127 + len(raw), len(data), 1, 1, 1]
+    compressed_metadata = gzip.compress(json.dumps(metadata or {}).encode())
+    tiles_offset = 127 + len(compressed_metadata)
+    # offset and length of root directory, metadata, leaf directories and tiles, then three numbers of tiles
+    numbers = [127, 0, 127, len(compressed_metadata), tiles_offset, 0, tiles_offset, len(data), 1, 1, 1]
     header = b"PMTiles" + bytes([3]) + struct.pack("<11Q", *numbers)
+    # clustered, metadata compressed by gzip, tiles not compressed, type, minimum and maximum zoom
     header += bytes([1, 2, 1, tile_type, 3, 15])
     header += struct.pack("<4i", *(round(b * 1e7) for b in bounds)) + bytes([10]) + struct.pack("<2i", 0, 0)
-    path.write_bytes(header + raw + data)
+    path.write_bytes(header + compressed_metadata + data)
 
 
-def write_mbtiles(path, *, metadata=None, tiles=((1, 0, 1, PICTURE),)):
+def write_mbtiles(path, *, metadata=None, tiles=((1, 0, 1, FAKE_PNG),)):
     with closing(sqlite3.connect(path)) as database:
         database.execute("CREATE TABLE metadata (name text, value text)")
         database.execute("CREATE TABLE tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)")
@@ -68,11 +71,11 @@ def test_damaged_files_are_listed_with_the_reason(client, folder):
     (folder / "empty.mbtiles").write_bytes(b"")
     write_mbtiles(folder / "odd.mbtiles", metadata={"format": "tiff"})
     write_mbtiles(folder / "none.mbtiles", tiles=())
-    found = client.get("/api/v1/maps").json()
-    assert found["maps"] == []
-    assert len(found["unreadable"]) == 5
-    assert any("odd.mbtiles" in line and "tiff" in line for line in found["unreadable"])
-    assert any("none.mbtiles" in line and "no tiles" in line for line in found["unreadable"])
+    listing = client.get("/api/v1/maps").json()
+    assert listing["maps"] == []
+    assert len(listing["unreadable"]) == 5
+    assert any("odd.mbtiles" in line and "tiff" in line for line in listing["unreadable"])
+    assert any("none.mbtiles" in line and "no tiles" in line for line in listing["unreadable"])
 
 
 def test_a_pmtiles_file_is_read_in_parts(client, folder):
@@ -89,7 +92,7 @@ def test_a_pmtiles_file_is_read_in_parts(client, folder):
 def test_the_api_numbers_tile_rows_from_the_north_and_the_file_from_the_south(client, folder):
     write_mbtiles(folder / "c.mbtiles")  # row 1 of 2, counted from the south
     tile = client.get("/api/v1/maps/c.mbtiles/1/0/0")
-    assert (tile.status_code, tile.content, tile.headers["content-type"]) == (200, PICTURE, "image/png")
+    assert (tile.status_code, tile.content, tile.headers["content-type"]) == (200, FAKE_PNG, "image/png")
     assert client.get("/api/v1/maps/c.mbtiles/1/0/1").status_code == 204
 
 
@@ -110,7 +113,7 @@ def test_only_map_files_of_the_folder_are_served(client, folder, name):
     assert client.get(f"/api/v1/maps/{name}").status_code == 404
 
 
-def test_tile_numbers_are_checked(client, folder):
+def test_invalid_tile_numbers_get_status_422(client, folder):
     write_mbtiles(folder / "c.mbtiles")
     assert client.get("/api/v1/maps/c.mbtiles/99/0/0").status_code == 422
     assert client.get("/api/v1/maps/c.mbtiles/1/0/x").status_code == 422

@@ -19,8 +19,8 @@ HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 PLAN = {"items": [{"kind": "takeoff", **POSITION}, {"kind": "waypoint", **POSITION}, {"kind": "return_home"}]}
 
 
-def run(tmp_path, scenario):
-    async def work():
+def run_scenario(tmp_path, scenario):
+    async def run_application():
         clock = LoopClock(asyncio.get_running_loop())
         app = create_app(settings_for(tmp_path), clock, static=tmp_path / "none")
         server = app.state.server
@@ -48,7 +48,7 @@ def run(tmp_path, scenario):
             server.station.plans.close()
             server.station.plan_work.close()
 
-    run_in_simulated_time(work)
+    run_in_simulated_time(run_application)
 
 
 @pytest.mark.story
@@ -63,11 +63,11 @@ def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
         assert [version["version"] for version in await plans.versions(stored["id"])] == [2, 1]
         assert (await plans.get(stored["id"], 1))["name"] == "Tower"
         assert (await plans.all())[0]["name"] == saved["name"] == "Old tower"
-        found = await plans.check(stored["plan"], vehicle_id="1")
-        assert "parameters_unknown" in {finding["code"] for finding in found["findings"]}
-        file = await plans.write_file(PLAN, "kml")
-        read = await plans.read_file(file, "a.kml")
-        assert len(read["plan"]["items"]) == 3
+        check = await plans.check(stored["plan"], vehicle_id="1")
+        assert "parameters_unknown" in {finding["code"] for finding in check["findings"]}
+        exported = await plans.write_file(PLAN, "kml")
+        imported = await plans.read_file(exported, "a.kml")
+        assert len(imported["plan"]["items"]) == 3
         converted = await plans.convert({**PLAN, "planned_home": HOME}, "Mast")
         assert (await plans.check(converted["plan"]))["flight"]["steps"][0]["place"] == "step 1"
         assert b"step: take_off" in await plans.write_file(converted["plan"], "yaml")
@@ -83,7 +83,7 @@ def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
         with pytest.raises(Unknown):
             await plans.get(stored["id"])
 
-    run(tmp_path, scenario)
+    run_scenario(tmp_path, scenario)
 
 
 def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
@@ -107,4 +107,4 @@ def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
         with pytest.raises(Refused, match="has no mission"):
             await mission.start()
 
-    run(tmp_path, scenario)
+    run_scenario(tmp_path, scenario)

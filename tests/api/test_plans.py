@@ -48,7 +48,7 @@ def store(client, name="Tower", plan=PLAN):
     return response.json()
 
 
-def event(socket, kind):
+def next_event(socket, kind):
     while True:
         frame = json.loads(socket.receive_text())
         if frame.get("type") == "event" and frame["event"]["kind"] == kind:
@@ -81,20 +81,20 @@ def test_a_conflicting_save_names_the_other_client(client):
     assert client.get(f"plans/{stored['id']}", params={"version": 1}).json() == stored
     assert client.delete(f"plans/{stored['id']}", params={"base_version": 2}).status_code == 204
     assert client.get("plans").json() == {"plans": []}
-    lines = [
+    journal_lines = [
         (line["client"], line["command"], line["result"]) for line in client.get("journal").json()["entries"]
     ]
-    assert ("anna", "plans/save", "conflict") in lines
-    assert ("anna", "plans/create", "ok") in lines
+    assert ("anna", "plans/save", "conflict") in journal_lines
+    assert ("anna", "plans/create", "ok") in journal_lines
 
 
 def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
         stored = store(client)
-        change = event(socket, "plan_changed")
+        change = next_event(socket, "plan_changed")
         assert (change["action"], change["client"], change["plan"]["id"]) == ("created", "anna", stored["id"])
         client.delete(f"plans/{stored['id']}", params={"base_version": 1}, headers=BOB)
-        change = event(socket, "plan_changed")
+        change = next_event(socket, "plan_changed")
         assert (change["action"], change["client"], change["text"]) == (
             "deleted",
             "bob",
@@ -125,21 +125,21 @@ def test_an_invalid_plan_is_not_stored_and_the_error_names_the_item_or_field(cli
 
 
 @pytest.mark.parametrize("name", ["", " ", "a\nb", "x" * 101])
-def test_a_name_is_one_line_and_not_empty(client, name):
+def test_a_plan_name_that_is_empty_too_long_or_has_two_lines_is_refused(client, name):
     assert client.post("plans", json={"name": name, "plan": PLAN}).json()["field"] == "name"
 
 
 def test_a_check_returns_findings_with_their_items_and_estimates(client):
-    high = json.loads(json.dumps(PLAN))
-    high["items"][1]["altitude"]["value_m"] = 300
-    found = client.post("plans/check", json={"plan": high}).json()
-    finding = next(each for each in found["findings"] if each["code"] == "altitude_too_high")
+    high_plan = json.loads(json.dumps(PLAN))
+    high_plan["items"][1]["altitude"]["value_m"] = 300
+    check = client.post("plans/check", json={"plan": high_plan}).json()
+    finding = next(each for each in check["findings"] if each["code"] == "altitude_too_high")
     assert (finding["severity"], finding["place"]["row"]) == ("warning", 1)
     assert "300" in finding["text"]
-    assert found["estimates"]["length_m"] > 300
-    assert (found["vehicle"], found["not_known"]) == (None, [])
-    unknown = client.post("plans/check", json={"plan": PLAN, "vehicle": "7"})
-    assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_vehicle")
+    assert check["estimates"]["length_m"] > 300
+    assert (check["vehicle"], check["not_known"]) == (None, [])
+    unknown_vehicle = client.post("plans/check", json={"plan": PLAN, "vehicle": "7"})
+    assert (unknown_vehicle.status_code, unknown_vehicle.json()["code"]) == (404, "unknown_vehicle")
     assert client.get("journal").json()["entries"] == [], "a check changes nothing and is not journaled"
 
 
@@ -157,27 +157,28 @@ WALL = {
 def test_obstacles_are_stored_and_a_finding_names_the_item_or_step(client, plan, row, step):
     stored = store(client, plan={**plan, "obstacles": [WALL]})
     assert stored["plan"]["obstacles"][0]["polygon"] == WALL["polygon"]
-    found = client.post("plans/check", json={"plan": stored["plan"]}).json()["findings"]
-    finding = next(each for each in found if each["code"] == "obstacle_hit")
+    findings = client.post("plans/check", json={"plan": stored["plan"]}).json()["findings"]
+    finding = next(each for each in findings if each["code"] == "obstacle_hit")
     assert "passes through Wall" in finding["text"]
     assert finding["place"] == {"row": row, "zone": None, "rally_point": None, "obstacle": 0, "step": step}
-    wrong = {**plan, "obstacles": [{**WALL, "top": {"value_m": 30, "reference": "terrain"}}]}
-    refused = client.post("plans/check", json={"plan": wrong})
+    terrain_obstacle = {**plan, "obstacles": [{**WALL, "top": {"value_m": 30, "reference": "terrain"}}]}
+    refused = client.post("plans/check", json={"plan": terrain_obstacle})
     assert refused.status_code == 422
     assert "above home or AMSL" in refused.json()["detail"]
 
 
 @pytest.mark.parametrize("format", ["json", "plan", "waypoints", "csv", "geojson", "kml", "kmz"])
 def test_an_exported_file_can_be_imported_again(client, format):
-    written = client.post("plans/export", params={"format": format}, json={"plan": PLAN})
-    assert written.status_code == 200, written.text
-    assert f"plan.{format}" in written.headers["content-disposition"]
-    notes = json.loads(written.headers["x-plan-notes"])
+    exported = client.post("plans/export", params={"format": format}, json={"plan": PLAN})
+    assert exported.status_code == 200, exported.text
+    assert f"plan.{format}" in exported.headers["content-disposition"]
+    notes = json.loads(exported.headers["x-plan-notes"])
     assert all(note.endswith(".") for note in notes)
-    read = client.post("plans/import", params={"filename": f"a.{format}"}, content=written.content)
-    assert read.status_code == 200, read.text
-    assert read.json()["format"] == format
-    assert [item["kind"] for item in read.json()["plan"]["items"]] == ["takeoff", "waypoint", "return_home"]
+    imported = client.post("plans/import", params={"filename": f"a.{format}"}, content=exported.content)
+    assert imported.status_code == 200, imported.text
+    assert imported.json()["format"] == format
+    kinds = [item["kind"] for item in imported.json()["plan"]["items"]]
+    assert kinds == ["takeoff", "waypoint", "return_home"]
     assert client.get("plans").json() == {"plans": []}, "an import stores nothing"
 
 
@@ -192,14 +193,14 @@ def test_a_file_without_altitudes_needs_an_altitude_and_returns_its_areas(client
     refused = client.post("plans/import", params={"filename": "a.geojson"}, content=file)
     assert (refused.status_code, refused.json()["field"]) == (422, "body")
     altitude = {"altitude_m": 30, "altitude_reference": "amsl"}
-    read = client.post("plans/import", params={"filename": "a.geojson", **altitude}, content=file).json()
-    assert read["plan"]["items"][0]["altitude"]["value_m"] == 30
-    assert len(read["areas"][0]["outer"]) == 4
+    imported = client.post("plans/import", params={"filename": "a.geojson", **altitude}, content=file).json()
+    assert imported["plan"]["items"][0]["altitude"]["value_m"] == 30
+    assert len(imported["areas"][0]["outer"]) == 4
     assert client.post("plans/import", content=b"").json()["field"] == "body"
     assert client.post("plans/import", content=b"\x00").status_code == 422
 
 
-def test_patterns_become_items(client):
+def test_patterns_become_a_path_or_mission_steps(client):
     survey = {
         "kind": "survey",
         "outer": SQUARE,
@@ -242,9 +243,9 @@ def test_patterns_become_items(client):
     assert steps.status_code == 200, steps.text
     assert steps.json()["plan"]["steps"][1]["name"] == "Survey line 1"
     assert steps.json()["figures"] == response.json()["figures"]
-    terrain = {**orbit, "altitude": {"value_m": 20, "reference": "terrain"}}
-    unknown = client.post("plans/pattern", json=terrain, params={"document": "offboard_mission"})
-    assert (unknown.status_code, unknown.json()["field"]) == (422, "altitude")
+    terrain_orbit = {**orbit, "altitude": {"value_m": 20, "reference": "terrain"}}
+    refused = client.post("plans/pattern", json=terrain_orbit, params={"document": "offboard_mission"})
+    assert (refused.status_code, refused.json()["field"]) == (422, "altitude")
 
 
 def test_an_offboard_mission_is_stored_in_the_same_list_as_plans(client):
@@ -274,17 +275,17 @@ def test_an_error_about_an_invalid_mission_names_step_and_field(client):
 def test_a_check_of_a_mission_returns_findings_step_times_and_the_path(client):
     invalid = {**MISSION, "steps": [*MISSION["steps"][:2], {"step": "take_off", "height_m": 5}]}
     power = {"hover_power_w": 180.0, "battery_wh": 5.0, "mass_kg": 2.0}
-    found = client.post("plans/check", json={"plan": invalid, "power": power}).json()
+    check = client.post("plans/check", json={"plan": invalid, "power": power}).json()
     places = {
-        finding["code"]: (finding["severity"], finding["place"]["step"]) for finding in found["findings"]
+        finding["code"]: (finding["severity"], finding["place"]["step"]) for finding in check["findings"]
     }
     assert places["takeoff_in_air"] == ("error", "step 3")
     assert places["landing_missing"] == ("warning", "the end")
     assert "endurance_exceeded" not in places
-    assert found["kind"] == "offboard_mission"
-    assert 60 < found["estimates"]["length_m"] < 120
-    assert 0.5 < found["estimates"]["energy_wh"] < 5.0
-    flight = found["flight"]
+    assert check["kind"] == "offboard_mission"
+    assert 60 < check["estimates"]["length_m"] < 120
+    assert 0.5 < check["estimates"]["energy_wh"] < 5.0
+    flight = check["flight"]
     assert [step["place"] for step in flight["steps"]] == ["step 1", "step 2"]
     assert flight["origin"] == {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 488}
     assert flight["legs"][-1]["points"][-1][1:] == [30, 40, -15]
@@ -303,21 +304,21 @@ def test_a_plan_is_converted_to_a_mission_with_notes(client):
 def test_a_stored_mission_is_inserted_into_another_mission(client):
     stored = store(client, "Tower", MISSION)
     body = {"plan": MISSION, "plan_id": stored["id"], "at": ["steps", 2], "in_air": True}
-    found = client.post("plans/insert", json=body).json()
-    assert [step["step"] for step in found["plan"]["steps"]] == ["take_off", "fly", "call", "land"]
-    assert found["plan"]["steps"][2]["mission"] == found["called"] == "Tower"
-    assert [step["step"] for step in found["plan"]["missions"]["Tower"]] == ["fly"]
-    assert "left out" in found["notes"][0]
-    saved = store(client, "Two towers", found["plan"])
+    insertion = client.post("plans/insert", json=body).json()
+    assert [step["step"] for step in insertion["plan"]["steps"]] == ["take_off", "fly", "call", "land"]
+    assert insertion["plan"]["steps"][2]["mission"] == insertion["called"] == "Tower"
+    assert [step["step"] for step in insertion["plan"]["missions"]["Tower"]] == ["fly"]
+    assert "left out" in insertion["notes"][0]
+    saved = store(client, "Two towers", insertion["plan"])
     second_insertion = {**body, "plan": saved["plan"], "plan_id": saved["id"], "version": 1}
     assert client.post("plans/insert", json=second_insertion).json()["called"] == "Two towers"
 
 
 def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
-    mission, plan = store(client, "Tower", MISSION)["id"], store(client)["id"]
+    mission_id, plan_id = store(client, "Tower", MISSION)["id"], store(client)["id"]
     other_home = {**MISSION, "home": {**MISSION["home"], "lat_deg": 47.41}}
     for changes, status, field, text in (
-        ({"plan_id": plan}, 422, "plan_id", "POST /plans/convert"),
+        ({"plan_id": plan_id}, 422, "plan_id", "POST /plans/convert"),
         ({"plan_id": "none"}, 404, None, "GET /plans"),
         ({"plan_id": None}, 422, "body", "exactly one of plan_id and mission"),
         ({"version": 3}, 404, None, "Its newest version is 1"),
@@ -334,7 +335,7 @@ def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
             "no list with this name",
         ),
     ):
-        body = {"plan": MISSION, "plan_id": mission, "at": ["steps", 1], **changes}
+        body = {"plan": MISSION, "plan_id": mission_id, "at": ["steps", 1], **changes}
         fields = {key: value for key, value in body.items() if value is not None}
         response = client.post("plans/insert", json=fields)
         problem = response.json()
@@ -366,9 +367,9 @@ def test_a_trajectory_file_becomes_a_table_of_a_mission(client):
     assert table == {"name": "line.csv", "text": text, "rows": 2, "duration_s": 4.0, "has_yaw": False}
     steps = [MISSION["steps"][0], {"step": "table", "file": table["name"]}, MISSION["steps"][2]]
     mission = {**MISSION, "steps": steps, "tables": {table["name"]: table["text"]}}
-    found = client.post("plans/check", json={"plan": mission}).json()
-    assert "step_invalid" not in [finding["code"] for finding in found["findings"]]
-    assert [8, 0, -10] in [leg["points"][-1][1:] for leg in found["flight"]["legs"]]
+    check = client.post("plans/check", json={"plan": mission}).json()
+    assert "step_invalid" not in [finding["code"] for finding in check["findings"]]
+    assert [8, 0, -10] in [leg["points"][-1][1:] for leg in check["flight"]["legs"]]
     refused = client.post("plans/table", params={"filename": "a.npy"}, content=b"t_s")
     assert (refused.status_code, refused.json()["field"]) == (422, "body")
     assert refused.json()["remedy"] == "Save one array with numpy.save."
@@ -376,10 +377,10 @@ def test_a_trajectory_file_becomes_a_table_of_a_mission(client):
 
 
 def test_a_mission_is_exported_to_yaml_and_imported_again(client):
-    written = client.post("plans/export", params={"format": "yaml"}, json={"plan": MISSION})
-    assert written.text.startswith("format: offboard-gcs-mission")
-    read = client.post("plans/import", params={"filename": "a.yaml"}, content=written.content).json()
-    assert (read["format"], read["kind"], read["plan"]["name"]) == (
+    exported = client.post("plans/export", params={"format": "yaml"}, json={"plan": MISSION})
+    assert exported.text.startswith("format: offboard-gcs-mission")
+    imported = client.post("plans/import", params={"filename": "a.yaml"}, content=exported.content).json()
+    assert (imported["format"], imported["kind"], imported["plan"]["name"]) == (
         "yaml",
         "offboard_mission",
         "Name in the file",

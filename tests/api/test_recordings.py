@@ -42,7 +42,7 @@ def operations(client):
     return client.get(f"{API}/operations").json()["operations"]
 
 
-def listed(client):
+def recordings_by_name(client):
     return {r["name"]: r for r in client.get(f"{API}/recordings").json()["recordings"]}
 
 
@@ -52,7 +52,7 @@ def control_replay(client, name, **change):
     return response.json()
 
 
-def vehicles(client):
+def vehicles_by_id(client):
     return {v["id"]: v for v in client.get(f"{API}/vehicles").json()}
 
 
@@ -69,21 +69,21 @@ def test_recordings_are_listed_newest_first_and_unusable_files_with_the_reason(c
     assert listing.status_code == 200, listing.text
     names = [r["name"] for r in listing.json()["recordings"]]
     assert names.index("mine.tlog.gz") < names.index(NAME) < names.index("empty.tlog")
-    found = listed(client)
-    entry = found[NAME]
+    recordings = recordings_by_name(client)
+    entry = recordings[NAME]
     assert entry["link"] == "udpin-127.0.0.1-14550"
     assert (entry["started_unix_s"], entry["vehicles"], entry["problem"]) == (BEGIN_S, [1, 7], None)
     assert entry["duration_s"] == pytest.approx(29.9, abs=0.1)
     assert entry["bytes"] == (folder / NAME).stat().st_size
     assert not entry["running"]
-    assert found["mine.tlog.gz"]["link"] is None
-    assert found["mine.tlog.gz"]["duration_s"] == pytest.approx(19.9, abs=0.1)
-    problems = {name: r["problem"] for name, r in found.items() if r["problem"]}
+    assert recordings["mine.tlog.gz"]["link"] is None
+    assert recordings["mine.tlog.gz"]["duration_s"] == pytest.approx(19.9, abs=0.1)
+    problems = {name: r["problem"] for name, r in recordings.items() if r["problem"]}
     assert set(problems) == {"empty.tlog", "letter.tlog", "damaged.tlog", "torn.tlog", "unpacked.tlog.gz"}
     assert "empty" in problems["empty.tlog"]
     assert "not a telemetry log" in problems["letter.tlog"]
     assert "Damaged" in problems["damaged.tlog"]
-    assert "notes.txt" not in found
+    assert "notes.txt" not in recordings
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_a_name_longer_than_a_file_name_can_be_is_an_unknown_recording(client):
 def test_a_symbolic_link_to_another_file_is_not_a_recording(client, folder):
     (folder / "link.tlog").symlink_to(folder.parent / "secret.tlog")
     assert client.get(f"{API}/recordings/link.tlog").status_code == 404
-    assert "link.tlog" not in listed(client)
+    assert "link.tlog" not in recordings_by_name(client)
 
 
 def test_a_recording_is_downloaded_unchanged(client, folder):
@@ -160,10 +160,10 @@ def test_indexing_is_one_operation_with_events(client, folder):
                 )
     assert states == ["running", "succeeded"]
     assert client.get(f"{API}/recordings/once.tlog/index").status_code == 200
-    found = [o for o in operations(client) if o["subject"] == "once.tlog"]
-    assert [(o["state"], o["vehicle"]) for o in found] == [("succeeded", None)]
-    assert client.get(f"{API}/operations/{found[0]['id']}").json() == found[0]
-    assert client.delete(f"{API}/operations/{found[0]['id']}").json() == found[0]
+    indexing_operations = [o for o in operations(client) if o["subject"] == "once.tlog"]
+    assert [(o["state"], o["vehicle"]) for o in indexing_operations] == [("succeeded", None)]
+    assert client.get(f"{API}/operations/{indexing_operations[0]['id']}").json() == indexing_operations[0]
+    assert client.delete(f"{API}/operations/{indexing_operations[0]['id']}").json() == indexing_operations[0]
     assert client.get(f"{API}/operations/77").json()["code"] == "unknown_operation"
 
 
@@ -171,9 +171,9 @@ def test_cancelled_indexing_is_reported_and_can_be_repeated(client, folder):
     (folder / "long.tlog").write_bytes(log_bytes(flight(seconds=60)))
     with ThreadPoolExecutor(1) as executor:
         index_request = executor.submit(client.get, f"{API}/recordings/long.tlog/index")
-        while not (running := [o for o in operations(client) if o["subject"] == "long.tlog"]):
+        while not (running_operations := [o for o in operations(client) if o["subject"] == "long.tlog"]):
             assert not index_request.done()
-        assert client.delete(f"{API}/operations/{running[0]['id']}").json()["state"] == "cancelled"
+        assert client.delete(f"{API}/operations/{running_operations[0]['id']}").json()["state"] == "cancelled"
         response = index_request.result()
     assert (response.status_code, response.json()["code"]) == (409, "recording_unusable")
     assert "cancelled" in response.json()["detail"]
@@ -203,7 +203,7 @@ def test_a_replay_is_opened_controlled_and_closed(client):
     replay = control_replay(client, name, position_unix_s=BEGIN_S + 12.05)
     assert replay["position_unix_s"] == pytest.approx(BEGIN_S + 12.05, abs=1e-3)
     assert replay["vehicles"] == ["1", "7"]
-    vehicle = vehicles(client)["1"]
+    vehicle = vehicles_by_id(client)["1"]
     assert vehicle["identity"]["replayed"]
     assert vehicle["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(12.0)
     assert vehicle["topics"]["global_position"]["received_unix_s"] == pytest.approx(
@@ -215,7 +215,9 @@ def test_a_replay_is_opened_controlled_and_closed(client):
     assert all(BEGIN_S <= m["unix_s"] <= BEGIN_S + 12.1 for m in messages if m["kind"] != "link")
 
     control_replay(client, name, position_unix_s=BEGIN_S + 3.05)  # to an earlier time
-    assert vehicles(client)["7"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(3.0)
+    assert vehicles_by_id(client)["7"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(
+        3.0
+    )
     history_samples = client.get(f"{API}/vehicles/1/history").json()["samples"]
     assert all(s["received_unix_s"] <= BEGIN_S + 3.06 for s in history_samples)
     refused = client.post(f"{API}/vehicles/1/hold")
@@ -228,27 +230,27 @@ def test_a_replay_is_opened_controlled_and_closed(client):
     assert client.get(f"{API}/replays/{name}/index").json()["records"] > 500
     assert client.delete(f"{API}/replays/{name}").status_code == 204
     assert client.get(f"{API}/replays").json() == {"replays": []}
-    assert vehicles(client) == {}
+    assert vehicles_by_id(client) == {}
     assert client.get(f"{API}/replays/{name}").status_code == 404
 
 
 def test_a_replay_plays_to_its_end_and_can_be_started_again(client):
     name = client.post(f"{API}/replays", json={"recording": NAME, "speed": 50}).json()["name"]
     deadline = time.monotonic() + 60
-    while (view := client.get(f"{API}/replays/{name}").json())["state"] != "ended":
+    while (replay := client.get(f"{API}/replays/{name}").json())["state"] != "ended":
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    assert not view["playing"]
-    assert view["position_unix_s"] == view["end_unix_s"]
-    played = vehicles(client)
-    assert played["1"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(29.9)
-    assert not played["1"]["status"]["link_lost"]
-    at_end = control_replay(client, name, position_unix_s=BEGIN_S + 30)
-    assert vehicles(client)["1"]["topics"]["attitude"] == played["1"]["topics"]["attitude"]
-    assert at_end["position_unix_s"] == view["end_unix_s"]
-    playing = control_replay(client, name, playing=True, speed=0.25)
-    assert playing["playing"]
-    assert playing["position_unix_s"] < BEGIN_S + 29
+    assert not replay["playing"]
+    assert replay["position_unix_s"] == replay["end_unix_s"]
+    vehicles_at_end = vehicles_by_id(client)
+    assert vehicles_at_end["1"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(29.9)
+    assert not vehicles_at_end["1"]["status"]["link_lost"]
+    replay_at_end = control_replay(client, name, position_unix_s=BEGIN_S + 30)
+    assert vehicles_by_id(client)["1"]["topics"]["attitude"] == vehicles_at_end["1"]["topics"]["attitude"]
+    assert replay_at_end["position_unix_s"] == replay["end_unix_s"]
+    restarted_replay = control_replay(client, name, playing=True, speed=0.25)
+    assert restarted_replay["playing"]
+    assert restarted_replay["position_unix_s"] < BEGIN_S + 29
 
 
 def test_the_telemetry_socket_reports_position_and_end_of_a_replay(client):
@@ -281,7 +283,7 @@ def test_the_telemetry_socket_reports_position_and_end_of_a_replay(client):
         ({"pace": 1}, "pace"),
     ],
 )
-def test_invalid_replay_requests_name_the_field(client, body, field):
+def test_an_error_about_an_invalid_replay_request_names_the_field(client, body, field):
     name = client.post(f"{API}/replays", json={"recording": NAME, "playing": False}).json()["name"]
     response = client.post(f"{API}/replays/{name}", json=body)
     assert (response.status_code, response.json()["field"]) == (422, field)

@@ -19,8 +19,8 @@ from tests.simulated_time import run_in_simulated_time
 from tests.support.api_client import settings_for
 from tests.unit.gcs_server.replay.generated_logs import flight, record
 
-COUNT = int(os.environ.get("GENERATED_REQUESTS", "2"))
-"""Requests for each operation; more in `make test-clients`."""
+REQUESTS_PER_OPERATION = int(os.environ.get("GENERATED_REQUESTS", "2"))
+"""`make test-clients` sends more."""
 SEED = 14
 VEHICLE_STATUSES = {"503", "504"}
 """Statuses that the vehicle or its link can cause; no other 5xx is allowed."""
@@ -49,7 +49,7 @@ def described_response(operation, status):
     return response
 
 
-def undescribed(operation, received):
+def missing_description(operation, received):
     """What the description of the operation lacks for a received response; None: nothing."""
     described = described_response(operation, str(received.status_code))
     if described is None:
@@ -69,14 +69,14 @@ async def run_with_vehicle(data, scenario):
     write_pmtiles(data / "maps" / "world.pmtiles", png((1, 2, 3)))
     write_mbtiles(data / "maps" / "world.mbtiles", png((1, 2, 3)))
     (data / "recordings").mkdir()
-    (data / "recordings" / "flight.tlog").write_bytes(b"".join(record(*each) for each in flight()))
+    (data / "recordings" / "flight.tlog").write_bytes(b"".join(record(*message) for message in flight()))
     clock = LoopClock(asyncio.get_running_loop())
     app = create_app(settings_for(data), clock, static=data / "none")
     server = app.state.server
     server.station.plan_work = WorkInThread(data / "elevation")
     server.router.start()
     server.fleet.start()
-    link = MemoryLink("memory", outgoing=lambda data, _: autopilot.receive(data))
+    link = MemoryLink("memory", outgoing=lambda datagram, _: autopilot.receive(datagram))
     server.router.add(link)
     autopilot = FakeAutopilot(link)
     transport = httpx.ASGITransport(app, raise_app_exceptions=False)
@@ -100,20 +100,20 @@ def test_each_response_to_a_generated_request_is_described_and_none_is_5xx(part,
 
     async def scenario(client):
         for method, path, operation in operations()[part::4]:
-            for request in generator.requests(method, path, operation, COUNT):
+            for request in generator.requests(method, path, operation, REQUESTS_PER_OPERATION):
                 headers = {name: value.encode() for name, value in request.headers.items()}
                 headers["X-Client-Id"] = b"generated"
                 response = await client.request(
                     request.method, request.path, params=request.query, content=request.body, headers=headers
                 )
                 statuses.add(response.status_code)
-                omission = undescribed(operation, response)
+                omission = missing_description(operation, response)
                 if omission is not None:
                     undescribed_responses[f"{request.method} {path}: {omission}"] = request
 
     run_in_simulated_time(lambda: run_with_vehicle(tmp_path, scenario))
     assert undescribed_responses == {}
-    assert {200, 422} <= statuses, "the requests were not both accepted and refused"
+    assert {200, 422} <= statuses, "no request was accepted, or none was refused"
 
 
 def test_responses_of_access_control_and_limits_are_described_at_every_operation():

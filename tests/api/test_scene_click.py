@@ -21,8 +21,8 @@ def test_a_click_in_3d_is_sent_with_the_id_of_its_view_and_is_not_stored(tmp_pat
         client.portal.call(app.state.server._scene_clicked, click)
         event = socket.receive_json()["event"]
         assert app.state.server.fleet.events.since() == []
-    click = {key: event[key] for key in ("kind", "view", "vehicle", "lat_deg", "lon_deg", "alt_amsl_m")}
-    assert click == {
+    sent_click = {key: event[key] for key in ("kind", "view", "vehicle", "lat_deg", "lon_deg", "alt_amsl_m")}
+    assert sent_click == {
         "kind": "scene_click",
         "view": "page-1",
         "vehicle": "1",

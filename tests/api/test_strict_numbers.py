@@ -35,7 +35,7 @@ ROUTERS = [
 """Routers of the API: `schema.py` imports all of them."""
 
 
-def bodies():
+def body_adapters():
     routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
     return [
         (route.path, TypeAdapter(route.body_field.field_info.annotation))
@@ -44,18 +44,18 @@ def bodies():
     ]
 
 
-def models_of(schema, seen):
+def models_of(schema, found_models):
     """Every model class below a core schema."""
     if isinstance(schema, dict):
         model = schema.get("cls")
         if schema.get("type") == "model" and isinstance(model, type) and issubclass(model, BaseModel):
-            seen.add(model)
+            found_models.add(model)
         for part in schema.values():
-            models_of(part, seen)
+            models_of(part, found_models)
     elif isinstance(schema, list | tuple):
         for part in schema:
-            models_of(part, seen)
-    return seen
+            models_of(part, found_models)
+    return found_models
 
 
 def number_nodes(schema, strict=False):
@@ -72,23 +72,23 @@ def number_nodes(schema, strict=False):
             yield from number_nodes(part, strict)
 
 
-ADAPTERS = [*bodies(), ("WS …/offboard/stream", TypeAdapter(SetpointRequest))]
+ADAPTERS = [*body_adapters(), ("WS …/offboard/stream", TypeAdapter(SetpointRequest))]
 
 
 def all_models():
-    found = set()
+    models = set()
     for _, adapter in ADAPTERS:
-        models_of(adapter.core_schema, found)
-    return sorted(found, key=lambda model: model.__name__)
+        models_of(adapter.core_schema, models)
+    return sorted(models, key=lambda model: model.__name__)
 
 
 def test_each_number_of_each_body_is_strict():
     assert len(ADAPTERS) > 20
     models = all_models()
     assert len(models) > 40
-    documents = [m for m in models if issubclass(m, Model)]
-    assert [m.__name__ for m in models if not issubclass(m, StrictBody) and m not in documents] == []
-    assert [m.__name__ for m in documents if not m.model_config["strict"]] == []
+    document_models = [m for m in models if issubclass(m, Model)]
+    assert [m.__name__ for m in models if not issubclass(m, StrictBody) and m not in document_models] == []
+    assert [m.__name__ for m in document_models if not m.model_config["strict"]] == []
     numbers = [node for _, adapter in ADAPTERS for node in number_nodes(adapter.core_schema)]
     assert len(numbers) > 100
     floats = [node for node in numbers if node["type"] == "float"]
@@ -118,12 +118,12 @@ def examples():
 
 
 def with_value(example, path, value):
-    changed = copy.deepcopy(example)
-    parent = changed
+    copy_of_example = copy.deepcopy(example)
+    parent = copy_of_example
     for key in path[:-1]:
         parent = parent[key]
     parent[path[-1]] = value
-    return changed
+    return copy_of_example
 
 
 @pytest.mark.parametrize("name", list(NOT_NUMBERS))
@@ -170,11 +170,11 @@ def client(tmp_path_factory):
         ),
     ],
 )
-def test_over_http_the_error_names_the_invalid_field(client, path, body, field, text):
+def test_an_invalid_number_in_a_request_gets_an_error_that_names_the_field(client, path, body, field, text):
     response = client.post(
         f"/api/v1/vehicles/1/{path}", content=body % text, headers={"Content-Type": "application/json"}
     )
     assert response.status_code in (400, 422)
-    if text[:2] not in ("99", "[["):  # these two are not valid JSON
+    if text[:2] not in ("99", "[["):  # the JSON parser may refuse these bodies
         assert response.status_code == 422
         assert response.json()["field"] == field
