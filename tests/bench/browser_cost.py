@@ -32,33 +32,36 @@ WARM_UP_S = 3.0
 WINDOW_S = 6.0
 ROUNDS = 5
 FEED_S = 3600.0
+"""Longer than any measurement, which ends the feed."""
 
 CONNECTIONS: dict[str, tuple[Callable[[str], ClientConnection], ...]] = {
     "nothing": (),
     "telemetry of all at 20 Hz": (open_telemetry,),
     "the 3D view": (open_scene,),
-    "both": (open_telemetry, open_scene),
+    "telemetry and the 3D view": (open_telemetry, open_scene),
 }
 """Open connections of the browser, by case; each case is measured once per round."""
 
 
 @dataclass(frozen=True, slots=True)
-class Version:
-    """A running server of one version."""
+class RunningServer:
+    """A server of one version of the project."""
 
     name: str
     url: str
     pid: int
 
 
-def _start(stack: contextlib.ExitStack, name: str, python: str, tree: Path | None, port: int) -> Version:
+def _start_server(
+    stack: contextlib.ExitStack, name: str, python: str, tree: Path | None, port: int
+) -> RunningServer:
     data = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
     http_port = free_port(socket.SOCK_STREAM)
     _, *arguments = server_command(http_port, [f"udpin://127.0.0.1:{port}"], data)
     process = stack.enter_context(running([python, *arguments], cwd=tree))
     url = f"http://127.0.0.1:{http_port}"
     wait_until(lambda: is_up(url), f"the start of the server {name}", 60)
-    return Version(name, url, process.pid)
+    return RunningServer(name, url, process.pid)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,72 +74,74 @@ class Usage:
     """Messages of the 3D view per second: a server with too little CPU time sends fewer."""
 
 
-def _read(connection: ClientConnection, received: Counter[str], name: str) -> None:
+def _count_messages(connection: ClientConnection, received: Counter[str], name: str) -> None:
     with contextlib.suppress(ConnectionClosed):
         for _ in connection:
             received[name] += 1
 
 
-def _usage(versions: Sequence[Version], case: str) -> dict[str, Usage]:
-    """Usage of each version by its name, over one window."""
+def _measure_usage(servers: Sequence[RunningServer], case: str) -> dict[str, Usage]:
+    """Usage over one window, by the name of the version."""
     received: Counter[str] = Counter()
     with contextlib.ExitStack() as stack:
-        for version in versions:
+        for server in servers:
             for connect in CONNECTIONS[case]:
-                connection = connect(version.url)
+                connection = connect(server.url)
                 stack.callback(connection.socket.close)
-                name = version.name if connect is open_scene else "telemetry"
-                threading.Thread(target=_read, args=(connection, received, name), daemon=True).start()
+                name = server.name if connect is open_scene else "telemetry"
+                threading.Thread(
+                    target=_count_messages, args=(connection, received, name), daemon=True
+                ).start()
         time.sleep(WARM_UP_S)
         received.clear()
-        before = [tree_cpu_s(version.pid) for version in versions]
+        cpu_before_s = [tree_cpu_s(server.pid) for server in servers]
         began_s = time.monotonic()
         time.sleep(WINDOW_S)
-        after = [tree_cpu_s(version.pid) for version in versions]
-        took_s = time.monotonic() - began_s
+        cpu_after_s = [tree_cpu_s(server.pid) for server in servers]
+        elapsed_s = time.monotonic() - began_s
         scene_messages = Counter(received)
     return {
-        v.name: Usage((b - a) / took_s, scene_messages[v.name] / took_s)
-        for v, a, b in zip(versions, before, after, strict=True)
+        server.name: Usage((after_s - before_s) / elapsed_s, scene_messages[server.name] / elapsed_s)
+        for server, before_s, after_s in zip(servers, cpu_before_s, cpu_after_s, strict=True)
     }
 
 
-def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, Usage]]]:
+def measure(rounds: int, other_tree: Path | None) -> Iterator[dict[str, dict[str, Usage]]]:
     """Yields for each round the usage of each version, by case and version."""
     trees = {"now": (sys.executable, None)}
-    if other is not None:
-        trees = {"before": (str(other / ".venv/bin/python"), other), **trees}
+    if other_tree is not None:
+        trees = {"before": (str(other_tree / ".venv/bin/python"), other_tree), **trees}
     ports = [free_port() for _ in trees]
     feed = ["-m", "tests.bench.feed", ",".join(map(str, ports)), str(VEHICLES), str(FEED_S), "moving"]
     with contextlib.ExitStack() as stack:
-        versions = [
-            _start(stack, name, python, tree, port)
+        servers = [
+            _start_server(stack, name, python, tree, port)
             for (name, (python, tree)), port in zip(trees.items(), ports, strict=True)
         ]
         feed_process = stack.enter_context(running([sys.executable, *feed], stdout=subprocess.PIPE))
         assert feed_process.stdout is not None
         feed_process.stdout.readline()  # the feed is encoded and starts
         for _ in range(rounds):
-            yield {case: _usage(versions, case) for case in CONNECTIONS}
+            yield {case: _measure_usage(servers, case) for case in CONNECTIONS}
 
 
-def table(rounds: int = ROUNDS, other: Path | None = None) -> Iterator[str]:
+def table(rounds: int = ROUNDS, other_tree: Path | None = None) -> Iterator[str]:
     """Rows of Markdown: medians over the rounds of the CPU share that the browser adds, in percent of one
     core."""
     added: dict[str, dict[str, list[float]]] = {}
     scene_messages: dict[str, dict[str, list[float]]] = {}
-    for usages in measure(rounds, other):
-        for case, used in usages.items():
-            for name, each in used.items():
-                added_share = each.share - (usages["nothing"][name].share if case != "nothing" else 0.0)
+    for usages in measure(rounds, other_tree):
+        for case, usage_by_version in usages.items():
+            for name, usage in usage_by_version.items():
+                added_share = usage.share - (usages["nothing"][name].share if case != "nothing" else 0.0)
                 added.setdefault(case, {}).setdefault(name, []).append(added_share * 100)
-                scene_messages.setdefault(case, {}).setdefault(name, []).append(each.scene_messages_per_s)
+                scene_messages.setdefault(case, {}).setdefault(name, []).append(usage.scene_messages_per_s)
     yield f"{VEHICLES} × 100 msg/s, moving; {rounds} rounds of {WINDOW_S:.0f} s, load {load_average()}.\n"
     yield "| open connections | before | now | ratio: median (range) | 3D view, messages/s: before, now |"
     yield "|---|---|---|---|---|"
-    for case, by_name in added.items():
-        now, before = by_name["now"], by_name.get("before")
-        message_rates = [f"{statistics.median(each):.0f}" for each in scene_messages[case].values()]
+    for case, added_by_version in added.items():
+        now, before = added_by_version["now"], added_by_version.get("before")
+        message_rates = [f"{statistics.median(rates):.0f}" for rates in scene_messages[case].values()]
         cells = ["–", f"{statistics.median(now):.1f}", "–", ", ".join(message_rates)]
         if before is not None:
             ratios = [n / b for n, b in zip(now, before, strict=True)]

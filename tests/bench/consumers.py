@@ -21,7 +21,7 @@ from .process import cpu_share, udp_drops
 WARM_UP_S = 2.0
 WINDOW_S = 8.0
 
-_MAVUTIL_LOOP = """
+_MAVUTIL_PROGRAM = """
 import sys
 from pymavlink import mavutil
 link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{sys.argv[1]}", dialect="common")
@@ -40,7 +40,7 @@ class RunningConsumer:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class Measurement:
     """One cell of the table."""
 
     share: float
@@ -67,8 +67,8 @@ def gcs(udp_port: int) -> Generator[RunningConsumer]:
 @contextmanager
 def mavutil(udp_port: int) -> Generator[RunningConsumer]:
     """The loop of most scripts: each message becomes an object."""
-    with running([sys.executable, "-c", _MAVUTIL_LOOP, str(udp_port)]) as process:
-        time.sleep(1.5)
+    with running([sys.executable, "-c", _MAVUTIL_PROGRAM, str(udp_port)]) as process:
+        time.sleep(1.5)  # until it has opened its port
         yield RunningConsumer(process.pid)
 
 
@@ -80,14 +80,14 @@ def mavproxy(udp_port: int) -> Generator[RunningConsumer]:
         command = [sys.executable, str(program), f"--master=udpin:127.0.0.1:{udp_port}", "--daemon"]
         command += ["--non-interactive", f"--state-basedir={state}", "--default-modules="]
         with running(command, cwd=state, stdin=subprocess.DEVNULL) as process:
-            time.sleep(3)
+            time.sleep(3)  # until it has opened its port
             yield RunningConsumer(process.pid)
 
 
 CONSUMERS = {"this server": gcs, "pymavlink.mavutil loop": mavutil, "MAVProxy": mavproxy}
 
 
-def measure(name: str, vehicles: int) -> Measured:
+def measure(name: str, vehicles: int) -> Measurement:
     """Runs one consumer on one feed."""
     port = free_port()
     with CONSUMERS[name](port) as consumer:
@@ -101,7 +101,7 @@ def measure(name: str, vehicles: int) -> Measured:
             sent = int(feed.stdout.readline())  # the feed has ended
             time.sleep(0.2)
             received = consumer.received() if consumer.received is not None else None
-            return Measured(share, udp_drops(port), received, sent)
+            return Measurement(share, udp_drops(port), received, sent)
 
 
 def table() -> Iterator[str]:
@@ -110,12 +110,12 @@ def table() -> Iterator[str]:
     yield "|---|---|---|---|---|---|"
     share_at_50: dict[str, float] = {}
     for name in CONSUMERS:
-        measured = [measure(name, vehicles) for vehicles in (1, 10, 50)]
-        last = measured[-1]
-        share_at_50[name] = last.share
-        shares = " | ".join(f"{each.share:.1%}" for each in measured)
-        counted = "not reported" if last.received is None else f"{last.received} of {last.sent}"
-        yield f"| {name} | {shares} | {last.dropped} | {counted} |"
-    ours, *peers = share_at_50.items()
-    ratios = ", ".join(f"{ours[1] / share:.2f} of {name}'s" for name, share in peers if share)
-    yield f"\n{ours[0].capitalize()} at 50 ×: {ratios}."
+        measurements = [measure(name, vehicles) for vehicles in (1, 10, 50)]
+        at_50 = measurements[-1]
+        share_at_50[name] = at_50.share
+        shares = " | ".join(f"{measurement.share:.1%}" for measurement in measurements)
+        received = "not reported" if at_50.received is None else f"{at_50.received} of {at_50.sent}"
+        yield f"| {name} | {shares} | {at_50.dropped} | {received} |"
+    (own_name, own_share), *peers = share_at_50.items()
+    ratios = ", ".join(f"{own_share / share:.2f} of {name}'s" for name, share in peers if share)
+    yield f"\n{own_name.capitalize()} at 50 ×: {ratios}."

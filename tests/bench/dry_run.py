@@ -27,12 +27,12 @@ from .simulator import flying_share
 
 HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 WIND_NED_M_S, GUSTS_M_S = (0.0, 4.0, 0.0), 0.5
-FLOWN_COUNT = 5
+VEHICLE_COUNT = 5
 """Number of vehicles that fly the plan after its dry run, each with different noise."""
-VEHICLES = tuple(str(FIRST_TEST_INSTANCE + 1 + k) for k in range(FLOWN_COUNT))
+VEHICLE_IDS = tuple(str(FIRST_TEST_INSTANCE + 1 + number) for number in range(VEHICLE_COUNT))
 CORNERS_NE_M = ((100.0, 0.0), (100.0, 100.0), (0.0, 100.0), (0.0, 20.0))
 HEIGHT_M = 15.0
-FLIGHTS = 100
+TIMED_FLIGHTS = 100
 PREDICTED_FLIGHTS = 10
 ACCEPTED_ERRORS = ("separation",)
 """Errors of the plan check that the start accepts: all vehicles fly the same path; they cannot collide."""
@@ -51,14 +51,14 @@ plan, home = documents.read(sys.argv[1]), HomePosition(**json.loads(sys.argv[2])
 flights = int(sys.argv[3])
 aircraft = Aircraft(home, endurance_s=900.0)
 flyable = (FlyablePlan if isinstance(plan, Plan) else FlyableMission).of(plan, aircraft)
-began, began_wall = time.process_time(), time.perf_counter()
+began_cpu_s, began_s = time.process_time(), time.perf_counter()
 if flights:
     run = monte_carlo(flyable, aircraft, Conditions((0.0, 4.0, 0.0), 0.5), flights=flights).nominal
 else:
     run = dry_run(flyable, aircraft, Conditions((0.0, 4.0, 0.0), 0.5))
-spent, wall = time.process_time() - began, time.perf_counter() - began_wall
+cpu_s, elapsed_s = time.process_time() - began_cpu_s, time.perf_counter() - began_s
 assert run.finished, run.findings
-print(json.dumps([run.duration_s, spent, wall]))
+print(json.dumps([run.duration_s, cpu_s, elapsed_s]))
 """
 
 
@@ -72,8 +72,8 @@ class Comparison:
     greatest_s: float
     flown_s: tuple[float, ...]
     """Duration of each vehicle's flight."""
-    predicted_m: float
-    flown_m: tuple[float, ...]
+    predicted_length_m: float
+    flown_lengths_m: tuple[float, ...]
     path_error_mean_m: float
     """Mean of all vehicles."""
     path_error_max_m: float
@@ -97,17 +97,17 @@ def plan_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M) ->
 def mission_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M) -> dict[str, Any]:
     """An offboard mission through the same corners: take-off, a smooth trajectory, landing."""
     points = [{"offset_ned_m": [north_m, east_m, -HEIGHT_M]} for north_m, east_m in corners_ne_m]
-    back = {"offset_ned_m": [0.0, 0.0, -HEIGHT_M]}
+    start_point = {"offset_ned_m": [0.0, 0.0, -HEIGHT_M]}
     steps = [
         {"step": "take_off", "height_m": HEIGHT_M},
-        {"step": "fly", "points": [*points, back], "curve": "smooth", "heading": "along_path"},
+        {"step": "fly", "points": [*points, start_point], "curve": "smooth", "heading": "along_path"},
         {"step": "land"},
     ]
     return {"format": "offboard-gcs-mission", "name": "Round", "home": HOME, "steps": steps}
 
 
 def run_times_s(flights: int, plan: dict[str, Any]) -> tuple[float, float, float]:
-    """Duration of the flight, and CPU time and elapsed time of its dry run [s].
+    """Predicted duration of the flight, and CPU time and elapsed time of its dry run [s].
 
     Args:
         flights: number of flights of a Monte Carlo run; 0: a single dry run.
@@ -115,10 +115,10 @@ def run_times_s(flights: int, plan: dict[str, Any]) -> tuple[float, float, float
     """
     arguments = [json.dumps(plan), json.dumps(HOME), str(flights)]
     command = [sys.executable, "-c", _DRY_RUN, *arguments]
-    flown_s, spent_s, wall_s = json.loads(
+    flight_s, cpu_s, elapsed_s = json.loads(
         subprocess.run(command, capture_output=True, text=True, check=True).stdout
     )
-    return flown_s, spent_s, wall_s
+    return flight_s, cpu_s, elapsed_s
 
 
 def compare(plan: dict[str, Any]) -> Comparison:
@@ -127,28 +127,28 @@ def compare(plan: dict[str, Any]) -> Comparison:
     Args:
         plan: a waypoint plan or an offboard mission.
     """
-    udp = free_port()
-    weather = f"{WIND_NED_M_S[0]},{WIND_NED_M_S[1]},{GUSTS_M_S}"
-    options = ["--wind", weather, "--home", ",".join(str(value) for value in HOME.values()), "--no-log"]
+    udp_port = free_port()
+    wind_option = f"{WIND_NED_M_S[0]},{WIND_NED_M_S[1]},{GUSTS_M_S}"
+    options = ["--wind", wind_option, "--home", ",".join(str(value) for value in HOME.values()), "--no-log"]
     with contextlib.ExitStack() as stack:
-        url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{udp}"]))
-        for k in range(FLOWN_COUNT):
-            instance = ["--first-instance", str(FIRST_TEST_INSTANCE + k)]
-            stack.enter_context(vehicle(udp, arguments=[*options, *instance]))
-        return asyncio.run(_compare(url, plan))
+        url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{udp_port}"]))
+        for number in range(VEHICLE_COUNT):
+            instance = ["--first-instance", str(FIRST_TEST_INSTANCE + number)]
+            stack.enter_context(vehicle(udp_port, arguments=[*options, *instance]))
+        return asyncio.run(_predict_and_fly(url, plan))
 
 
-async def _compare(url: str, plan: dict[str, Any]) -> Comparison:
+async def _predict_and_fly(url: str, plan: dict[str, Any]) -> Comparison:
     async with Gcs(url, client="bench") as gcs:
-        first = await gcs.wait_for_vehicle(VEHICLES[0], ready=True)
-        await first.request("POST", "/params/refresh", {"wait": True})
+        first_vehicle = await gcs.wait_for_vehicle(VEHICLE_IDS[0], ready=True)
+        await first_vehicle.request("POST", "/params/refresh", {"wait": True})
         conditions = {"wind_ned_m_s": list(WIND_NED_M_S), "gusts_m_s": GUSTS_M_S}
         run = await gcs.dry_runs().run(
-            plan, vehicle_id=VEHICLES[0], flights=PREDICTED_FLIGHTS, settings={"conditions": conditions}
+            plan, vehicle_id=VEHICLE_IDS[0], flights=PREDICTED_FLIGHTS, settings={"conditions": conditions}
         )
         async with asyncio.TaskGroup() as group:
-            flights = [group.create_task(_fly(gcs, each, plan)) for each in VEHICLES]
-    return _compared(run, [flight.result() for flight in flights])
+            flights = [group.create_task(_fly(gcs, vehicle_id, plan)) for vehicle_id in VEHICLE_IDS]
+    return _comparison_of(run, [flight.result() for flight in flights])
 
 
 async def _fly(gcs: Gcs, vehicle_id: str, plan: dict[str, Any]) -> RecordedFlight:
@@ -156,13 +156,13 @@ async def _fly(gcs: Gcs, vehicle_id: str, plan: dict[str, Any]) -> RecordedFligh
     is_mission = "steps" in plan
     if not is_mission:
         await drone.mission.upload(plan)
-    flown = RecordedFlight([], [])
+    flight = RecordedFlight([], [])
     async with asyncio.timeout(600.0), asyncio.TaskGroup() as group:
-        group.create_task(_watch(gcs, vehicle_id, flown))
-        await flown.receiving.wait()
+        group.create_task(_record(gcs, vehicle_id, flight))
+        await flight.receiving.wait()
         start = partial(drone.offboard_mission.start, plan) if is_mission else drone.mission.start
         await start(despite=ACCEPTED_ERRORS)
-    return flown
+    return flight
 
 
 @dataclass(slots=True)
@@ -178,32 +178,31 @@ class RecordedFlight:
     disarmed_at_s: float = math.nan
 
 
-async def _watch(gcs: Gcs, vehicle_id: str, flown: RecordedFlight) -> None:
+async def _record(gcs: Gcs, vehicle_id: str, flight: RecordedFlight) -> None:
     """Records the next flight until the vehicle reports that it is disarmed."""
     async for sample in gcs.telemetry(vehicles=[vehicle_id], topics=["local_position"], rate_hz=10.0):
         if sample["type"] == "sample":
-            flown.receiving.set()
-            flown.t_s.append(sample["vehicle_time_boot_s"])
-            flown.positions_ned_m.append(sample["value"]["position_ned_m"])
+            flight.receiving.set()
+            flight.t_s.append(sample["vehicle_time_boot_s"])
+            flight.positions_ned_m.append(sample["value"]["position_ned_m"])
         elif sample["vehicle"] != vehicle_id:
             continue  # events of all vehicles arrive
         elif sample["text"].startswith("Armed by"):
-            flown.armed_at_s = flown.t_s[-1]
+            flight.armed_at_s = flight.t_s[-1]
         elif sample["text"].startswith("Disarmed by"):
-            flown.disarmed_at_s = flown.t_s[-1]
+            flight.disarmed_at_s = flight.t_s[-1]
             return
 
 
-def _compared(run: dict[str, Any], flights: Sequence[RecordedFlight]) -> Comparison:
-    """Times by the vehicle's own clock; the paths are compared where they are more than 0.5 m above
-    ground."""
+def _comparison_of(run: dict[str, Any], flights: Sequence[RecordedFlight]) -> Comparison:
+    """Times are those of the vehicle's own clock; only the parts of the paths in the air are compared."""
     path, duration_s = run["nominal"]["path"], run["monte_carlo"]["duration_s"]
-    planned = _in_air(np.array(path["t_s"]), np.array(path["position_ned_m"]))
+    planned = _track_in_air(np.array(path["t_s"]), np.array(path["position_ned_m"]))
     distances_m: list[np.ndarray] = []
     lengths_m: list[float] = []
-    for flown in flights:
-        positions_ned_m = np.array(flown.positions_ned_m)
-        track = _in_air(np.array(flown.t_s), positions_ned_m - positions_ned_m[0])
+    for flight in flights:
+        positions_ned_m = np.array(flight.positions_ned_m)
+        track = _track_in_air(np.array(flight.t_s), positions_ned_m - positions_ned_m[0])
         distances_m.append(_distance_m(track.position_ned_m, planned.position_ned_m))
         lengths_m.append(track.length_m)
     all_distances_m = np.concatenate(distances_m)
@@ -220,7 +219,8 @@ def _distance_m(flown_ned_m: np.ndarray, planned_ned_m: np.ndarray) -> np.ndarra
     return np.linalg.norm(flown_ned_m[:, None] - planned_ned_m[None], axis=2).min(axis=1)
 
 
-def _in_air(t_s: np.ndarray, positions_ned_m: np.ndarray) -> Track:
+def _track_in_air(t_s: np.ndarray, positions_ned_m: np.ndarray) -> Track:
+    """The part of a flight more than 0.5 m above the ground."""
     in_air = np.flatnonzero(positions_ned_m[:, 2] < -0.5)
     part = slice(int(in_air[0]), int(in_air[-1]) + 1)
     count = part.stop - part.start
@@ -234,39 +234,48 @@ def table() -> Iterator[str]:
     yield "|---|---|---|"
     factor = 1.0 / flying_share(1, "", 20.0)
     yield f"| the simulator alone, one vehicle in flight without links | {factor:.1f} x real time | 20 |"
-    for what, flights, plan, goal in SPEED_CASES:
-        flown_s, spent_s, wall_s = run_times_s(flights, plan)
-        rates = f"{flown_s / spent_s:.1f} x real time by CPU time, {flown_s / wall_s:.1f} by the clock"
-        yield f"| {what} of {flown_s:.0f} s, on one core | {rates} | {goal} |"
+    for title, flights, plan, goal in SPEED_CASES:
+        flight_s, cpu_s, elapsed_s = run_times_s(flights, plan)
+        rates = f"{flight_s / cpu_s:.1f} x real time by CPU time, {flight_s / elapsed_s:.1f} by the clock"
+        yield f"| {title} of {flight_s:.0f} s, on one core | {rates} | {goal} |"
     for name, plan in (("waypoint plan", plan_document()), ("offboard mission", mission_document())):
-        yield from _comparison(name, compare(plan))
+        yield from _comparison_rows(name, compare(plan))
 
 
-def _comparison(name: str, found: Comparison) -> Iterator[str]:
-    time_error = median(found.flown_s) / found.predicted_s - 1.0
-    length_error = median(found.flown_m) / found.predicted_m - 1.0
-    spread = f"{found.least_s:.1f} to {found.greatest_s:.1f} s, median {found.predicted_s:.1f} s"
-    times = f"predicted {spread}, flown {_spread(found.flown_s)} s"
+def _comparison_rows(name: str, comparison: Comparison) -> Iterator[str]:
+    time_error = median(comparison.flown_s) / comparison.predicted_s - 1.0
+    length_error = median(comparison.flown_lengths_m) / comparison.predicted_length_m - 1.0
+    predicted = (
+        f"{comparison.least_s:.1f} to {comparison.greatest_s:.1f} s, median {comparison.predicted_s:.1f} s"
+    )
+    times = f"predicted {predicted}, flown {_sorted_text(comparison.flown_s)} s"
     yield f"| {name}: time from arming to disarming, {times} | {time_error:+.1%} | 3 % |"
-    lengths = f"predicted {found.predicted_m:.0f} m, flown {_spread(found.flown_m)} m"
+    lengths = (
+        f"predicted {comparison.predicted_length_m:.0f} m, flown {_sorted_text(comparison.flown_lengths_m)} m"
+    )
     yield f"| {name}: length, {lengths} | {length_error:+.1%} | 3 % |"
-    share = found.path_error_max_m / found.predicted_m
-    distance = f"mean {found.path_error_mean_m:.2f} m, greatest {found.path_error_max_m:.2f} m"
+    share = comparison.path_error_max_m / comparison.predicted_length_m
+    distance = f"mean {comparison.path_error_mean_m:.2f} m, greatest {comparison.path_error_max_m:.2f} m"
     title = f"{name}: distance of flown paths from the prediction"
     yield f"| {title} | {distance} ({share:.1%} of the length) | 3 % |"
 
 
-def _spread(values: Sequence[float]) -> str:
+def _sorted_text(values: Sequence[float]) -> str:
     return ", ".join(f"{value:.1f}" for value in sorted(values))
 
 
 SPEED_CASES = (
     ("dry run of a waypoint plan", 0, plan_document(), 20),
     ("dry run of an offboard mission", 0, mission_document(), 20),
-    (f"Monte Carlo of {FLIGHTS} flights of a waypoint plan", FLIGHTS, plan_document(((30.0, 0.0),)), 5),
     (
-        f"Monte Carlo of {FLIGHTS} flights of an offboard mission",
-        FLIGHTS,
+        f"Monte Carlo of {TIMED_FLIGHTS} flights of a waypoint plan",
+        TIMED_FLIGHTS,
+        plan_document(((30.0, 0.0),)),
+        5,
+    ),
+    (
+        f"Monte Carlo of {TIMED_FLIGHTS} flights of an offboard mission",
+        TIMED_FLIGHTS,
         mission_document(((30.0, 0.0),)),
         5,
     ),

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 FAULTS = Path(__file__).resolve().parents[3] / "shared" / "px4" / "faults"
-REDUCED = Path(__file__).resolve().parents[1] / "data" / "faults.json"
+REDUCED_FILE = Path(__file__).resolve().parents[1] / "data" / "faults.json"
 """Some recordings, reduced to the values that `load` returns."""
 
 TIMES_S = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
@@ -65,7 +65,7 @@ class Scenario:
     stimulus: list[dict[str, Any]]
     flies: bool
     after_boot_s: float
-    """Time of the fault; the mean of the runs."""
+    """Time from boot to the fault; the mean of the runs."""
     ends_s: float
     """Last compared time after the fault."""
     runs: tuple[FaultFlight, ...]
@@ -89,7 +89,7 @@ def load(name: str, folder: Path = FAULTS) -> Scenario:
 
 def load_reduced(name: str) -> Scenario:
     """Reads a fault from the reduced recordings in `tests/data`."""
-    reduced = json.loads(REDUCED.read_text(encoding="utf-8"))[name]
+    reduced = json.loads(REDUCED_FILE.read_text(encoding="utf-8"))[name]
     runs = [
         FaultFlight(run["moments_s"], {float(at): values for at, values in run["at"].items()})
         for run in reduced.pop("runs")
@@ -102,18 +102,18 @@ def names(folder: Path = FAULTS) -> list[str]:
     return sorted({path.name.split(".")[0] for path in (folder / "data").glob("*.json.gz")})
 
 
-def record_change(moments: dict[str, float], what: str, t_s: float) -> None:
-    """Adds a change of a flag, numbered if it occurred before."""
+def record_change(moments: dict[str, float], change: str, t_s: float) -> None:
+    """Adds the time of a change of a flag; the key of a repeated change has a number."""
     for count in range(1, MAX_REPEATS + 1):
-        key = what if count == 1 else f"{what} ({count})"
+        key = change if count == 1 else f"{change} ({count})"
         if key not in moments:
             moments[key] = t_s
             return
 
 
 def is_compared(text: str) -> bool:
-    """Whether a text is compared. Texts about the ground station are not: in the recordings the ground
-    station's messages had gaps."""
+    """Whether a text is compared. Texts about the ground station are not compared, because its messages had
+    gaps in the recordings."""
     return not any(word in text.lower() for word in ("ground", "gcs"))
 
 

@@ -40,12 +40,13 @@ HEIGHT_M = 10.0
 RETURN_TO_LAUNCH, TAKEOFF, DO_SET_MODE, DO_REPOSITION, ARM_DISARM = 20, 22, 176, 192, 400
 """Numbers of MAVLink commands."""
 OUTBOUND_AT_S, OUTBOUND_M = 18.0, 60.0
+"""Time and length of the flight to the north before a return to launch."""
 RECORD_EVERY_STEPS = 5
 OFFBOARD, POSITION = 6, 3
 """PX4's main modes."""
 MODE_AFTER_S = 1.0
 """Time from the start of a stream of setpoints or sticks to the switch to the mode that uses it."""
-MODE_OF = {"SET_POSITION_TARGET_LOCAL_NED": OFFBOARD, "MANUAL_CONTROL": POSITION}
+MODE_FOR_MESSAGE = {"SET_POSITION_TARGET_LOCAL_NED": OFFBOARD, "MANUAL_CONTROL": POSITION}
 NAN = math.nan
 
 
@@ -55,7 +56,7 @@ class _ScenarioPlayer:
     def __init__(self, sim: VehicleSim, row: int, scenario: Scenario) -> None:
         self.sim, self.row, self.scenario = sim, row, scenario
         self._sequence = 0
-        self._due: list[tuple[float, Callable[[], None]]] = []
+        self._scheduled_calls: list[tuple[float, Callable[[], None]]] = []
         if scenario.flies:
             self._schedule(ARM_AT_S, self._command, ARM_DISARM, 1)
             altitude_m = sim.simulation.home.alt_amsl_m + HEIGHT_M
@@ -65,12 +66,12 @@ class _ScenarioPlayer:
         for entry in scenario.stimulus:
             self._schedule_stimulus(entry)
         for second in range(int(scenario.after_boot_s + scenario.ends_s) + 1):
-            heartbeat = {"type": 6, "autopilot": 8, "mavlink_version": 3}
+            heartbeat = {"type": 6, "autopilot": 8, "mavlink_version": 3}  # a ground station
             self._schedule(float(second), self._send, "HEARTBEAT", heartbeat)
-        self._due.sort(key=lambda each: each[0], reverse=True)
+        self._scheduled_calls.sort(key=lambda each: each[0], reverse=True)
 
     def _schedule(self, time_s: float, call: Callable[..., None], *arguments: Any) -> None:
-        self._due.append((time_s, lambda: call(*arguments)))
+        self._scheduled_calls.append((time_s, lambda: call(*arguments)))
 
     def _fly_north(self) -> None:
         """Flies 60 m north: the recorded vehicle returned to launch from there."""
@@ -85,7 +86,7 @@ class _ScenarioPlayer:
             every_s = 1.0 / entry["streamed_hz"]
             for k in range(int((self.scenario.after_boot_s + self.scenario.ends_s - at_s) / every_s)):
                 self._schedule(at_s + k * every_s, self._send, name, {"coordinate_frame": 1} | fields)
-            self._schedule(at_s + MODE_AFTER_S, self._command, DO_SET_MODE, 1, MODE_OF[name])
+            self._schedule(at_s + MODE_AFTER_S, self._command, DO_SET_MODE, 1, MODE_FOR_MESSAGE[name])
         elif name == "PARAM_SET":
             self._schedule(at_s, self.sim.set_parameter, self.row, fields["param_id"], fields["value"])
         elif name == "driver":
@@ -97,17 +98,17 @@ class _ScenarioPlayer:
 
     def tick(self) -> None:
         """Executes the calls that are due."""
-        while self._due and self._due[-1][0] <= self.sim.time_s + 1e-9:
-            self._due.pop()[1]()
+        while self._scheduled_calls and self._scheduled_calls[-1][0] <= self.sim.time_s + 1e-9:
+            self._scheduled_calls.pop()[1]()
 
     def _command(self, number: int, *parameters: float) -> None:
-        named = {f"param{n + 1}": value for n, value in enumerate(parameters)}
-        self._send("COMMAND_LONG", {"command": number} | named)
+        fields = {f"param{n + 1}": value for n, value in enumerate(parameters)}
+        self._send("COMMAND_LONG", {"command": number} | fields)
 
     def _send(self, name: str, fields: dict[str, Any]) -> None:
         values = {key: NAN if value is None else value for key, value in fields.items()}
         if name == "SET_POSITION_TARGET_LOCAL_NED":
-            values["coordinate_frame"] = 1
+            values["coordinate_frame"] = 1  # MAV_FRAME_LOCAL_NED
         elif name == "MANUAL_CONTROL":
             values.pop("coordinate_frame", None)
         if name == "MANUAL_CONTROL":
@@ -148,7 +149,7 @@ class _FlightRecorder:
     def __init__(self, sim: VehicleSim, row: int, scenario: Scenario) -> None:
         self._sim, self._row = sim, row
         self._fault_at_s, self._ends_s = scenario.after_boot_s, scenario.ends_s
-        self._now: dict[str, int] = {}
+        self._previous_flags: dict[str, int] = {}
         self.moments_s: dict[str, float] = {}
         self.at: dict[float, dict[str, float]] = {}
         self._origin_m = np.zeros(3)
@@ -171,12 +172,12 @@ class _FlightRecorder:
         flags = self._flags()
         if t_s >= 0.0:
             for name, value in flags.items():
-                if value != self._now.get(name, value):
-                    what = f"{name}+" if name.endswith("_counter") else f"{name}={value}"
-                    record_change(self.moments_s, what, t_s)
+                if value != self._previous_flags.get(name, value):
+                    change = f"{name}+" if name.endswith("_counter") else f"{name}={value}"
+                    record_change(self.moments_s, change, t_s)
         else:
             self._record_start()
-        self._now = flags
+        self._previous_flags = flags
         for time_s in TIMES_S:
             if time_s not in self.at and t_s >= time_s:
                 self.at[time_s] = self._errors()
@@ -185,7 +186,7 @@ class _FlightRecorder:
         simulation, i = self._sim.simulation, self._row
         fusion, estimate, autopilot = simulation.fusion, simulation.estimate, self._sim.autopilots[i]
         commander, detector = autopilot.commander, autopilot.land_detector
-        named = {
+        values_by_flag = {
             "cs_inertial_dead_reckoning": fusion.dead_reckoning,
             "fs_bad_acc_vertical": fusion.bad_acc_vertical,
             "xy_valid": estimate.valid_position, "z_valid": estimate.valid_altitude,
@@ -195,12 +196,12 @@ class _FlightRecorder:
             "mag_3d", "mag_aligned_in_flight", "mag_heading_consistent", "mag_field_disturbed",
             "vehicle_at_rest", "in_air",
         ):  # fmt: skip
-            named["cs_" + name] = getattr(fusion, name)
+            values_by_flag["cs_" + name] = getattr(fusion, name)
         for name in (
             "heading_reset_counter", "xy_reset_counter", "z_reset_counter", "heading_good_for_control",
         ):  # fmt: skip
-            named[name] = getattr(fusion, name)
-        return {name: int(values[i]) for name, values in named.items()} | {
+            values_by_flag[name] = getattr(fusion, name)
+        return {name: int(values[i]) for name, values in values_by_flag.items()} | {
             "nav_state": int(commander.active), "arming_state": 2 if commander.armed else 1,
             "failsafe": int(commander.in_failsafe), "landed": int(detector.landed),
             "ground_contact": int(detector.ground_contact),
@@ -223,13 +224,13 @@ class _FlightRecorder:
         simulation, i = self._sim.simulation, self._row
         truth, estimate = simulation.truth, simulation.estimate
         error = estimate.position_ned_m[i] - truth.position_ned_m[i] - self._origin_m
-        moved = truth.position_ned_m[i] - self._start_m
+        displacement = truth.position_ned_m[i] - self._start_m
         yaw = euler_of(estimate.q_ned_frd[i : i + 1])[0, 2] - euler_of(truth.q_ned_frd[i : i + 1])[0, 2]
         tilt = math.acos(max(-1.0, min(1.0, float(rotation_matrix(truth.q_ned_frd[i : i + 1])[0, 2, 2]))))
         return {
             "horizontal_error": math.hypot(error[0], error[1]),
             "height_error_down": float(error[2]),
-            "true_displacement": math.hypot(moved[0], moved[1]),
+            "true_displacement": math.hypot(displacement[0], displacement[1]),
             "true_height_above_ground": -float(truth.position_ned_m[i, 2]),
             "true_speed": math.hypot(*truth.velocity_ned_m_s[i, :2]),
             "yaw_error_deg": abs(math.degrees(float(wrap_pi(np.array(yaw))))),
@@ -251,7 +252,7 @@ def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[FaultFlight]:
     sim = VehicleSim(
         count, stores=stores, links=(("gcs", "gcs"),), seed=seed, start_ned_m=np.zeros((count, 3))
     )
-    for node in sim.nodes:
+    for node in sim.nodes:  # stops all streams, which nothing reads
         for link in node.context.links:
             for msg_id in link.streamed_ids():
                 link.set_interval(msg_id, 0, 0)

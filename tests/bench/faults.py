@@ -42,9 +42,9 @@ SLACK = {
     "true_height_above_ground": 2.0, "true_speed": 0.6, "yaw_error_deg": 18.0, "tilt_deg": 6.0, "eph": 0.05,
     "epv": 0.05,
 }  # fmt: skip
-"""Differences between flights without a fault: position and height drift with the GPS noise (the height by
-±1 m, always by the same value at the same time after PX4's boot), the heading by 18 degrees in one of ten
-flights."""
+"""Allowed differences, as between flights without a fault: position and height drift with the GPS noise (the
+height by ±1 m, always by the same value at the same time after PX4's boot), the heading by 18 degrees in one
+of ten flights."""
 SIMILAR_FOR_S = {
     "gps_stuck_hold": 8.0, "gps_stuck_offboard_vel": 8.0, "baro_step_p1200pa_gps_lost": 5.0,
     "gyro_bias_x_005": 8.0, "gps_lost_20s_hold": 15.0,
@@ -87,24 +87,24 @@ class Comparison:
 def compare(scenario: Scenario, flown: FaultFlight) -> Comparison:
     """Compares the simulated flight with PX4's runs."""
     until_s = SIMILAR_FOR_S.get(scenario.name, scenario.ends_s)
-    moments_outside, moments = _moments(scenario, flown, until_s)
+    moments_outside, moments = _compare_moments(scenario, flown, until_s)
     first, second = scenario.runs
     until_s = min(until_s, *(_touchdown_s(run) for run in (first, second, flown)))
     position_lost_s = max(run.moments_s.get("xy_valid=0", math.inf) for run in scenario.runs)
     errors_outside: list[OutOfLimits] = []
     numbers = 0
-    for t_s in sorted(at for at in set(first.at) & set(second.at) & set(flown.at) if at < until_s):
+    for t_s in sorted(t_s for t_s in set(first.at) & set(second.at) & set(flown.at) if t_s < until_s):
         for key, limit in SLACK.items():
             numbers += 1
             descent = DESCENT_DIFFERENCE_M_S if key == "true_height_above_ground" else 0.0
             slack = limit + descent * max(0.0, t_s - position_lost_s)
-            pair = first.at[t_s][key], second.at[t_s][key]
-            if not _is_within(flown.at[t_s][key], pair, slack, FACTOR.get(key, 1.0)):
-                errors_outside.append(OutOfLimits(f"{key} at {t_s:g} s", flown.at[t_s][key], pair))
+            recorded = first.at[t_s][key], second.at[t_s][key]
+            if not _is_within(flown.at[t_s][key], recorded, slack, FACTOR.get(key, 1.0)):
+                errors_outside.append(OutOfLimits(f"{key} at {t_s:g} s", flown.at[t_s][key], recorded))
     return Comparison(scenario.name, moments, numbers, tuple(moments_outside), tuple(errors_outside))
 
 
-def _moments(scenario: Scenario, flown: FaultFlight, until_s: float) -> tuple[list[OutOfLimits], int]:
+def _compare_moments(scenario: Scenario, flown: FaultFlight, until_s: float) -> tuple[list[OutOfLimits], int]:
     """Moments that are outside the times of PX4's runs or in neither run; and the number of compared
     moments."""
     first, second = (run.moments_s for run in scenario.runs)
@@ -112,11 +112,11 @@ def _moments(scenario: Scenario, flown: FaultFlight, until_s: float) -> tuple[li
     outside: list[OutOfLimits] = []
     common = [key for key in sorted(set(first) & set(second)) if max(first[key], second[key]) < until_s]
     for key in common:
-        pair = first[key], second[key]
-        limit_s = MOMENT_LIMIT_S if max(pair) < touchdown_s - MOMENT_LIMIT_S else TOUCHDOWN_LIMIT_S
-        found_s = flown.moments_s.get(key, math.nan)
-        if not _is_within(found_s, pair, limit_s, 1.0):
-            outside.append(OutOfLimits(key, found_s, pair))
+        recorded_s = first[key], second[key]
+        limit_s = MOMENT_LIMIT_S if max(recorded_s) < touchdown_s - MOMENT_LIMIT_S else TOUCHDOWN_LIMIT_S
+        simulated_s = flown.moments_s.get(key, math.nan)
+        if not _is_within(simulated_s, recorded_s, limit_s, 1.0):
+            outside.append(OutOfLimits(key, simulated_s, recorded_s))
     for key in sorted(set(flown.moments_s) - set(first) - set(second)):
         if flown.moments_s[key] < until_s and not key.startswith(RANDOM_MOMENTS):
             outside.append(OutOfLimits(key, flown.moments_s[key], (math.nan, math.nan)))
@@ -128,32 +128,32 @@ def _touchdown_s(run: FaultFlight) -> float:
     return min((run.moments_s[key] for key in TOUCHDOWN_FLAGS if key in run.moments_s), default=math.inf)
 
 
-def _is_within(value: float, pair: tuple[float, float], limit: float, factor: float) -> bool:
-    low, high = min(pair), max(pair)
+def _is_within(value: float, recorded: tuple[float, float], limit: float, factor: float) -> bool:
+    low, high = min(recorded), max(recorded)
     slack = max(limit, RUN_DIFFERENCES * (high - low))
     if factor > 1.0:
         low, high = low / factor, high * factor
     return low - slack <= value <= high + slack
 
 
-def measure(names: list[str] | None = None, *, seed: int = 0, times: int = 2) -> list[Comparison]:
-    """Flies each fault (default: all recorded ones) `times` times and compares every flight."""
+def measure(names: list[str] | None = None, *, seed: int = 0, flights: int = 2) -> list[Comparison]:
+    """Flies each fault (default: all recorded ones) `flights` times and compares every flight."""
     return compare_all(
-        [fault_recordings.load(name) for name in names or fault_recordings.names()], seed, times
+        [fault_recordings.load(name) for name in names or fault_recordings.names()], seed, flights
     )
 
 
-def compare_all(scenarios: list[Scenario], seed: int = 0, times: int = 1) -> list[Comparison]:
-    """Flies each scenario `times` times and compares every flight."""
+def compare_all(scenarios: list[Scenario], seed: int = 0, flights: int = 1) -> list[Comparison]:
+    """Flies each scenario `flights` times and compares every flight."""
     scenarios.sort(key=lambda scenario: scenario.ends_s)
-    found: list[Comparison] = []
+    comparisons: list[Comparison] = []
     for start in range(0, len(scenarios), FLIGHTS_PER_SIMULATION):
         scenarios_together = [
-            each for each in scenarios[start : start + FLIGHTS_PER_SIMULATION] for _ in range(times)
+            each for each in scenarios[start : start + FLIGHTS_PER_SIMULATION] for _ in range(flights)
         ]
         flown = fault_replay.fly(scenarios_together, seed=seed)
-        found += map(compare, scenarios_together, flown)
-    return sorted(found, key=lambda each: each.name)
+        comparisons += map(compare, scenarios_together, flown)
+    return sorted(comparisons, key=lambda each: each.name)
 
 
 def reasons(document: str) -> dict[str, str]:
@@ -174,52 +174,53 @@ def reasons(document: str) -> dict[str, str]:
     return found
 
 
-def rows(comparisons: list[Comparison], why: dict[str, str]) -> Iterator[str]:
+def rows(flights: list[Comparison], why: dict[str, str]) -> Iterator[str]:
     """The table: a row for each fault outside its limits, then missing and outdated reasons.
 
     Args:
-        comparisons: comparisons of all flights, sorted by name.
+        flights: comparisons of all flights, sorted by name.
         why: `reasons` of the documentation.
     """
     yield HEADER
     yield "|---" * 7 + "|"
-    flights = {
-        name: list(group) for name, group in itertools.groupby(comparisons, key=lambda each: each.name)
+    flights_by_fault = {
+        name: list(group) for name, group in itertools.groupby(flights, key=lambda each: each.name)
     }
     outside: set[str] = set()
-    for name, group in flights.items():
-        first = next(
+    for name, group in flights_by_fault.items():
+        first_outside = next(
             (each for flight in group for each in (*flight.moments_outside, *flight.errors_outside)), None
         )
-        if first is None:
+        if first_outside is None:
             continue
         outside.add(name)
-        late, off = (
-            " and ".join(str(len(each)) for each in kind)
-            for kind in (
+        moments_outside, errors_outside = (
+            " and ".join(str(len(each)) for each in outside_by_flight)
+            for outside_by_flight in (
                 [flight.moments_outside for flight in group],
                 [flight.errors_outside for flight in group],
             )
         )
         reason = why.get(name, "NO REASON: give it a row in docs/simulator.md")
-        compared = group[0].moments, late, group[0].numbers, off
-        yield f"| {name} | {' | '.join(map(str, compared))} | {_text(first)} | {reason} |"
-    moments, late = (
-        sum(each.moments for each in comparisons),
-        sum(len(each.moments_outside) for each in comparisons),
+        compared = group[0].moments, moments_outside, group[0].numbers, errors_outside
+        yield f"| {name} | {' | '.join(map(str, compared))} | {_outside_text(first_outside)} | {reason} |"
+    moments, moments_outside = (
+        sum(each.moments for each in flights),
+        sum(len(each.moments_outside) for each in flights),
     )
-    numbers, off = (
-        sum(each.numbers for each in comparisons),
-        sum(len(each.errors_outside) for each in comparisons),
+    numbers, errors_outside = (
+        sum(each.numbers for each in flights),
+        sum(len(each.errors_outside) for each in flights),
     )
     yield ""
-    yield f"{len(flights)} faults, {len(comparisons)} flights: of {moments} moments {late} are outside,"
-    yield f"of {numbers} errors and accuracies {off}."
-    for name in sorted(set(why) & set(flights) - outside):
+    faults = len(flights_by_fault)
+    yield f"{faults} faults, {len(flights)} flights: of {moments} moments {moments_outside} are outside,"
+    yield f"of {numbers} errors and accuracies {errors_outside}."
+    for name in sorted(set(why) & set(flights_by_fault) - outside):
         yield f"STALE: {name} is within its limits; remove its row from docs/simulator.md."
 
 
-def _text(outside: OutOfLimits) -> str:
+def _outside_text(outside: OutOfLimits) -> str:
     first, second = outside.recorded
     if math.isnan(first):
         return f"{outside.what}: {outside.simulated:.2f}, PX4 never"

@@ -2,7 +2,7 @@
 
 `python -m tests.bench.feed PORT[,PORT …] VEHICLES SECONDS [moving]` sends from a separate process and
 prints how many frames it sent to each port; every consumer of a comparison gets the same feed. With
-`moving` each vehicle flies a circle, so that a 3D view has something to draw.
+`moving` each vehicle flies a circle, so that a 3D view has to draw its motion.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ BURST = 2
 """PX4 sends its 50 Hz streams together: of 100 messages per second, two every 20 ms."""
 PERIOD_S = BURST / MESSAGES_PER_S
 RADIUS_M = 12.0
+UNITS_PER_M_NORTH, UNITS_PER_M_EAST = 90, 133
+"""Units of latitude and longitude [1e-7 deg] per metre."""
 LOOP_S = 64
 """The feed repeats itself after this time, in which a moving vehicle flies its circle twice [s]."""
 
@@ -48,8 +50,8 @@ def _frame(mav: mavlink.MAVLink, system_id: int, index: int, angle_rad: float = 
     elif index % 5 == 0:
         message = mavlink.MAVLink_global_position_int_message(
             boot_ms,
-            473977420 + system_id * 1000 + round(north_m * 90),
-            85455940 + index + round(east_m * 133),
+            473977420 + system_id * 1000 + round(north_m * UNITS_PER_M_NORTH),
+            85455940 + index + round(east_m * UNITS_PER_M_EAST),
             501000,
             12000,
             10,
@@ -84,20 +86,20 @@ def encode(system_id: int, *, moving: bool = False) -> list[bytes]:
         frames = [_frame(mav, system_id, i % MESSAGES_PER_S, angle) for i, angle in enumerate(angles)]
     else:
         frames = [_frame(mav, system_id, index) for index in range(MESSAGES_PER_S)] * LOOP_S
-    return [_restamped(frame, index % 256) for index, frame in enumerate(frames)]
+    return [_with_sequence(frame, index % 256) for index, frame in enumerate(frames)]
 
 
-def _restamped(frame: bytes, sequence: int) -> bytes:
+def _with_sequence(frame: bytes, sequence: int) -> bytes:
     """The same MAVLink 2 frame with another sequence number (byte 4) and its checksum."""
     message_id = int.from_bytes(frame[7:10], "little")
-    extra = mavlink.mavlink_map[message_id].crc_extra
+    crc_extra = mavlink.mavlink_map[message_id].crc_extra
     body = frame[1:4] + bytes((sequence,)) + frame[5:-2]
-    checksum = fastcrc.crc16.mcrf4xx(body + bytes((extra,)))
+    checksum = fastcrc.crc16.mcrf4xx(body + bytes((crc_extra,)))
     return frame[:1] + body + checksum.to_bytes(2, "little")
 
 
 def send(ports: list[int], vehicles: int, seconds: float, *, moving: bool = False) -> int:
-    """Sends the feed; each vehicle has its sender socket, as real vehicles do.
+    """Sends the feed; each vehicle sends from a socket of its own, as real vehicles do.
 
     Returns:
         Number of frames sent to each port.
@@ -109,9 +111,9 @@ def send(ports: list[int], vehicles: int, seconds: float, *, moving: bool = Fals
     sent = 0
     for period in range(int(seconds / PERIOD_S)):
         for vehicle, (sender, stream) in enumerate(zip(sockets, frames, strict=True)):
-            wait = start + (period + vehicle / vehicles) * PERIOD_S - time.monotonic()
-            if wait > 0:
-                time.sleep(wait)
+            wait_s = start + (period + vehicle / vehicles) * PERIOD_S - time.monotonic()
+            if wait_s > 0:
+                time.sleep(wait_s)
             for index in range(period * BURST, (period + 1) * BURST):
                 for port in ports:
                     sender.sendto(stream[index % len(stream)], ("127.0.0.1", port))

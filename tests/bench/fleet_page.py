@@ -21,12 +21,12 @@ from .process import cpu_share, load_average
 VEHICLES = 100
 ALT_HOME_M = 10.0
 SETTLE_S, WINDOW_S = 5.0, 15.0
-AT_ONCE = 8
+PARALLEL_TAKEOFFS = 8
 """Number of vehicles that are armed and take off at the same time."""
 
 
 @contextlib.contextmanager
-def flying(count: int) -> Generator[tuple[str, int]]:
+def flying_vehicles(count: int) -> Generator[tuple[str, int]]:
     """Flies this many vehicles; yields the page's address and the server's process id."""
     port = free_port()
     with (
@@ -41,7 +41,7 @@ def flying(count: int) -> Generator[tuple[str, int]]:
             wait_until(lambda: api.post(f"{path}/arm").is_success, f"arming {vehicle_id}", 120)
             api.post(f"{path}/takeoff", json={"alt_home_m": ALT_HOME_M}).raise_for_status()
 
-        with ThreadPoolExecutor(AT_ONCE) as pool:
+        with ThreadPoolExecutor(PARALLEL_TAKEOFFS) as pool:
             list(pool.map(take_off, [v["id"] for v in _vehicles(api)]))
         yield url, process.pid
 
@@ -50,7 +50,7 @@ def _vehicles(api: httpx.Client) -> list[dict[str, Any]]:
     return api.get("/vehicles").raise_for_status().json()
 
 
-class Meter:
+class CpuMeter:
     """CPU share of the page's main thread and of the server over a window.
 
     Args:
@@ -66,20 +66,22 @@ class Meter:
     def row(self, title: str) -> str:
         """A row of the table for the currently displayed view."""
         time.sleep(SETTLE_S)
-        before, began_s = self._used_s(), time.monotonic()
+        before, began_s = self._page_cpu_s(), time.monotonic()
         server_share = cpu_share(self._server_pid, WINDOW_S)
-        after, took_s = self._used_s(), time.monotonic() - began_s
-        whole, script = ((after[name] - before[name]) / took_s for name in ("TaskDuration", "ScriptDuration"))
-        return f"| {title} | {load_average()} | {whole:.0%} | {script:.0%} | {server_share:.0%} |"
+        after, elapsed_s = self._page_cpu_s(), time.monotonic() - began_s
+        main_thread, script = (
+            (after[name] - before[name]) / elapsed_s for name in ("TaskDuration", "ScriptDuration")
+        )
+        return f"| {title} | {load_average()} | {main_thread:.0%} | {script:.0%} | {server_share:.0%} |"
 
-    def _used_s(self) -> dict[str, float]:
+    def _page_cpu_s(self) -> dict[str, float]:
         return {m["name"]: m["value"] for m in self._cdp.send("Performance.getMetrics")["metrics"]}
 
 
-def _took_ms(page: Page, act: Callable[[], None], condition: str) -> float:
+def _elapsed_ms(page: Page, action: Callable[[], None], condition: str) -> float:
     """Time from an action until a condition (JavaScript) is true in the page [ms]."""
     began_s = time.monotonic()
-    act()
+    action()
     page.wait_for_function(condition, timeout=60_000, polling=20)
     return (time.monotonic() - began_s) * 1000
 
@@ -89,25 +91,25 @@ def table(count: int = VEHICLES) -> Iterator[str]:
     yield f"{count} vehicles at {ALT_HOME_M:.0f} m, 1280 × 800; shares of one core.\n"
     yield "| shown | load average | page's main thread | of that, script | server |"
     yield "|---|---|---|---|---|"
-    with sync_playwright() as playwright, flying(count) as (url, server_pid):
+    with sync_playwright() as playwright, flying_vehicles(count) as (url, server_pid):
         browser = playwright.chromium.launch(executable_path=installed_chromium(), args=list(CHROMIUM_FLAGS))
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.goto(url)
         page.locator("canvas").first.wait_for(state="visible", timeout=60_000)
         print(f"page: {count} vehicles", file=sys.stderr, flush=True)
-        meter = Meter(page, server_pid)
-        yield meter.row("3D and map")
-        listed = f"document.querySelectorAll('section[aria-label=\"Vehicle list\"] li').length === {count}"
-        opened_ms = _took_ms(page, lambda: page.keyboard.press("j"), f"() => {listed}")
-        yield meter.row("with the list")
-        last = page.get_by_role("list", name="Vehicles found").get_by_role("button").last
-        chosen = "document.querySelector('.row[aria-pressed=true]')"
-        selected = f"() => {chosen} === document.querySelector('li:last-child .row')"
-        selected_ms = _took_ms(page, last.click, selected)
-        hold = page.get_by_role("button", name="Hold all flying")
+        cpu_meter = CpuMeter(page, server_pid)
+        yield cpu_meter.row("3D and map")
+        is_listed = f"document.querySelectorAll('section[aria-label=\"Vehicle list\"] li').length === {count}"
+        opened_ms = _elapsed_ms(page, lambda: page.keyboard.press("j"), f"() => {is_listed}")
+        yield cpu_meter.row("with the list")
+        last_vehicle = page.get_by_role("list", name="Vehicles found").get_by_role("button").last
+        selected_row = "document.querySelector('.row[aria-pressed=true]')"
+        is_last_selected = f"() => {selected_row} === document.querySelector('li:last-child .row')"
+        selected_ms = _elapsed_ms(page, last_vehicle.click, is_last_selected)
+        hold_button = page.get_by_role("button", name="Hold all flying")
         with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as api:
             began_s = time.monotonic()
-            hold.click()
+            hold_button.click()
             wait_until(lambda: all(v["status"]["mode"] == "hold" for v in _vehicles(api)), "Hold", 120)
             hold_ms = (time.monotonic() - began_s) * 1000
         browser.close()

@@ -1,9 +1,9 @@
 """Compares a simulated flight with a real PX4's: error, rise, overshoot and settling.
 
-The error is the RMS over the controlled axes, with both flights aligned at their first motion. Position
-flights are compared in absolute positions; without controlled position (velocity, acceleration, attitude,
-rates, the ground) both start from zero. The limit is the largest of 5 % of the manoeuvre, a floor, and PX4's
-own spread. The response is measured on one axis.
+The error is the RMS over the controlled axes; both flights are aligned at their first motion. Positions are
+absolute if the position is controlled, and relative to the start otherwise (velocity, acceleration, attitude,
+rates, the ground). The limit is the largest of 5 % of the manoeuvre, a floor, and PX4's own spread. The
+response is measured on one axis.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 ERROR_FRACTION = 0.05
 """Allowed error, as a fraction of the manoeuvre's size."""
 GRID_S = 0.02
+"""Period of the times at which flights are compared."""
 FIRST_MOTION_FRACTION = 0.1
 """Fraction of the manoeuvre's size at which the motion begins."""
 FIRST_MOTION_ROWS = 3
@@ -65,7 +66,7 @@ class Manoeuvre:
     axes: tuple[str, ...]
     """Controlled axes, over which the error is computed."""
     rising: str | None
-    """The axis of the response: for a step its direction. None: no motion is commanded."""
+    """The axis on which the response is measured; None: no motion is commanded."""
     from_s: float = 0.0
     until_s: float = math.inf
 
@@ -131,7 +132,7 @@ class StepResponse:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One flight compared with the real one."""
+    """One flight compared with the real one; size, error and limit are in the unit of the quantity."""
 
     name: str
     quantity: Quantity
@@ -155,8 +156,8 @@ class Comparison:
     @property
     def rise_agrees(self) -> bool:
         """Whether the rise times agree; also True if a flight has no rise."""
-        gap = abs(self.sim.rise_s - self.real.rise_s)
-        return not gap > self.rise_limit_s + 1e-9  # both are multiples of the grid
+        difference_s = abs(self.sim.rise_s - self.real.rise_s)
+        return not difference_s > self.rise_limit_s + 1e-9  # both are multiples of the grid
 
 
 class Track:
@@ -187,15 +188,15 @@ def compare(recording: Recording, replay: Replay, manoeuvre: Manoeuvre | None = 
     # No alignment: gyro noise hides the first motion of a rate, and without a command there is no motion.
     lag_s = 0.0 if math.isnan(lag_s) or quantity is RATE else lag_s
     last_s = min(float(grid[-1]) + GRID_S, float(sim.t_s[-1]))
-    common = grid[(grid + lag_s >= sim.t_s[0]) & (grid + lag_s <= last_s)]
-    error = rms(real, common, sim, common + lag_s, manoeuvre.axes, from_zero=quantity.from_zero)
-    path_error_m = rms(real, common, sim, common + lag_s, XYZ, from_zero=True)
-    spread = {"m": recording.spread.position_m, "m/s": recording.spread.velocity_m_s,
-              "°": recording.spread.attitude_deg}.get(quantity.unit, math.nan)  # fmt: skip
+    compared_s = grid[(grid + lag_s >= sim.t_s[0]) & (grid + lag_s <= last_s)]
+    error = rms(real, compared_s, sim, compared_s + lag_s, manoeuvre.axes, from_zero=quantity.from_zero)
+    path_error_m = rms(real, compared_s, sim, compared_s + lag_s, XYZ, from_zero=True)
+    real_spread = {"m": recording.spread.position_m, "m/s": recording.spread.velocity_m_s,
+                   "°": recording.spread.attitude_deg}.get(quantity.unit, math.nan)  # fmt: skip
     return Comparison(
         recording.name, quantity, size * quantity.scale, error * quantity.scale,
-        float(np.nanmax([ERROR_FRACTION * abs(size) * quantity.scale, quantity.floor, spread])),
-        path_error_m, max(0.3, float(np.nan_to_num(recording.spread.position_m))),
+        float(np.nanmax([ERROR_FRACTION * abs(size) * quantity.scale, quantity.floor, real_spread])),
+        path_error_m, max(PATH.floor, float(np.nan_to_num(recording.spread.position_m))),
         sim_response, real_response,
         max(RISE_TIME_FRACTION * abs(real_response.rise_s), float(np.nan_to_num(recording.spread.rise_s)),
             3 * GRID_S),
@@ -212,11 +213,11 @@ def grid_of(manoeuvre: Manoeuvre, *tracks: Track) -> FloatArray:
 def rms(
     a: Track, a_s: FloatArray, b: Track, b_s: FloatArray, axes: tuple[str, ...], *, from_zero: bool
 ) -> float:
-    """Distance of two flights over these axes, each at its own times (or relative to their start)."""
+    """RMS distance of two flights over these axes, each at its own times; `from_zero`: from the start."""
     total = np.zeros(len(a_s))
     for axis in axes:
-        gap = a.at(axis, a_s) - b.at(axis, b_s)
-        total += (gap - gap[0] if from_zero else gap) ** 2
+        difference = a.at(axis, a_s) - b.at(axis, b_s)
+        total += (difference - difference[0] if from_zero else difference) ** 2
     return float(np.sqrt(total.mean()))
 
 
@@ -232,12 +233,12 @@ def response_of(grid: FloatArray, values: FloatArray, sign: float) -> StepRespon
     final = float(np.mean(values[-END_ROWS:])) - values[0]
     size = final if abs(final) > STEP_FRACTION * abs(farthest) else farthest
     offsets = (values - values[0]) / size if size else np.zeros_like(values)
-    beyond = np.lib.stride_tricks.sliding_window_view(
+    is_beyond = np.lib.stride_tricks.sliding_window_view(
         offsets >= FIRST_MOTION_FRACTION, FIRST_MOTION_ROWS
     ).all(axis=1)
-    moved, risen = np.flatnonzero(beyond), np.flatnonzero(offsets >= RISE_FRACTION)
-    first_s = float(grid[moved[0]]) if len(moved) else math.nan
-    rise_s = float(grid[risen[0]]) - first_s if len(risen) else math.nan
+    moved_rows, risen_rows = np.flatnonzero(is_beyond), np.flatnonzero(offsets >= RISE_FRACTION)
+    first_s = float(grid[moved_rows[0]]) if len(moved_rows) else math.nan
+    rise_s = float(grid[risen_rows[0]]) - first_s if len(risen_rows) else math.nan
     end = float(np.mean(offsets[-END_ROWS:]))
     outside = np.flatnonzero(np.abs(offsets - end) > SETTLING_FRACTION)
     settling_s = (

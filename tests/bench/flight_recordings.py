@@ -61,9 +61,9 @@ class Recording:
                 # The sender's clock ran 0.5 % faster than the vehicle's; each row has the vehicle's time.
                 columns, first_ms = entry["setpoint_columns"], entry["setpoints"][0][-1]
                 for row in entry["setpoints"]:
-                    named = dict(zip(columns, row, strict=True))
-                    at_s = start_s + 0.001 * (named["time_boot_ms"] - first_ms)
-                    yield at_s, name, {key: named[key] for key in SETPOINT_FIELDS}
+                    setpoint = dict(zip(columns, row, strict=True))
+                    at_s = start_s + 0.001 * (setpoint["time_boot_ms"] - first_ms)
+                    yield at_s, name, {key: setpoint[key] for key in SETPOINT_FIELDS}
             elif "streamed_hz" in entry:
                 for k in range(math.ceil(entry["duration_s"] * entry["streamed_hz"])):
                     yield start_s + k / entry["streamed_hz"], name, entry["fields"]

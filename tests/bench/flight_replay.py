@@ -29,6 +29,12 @@ FloatArray = NDArray[np.float64]
 Script = Generator[None, None, None]
 
 OFFBOARD, HOLD, ORBIT = 0x60000, 0x3040000, 0x1030000
+"""Values of custom_mode."""
+TAKEOFF, DO_ORBIT, DO_SET_MODE, DO_CHANGE_SPEED, DO_REPOSITION, ARM_DISARM = 22, 34, 176, 178, 192, 400
+"""Numbers of MAVLink commands."""
+POSITION_AND_YAW_MASK = 2552
+BEFORE_START_S = -0.05
+"""Time in a recording just before the first message of the stimulus."""
 RECORD_EVERY_STEPS = 2
 TIMEOUT_S = 150.0
 HOVER_THRUST_SETTLING_S = 25.5
@@ -106,8 +112,9 @@ class _StimulusPlayer:
         lat_deg, lon_deg = self._lat_lon(north_m, east_m)
         self.send(
             "COMMAND_INT",
-            {"command": 192, "param1": -1.0, "param2": 1.0, "param4": yaw_rad, "x": round(lat_deg * 1e7),
-             "y": round(lon_deg * 1e7), "z": self.sim.simulation.home.alt_amsl_m + alt_m},
+            {"command": DO_REPOSITION, "param1": -1.0, "param2": 1.0, "param4": yaw_rad,
+             "x": round(lat_deg * 1e7), "y": round(lon_deg * 1e7),
+             "z": self.sim.simulation.home.alt_amsl_m + alt_m},
         )  # fmt: skip
 
     def _lat_lon(self, north_m: float, east_m: float) -> tuple[float, float]:
@@ -130,9 +137,9 @@ class _StimulusPlayer:
         return self.sim.autopilots[self.row].commander.custom_mode()
 
     def _is_hovering(self, goal: Sequence[float]) -> bool:
-        fastest_m_s, radius_m = self._hover_limits
+        max_speed_m_s, radius_m = self._hover_limits
         speed = float(np.abs(self.sim.simulation.estimate.velocity_ned_m_s[self.row]).max())
-        return speed < fastest_m_s and float(np.abs(self.position - np.asarray(goal)).max()) < radius_m
+        return speed < max_speed_m_s and float(np.abs(self.position - np.asarray(goal)).max()) < radius_m
 
     # --- waiting ---------------------------------------------------------------------------------------
 
@@ -141,7 +148,7 @@ class _StimulusPlayer:
         if self.now_s >= self._heartbeat_s:
             self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})
             self._heartbeat_s += 1.0
-        if self.script is not None and next(self.script, self) is self:
+        if self.script is not None and next(self.script, self) is self:  # the script has ended
             self.script = None
 
     def _wait(self, seconds: float) -> Script:
@@ -149,7 +156,7 @@ class _StimulusPlayer:
         while self.now_s < end_s:
             yield
 
-    def _until(
+    def _wait_until(
         self, condition: Callable[[], bool], what: str, on_step: Callable[[], None] | None = None
     ) -> Script:
         start_s = self.now_s
@@ -184,35 +191,39 @@ class _StimulusPlayer:
     def _prepare(self) -> Script:
         recording, autopilot = self.recording, self.sim.autopilots[self.row]
         yield from self._wait(3.0)
-        yield from self._until(
+        yield from self._wait_until(
             lambda: autopilot.commander.report.armable(autopilot.commander.intended), "arming"
         )
-        if not recording.at("armed", -0.05):
+        if not recording.at("armed", BEFORE_START_S):
             yield from self._wait(8.0)
             return
-        column = {name: recording.at(name, -0.05) for name in ("x", "y", "z", "sx", "sy", "sz", "syaw")}
-        height = -column["sz"]
-        self.command(400, 1)
+        names = ("x", "y", "z", "sx", "sy", "sz", "syaw")
+        column = {name: recording.at(name, BEFORE_START_S) for name in names}
+        height_m = -column["sz"]
+        self.command(ARM_DISARM, 1)
         yield from self._wait(0.1)
-        self.command(22, -1, 0, 0, NAN, NAN, NAN, self.sim.simulation.home.alt_amsl_m + max(2.5, height))
-        yield from self._until(lambda: self.mode == HOLD, "take-off")
-        mode = int(recording.at("custom_mode", -0.05))
+        self.command(
+            TAKEOFF, -1, 0, 0, NAN, NAN, NAN, self.sim.simulation.home.alt_amsl_m + max(2.5, height_m)
+        )
+        yield from self._wait_until(lambda: self.mode == HOLD, "take-off")
+        mode = int(recording.at("custom_mode", BEFORE_START_S))
         if mode == OFFBOARD:
-            yield from self._hold_by_setpoints(height, column["syaw"])
+            yield from self._hold_by_setpoints(height_m, column["syaw"])
         elif mode == ORBIT:
-            yield from self._orbit(height)
+            yield from self._orbit(height_m)
         else:
-            goal = (column["x"], column["y"], -height)
-            self.reposition(goal[0], goal[1], height, column["syaw"])
+            goal = (column["x"], column["y"], -height_m)
+            self.reposition(goal[0], goal[1], height_m, column["syaw"])
             yield from self._wait(2.0)
-            yield from self._until(lambda: self._is_hovering(goal), f"arriving at {goal}")
+            yield from self._wait_until(lambda: self._is_hovering(goal), f"arriving at {goal}")
             yield from self._wait(10.0)
             if recording.name in CRUISE_SPEED_M_S:
-                self.command(178, 1, CRUISE_SPEED_M_S[recording.name], -1)
+                self.command(DO_CHANGE_SPEED, 1, CRUISE_SPEED_M_S[recording.name], -1)
                 yield from self._wait(0.1)
 
-    def _hold_by_setpoints(self, height: float, yaw_rad: float) -> Script:
-        fields = {"coordinate_frame": 1, "type_mask": 2552, "x": 0.0, "y": 0.0, "z": -height, "yaw": yaw_rad}
+    def _hold_by_setpoints(self, height_m: float, yaw_rad: float) -> Script:
+        fields = {"coordinate_frame": 1, "type_mask": POSITION_AND_YAW_MASK, "x": 0.0, "y": 0.0,
+                  "z": -height_m, "yaw": yaw_rad}  # fmt: skip
         due_s = self.now_s
 
         def stream() -> None:
@@ -222,42 +233,42 @@ class _StimulusPlayer:
                 due_s += 1.0 / 30.0
 
         begin_s = self.now_s + 0.5
-        yield from self._until(lambda: self.now_s > begin_s, "streaming", stream)
-        self.command(176, 1, 6)
+        yield from self._wait_until(lambda: self.now_s > begin_s, "streaming", stream)
+        self.command(DO_SET_MODE, 1, 6)
         end_s = self.now_s + 3.0
-        goal = (0.0, 0.0, -height)
-        yield from self._until(lambda: self.now_s > end_s and self._is_hovering(goal), "holding", stream)
+        goal = (0.0, 0.0, -height_m)
+        yield from self._wait_until(lambda: self.now_s > end_s and self._is_hovering(goal), "holding", stream)
         phase_s = self.recording.control_change_s % PUBLISH_EVERY_S
         if math.isnan(phase_s):
             phase_s = OVERLAP_S.get(self.recording.name, USUAL_OVERLAP_S)
         end_s = self.now_s + HOVER_THRUST_SETTLING_S - phase_s
-        yield from self._until(lambda: self.now_s > end_s, "holding", stream)
+        yield from self._wait_until(lambda: self.now_s > end_s, "holding", stream)
 
-    def _orbit(self, height: float) -> Script:
-        radius, speed, behaviour = ORBIT_BEFORE_HOLD
-        self.reposition(0.0, 0.0, height, self.recording.at("syaw", -0.05))
+    def _orbit(self, height_m: float) -> Script:
+        radius_m, speed_m_s, behaviour = ORBIT_BEFORE_HOLD
+        self.reposition(0.0, 0.0, height_m, self.recording.at("syaw", BEFORE_START_S))
         yield from self._wait(6.0)
-        early = self.recording.t_s < 0.0
-        columns = {name: self.recording.columns[name][early] for name in ("x", "y", "vx", "vy")}
-        speed_now = np.hypot(columns["vx"], columns["vy"])
+        before_start = self.recording.t_s < 0.0
+        columns = {name: self.recording.columns[name][before_start] for name in ("x", "y", "vx", "vy")}
+        speeds_m_s = np.hypot(columns["vx"], columns["vy"])
         # The velocity is tangential to the circle, the centre lies to its left.
-        centre_n = float(np.mean(columns["x"] + STEADY_ORBIT_M * columns["vy"] / speed_now))
-        centre_e = float(np.mean(columns["y"] - STEADY_ORBIT_M * columns["vx"] / speed_now))
+        centre_n = float(np.mean(columns["x"] + STEADY_ORBIT_M * columns["vy"] / speeds_m_s))
+        centre_e = float(np.mean(columns["y"] - STEADY_ORBIT_M * columns["vx"] / speeds_m_s))
         lat_deg, lon_deg = self._lat_lon(centre_n, centre_e)
         self.send(
             "COMMAND_INT",
-            {"command": 34, "param1": radius, "param2": speed, "param3": behaviour, "param4": NAN,
+            {"command": DO_ORBIT, "param1": radius_m, "param2": speed_m_s, "param3": behaviour, "param4": NAN,
              "x": round(lat_deg * 1e7), "y": round(lon_deg * 1e7),
-             "z": self.sim.simulation.home.alt_amsl_m + height},
+             "z": self.sim.simulation.home.alt_amsl_m + height_m},
         )  # fmt: skip
         yield from self._wait(30.0)
-        goal = math.atan2(self.recording.at("y", 0.0) - centre_e, self.recording.at("x", 0.0) - centre_n)
+        goal_rad = math.atan2(self.recording.at("y", 0.0) - centre_e, self.recording.at("x", 0.0) - centre_n)
 
-        def at_goal() -> bool:
-            now = math.atan2(self.position[1] - centre_e, self.position[0] - centre_n)
-            return abs(math.remainder(now - goal, math.tau)) < 0.01
+        def is_at_goal() -> bool:
+            angle_rad = math.atan2(self.position[1] - centre_e, self.position[0] - centre_n)
+            return abs(math.remainder(angle_rad - goal_rad, math.tau)) < 0.01
 
-        yield from self._until(at_goal, "orbiting to the start of the recording")
+        yield from self._wait_until(is_at_goal, "orbiting to the start of the recording")
 
     def _upload(self, items: list[dict[str, Any]]) -> Script:
         if not items:
@@ -266,14 +277,14 @@ class _StimulusPlayer:
         self.send("MISSION_COUNT", {"count": len(items), "mission_type": 0})
         acknowledged: list[bool] = []
 
-        def reply() -> None:
+        def answer_requests() -> None:
             for message in self._parser.feed(self.sim.drain(self.row, "gcs")):
                 if message.name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                     self.send("MISSION_ITEM_INT", items[message.seq])
                 elif message.name == "MISSION_ACK":
                     acknowledged.append(True)
 
-        yield from self._until(lambda: bool(acknowledged), "mission upload", reply)
+        yield from self._wait_until(lambda: bool(acknowledged), "mission upload", answer_requests)
 
 
 def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) -> dict[str, Replay]:
@@ -288,9 +299,9 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
         CannotStart: a vehicle did not reach the initial state of its recording.
     """
     count = len(recordings)
-    known = Parameters()
+    supported = Parameters()
     stores = [
-        Parameters({name: value for name, value in recording.parameters.items() if name in known})
+        Parameters({name: value for name, value in recording.parameters.items() if name in supported})
         for recording in recordings
     ]
     sim = VehicleSim(
@@ -301,16 +312,16 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
         _stop_streams(sim, row)
     hover_limits = HOVER_LIMITS_NOISY if noise else HOVER_LIMITS
     players = [_StimulusPlayer(sim, row, recording, hover_limits) for row, recording in enumerate(recordings)]
-    log = _Log(sim)
+    log = _MotionLog(sim)
     step_s = sim.simulation.dt_s
-    waiting = True
-    while waiting:
+    is_flying = True
+    while is_flying:
         for player in players:
             player.tick()
         sim.step(step_s)
         if sim.simulation.steps % RECORD_EVERY_STEPS == 0:
-            log.add()
-        waiting = any(
+            log.add_row()
+        is_flying = any(
             math.isnan(player.began_s)
             or player.now_s - player.began_s < float(player.recording.t_s[-1]) + 0.1
             for player in players
@@ -332,13 +343,13 @@ LOGGED = (
 )  # fmt: skip
 
 
-class _Log:
+class _MotionLog:
     def __init__(self, sim: VehicleSim) -> None:
         self._sim = sim
         self._times: list[float] = []
         self._rows: list[list[FloatArray]] = []
 
-    def add(self) -> None:
+    def add_row(self) -> None:
         simulation = self._sim.simulation
         estimate, target = simulation.estimate, simulation.target
         commanders = [autopilot.commander for autopilot in self._sim.autopilots]

@@ -17,8 +17,8 @@ from . import flight_recordings, flight_replay
 from .flight_comparison import GRID_S, MANOEUVRES, XYZ, Track, grid_of, response_of, rms, size_of
 from .flight_recordings import FloatArray, Recording
 
-FLIGHTS = 4
-_SPEEDS = ("vx", "vy", "vz")
+REPEATS = 4
+_VELOCITY = ("vx", "vy", "vz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Repeats:
     rises_s: tuple[float, ...]
 
 
-def measure(selected: Sequence[str], flights: int = FLIGHTS) -> dict[str, Repeats]:
+def measure(selected: Sequence[str], flights: int = REPEATS) -> dict[str, Repeats]:
     """Flies each flight `flights` times, each time with another seed of the noise."""
     recordings = [flight_recordings.load(name) for name in selected]
     flown = [flight_replay.fly(recordings, noise=True, seed=seed) for seed in range(flights)]
@@ -48,7 +48,7 @@ def _repeats(recording: Recording, tracks: list[Track]) -> Repeats:
     pairs = list(itertools.combinations(tracks, 2))
     return Repeats(
         tuple(rms(a, whole_s, b, whole_s, XYZ, from_zero=False) for a, b in pairs),
-        tuple(rms(a, whole_s, b, whole_s, _SPEEDS, from_zero=False) for a, b in pairs),
+        tuple(rms(a, whole_s, b, whole_s, _VELOCITY, from_zero=False) for a, b in pairs),
         tuple(
             quantity.scale * rms(a, grid, b, grid, manoeuvre.axes, from_zero=quantity.from_zero)
             for a, b in pairs
@@ -77,24 +77,24 @@ def table() -> Iterator[str]:
     for name in names:
         repeats, spread = measured[name], flight_recordings.load(name).spread
         simulated = (float(np.median(repeats.positions_m)), float(np.median(repeats.velocities_m_s)))
-        gaps = [abs(a - b) for a, b in itertools.combinations(repeats.rises_s, 2)]
-        gap_s = float(np.median(gaps)) if gaps else math.nan
+        rise_differences_s = [abs(a - b) for a, b in itertools.combinations(repeats.rises_s, 2)]
+        rise_difference_s = float(np.median(rise_differences_s)) if rise_differences_s else math.nan
         cells = (
-            pair(simulated[0], spread.position_m),
-            pair(simulated[1], spread.velocity_m_s),
-            pair(gap_s, spread.rise_s),
+            sim_and_real(simulated[0], spread.position_m),
+            sim_and_real(simulated[1], spread.velocity_m_s),
+            sim_and_real(rise_difference_s, spread.rise_s),
         )
         yield f"| {name} | {' | '.join(cells)} |"
         ratios.append((simulated[0] / spread.position_m, simulated[1] / spread.velocity_m_s))
     position, velocity = np.nanmedian(np.array(ratios), axis=0)
     yield ""
     yield (
-        f"Medians of the pairs among {FLIGHTS} simulated flights with sensor noise / PX4's single pair. "
+        f"Medians of the pairs among {REPEATS} simulated flights with sensor noise / PX4's single pair. "
         f"In the median flight the simulated difference is {position:.2f} of PX4's in position, "
         f"{velocity:.2f} in velocity."
     )
 
 
-def pair(sim: float, real: float, digits: int = 2) -> str:
-    """The simulated and PX4's value in a cell of a table."""
+def sim_and_real(sim: float, real: float, digits: int = 2) -> str:
+    """Text of a cell: the simulated vehicle's value and PX4's."""
     return " / ".join("–" if math.isnan(value) else f"{value:.{digits}f}" for value in (sim, real))

@@ -76,16 +76,16 @@ def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
             sent_at[boot_ms] = time.monotonic()
             sender.sendto(attitude.pack(mav), target)
             deadline = sent_at[boot_ms] + 0.02
-            while (left := deadline - time.monotonic()) > 0:
+            while (remaining_s := deadline - time.monotonic()) > 0:
                 try:
-                    frame = json.loads(listener.recv(timeout=left))
+                    frame = json.loads(listener.recv(timeout=remaining_s))
                 except TimeoutError:
                     break
                 now = time.monotonic()
                 for sample in frame.get("samples", ()):
-                    boot = round(sample["vehicle_time_boot_s"] * 1000)
-                    if boot in sent_at:
-                        durations_s.append(now - sent_at.pop(boot))
+                    sample_boot_ms = round(sample["vehicle_time_boot_s"] * 1000)
+                    if sample_boot_ms in sent_at:
+                        durations_s.append(now - sent_at.pop(sample_boot_ms))
     return durations_s
 
 
@@ -102,11 +102,11 @@ def table() -> Iterator[str]:
     with server([f"udpin://127.0.0.1:{link_port}"]) as (url, _):
         with vehicle(link_port, tcp_port=tcp_port):
             wait_until(lambda: vehicle_is_connected(url), "the vehicle")
-            direct = vehicle_round_trips_s(tcp_port, 101)
-            yield f"| parameter read from the vehicle (TCP) | {len(direct)} | {quantiles_ms(direct)} |"
-            through = rest_round_trips_s(url, f"/api/v1/vehicles/101/params/{PARAMETER}")
-            yield f"| parameter read through REST | {len(through)} | {quantiles_ms(through)} |"
-        health = rest_round_trips_s(url, "/api/v1/health")
-        yield f"| REST alone (health) | {len(health)} | {quantiles_ms(health)} |"
-        samples = udp_to_websocket_s(url, link_port)
-        yield f"| UDP datagram → WebSocket sample | {len(samples)} of {ROUNDS} | {quantiles_ms(samples)} |"
+            direct_s = vehicle_round_trips_s(tcp_port, 101)
+            yield f"| parameter read from the vehicle (TCP) | {len(direct_s)} | {quantiles_ms(direct_s)} |"
+            rest_s = rest_round_trips_s(url, f"/api/v1/vehicles/101/params/{PARAMETER}")
+            yield f"| parameter read through REST | {len(rest_s)} | {quantiles_ms(rest_s)} |"
+        health_s = rest_round_trips_s(url, "/api/v1/health")
+        yield f"| REST alone (health) | {len(health_s)} | {quantiles_ms(health_s)} |"
+        added_s = udp_to_websocket_s(url, link_port)
+        yield f"| UDP datagram → WebSocket sample | {len(added_s)} of {ROUNDS} | {quantiles_ms(added_s)} |"

@@ -45,7 +45,7 @@ _FRAMES = """ms => new Promise(done => {
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class Measurement:
     """One run of the page."""
 
     title: str
@@ -57,34 +57,34 @@ class Measured:
     server_share: float
     heap_start_mb: float
     heap_end_mb: float
-    """After a garbage collection, like the value before."""
+    """Both heap sizes are measured after a garbage collection."""
     frames_s: list[float]
     load: str
 
 
 @contextmanager
-def flying(*, scene: bool) -> Generator[tuple[str, int]]:
+def flying_vehicles(*, scene: bool) -> Generator[tuple[str, int]]:
     """Ten simulated vehicles hovering at ten metres; yields the page's address and the server's process
     id."""
-    udp, http = free_port(), free_port()
-    url = f"http://127.0.0.1:{http}"
+    udp_port, http_port = free_port(), free_port()
+    url = f"http://127.0.0.1:{http_port}"
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as data:
-        command = server_command(http, [f"udpin://127.0.0.1:{udp}"], data)
+        command = server_command(http_port, [f"udpin://127.0.0.1:{udp_port}"], data)
         with (
             running([*command, *(() if scene else ("--no-scene",))]) as process,
-            vehicle(udp, instances=VEHICLES),
+            vehicle(udp_port, instances=VEHICLES),
             httpx.Client(base_url=f"{url}/api/v1", timeout=30) as api,
         ):
             wait_until(lambda: is_up(url), "the server's start")
-            wait_until(lambda: len(_ids(api)) == VEHICLES, f"{VEHICLES} vehicles")
-            for vehicle_id in _ids(api):
+            wait_until(lambda: len(_vehicle_ids(api)) == VEHICLES, f"{VEHICLES} vehicles")
+            for vehicle_id in _vehicle_ids(api):
                 path = f"/vehicles/{vehicle_id}"
                 wait_until(lambda path=path: api.post(f"{path}/arm").is_success, f"arming {vehicle_id}", 60)
                 api.post(f"{path}/takeoff", json={"alt_home_m": 10}).raise_for_status()
             yield url, process.pid
 
 
-def _ids(api: httpx.Client) -> list[str]:
+def _vehicle_ids(api: httpx.Client) -> list[str]:
     return [v["id"] for v in api.get("/vehicles").raise_for_status().json()]
 
 
@@ -119,10 +119,10 @@ def _metrics(cdp: CDPSession) -> dict[str, float]:
 
 def _processes_s(browser: CDPSession) -> dict[str, float]:
     """CPU time by kind of process [s]."""
-    used: dict[str, float] = {}
+    cpu_s: dict[str, float] = {}
     for process in browser.send("SystemInfo.getProcessInfo")["processInfo"]:
-        used[process["type"]] = used.get(process["type"], 0.0) + process["cpuTime"]
-    return used
+        cpu_s[process["type"]] = cpu_s.get(process["type"], 0.0) + process["cpuTime"]
+    return cpu_s
 
 
 def _heap_mb(cdp: CDPSession) -> float:
@@ -131,26 +131,26 @@ def _heap_mb(cdp: CDPSession) -> float:
     return _metrics(cdp)["JSHeapUsedSize"] / 1e6
 
 
-def _measure(title: str, browser: Browser, page: Page, server_pid: int, window_s: float) -> Measured:
-    cdp, all_cdp = page.context.new_cdp_session(page), browser.new_browser_cdp_session()
+def _measure(title: str, browser: Browser, page: Page, server_pid: int, window_s: float) -> Measurement:
+    cdp, browser_cdp = page.context.new_cdp_session(page), browser.new_browser_cdp_session()
     cdp.send("Performance.enable", {"timeDomain": "threadTicks"})  # CPU time, not elapsed time
     page.wait_for_timeout(WARM_UP_S * 1000)
     heap_start_mb = _heap_mb(cdp)
-    before, used, began_s = _metrics(cdp), _processes_s(all_cdp), time.monotonic()
+    before, cpu_before_s, began_s = _metrics(cdp), _processes_s(browser_cdp), time.monotonic()
     # No CDP request during the window: its response would be part of the measured CPU time.
     server_share = cpu_share(server_pid, window_s)
-    after, now_used = _metrics(cdp), _processes_s(all_cdp)
-    took_s, load = time.monotonic() - began_s, load_average()
+    after, cpu_after_s = _metrics(cdp), _processes_s(browser_cdp)
+    elapsed_s, load = time.monotonic() - began_s, load_average()
     heap_end_mb = _heap_mb(cdp)
     frames_ms: list[float] = page.evaluate(_FRAMES, FRAMES_WINDOW_S * 1000)
 
     def share(name: str) -> float:
-        return (after[name] - before[name]) / took_s
+        return (after[name] - before[name]) / elapsed_s
 
     def process_share(kind: str) -> float:
-        return (now_used.get(kind, 0.0) - used.get(kind, 0.0)) / took_s
+        return (cpu_after_s.get(kind, 0.0) - cpu_before_s.get(kind, 0.0)) / elapsed_s
 
-    return Measured(
+    return Measurement(
         title,
         share("TaskDuration"),
         share("ScriptDuration"),
@@ -164,7 +164,7 @@ def _measure(title: str, browser: Browser, page: Page, server_pid: int, window_s
     )
 
 
-def _row(measured: Measured) -> str:
+def _row(measured: Measurement) -> str:
     grown_mb = measured.heap_end_mb - measured.heap_start_mb
     cells = (
         measured.title,
@@ -179,7 +179,7 @@ def _row(measured: Measured) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _open(browser: Browser, url: str, requested_urls: set[str]) -> Page:
+def _open_page(browser: Browser, url: str, requested_urls: set[str]) -> Page:
     page = browser.new_page(viewport={"width": 1440, "height": 900})
     page.on("request", lambda request: requested_urls.add(request.url) if request.method == "GET" else None)
     page.goto(url)
@@ -189,9 +189,9 @@ def _open(browser: Browser, url: str, requested_urls: set[str]) -> Page:
 
 
 def table() -> Iterator[str]:
-    """Rows of Markdown, as they become known."""
+    """Rows of Markdown."""
     sizes: dict[str, int] = {}
-    rows: list[Measured] = []
+    rows: list[Measurement] = []
     with sync_playwright() as playwright:
         for scene, title, window_s in (
             (True, "3D and map", SCENE_WINDOW_S),
@@ -201,9 +201,9 @@ def table() -> Iterator[str]:
             browser = playwright.chromium.launch(
                 executable_path=installed_chromium(), args=list(CHROMIUM_FLAGS)
             )
-            with flying(scene=scene) as (url, server_pid):
+            with flying_vehicles(scene=scene) as (url, server_pid):
                 requested_urls: set[str] = set()
-                page = _open(browser, url, requested_urls)
+                page = _open_page(browser, url, requested_urls)
                 sizes = _sizes(url, requested_urls) if scene else sizes
                 rows.append(_measure(f"{title}, {window_s:.0f} s", browser, page, server_pid, window_s))
                 browser.close()

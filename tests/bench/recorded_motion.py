@@ -1,7 +1,7 @@
 """The velocity of a recorded vehicle, calculated from its motor signals and attitude: without GPS drift.
 
-The velocity in a recording is PX4's estimate. The simulated body is known (PX4's SIH; its parameters are in
-the header of every flight), so its velocity follows from the recorded motor signals and attitude. It starts
+The velocity in a recording is PX4's estimate. The airframe is known (PX4's SIH; its parameters are in the
+header of every flight), so its velocity follows from the recorded motor signals and attitude. It starts
 at the estimate; drag reduces an initial error with the time constant SIH_MASS / SIH_KDV (one second).
 """
 
@@ -37,14 +37,14 @@ def with_motor_velocity(airframe: Airframe, flight: Recording | Replay) -> dict[
     thrust_axis = rotation_matrix(q / np.linalg.norm(q, axis=1, keepdims=True))[:, :, 2]
     signals = np.clip((on_grid(_MOTORS) - _IDLE_US) / _SPAN_US, 0.0, 1.0)
     force_n = airframe.wrench_table()[:, 0]
-    lag = min(1.0, STEP_S / airframe.rotor_time_constant_s)
+    rotor_step = min(1.0, STEP_S / airframe.rotor_time_constant_s)
     gravity = np.array([0.0, 0.0, GRAVITY_M_S2])
     rotors = signals[0]
     velocity = np.array([columns[name][0] for name in _VELOCITY])
     velocities = []
     for signal, axis in zip(signals, thrust_axis, strict=True):
         velocities.append(velocity)
-        rotors = rotors + lag * (signal - rotors)
+        rotors = rotors + rotor_step * (signal - rotors)
         drag = airframe.drag_n_per_m_s * velocity
         velocity = velocity + STEP_S * (gravity - (axis * (rotors @ force_n) + drag) / airframe.mass_kg)
     table = np.array(velocities)

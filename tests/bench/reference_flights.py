@@ -11,7 +11,7 @@ from vehicle_sim.parameters import Parameters
 
 from . import flight_recordings, flight_replay, flight_spread, recorded_motion
 from .flight_comparison import VELOCITY, Comparison, compare
-from .flight_spread import pair
+from .flight_spread import sim_and_real
 
 NOISY_FLIGHTS = 8
 
@@ -29,10 +29,10 @@ def _size(c: Comparison) -> str:
 
 def rows(comparisons: list[Comparison]) -> Iterator[str]:
     """The table in Markdown; values are simulated / PX4's."""
-    heads = ("flight", "size", "error RMS", "limit", "outside", "first motion s", "rise s", "overshoot",
-             "settling s", "path RMS m")  # fmt: skip
-    yield f"| {' | '.join(heads)} |"
-    yield "|---" * len(heads) + "|"
+    headings = ("flight", "size", "error RMS", "limit", "outside", "first motion s", "rise s", "overshoot",
+                "settling s", "path RMS m")  # fmt: skip
+    yield f"| {' | '.join(headings)} |"
+    yield "|---" * len(headings) + "|"
     for c in comparisons:
         outside = ", ".join(
             name for name, ok in (("error", c.within_limit), ("rise", c.rise_agrees)) if not ok
@@ -40,21 +40,21 @@ def rows(comparisons: list[Comparison]) -> Iterator[str]:
         sim, real = c.sim, c.real
         cells = (
             c.name, _size(c), f"{c.error:.2f}", f"{c.limit:.2f}", outside,
-            pair(sim.first_motion_s, real.first_motion_s, 2), pair(sim.rise_s, real.rise_s, 2),
-            pair(sim.overshoot, real.overshoot, 2), pair(sim.settling_s, real.settling_s, 1),
+            sim_and_real(sim.first_motion_s, real.first_motion_s), sim_and_real(sim.rise_s, real.rise_s),
+            sim_and_real(sim.overshoot, real.overshoot), sim_and_real(sim.settling_s, real.settling_s, 1),
             f"{c.path_error_m:.2f}",
         )  # fmt: skip
         yield f"| {' | '.join(cells)} |"
-    missed = [c for c in comparisons if not (c.within_limit and c.rise_agrees)]
-    within = len(comparisons) - len(missed)
+    flights_outside = [c for c in comparisons if not (c.within_limit and c.rise_agrees)]
+    within = len(comparisons) - len(flights_outside)
     yield ""
     yield f"{within} of {len(comparisons)} within their limits (error and rise time); sensors without noise."
 
 
-def noise_rows(missed: list[Comparison]) -> Iterator[str]:
+def noise_rows(flights_outside: list[Comparison]) -> Iterator[str]:
     """For flights outside their limits: results with sensor noise, and velocities from the motor signals."""
-    repeats = flight_spread.measure([c.name for c in missed], NOISY_FLIGHTS)
-    for c in missed:
+    repeats = flight_spread.measure([c.name for c in flights_outside], NOISY_FLIGHTS)
+    for c in flights_outside:
         spread, unit = repeats[c.name], c.quantity.unit
         if not c.comparable:
             low, high = min(spread.errors), max(spread.errors)
@@ -82,11 +82,11 @@ def motion_rises(name: str) -> tuple[float, float]:
     recording = flight_recordings.load(name)
     replay = flight_replay.fly([recording])[name]
     airframe = Airframe.from_parameters(Parameters())
-    compared = compare(
+    comparison = compare(
         dataclasses.replace(recording, columns=recorded_motion.with_motor_velocity(airframe, recording)),
         dataclasses.replace(replay, columns=recorded_motion.with_motor_velocity(airframe, replay)),
     )
-    return compared.sim.rise_s, compared.real.rise_s
+    return comparison.sim.rise_s, comparison.real.rise_s
 
 
 def table() -> Iterator[str]:
@@ -96,7 +96,7 @@ def table() -> Iterator[str]:
         return
     comparisons = measure()
     yield from rows(comparisons)
-    missed = [c for c in comparisons if not (c.within_limit and c.rise_agrees)]
-    if missed:
+    flights_outside = [c for c in comparisons if not (c.within_limit and c.rise_agrees)]
+    if flights_outside:
         yield ""
-        yield from noise_rows(missed)
+        yield from noise_rows(flights_outside)

@@ -30,22 +30,22 @@ class Relay:
     """
 
     def __init__(self, server_port: int) -> None:
-        self._vehicle_side = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._vehicle_side.bind(("127.0.0.1", 0))
+        self._vehicle_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._vehicle_socket.bind(("127.0.0.1", 0))
         self._server = ("127.0.0.1", server_port)
-        self._server_sides: dict[tuple[str, int], socket.socket] = {}
+        self._server_sockets: dict[tuple[str, int], socket.socket] = {}
         self._vehicles: dict[socket.socket, tuple[str, int]] = {}
         self._running = True
         self._epoch_s = time.clock_gettime(time.CLOCK_REALTIME) - time.monotonic()
         """Unix time of the monotonic clock's zero: the kernel's timestamps are Unix times."""
         self._selector = selectors.DefaultSelector()
-        self.vehicle_port: int = self._vehicle_side.getsockname()[1]
+        self.vehicle_port: int = self._vehicle_socket.getsockname()[1]
         self.setpoints: list[Arrival] = []
         """Every setpoint sent to a vehicle."""
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> Relay:
-        self._selector.register(self._vehicle_side, selectors.EVENT_READ)
+        self._selector.register(self._vehicle_socket, selectors.EVENT_READ)
         self._thread.start()
         return self
 
@@ -53,8 +53,8 @@ class Relay:
         self._running = False
         self._thread.join(2)
         self._selector.close()
-        for server_side in (self._vehicle_side, *self._server_sides.values()):
-            server_side.close()
+        for each in (self._vehicle_socket, *self._server_sockets.values()):
+            each.close()
 
     def arrivals_s(self) -> dict[int, list[float]]:
         """Arrival times of the local setpoints so far, by target system."""
@@ -84,26 +84,26 @@ class Relay:
         while self._running:
             for key, _ in self._selector.select(0.1):
                 with contextlib.suppress(OSError):
-                    if key.fileobj is self._vehicle_side:
-                        self._to_server()
+                    if key.fileobj is self._vehicle_socket:
+                        self._forward_to_server()
                     else:
                         assert isinstance(key.fileobj, socket.socket)
-                        self._to_vehicle(key.fileobj)
+                        self._forward_to_vehicle(key.fileobj)
 
-    def _to_server(self) -> None:
-        data, vehicle = self._vehicle_side.recvfrom(2048)
-        server_side = self._server_sides.get(vehicle)
-        if server_side is None:
-            server_side = self._server_sides[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            server_side.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-            server_side.bind(("127.0.0.1", 0))
-            self._vehicles[server_side] = vehicle
-            self._selector.register(server_side, selectors.EVENT_READ)
-        server_side.sendto(data, self._server)
+    def _forward_to_server(self) -> None:
+        data, vehicle = self._vehicle_socket.recvfrom(2048)
+        server_socket = self._server_sockets.get(vehicle)
+        if server_socket is None:
+            server_socket = self._server_sockets[vehicle] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            server_socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+            server_socket.bind(("127.0.0.1", 0))
+            self._vehicles[server_socket] = vehicle
+            self._selector.register(server_socket, selectors.EVENT_READ)
+        server_socket.sendto(data, self._server)
 
-    def _to_vehicle(self, server_side: socket.socket) -> None:
-        data, timestamps, _, _ = server_side.recvmsg(2048, socket.CMSG_SPACE(TIMESPEC.size))
+    def _forward_to_vehicle(self, server_socket: socket.socket) -> None:
+        data, timestamps, _, _ = server_socket.recvmsg(2048, socket.CMSG_SPACE(TIMESPEC.size))
         if data[:1] == b"\xfd" and int.from_bytes(data[7:10], "little") in SETPOINT_IDS:
             seconds, nanoseconds = TIMESPEC.unpack(timestamps[0][2])
             self.setpoints.append((seconds + nanoseconds * 1e-9 - self._epoch_s, data))
-        self._vehicle_side.sendto(data, self._vehicles[server_side])
+        self._vehicle_socket.sendto(data, self._vehicles[server_socket])

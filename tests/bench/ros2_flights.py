@@ -55,7 +55,7 @@ MANOEUVRES: dict[str, tuple[Manoeuvre, str]] = {
     "vel_x2": (Manoeuvre(VELOCITY, ("vx",), "vx", 0.1, 4.1), "vel_x_1"),
     "yaw_nan_only": (Manoeuvre(POSITION, XYZ, "x", 0.0, 4.2), "pos_step_x_p5"),
 }
-"""How each flight is evaluated, and the reference flight with its spread."""
+"""How each flight is evaluated, and the reference flight whose spread is used."""
 
 
 NOISY_FLIGHTS = 4
@@ -74,13 +74,15 @@ def within_limits_with_noise() -> Iterator[int]:
     A limit comes from one pair of flights, so not every pair of PX4's own flights would be within it. This
     number shows how many can be expected to be.
     """
-    recordings = [ros2_recordings.load(name, like) for name, (_, like) in MANOEUVRES.items()]
+    recordings = [ros2_recordings.load(name, reference) for name, (_, reference) in MANOEUVRES.items()]
     flown = flight_replay.fly(recordings)
     for seed in range(NOISY_FLIGHTS):
-        noisy = flight_replay.fly(recordings, noise=True, seed=seed)
+        noisy_flights = flight_replay.fly(recordings, noise=True, seed=seed)
         compared = [
             compare(
-                dataclasses.replace(each, t_s=noisy[each.name].t_s, columns=noisy[each.name].columns),
+                dataclasses.replace(
+                    each, t_s=noisy_flights[each.name].t_s, columns=noisy_flights[each.name].columns
+                ),
                 flown[each.name],
                 MANOEUVRES[each.name][0],
             )

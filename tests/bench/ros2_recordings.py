@@ -38,16 +38,16 @@ TOPICS = {
 }
 """The setpoint topic for each flag of OffboardControlMode, the highest level first."""
 MODES = {2: 0x30000, 4: 0x3040000, 5: 0x5040000, 14: 0x60000, 17: 0x2040000, 18: 0x6040000}
-"""nav_state to custom_mode."""
+"""The custom_mode of each nav_state."""
 ARMED = 2
-ATTITUDE_ONLY, RATES_ONLY = 7, 128
+ATTITUDE_ONLY_MASK, RATES_ONLY_MASK = 7, 128
 SETPOINT_LAG_S = 0.01
 """A setpoint may be recorded this much later than its OffboardControlMode."""
-MOTORS = 4
+MOTOR_COUNT = 4
 
 
-def load(name: str, like: str, folder: Path = FLIGHTS) -> Recording:
-    """Reads one flight; its spread is that of the reference flight `like`."""
+def load(name: str, reference: str, folder: Path = FLIGHTS) -> Recording:
+    """Reads one flight; its spread is that of the flight `reference`."""
     raw = json.loads(gzip.decompress((folder / f"{name}.json.gz").read_bytes()))
     table = np.array([[math.nan if v is None else v for v in row] for row in raw["rows"]], dtype=float)
     columns = {column: table[:, k] for k, column in enumerate(raw["columns"])}
@@ -70,7 +70,7 @@ def load(name: str, like: str, folder: Path = FLIGHTS) -> Recording:
         messages,
         columns["t_s"],
         columns,
-        dataclasses.replace(spread_of(like), comparable=False),
+        dataclasses.replace(spread_of(reference), comparable=False),
         _control_change_s(raw["messages"]),
     )
 
@@ -85,22 +85,23 @@ class _TopicHistory:
     """The newest fields of a topic as a function of time."""
 
     def __init__(self, stimulus: list[dict[str, Any]], topic: str) -> None:
-        found: list[tuple[float, dict[str, Any]]] = []
+        timed_fields: list[tuple[float, dict[str, Any]]] = []
         for entry in stimulus:
             if entry["topic"].endswith(f"/{topic}"):
-                found += entry.get("setpoints") or [(entry["dt_s"], entry["fields"])]
-        found.sort(key=lambda each: each[0])
-        self._times = [each[0] for each in found]
-        self._fields = [each[1] for each in found]
+                timed_fields += entry.get("setpoints") or [(entry["dt_s"], entry["fields"])]
+        timed_fields.sort(key=lambda each: each[0])
+        self._times = [each[0] for each in timed_fields]
+        self._fields = [each[1] for each in timed_fields]
 
     def at(self, t_s: float) -> dict[str, Any]:
         k = bisect.bisect_right(self._times, t_s) - 1
-        return {key: _number(value) for key, value in self._fields[k].items()} if k >= 0 else {}
+        return {key: _with_nan(value) for key, value in self._fields[k].items()} if k >= 0 else {}
 
 
-def _number(value: Any) -> Any:
+def _with_nan(value: Any) -> Any:
+    """The value, with NaN for each null of the recording."""
     if isinstance(value, list):
-        return [_number(each) for each in value]
+        return [_with_nan(each) for each in value]
     return math.nan if value is None else value
 
 
@@ -112,14 +113,14 @@ def _messages(stimulus: list[dict[str, Any]]) -> list[TimedMessage]:
     for entry in stimulus:
         topic = entry["topic"].rsplit("/", 1)[1]
         if topic == "vehicle_command":
-            fields = {f"param{n}": _number(entry["fields"].get(f"param{n}", 0.0)) for n in range(1, 8)}
+            fields = {f"param{n}": _with_nan(entry["fields"].get(f"param{n}", 0.0)) for n in range(1, 8)}
             messages.append((entry["dt_s"], "COMMAND_LONG", fields | {"command": entry["fields"]["command"]}))
         elif topic == "offboard_control_mode":
-            messages += _stream(entry, histories)
+            messages += _stream_messages(entry, histories)
     return sorted(messages, key=lambda message: message[0])
 
 
-def _stream(entry: dict[str, Any], histories: dict[str, _TopicHistory]) -> Iterator[TimedMessage]:
+def _stream_messages(entry: dict[str, Any], histories: dict[str, _TopicHistory]) -> Iterator[TimedMessage]:
     topic = next(TOPICS[flag] for flag in TOPICS if entry["fields"].get(flag))
     for k in range(entry["count"]):
         t_s = entry["dt_s"] + k / entry["streamed_hz"]
@@ -135,19 +136,19 @@ def _stream(entry: dict[str, Any], histories: dict[str, _TopicHistory]) -> Itera
 
 def _message(topic: str, fields: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     if topic == "trajectory_setpoint":
-        return "SET_POSITION_TARGET_LOCAL_NED", _trajectory(fields)
+        return "SET_POSITION_TARGET_LOCAL_NED", _trajectory_fields(fields)
     if topic == "actuator_motors":
-        return ACTUATORS, {"motors": fields["control"][:MOTORS]}
+        return ACTUATORS, {"motors": fields["control"][:MOTOR_COUNT]}
     thrust = -fields["thrust_body"][2]
     if topic == "vehicle_attitude_setpoint":
-        return "SET_ATTITUDE_TARGET", {"type_mask": ATTITUDE_ONLY, "q": fields["q_d"], "thrust": thrust}
+        return "SET_ATTITUDE_TARGET", {"type_mask": ATTITUDE_ONLY_MASK, "q": fields["q_d"], "thrust": thrust}
     rates = {f"body_{axis}_rate": fields.get(axis, 0.0) for axis in ("roll", "pitch", "yaw")}
     return "SET_ATTITUDE_TARGET", rates | {
-        "type_mask": RATES_ONLY, "q": [1.0, 0.0, 0.0, 0.0], "thrust": thrust,
+        "type_mask": RATES_ONLY_MASK, "q": [1.0, 0.0, 0.0, 0.0], "thrust": thrust,
     }  # fmt: skip
 
 
-def _trajectory(fields: dict[str, Any]) -> dict[str, Any]:
+def _trajectory_fields(fields: dict[str, Any]) -> dict[str, Any]:
     """NaN sets the bit of its field in the mask; fields missing in the recording were zero."""
     values: dict[str, Any] = {"coordinate_frame": 1}
     axes = (("x", "y", "z"), ("vx", "vy", "vz"), ("afx", "afy", "afz"))

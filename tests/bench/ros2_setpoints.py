@@ -21,7 +21,7 @@ from .stream import lateness_s
 
 RATE_HZ = 100.0
 WINDOW_S = 12.0
-FLEETS = (1, 10)
+FLEET_SIZES = (1, 10)
 DOMAIN = 80 + os.getpid() % 20
 """A DDS domain that no other process uses."""
 
@@ -39,7 +39,7 @@ class Tap(SetpointRecorder, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Cpu:
+class CpuShares:
     """Share of one core of a server and its simulator (1 = one core)."""
 
     server: float
@@ -47,12 +47,12 @@ class Cpu:
 
 
 @dataclass(slots=True)
-class Measured:
+class Measurement:
     """One protocol with a number of vehicles."""
 
-    alone: Cpu
+    idle: CpuShares
     """Telemetry without streams."""
-    streaming: Cpu
+    streaming: CpuShares
     load: str
     streams_s: list[list[float]]
     latency_s: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
@@ -97,38 +97,40 @@ def over_ros2(vehicles: int) -> Generator[Station]:
 STATIONS = {"MAVLink": over_mavlink, "ROS 2": over_ros2}
 
 
-def cpu(station: Station) -> Cpu:
+def measure_cpu(station: Station) -> CpuShares:
     """CPU shares over a window that begins now."""
-    before, began_s = [tree_cpu_s(pid) for pid in station.processes], time.monotonic()
+    cpu_before_s, began_s = [tree_cpu_s(pid) for pid in station.processes], time.monotonic()
     time.sleep(WINDOW_S)
-    passed_s = time.monotonic() - began_s
-    used_s = [tree_cpu_s(pid) - at for pid, at in zip(station.processes, before, strict=True)]
-    return Cpu(*(each / passed_s for each in used_s))
+    elapsed_s = time.monotonic() - began_s
+    used_s = [
+        tree_cpu_s(pid) - before_s for pid, before_s in zip(station.processes, cpu_before_s, strict=True)
+    ]
+    return CpuShares(*(each / elapsed_s for each in used_s))
 
 
-def measure(station: Station, vehicles: int) -> Measured:
+def measure(station: Station, vehicles: int) -> Measurement:
     """Measures with vehicles that stand on the ground, disarmed, in Offboard while they receive setpoints."""
     names = [str(FIRST_TEST_INSTANCE + number) for number in range(1, vehicles + 1)]
     with SyncGcs(station.url, client="bench", client_id="bench") as gcs, contextlib.ExitStack() as running:
         drones = [gcs.wait_for_vehicle(name, ready=True) for name in names]
         time.sleep(2)
-        alone = cpu(station)
+        idle = measure_cpu(station)
         for drone in drones:
             stream = drone.offboard(position_ned_m=(0.0, 0.0, -5.0), rate_hz=RATE_HZ, valid_for_s=300)
             running.enter_context(stream)
             drone.until(lambda v: v["status"]["mode"] == "offboard", what="Offboard")
         time.sleep(2)
-        streaming = cpu(station)
+        streaming = measure_cpu(station)
         tap = running.enter_context(station.tap())
         time.sleep(2)
         tap.clear()
         time.sleep(WINDOW_S)
-        found = Measured(alone, streaming, load_average(), [list(each) for each in tap.streams_s()])
+        measurement = Measurement(idle, streaming, load_average(), [list(each) for each in tap.streams_s()])
         if vehicles == 1:
             with rest_and_websocket(station.url) as apis:
                 for number, (api, send) in enumerate(apis.items()):
-                    found.latency_s[api] = latencies_s(tap, send, 1 + 10_000 * number)
-        return found
+                    measurement.latency_s[api] = latencies_s(tap, send, 1 + 10_000 * number)
+        return measurement
 
 
 def percent(before: float, after: float, vehicles: int) -> str:
@@ -136,35 +138,35 @@ def percent(before: float, after: float, vehicles: int) -> str:
     return f"{before / vehicles:.1%} → {after / vehicles:.1%}"
 
 
-def rows(results: dict[tuple[str, int], Measured]) -> Iterator[str]:
+def rows(results: dict[tuple[str, int], Measurement]) -> Iterator[str]:
     """The three tables."""
     yield "| protocol | load average | API | setpoints | ms from the call: p50 / p99 / max |"
     yield "|---|---|---|---|---|"
-    for (protocol, _), found in results.items():
-        for api, taken in found.latency_s.items():
-            cells = f"{len(taken)} of {SETPOINTS} | {quantiles_ms(taken)}"
-            yield f"| {protocol} | {found.load} | {api} | {cells} |"
+    for (protocol, _), measurement in results.items():
+        for api, durations_s in measurement.latency_s.items():
+            cells = f"{len(durations_s)} of {SETPOINTS} | {quantiles_ms(durations_s)}"
+            yield f"| {protocol} | {measurement.load} | {api} | {cells} |"
     yield "\n| protocol | vehicles | load average | setpoints | skipped | lateness ms: p50 / p99 / max |"
     yield "|---|---|---|---|---|---|"
-    for (protocol, vehicles), found in results.items():
-        measured = [lateness_s(each, RATE_HZ) for each in found.streams_s]
+    for (protocol, vehicles), measurement in results.items():
+        measured = [lateness_s(each, RATE_HZ) for each in measurement.streams_s]
         late = [each_s for stream_s, _ in measured for each_s in stream_s]
         skipped = sum(missed for _, missed in measured)
         cells = f"{len(late)} | {skipped} | {quantiles_ms(late)}"
-        yield f"| {protocol} | {vehicles} | {found.load} | {cells} |"
+        yield f"| {protocol} | {vehicles} | {measurement.load} | {cells} |"
     yield "\n| protocol | vehicles | load average | server, a vehicle | simulator, a vehicle |"
     yield "|---|---|---|---|---|"
-    for (protocol, vehicles), found in results.items():
-        alone, streaming = found.alone, found.streaming
-        sides = [(alone.server, streaming.server), (alone.simulator, streaming.simulator)]
+    for (protocol, vehicles), measurement in results.items():
+        idle, streaming = measurement.idle, measurement.streaming
+        sides = [(idle.server, streaming.server), (idle.simulator, streaming.simulator)]
         shares = " | ".join(percent(*each, vehicles) for each in sides)
-        yield f"| {protocol} | {vehicles} | {found.load} | {shares} |"
+        yield f"| {protocol} | {vehicles} | {measurement.load} | {shares} |"
 
 
 def table() -> Iterator[str]:
     """Rows of Markdown; the protocols take turns."""
-    results: dict[tuple[str, int], Measured] = {}
-    for vehicles in FLEETS:
+    results: dict[tuple[str, int], Measurement] = {}
+    for vehicles in FLEET_SIZES:
         for protocol, open_station in STATIONS.items():
             with open_station(vehicles) as station:
                 results[protocol, vehicles] = measure(station, vehicles)

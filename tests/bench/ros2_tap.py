@@ -40,9 +40,9 @@ class Ros2Tap:
     def __init__(self, domain_id: int, namespaces: Sequence[str]) -> None:
         self._domain = open_domain(domain_id, None)
         participant = DomainParticipant(domain_id)
-        kind, qos = idl_type(SHOWN["TrajectorySetpoint"]), Qos(Policy.History.KeepLast(MAX_SAMPLES))
-        topics = {each: Topic(participant, wire_name(SETPOINT, each), kind) for each in namespaces}
-        self._readers = {each: DataReader(participant, topic, qos=qos) for each, topic in topics.items()}
+        message_type, qos = idl_type(SHOWN["TrajectorySetpoint"]), Qos(Policy.History.KeepLast(MAX_SAMPLES))
+        topics = {name: Topic(participant, wire_name(SETPOINT, name), message_type) for name in namespaces}
+        self._readers = {name: DataReader(participant, topic, qos=qos) for name, topic in topics.items()}
         self._waitset = WaitSet(participant)
         for reader in self._readers.values():
             self._waitset.attach(ReadCondition(reader, SampleState.Any | View.Any | Instance.Any))
@@ -50,7 +50,7 @@ class Ros2Tap:
         self._running = True
         self.setpoints: list[tuple[float, bytes]] = []
         """Monotonic time [s] and message of each, in the order in which they were read."""
-        self._sent_s: dict[str, list[float]] = {each: [] for each in namespaces}
+        self._sent_s: dict[str, list[float]] = {namespace: [] for namespace in namespaces}
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> Ros2Tap:
@@ -68,12 +68,12 @@ class Ros2Tap:
     def sent_at_s(self, north_m: float, skip: int) -> float | None:
         """Time of the first setpoint with this position; the first `skip` recorded setpoints are skipped."""
         expected_north = struct.pack("<f", north_m)
-        found = (
+        times_s = (
             at_s
             for at_s, cdr in self.setpoints[skip:]
             if cdr[NORTH_OFFSET : NORTH_OFFSET + 4] == expected_north
         )
-        return next(found, None)
+        return next(times_s, None)
 
     def clear(self) -> None:
         """Deletes the recorded setpoints."""

@@ -21,10 +21,10 @@ from .relay import Relay
 SETPOINTS = 400
 PERIOD_S = 0.02
 LOST_AFTER_S = 1.0
-CLIENT = {"X-Client": "bench", "X-Client-Id": "bench"}
+CLIENT_HEADERS = {"X-Client": "bench", "X-Client-Id": "bench"}
 
 
-def request(north_m: float) -> dict[str, object]:
+def setpoint_request(north_m: float) -> dict[str, object]:
     """A position setpoint; `north_m` is different for each setpoint of the run."""
     setpoint = {"type": "position", "position_ned_m": [north_m, 0, -5], "yaw_ned_rad": 0}
     return {"setpoint": setpoint, "valid_for_s": 60}
@@ -57,13 +57,13 @@ def wait_for_setpoint(recorder: SetpointRecorder, skip: int, north_m: float) -> 
     return None
 
 
-def latencies_s(recorder: SetpointRecorder, send: Send, first: int) -> list[float]:
+def latencies_s(recorder: SetpointRecorder, send: Send, first_index: int) -> list[float]:
     """Latencies of `SETPOINTS` setpoints, 50 per second."""
     latencies: list[float] = []
-    for index in range(first, first + SETPOINTS):
-        north_m = struct.unpack("<f", struct.pack("<f", index / 1000.0))[0]
+    for index in range(first_index, first_index + SETPOINTS):
+        north_m = struct.unpack("<f", struct.pack("<f", index / 1000.0))[0]  # as a 32-bit float
         skip, sent_s = len(recorder.setpoints), time.monotonic()
-        send(request(north_m))
+        send(setpoint_request(north_m))
         recorded_s = wait_for_setpoint(recorder, skip, north_m)
         if recorded_s is not None:
             latencies.append(recorded_s - sent_s)
@@ -76,8 +76,8 @@ def rest_and_websocket(url: str) -> Generator[dict[str, Send]]:
     """Functions that send a setpoint over REST and over a WebSocket, to a stream of vehicle 101."""
     path = "/api/v1/vehicles/101/offboard"
     with (
-        httpx.Client(base_url=url, headers=CLIENT, timeout=10) as http,
-        connect(url.replace("http", "ws") + path + "/stream", additional_headers=CLIENT) as socket,
+        httpx.Client(base_url=url, headers=CLIENT_HEADERS, timeout=10) as http,
+        connect(url.replace("http", "ws") + path + "/stream", additional_headers=CLIENT_HEADERS) as socket,
     ):
 
         def post(body: dict[str, object]) -> None:
@@ -87,7 +87,7 @@ def rest_and_websocket(url: str) -> Generator[dict[str, Send]]:
             socket.send(json.dumps(body))
             assert "applied" in json.loads(socket.recv(timeout=LOST_AFTER_S))
 
-        post(request(0.0))
+        post(setpoint_request(0.0))
         yield {"REST": post, "WebSocket": send}
 
 

@@ -17,8 +17,10 @@ from tests.station import free_port, running
 from .process import cpu_share
 
 WINDOW_S = 8.0
-MANY = 100
+FLEET = 100
 _ATTITUDE, _EXTENDED_SYS_STATE = 30, 245
+_FLYING_STATES = (b"\x02", b"\x03")
+"""MAV_LANDED_STATE_IN_AIR and _TAKEOFF."""
 _TAKEOFF, _ARM_DISARM = 22, 400
 
 _PHYSICS_STEPS = """
@@ -65,7 +67,7 @@ sim.close()
 """
 
 
-def _cpu(script: str, *arguments: object) -> float:
+def _run_script(script: str, *arguments: object) -> float:
     """Runs a script in a separate process; returns the number that it prints: CPU seconds per unit of
     work."""
     command = [sys.executable, "-c", script, *map(str, arguments)]
@@ -74,12 +76,13 @@ def _cpu(script: str, *arguments: object) -> float:
 
 def step_cost_s(vehicles: int) -> float:
     """CPU seconds for a 4 ms step of physics and control in flight."""
-    return _cpu(_PHYSICS_STEPS, vehicles, {1: 4000, 10: 3000, 100: 1000}.get(vehicles, 200))
+    steps = {1: 4000, 10: 3000, 100: 1000}.get(vehicles, 200)
+    return _run_script(_PHYSICS_STEPS, vehicles, steps)
 
 
 def flying_share(vehicles: int, links: str, seconds: float, *, log: bool = False) -> float:
     """CPU seconds per simulated second of the whole simulator in flight, without sockets."""
-    return _cpu(_WHOLE_SIMULATOR, vehicles, links, seconds, "log" if log else "no log")
+    return _run_script(_WHOLE_SIMULATOR, vehicles, links, seconds, "log" if log else "no log")
 
 
 def run_in_real_time(vehicles: int, *, api: bool, flying: bool = False) -> tuple[float, float]:
@@ -118,7 +121,7 @@ def _take_off(station: socket.socket, vehicles: int) -> None:
             raise TimeoutError(f"{len(in_air)} of {vehicles} vehicles are flying after two minutes")
         data, peer = station.recvfrom(65536)
         for system, message, payload in _messages(data):
-            if message == _EXTENDED_SYS_STATE and payload[1:2] in (b"\x02", b"\x03"):
+            if message == _EXTENDED_SYS_STATE and payload[1:2] in _FLYING_STATES:
                 in_air.add(system)
             if system not in in_air and time.monotonic() - requested_at_s.get(system, 0.0) > 4.0:
                 requested_at_s[system] = time.monotonic()
@@ -162,22 +165,22 @@ def table() -> Iterator[str]:
     load = f"load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     yield f"| the simulator ({load}) | measured | goal |"
     yield "|---|---|---|"
-    headless = flying_share(1, "", 20.0)
-    yield f"| one vehicle, whole stack in flight without links | {1 / headless:.1f} x real time | 20 |"
-    with_links = flying_share(1, "gcs,api", 20.0)
-    yield f"| the same with all streams of both links | {1 / with_links:.1f} x real time | |"
-    logging = flying_share(1, "gcs,api", 20.0, log=True)
-    yield f"| the same with its onboard log | {1 / logging:.1f} x real time | |"
+    without_links_s = flying_share(1, "", 20.0)
+    yield f"| one vehicle, whole stack in flight without links | {1 / without_links_s:.1f} x real time | 20 |"
+    with_links_s = flying_share(1, "gcs,api", 20.0)
+    yield f"| the same with all streams of both links | {1 / with_links_s:.1f} x real time | |"
+    with_log_s = flying_share(1, "gcs,api", 20.0, log=True)
+    yield f"| the same with its onboard log | {1 / with_log_s:.1f} x real time | |"
     share, speed = run_in_real_time(1, api=True)
     yield f"| one vehicle on its sockets | {share:.1%} of a core, {speed:.1%} of real time | 15 % |"
-    flying = flying_share(MANY, "gcs", 3.0)
-    yield f"| {MANY} in flight with the 14550 streams, one process | {1 / flying:.2f} x real time | 1 |"
+    fleet_s = flying_share(FLEET, "gcs", 3.0)
+    yield f"| {FLEET} in flight with the 14550 streams, one process | {1 / fleet_s:.2f} x real time | 1 |"
     for state in ("on the ground", "in flight"):
-        share, speed = run_in_real_time(MANY, api=False, flying=state == "in flight")
-        yield f"| {MANY} {state}, on sockets | {share:.0%} of a core, {speed:.1%} | 100 % of real time |"
+        share, speed = run_in_real_time(FLEET, api=False, flying=state == "in flight")
+        yield f"| {FLEET} {state}, on sockets | {share:.0%} of a core, {speed:.1%} | 100 % of real time |"
     yield ""
     yield "| vehicles | physics and control in flight, µs a step | µs a vehicle | maximum, x real time |"
     yield "|---|---|---|---|"
     for vehicles in (1, 10, 100, 1000):
-        cost = step_cost_s(vehicles)
-        yield f"| {vehicles} | {cost * 1e6:.0f} | {cost * 1e6 / vehicles:.1f} | {0.004 / cost:.1f} |"
+        cost_s = step_cost_s(vehicles)
+        yield f"| {vehicles} | {cost_s * 1e6:.0f} | {cost_s * 1e6 / vehicles:.1f} | {0.004 / cost_s:.1f} |"

@@ -49,14 +49,14 @@ def open_scene(url: str) -> ClientConnection:
     return scene
 
 
-def _read(connection: ClientConnection) -> None:
+def _read_all(connection: ClientConnection) -> None:
     with contextlib.suppress(ConnectionClosed):
         for _ in connection:
             pass
 
 
 def _measure(readers: int, not_reading: int) -> tuple[float, float, float]:
-    """The server's (CPU share, memory at the start, at the end [MB])."""
+    """The server's CPU share, and its memory at the start and at the end of the window [MB]."""
     port = free_port()
     seconds = str(WARM_UP_S * 2 + WINDOW_S + 1)
     with server([f"udpin://127.0.0.1:{port}"]) as (url, process), contextlib.ExitStack() as connections:
@@ -70,7 +70,7 @@ def _measure(readers: int, not_reading: int) -> tuple[float, float, float]:
                     # Without a close frame: a client that does not read would not receive the server's reply.
                     connections.callback(stream.socket.close)
                     if index < readers:
-                        threading.Thread(target=_read, args=(stream,), daemon=True).start()
+                        threading.Thread(target=_read_all, args=(stream,), daemon=True).start()
             time.sleep(WARM_UP_S)
             start_mb = resident_mb(process.pid)
             share = cpu_share(process.pid, WINDOW_S)
@@ -78,11 +78,11 @@ def _measure(readers: int, not_reading: int) -> tuple[float, float, float]:
 
 
 def table() -> Iterator[str]:
-    """Rows of Markdown, as they become known."""
+    """Rows of Markdown, as they are measured."""
     yield f"{VEHICLES} × 100 msg/s; each browser has the telemetry of all at 20 Hz and the 3D view.\n"
     yield f"| open browsers | load average | server CPU | memory MB, over {WINDOW_S:.0f} s |"
     yield "|---|---|---|---|"
     for name, readers, not_reading in CASES:
         share, start_mb, end_mb = _measure(readers, not_reading)
-        grown = f"{start_mb:.0f} → {end_mb:.0f} ({end_mb - start_mb:+.1f})"
-        yield f"| {name} | {load_average()} | {share:.1%} | {grown} |"
+        memory_mb = f"{start_mb:.0f} → {end_mb:.0f} ({end_mb - start_mb:+.1f})"
+        yield f"| {name} | {load_average()} | {share:.1%} | {memory_mb} |"

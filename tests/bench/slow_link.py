@@ -60,7 +60,7 @@ class SlowPort:
         except OSError:
             return
 
-    def in_driver(self, _fileno: int) -> int:
+    def bytes_in_driver(self, _fileno: int) -> int:
         """Unsent bytes, as a serial driver reports them; a pseudo-terminal always reports 0."""
         with self._lock:
             unread: int = struct.unpack("i", fcntl.ioctl(self._master_fd, termios.FIONREAD, b"\0" * 4))[0]
@@ -86,11 +86,11 @@ class SlowPort:
 @contextmanager
 def _stream(connection: Connection, began_s: float) -> Generator[None]:
     """Sends setpoints from a thread, like those of the stream process; each contains its time of creation."""
-    (peer,), end = connection.link.peers(), threading.Event()
+    (peer,), stop_event = connection.link.peers(), threading.Event()
 
     def send() -> None:
         next_s = time.monotonic()
-        while not end.wait(max(0.0, next_s - time.monotonic())):
+        while not stop_event.wait(max(0.0, next_s - time.monotonic())):
             created_s = time.monotonic()
             payload = struct.pack(
                 "<I11fHBBB", round((created_s - began_s) * 1e6), *range(1, 12), 2552, 1, 1, 1
@@ -103,7 +103,7 @@ def _stream(connection: Connection, began_s: float) -> Generator[None]:
     try:
         yield
     finally:
-        end.set()
+        stop_event.set()
         thread.join()
 
 
@@ -125,8 +125,8 @@ class Result:
     stop_after_stall_s: list[float]
     ages_s: list[float]
     seconds: float
-    parameters: int
-    lost: int
+    parameter_requests: int
+    lost_frames: int
     info: LinkInfo
 
 
@@ -137,61 +137,64 @@ async def _measure(port: SlowPort) -> Result:
     router.add_link(f"serial://{port.device}?baud={BAUD}", "radio")
     connection = router.connection("radio")
     (peer,) = connection.link.peers()
-    stop = struct.pack("<7fHBBB", 0, FORCE, 0, 0, 0, 0, 0, MAV_CMD_COMPONENT_ARM_DISARM, 1, 1, 0)
+    stop_payload = struct.pack("<7fHBBB", 0, FORCE, 0, 0, 0, 0, 0, MAV_CMD_COMPONENT_ARM_DISARM, 1, 1, 0)
     began_s = time.monotonic()
-    load = supervisor.spawn("parameters", _load_parameters(connection))
-    after_s: list[float] = []
-    after_stall_s: list[float] = []
+    load_task = supervisor.spawn("parameters", _load_parameters(connection))
+    stop_after_s: list[float] = []
+    stop_after_stall_s: list[float] = []
     with _stream(connection, began_s):
         await asyncio.sleep(1.0)
         for number in range(STOP_COMMANDS):
             requested_s = time.monotonic()
-            connection.sender.send(MSG_COMMAND_LONG, stop, peer)
+            connection.sender.send(MSG_COMMAND_LONG, stop_payload, peer)
             await asyncio.sleep(rng.uniform(0.1, 0.25))
-            after_s.append(port.sent_frames(MSG_COMMAND_LONG)[number][0] - requested_s)
+            stop_after_s.append(port.sent_frames(MSG_COMMAND_LONG)[number][0] - requested_s)
         for number in range(STALLS):
             ends_s = time.monotonic() + STALL_S
             port.stall(STALL_S)
             await asyncio.sleep(STALL_S - rng.uniform(0.1, 0.8))
-            connection.sender.send(MSG_COMMAND_LONG, stop, peer)
+            connection.sender.send(MSG_COMMAND_LONG, stop_payload, peer)
             await asyncio.sleep(ends_s + 1.0 - time.monotonic())
-            after_stall_s.append(port.sent_frames(MSG_COMMAND_LONG)[STOP_COMMANDS + number][0] - ends_s)
-    load.cancel()
+            stop_after_stall_s.append(port.sent_frames(MSG_COMMAND_LONG)[STOP_COMMANDS + number][0] - ends_s)
+    load_task.cancel()
     seconds, info = time.monotonic() - began_s - STALLS * STALL_S, router.links()[0]
     ages_s = [
         at_s - began_s - struct.unpack_from("<I", frame.payload)[0] / 1e6
         for at_s, frame in port.sent_frames(MSG_SETPOINT)
     ]
-    parameters = len(port.sent_frames(MSG_PARAM_REQUEST_READ))
+    parameter_requests = len(port.sent_frames(MSG_PARAM_REQUEST_READ))
     await router.close()
     await supervisor.close()
-    return Result(after_s, after_stall_s, ages_s, seconds, parameters, port.lost_frames(), info)
+    return Result(
+        stop_after_s, stop_after_stall_s, ages_s, seconds, parameter_requests, port.lost_frames(), info
+    )
 
 
 def table() -> Iterator[str]:
     yield f"load average before: {load_average()}"
     port, original = SlowPort(), serial.bytes_in_output_queue
-    serial.bytes_in_output_queue = port.in_driver
+    serial.bytes_in_output_queue = port.bytes_in_driver
     try:
         result = asyncio.run(_measure(port))
     finally:
         serial.bytes_in_output_queue = original
         port.close()
+    # The others were already in the driver's buffer when the line stalled.
     in_time = [age_s for age_s in result.ages_s if age_s < STALL_S / 2]
-    late = len(result.ages_s) - len(in_time)
+    stalled = len(result.ages_s) - len(in_time)
     info = result.info
-    stop = quantiles_ms(result.stop_after_s)
+    stop_delays = quantiles_ms(result.stop_after_s)
     yield ""
     yield "| what | figure |"
     yield "|---|---|"
-    yield f"| delay of stop motors, {STOP_COMMANDS} commands: p50 / p99 / max | {stop} ms (goal: 50) |"
-    stall = ", ".join(f"{s * 1e3:.1f}" for s in result.stop_after_stall_s)
-    yield f"| … after the end of a stall of {STALL_S:g} s, {STALLS} times | {stall} ms |"
+    yield f"| delay of stop motors, {STOP_COMMANDS} commands: p50 / p99 / max | {stop_delays} ms (goal: 50) |"
+    stall_delays = ", ".join(f"{delay_s * 1e3:.1f}" for delay_s in result.stop_after_stall_s)
+    yield f"| … after the end of a stall of {STALL_S:g} s, {STALLS} times | {stall_delays} ms |"
     yield f"| setpoints sent per second | {len(result.ages_s) / result.seconds:.1f} of {RATE_HZ:g} |"
     yield f"| age of a setpoint at its last byte: p50 / p99 / max | {quantiles_ms(in_time)} ms (goal: 100) |"
-    yield f"| setpoints in the driver's buffer when the line stalled | {late} in {STALLS} stalls |"
-    yield f"| parameter requests sent per second | {result.parameters / result.seconds:.0f} |"
-    yield f"| frames lost (by sequence number) | {result.lost} |"
+    yield f"| setpoints in the driver's buffer when the line stalled | {stalled} in {STALLS} stalls |"
+    yield f"| parameter requests sent per second | {result.parameter_requests / result.seconds:.0f} |"
+    yield f"| frames lost (by sequence number) | {result.lost_frames} |"
     yield (
         f"| replaced / expired / dropped, with the stalls | {info.frames_replaced} / {info.frames_expired} / "
         f"{info.frames_dropped} |"

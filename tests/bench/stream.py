@@ -40,13 +40,13 @@ def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], in
     before_s = ((dense_s - phase) % period_s for phase in phases)
     start_s = dense_s - max(before for before in before_s if before < period_s / 4)
     late: list[float] = []
-    skipped, served = 0, None
+    skipped, last_slot = 0, None
     for arrival in arrivals_s:
         slot = math.floor((arrival - start_s) / period_s + 1e-6)
-        due = slot if served is None else served + 1
+        due = slot if last_slot is None else last_slot + 1
         late.append(arrival - start_s - due * period_s)
         skipped += slot - due
-        served = slot
+        last_slot = slot
     return late, skipped
 
 
@@ -195,9 +195,9 @@ def row(title: str, streams: list[list[float]], rate_hz: float) -> str:
     late: list[float] = []
     skipped = 0
     for arrivals in streams:
-        each, missed = lateness_s(arrivals, rate_hz)
-        late += each
-        skipped += missed
+        stream_late, stream_skipped = lateness_s(arrivals, rate_hz)
+        late += stream_late
+        skipped += stream_skipped
     return f"| {title} | {load_average()} | {len(late)} | {skipped} | {quantiles_ms(late)} |"
 
 

@@ -23,7 +23,7 @@ class SocketBytes:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._bytes: Counter[str] = Counter()
-        page.on("websocket", self._opened)
+        page.on("websocket", self._on_socket_opened)
 
     def over_window(self) -> Counter[str]:
         """Bytes per second during a window from now on."""
@@ -31,11 +31,11 @@ class SocketBytes:
         self._page.wait_for_timeout(WINDOW_S * 1000)
         return Counter({topic: round(count / WINDOW_S) for topic, count in self._bytes.items()})
 
-    def _opened(self, socket: WebSocket) -> None:
+    def _on_socket_opened(self, socket: WebSocket) -> None:
         if "/telemetry" in socket.url:
-            socket.on("framereceived", self._received)
+            socket.on("framereceived", self._on_frame_received)
 
-    def _received(self, payload: str | bytes) -> None:
+    def _on_frame_received(self, payload: str | bytes) -> None:
         for sample in json.loads(payload).get("samples", ()):
             self._bytes[sample["topic"]] += len(json.dumps(sample, separators=(",", ":")))
         self._bytes["total"] += len(payload)
@@ -61,22 +61,22 @@ def _measure(page: Page, url: str, api: httpx.Client) -> tuple[Counter[str], Cou
 
 def table() -> Iterator[str]:
     """Rows of Markdown: bytes per second, by topic and in total."""
-    udp, http = free_port(), free_port()
-    url = f"http://127.0.0.1:{http}"
+    udp_port, http_port = free_port(), free_port()
+    url = f"http://127.0.0.1:{http_port}"
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as data, sync_playwright() as playwright:
-        command = server_command(http, [f"udpin://127.0.0.1:{udp}"], data)
+        command = server_command(http_port, [f"udpin://127.0.0.1:{udp_port}"], data)
         with (
             running([*command, "--no-scene"]),
-            vehicle(udp),
+            vehicle(udp_port),
             httpx.Client(base_url=f"{url}/api/v1", timeout=30) as api,
         ):
             wait_until(lambda: is_up(url), "the server's start")
             wait_until(lambda: api.get("/vehicles").raise_for_status().json(), "the vehicle")
             browser = playwright.chromium.launch(executable_path=installed_chromium(), args=["--no-sandbox"])
-            disarmed, flying = _measure(browser.new_page(), url, api)
+            disarmed, in_flight = _measure(browser.new_page(), url, api)
             browser.close()
     yield f"Bytes a second of the page's telemetry socket, one vehicle, over {WINDOW_S:.0f} s each.\n"
     yield "| topic | disarmed | in flight |"
     yield "|---|---|---|"
-    for topic, _ in flying.most_common():
-        yield f"| {topic} | {disarmed[topic]} | {flying[topic]} |"
+    for topic, _ in in_flight.most_common():
+        yield f"| {topic} | {disarmed[topic]} | {in_flight[topic]} |"

@@ -26,11 +26,14 @@ RUNS = 5
 MAX_TOTAL_MS = 5000.0
 """No further run after this total time; the table has the fastest run."""
 STEP_S = 0.01
+CRUISE_M_S = 3.0
+"""Assumed speed for the leg times of minimum snap, which are then stretched."""
 LIMITS = MotionLimits(climb_m_s=1.5)
 """Equal limits up and down: the libraries have symmetric limits only."""
 AXES_V = np.array([LIMITS.speed_m_s / math.sqrt(2)] * 2 + [LIMITS.descent_m_s])
 AXES_A = np.array([LIMITS.acceleration_m_s2 / math.sqrt(2)] * 2 + [LIMITS.vertical_acceleration_m_s2])
 AXES_J = np.full(3, LIMITS.jerk_m_s3 / math.sqrt(3))
+"""Limits of speed, acceleration and jerk for each axis."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +73,15 @@ def solve_minsnap(points: np.ndarray) -> Trajectory:
     """Minimum snap: leg times from trapezoidal speed profiles, all stretched until every limit is met."""
     import minsnap_trajectories as ms
 
-    legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    times = np.concatenate(([0.0], np.cumsum(np.sqrt(legs / LIMITS.acceleration_m_s2) + legs / 3.0)))
+    legs_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    times = np.concatenate(
+        ([0.0], np.cumsum(np.sqrt(legs_m / LIMITS.acceleration_m_s2) + legs_m / CRUISE_M_S))
+    )
     references = [ms.Waypoint(time=float(t), position=p) for t, p in zip(times, points, strict=True)]
-    rest = np.zeros(3)
+    at_rest = np.zeros(3)
     for end in (0, -1):
         references[end] = ms.Waypoint(
-            time=float(times[end]), position=points[end], velocity=rest, acceleration=rest
+            time=float(times[end]), position=points[end], velocity=at_rest, acceleration=at_rest
         )
     trajectory = ms.generate_trajectory(
         references, degree=7, idx_minimized_orders=4, num_continuous_orders=4, algorithm="closed-form"
@@ -137,42 +142,46 @@ def solve_clarabel(points: np.ndarray) -> Trajectory:
     from missions.trajectory import lines
 
     path = lines.smooth_curve([PassPoint(tuple(p)) for p in points.tolist()])
-    first = np.concatenate((path.derivative(1)[:, 0, :3], path.derivative(1)[-1:, -1, :3]))
-    second = np.concatenate((path.derivative(2)[:, 0, :3], path.derivative(2)[-1:, -1, :3]))
-    n, h = len(first), path.spans
-    a_of = sparse.diags_array([-0.5 / h, 0.5 / h], offsets=[0, 1], shape=(n - 1, n))
+    first_derivative = np.concatenate((path.derivative(1)[:, 0, :3], path.derivative(1)[-1:, -1, :3]))
+    second_derivative = np.concatenate((path.derivative(2)[:, 0, :3], path.derivative(2)[-1:, -1, :3]))
+    n, h = len(first_derivative), path.spans
+    acceleration_of = sparse.diags_array([-0.5 / h, 0.5 / h], offsets=[0, 1], shape=(n - 1, n))
     rows, bounds = [], []
     for axis in range(3):
         for end in (0, 1):  # both ends of each interval, in which the acceleration along the path is constant
-            b_end = sparse.eye_array(n - 1, n, k=end)
-            row = sparse.diags_array(first[end : n - 1 + end, axis]) @ a_of
-            row = row + sparse.diags_array(second[end : n - 1 + end, axis]) @ b_end
+            squared_speed_at_end = sparse.eye_array(n - 1, n, k=end)
+            row = sparse.diags_array(first_derivative[end : n - 1 + end, axis]) @ acceleration_of
+            row = row + sparse.diags_array(second_derivative[end : n - 1 + end, axis]) @ squared_speed_at_end
             rows += [row, -row]
             bounds += [np.full(2 * (n - 1), AXES_A[axis])]
-    ceiling = np.min(np.divide(AXES_V, np.abs(first) + 1e-12) ** 2, axis=1)
-    ceiling[[0, -1]] = 0.0
+    max_squared_speed = np.min(np.divide(AXES_V, np.abs(first_derivative) + 1e-12) ** 2, axis=1)
+    max_squared_speed[[0, -1]] = 0.0
     rows += [sparse.eye_array(n), -sparse.eye_array(n)]
-    bounds += [ceiling, np.zeros(n)]
+    bounds += [max_squared_speed, np.zeros(n)]
     matrix = sparse.csc_matrix(sparse.vstack(rows))
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     zero = sparse.csc_matrix((n, n))
     limit = np.concatenate(bounds)
     cone = [clarabel.NonnegativeConeT(len(limit))]
-    b = np.maximum(clarabel.DefaultSolver(zero, -np.ones(n), matrix, limit, cone, settings).solve().x, 0.0)
-    speed = np.sqrt(b)
+    squared_speed = np.maximum(
+        clarabel.DefaultSolver(zero, -np.ones(n), matrix, limit, cone, settings).solve().x, 0.0
+    )
+    speed = np.sqrt(squared_speed)
     steps_s = 2.0 * h / np.maximum(speed[1:] + speed[:-1], 1e-9)
-    along = np.diff(b) / (2.0 * h)
-    a = first[:-1] * along[:, None] + second[:-1] * b[:-1, None]
+    path_acceleration = np.diff(squared_speed) / (2.0 * h)
+    a = first_derivative[:-1] * path_acceleration[:, None] + second_derivative[:-1] * squared_speed[:-1, None]
     times = np.concatenate(([0.0], np.cumsum(steps_s)))
     t = np.arange(0.0, times[-1], STEP_S)
     index = np.clip(np.searchsorted(times, t, side="right") - 1, 0, n - 2)
-    return Trajectory(float(times[-1]), first[index] * speed[index][:, None], a[index])
+    return Trajectory(float(times[-1]), first_derivative[index] * speed[index][:, None], a[index])
 
 
 def worst_speed(v: np.ndarray) -> float:
     """The largest speed as a part of its limit."""
-    return float(max(np.hypot(v[:, 0], v[:, 1]).max() / LIMITS.speed_m_s, np.abs(v[:, 2]).max() / 1.5))
+    return float(
+        max(np.hypot(v[:, 0], v[:, 1]).max() / LIMITS.speed_m_s, np.abs(v[:, 2]).max() / LIMITS.descent_m_s)
+    )
 
 
 def worst_acceleration(a: np.ndarray) -> float:
@@ -202,15 +211,15 @@ def table() -> Iterator[str]:
     limits = "speed, acceleration, jerk / limit"
     yield f"| solver | points | CPU time [ms] | flight [s] | {limits} | continuous to |"
     yield "|---|---|---|---|---|---|"
-    for name, (library, order, solve) in SOLVERS.items():
+    for name, (library, continuous_to, solve) in SOLVERS.items():
         if library is not None and importlib.util.find_spec(library) is None:
             yield f"| {name} | | not installed | | | |"
             continue
         for count in COUNTS:
-            yield f"| {name} | {count} | {_row(solve, positions(count), order)}"
+            yield f"| {name} | {count} | {_row(solve, positions(count), continuous_to)}"
 
 
-def _row(solve: Callable[[np.ndarray], Trajectory], points: np.ndarray, order: str) -> str:
+def _row(solve: Callable[[np.ndarray], Trajectory], points: np.ndarray, continuous_to: str) -> str:
     times_ms: list[float] = []
     flight: Any = None
     for _ in range(RUNS):
@@ -224,4 +233,4 @@ def _row(solve: Callable[[np.ndarray], Trajectory], points: np.ndarray, order: s
             break
     jerk = _norms(np.diff(flight.acceleration, axis=0)).max() / STEP_S / LIMITS.jerk_m_s3
     shares = f"{worst_speed(flight.velocity):.2f}, {worst_acceleration(flight.acceleration):.2f}, {jerk:.2f}"
-    return f"{min(times_ms):.0f} | {flight.duration_s:.1f} | {shares} | {order} |"
+    return f"{min(times_ms):.0f} | {flight.duration_s:.1f} | {shares} | {continuous_to} |"

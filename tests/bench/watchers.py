@@ -12,11 +12,11 @@ RATE_HZ = 20.0
 
 async def watch(url: str, number: int) -> int:
     """Reads all samples of all vehicles until it is cancelled."""
-    seen = 0
+    samples = 0
     async with Gcs(url, client=f"watcher {number}") as gcs:
         async for _ in gcs.telemetry(rate_hz=RATE_HZ):
-            seen += 1
-    return seen
+            samples += 1
+    return samples
 
 
 async def main(url: str, clients: int, seconds: float) -> None:
