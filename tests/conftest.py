@@ -21,7 +21,7 @@ settings.load_profile("steady")
 REAL_PROCESSES = frozenset({"clients", "e2e", "hostile"})
 """Folders of tests that start servers, vehicles, browsers and third-party programs, in real time."""
 REAL_TIME_MARKS = ("browser", "realtime")
-"""Marks of such tests in other folders."""
+"""Marks of tests in other folders that run in real time."""
 
 
 @pytest.hookimpl(wrapper=True)

@@ -174,12 +174,12 @@ def reasons(document: str) -> dict[str, str]:
     return found
 
 
-def rows(flights: list[Comparison], why: dict[str, str]) -> Iterator[str]:
+def rows(flights: list[Comparison], reason_by_fault: dict[str, str]) -> Iterator[str]:
     """The table: a row for each fault outside its limits, then missing and outdated reasons.
 
     Args:
         flights: comparisons of all flights, sorted by name.
-        why: `reasons` of the documentation.
+        reason_by_fault: `reasons` of the documentation.
     """
     yield HEADER
     yield "|---" * 7 + "|"
@@ -201,7 +201,7 @@ def rows(flights: list[Comparison], why: dict[str, str]) -> Iterator[str]:
                 [flight.errors_outside for flight in group],
             )
         )
-        reason = why.get(name, "NO REASON: give it a row in docs/simulator.md")
+        reason = reason_by_fault.get(name, "NO REASON: give it a row in docs/simulator.md")
         compared = group[0].moments, moments_outside, group[0].numbers, errors_outside
         yield f"| {name} | {' | '.join(map(str, compared))} | {_outside_text(first_outside)} | {reason} |"
     moments, moments_outside = (
@@ -216,7 +216,7 @@ def rows(flights: list[Comparison], why: dict[str, str]) -> Iterator[str]:
     faults = len(flights_by_fault)
     yield f"{faults} faults, {len(flights)} flights: of {moments} moments {moments_outside} are outside,"
     yield f"of {numbers} errors and accuracies {errors_outside}."
-    for name in sorted(set(why) & set(flights_by_fault) - outside):
+    for name in sorted(set(reason_by_fault) & set(flights_by_fault) - outside):
         yield f"STALE: {name} is within its limits; remove its row from docs/simulator.md."
 
 

@@ -69,7 +69,7 @@ class Drone:
 
     async def until_mode(self, mode: str) -> None:
         """Waits for a flight mode by its name, such as "RETURN_TO_LAUNCH"."""
-        await self.until("flight_mode", lambda now: now.name == mode, f"mode {mode}")
+        await self.until("flight_mode", lambda value: value.name == mode, f"mode {mode}")
 
     async def until_disarmed(self) -> None:
         """Waits until the vehicle has landed and disarmed."""
@@ -92,7 +92,7 @@ async def connected(port: int) -> AsyncIterator[Drone]:
         try:
             async with asyncio.timeout(READY_TIMEOUT_S):
                 await system.connect(address)
-            yield await _ready(Drone(3, system))
+            yield await _wait_until_ready(Drone(3, system))
         finally:
             system._stop_mavsdk_server()
     else:
@@ -101,10 +101,10 @@ async def connected(port: int) -> AsyncIterator[Drone]:
         configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
         async with Mavsdk(configuration) as mavsdk:
             await mavsdk.add_any_connection(address)
-            yield await _ready(Drone(4, await mavsdk.first_autopilot(timeout_s=READY_TIMEOUT_S)))
+            yield await _wait_until_ready(Drone(4, await mavsdk.first_autopilot(timeout_s=READY_TIMEOUT_S)))
 
 
-async def _ready(drone: Drone) -> Drone:
+async def _wait_until_ready(drone: Drone) -> Drone:
     began_s = time.monotonic()
     await drone.until(
         "health", lambda h: h.is_armable and h.is_home_position_ok, "ready to arm", READY_TIMEOUT_S

@@ -13,7 +13,7 @@ from tests.station import free_port, server, vehicle
 
 
 @pytest.fixture
-def observed() -> Iterator[ObservedVehicle]:
+def observed_vehicle() -> Iterator[ObservedVehicle]:
     """A vehicle that can be armed; no client has control."""
     udp_port, tcp_port = free_port(), free_port(socket.SOCK_STREAM)
     with (

@@ -78,7 +78,7 @@ async def until(
     raise TimeoutError(f"the stream ended before {what}; the last value was {last}")
 
 
-async def first(stream: AsyncIterator[T], within_s: float = 10) -> T:
+async def next_value(stream: AsyncIterator[T], within_s: float = 10) -> T:
     """The next value of a stream."""
     return await until(stream, lambda _: True, "value", within_s)
 

@@ -27,7 +27,7 @@ def check(condition: object, what: str) -> None:
         raise SystemExit(what)
 
 
-async def first(stream: AsyncIterator[Any]) -> Any:
+async def next_value(stream: AsyncIterator[Any]) -> Any:
     """The next value of a stream."""
     async with asyncio.timeout(30.0):
         async for value in stream:
@@ -44,7 +44,7 @@ async def request_mode(drone: Drone, request: Callable[[], Awaitable[None]], mod
     for within_s in (15.0, 15.0, 60.0):
         await request()
         with suppress(SystemExit):
-            await drone.until("flight_mode", lambda now: now.name == mode, f"mode {mode}", within_s)
+            await drone.until("flight_mode", lambda value: value.name == mode, f"mode {mode}", within_s)
             return
     raise SystemExit(f"no mode {mode} after three requests")
 
@@ -52,7 +52,7 @@ async def request_mode(drone: Drone, request: Callable[[], Awaitable[None]], mod
 async def go_to_before_lift_off_and_return_after_hold(drone: Drone, _: Path) -> None:
     """A go-to during the take-off is flown; a request for Return directly after one for Hold ends in
     Return."""
-    home = await first(drone.stream("home"))
+    home = await next_value(drone.stream("home"))
     lat_deg = home.latitude_deg + 40.0 / METRES_PER_DEGREE
     await drone.action.arm()
     await drone.action.takeoff()
@@ -68,7 +68,7 @@ async def go_to_before_lift_off_and_return_after_hold(drone: Drone, _: Path) -> 
 
 async def mission_started_after_its_upload(drone: Drone, _: Path) -> None:
     """A mission is started directly after its upload to an armed vehicle."""
-    home = await first(drone.stream("home"))
+    home = await next_value(drone.stream("home"))
     lat, lon = round((home.latitude_deg + 8.0 / METRES_PER_DEGREE) * 1e7), round(home.longitude_deg * 1e7)
     item = drone.types("mission_raw").MissionItem
     relative, takeoff, waypoint, land = 6, 22, 16, 21
@@ -79,27 +79,27 @@ async def mission_started_after_its_upload(drone: Drone, _: Path) -> None:
     await drone.action.arm()
     await drone.mission_raw.upload_mission(plan)
     await drone.mission_raw.start_mission()
-    await drone.until("in_air", lambda flies: flies, "the take-off")
+    await drone.until("in_air", lambda in_air: in_air, "the take-off")
     await drone.until_disarmed()
-    position = await first(drone.stream("position"))
-    away_m = (position.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
-    check(abs(away_m - 8.0) < 2.0, f"landed {away_m:.1f} m north of home instead of 8")
+    position = await next_value(drone.stream("position"))
+    north_m = (position.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
+    check(abs(north_m - 8.0) < 2.0, f"landed {north_m:.1f} m north of home instead of 8")
 
 
 async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     """The vehicle climbs before it moves horizontally, and stays above ground even if its target altitude is
     below ground."""
     types = drone.types("follow_me")
-    home = await first(drone.stream("home"))
+    home = await next_value(drone.stream("home"))
     await drone.telemetry.set_rate_ground_truth(10.0)
-    ground_m = (await first(drone.stream("ground_truth"))).absolute_altitude_m
+    ground_m = (await next_value(drone.stream("ground_truth"))).absolute_altitude_m
     lat_deg = home.latitude_deg + 60.0 / METRES_PER_DEGREE
     target_alt_m = home.absolute_altitude_m
 
     def config(height_m: float, mode: str) -> Any:
         return types.Config(height_m, 6.0, 0.1, types.Config.FollowAltitudeMode[mode], 8.0, 180.0)
 
-    async def lead() -> None:
+    async def send_target() -> None:
         may_start_again = True
         while True:
             location = types.TargetLocation(lat_deg, home.longitude_deg, target_alt_m, 0.0, 0.0, 0.0)
@@ -119,7 +119,7 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     await drone.until("position", lambda p: p.relative_altitude_m > 4.5, "the take-off altitude")
     await drone.follow_me.start()
     await drone.until_mode("FOLLOW_ME")
-    leader = asyncio.ensure_future(lead())
+    target_task = asyncio.ensure_future(send_target())
     low_positions: list[Any] = []
 
     def has_arrived(position: Any) -> bool:
@@ -138,24 +138,24 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     target_alt_m = home.absolute_altitude_m - 30.0
     await drone.follow_me.set_config(config(8.0, "TARGET_GPS"))
     await drone.until("ground_truth", lambda t: t.absolute_altitude_m - ground_m < 2.5, "descent")
-    lowest_m, values = math.inf, 0
+    lowest_m, samples = math.inf, 0
     async for truth in drone.stream("ground_truth"):
-        lowest_m, values = min(lowest_m, truth.absolute_altitude_m - ground_m), values + 1
-        if values == 60:
+        lowest_m, samples = min(lowest_m, truth.absolute_altitude_m - ground_m), samples + 1
+        if samples == 60:
             break
     check(lowest_m > 0.2, f"descended to {lowest_m:.2f} m above ground")
-    check(await first(drone.stream("armed")), "landed and disarmed")
-    leader.cancel()
+    check(await next_value(drone.stream("armed")), "landed and disarmed")
+    target_task.cancel()
 
 
-async def sticks_with_gaps(drone: Drone, _: Path) -> None:
+async def stick_input_with_gaps(drone: Drone, _: Path) -> None:
     """The program sends stick positions for half a second and none for half a second, again and again: the
     vehicle takes off and climbs."""
-    sticks, sends = [0.0, 0.0, 0.0, 0.0], True
+    sticks, is_sending = [0.0, 0.0, 0.0, 0.0], True
 
     async def pilot() -> None:
         while True:
-            if sends:
+            if is_sending:
                 await drone.manual_control.set_manual_control_input(*sticks)
             await asyncio.sleep(0.03)
 
@@ -170,11 +170,11 @@ async def sticks_with_gaps(drone: Drone, _: Path) -> None:
     sticks[2] = 0.9
     alt_home_m = 0.0
     for _gap in range(40):
-        sends = True
+        is_sending = True
         await asyncio.sleep(0.5)
-        sends = False
+        is_sending = False
         await asyncio.sleep(0.5)
-        alt_home_m = (await first(drone.stream("position"))).relative_altitude_m
+        alt_home_m = (await next_value(drone.stream("position"))).relative_altitude_m
         if alt_home_m > 3.0:
             break
     check(alt_home_m > 3.0, f"after forty throttle inputs the vehicle is {alt_home_m:.1f} m above home")
@@ -203,18 +203,18 @@ async def files_in_ten_rounds(drone: Drone, folder: Path) -> None:
                     raise
 
     for round_number in range(10):
-        sent = folder / "note.txt"
-        sent.write_bytes(bytes((round_number + k) % 251 for k in range(1200)))
+        sent_file = folder / "note.txt"
+        sent_file.write_bytes(bytes((round_number + k) % 251 for k in range(1200)))
         await ftp.create_directory("/round")
-        await read_to_end(ftp.upload(str(sent), "/round"))
-        check(await ftp.are_files_identical(str(sent), "/round/note.txt"), "the uploaded file differs")
+        await read_to_end(ftp.upload(str(sent_file), "/round"))
+        check(await ftp.are_files_identical(str(sent_file), "/round/note.txt"), "the uploaded file differs")
         downloaded = folder / f"back{round_number}"
         downloaded.mkdir()
         await download(downloaded, bool(round_number % 2))
-        check((downloaded / "note.txt").read_bytes() == sent.read_bytes(), "the downloaded file differs")
-        listed = await ftp.list_directory("/round")
-        names = getattr(listed, "entries" if drone.version == 4 else "files")
-        check(len(names) == 1, f"the directory lists {names} instead of one file")
+        check((downloaded / "note.txt").read_bytes() == sent_file.read_bytes(), "the downloaded file differs")
+        listing = await ftp.list_directory("/round")
+        entries = getattr(listing, "entries" if drone.version == 4 else "files")
+        check(len(entries) == 1, f"the directory lists {entries} instead of one file")
         await ftp.remove_file("/round/note.txt")
         await ftp.remove_directory("/round")
 
@@ -248,7 +248,7 @@ async def accelerometer_calibrated_on_all_sides(drone: Drone, _: Path) -> None:
             abs(value - expected)
             for value, expected in zip(sorted(reading), (0.0, 0.0, GRAVITY_M_S2), strict=True)
         )
-        check(error < 0.05, f"the offset is that of a single sample, not of the mean: {text}")
+        check(error < 0.05, f"the measurement differs from gravity by {error:.2f} m/s²: {text}")
 
 
 PROGRAMS: dict[str, Callable[[Drone, Path], Awaitable[None]]] = {
@@ -257,7 +257,7 @@ PROGRAMS: dict[str, Callable[[Drone, Path], Awaitable[None]]] = {
         go_to_before_lift_off_and_return_after_hold,
         mission_started_after_its_upload,
         follow_a_target_at_a_safe_height,
-        sticks_with_gaps,
+        stick_input_with_gaps,
         files_in_ten_rounds,
         accelerometer_calibrated_on_all_sides,
     )

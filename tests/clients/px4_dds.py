@@ -18,42 +18,42 @@ _PRIMITIVES: dict[str, Any] = {
     "i64": idl.int64, "f32": idl.float32, "f64": idl.float64,
 }  # fmt: skip
 
-_ZEROS: dict[Any, dict[str, Any]] = {}
+_ZERO_FIELDS: dict[Any, dict[str, Any]] = {}
 QOS = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
 """The QoS of PX4's example programs; a reliable reader receives nothing from PX4."""
 
 
-def message(name: str, declaration: str) -> Any:
+def define_message(name: str, declaration: str) -> Any:
     """A message type of px4_msgs; `declaration` has `type:name` or `type[n]:name` for each field."""
     fields: dict[str, Any] = {}
     zeros: dict[str, Any] = {}
-    for word in declaration.split():
-        kind, _, field = word.partition(":")
-        kind, _, length = kind.rstrip("]").partition("[")
-        single = _PRIMITIVES[kind]
-        fields[field] = idl.array[single, int(length)] if length else single
+    for field_declaration in declaration.split():
+        type_name, _, field = field_declaration.partition(":")
+        type_name, _, length = type_name.rstrip("]").partition("[")
+        element_type = _PRIMITIVES[type_name]
+        fields[field] = idl.array[element_type, int(length)] if length else element_type
         zeros[field] = [0.0] * int(length) if length else 0
     message_type = make_idl_struct(name, f"px4_msgs.msg.dds_.{name}_", fields)
-    _ZEROS[message_type] = zeros
+    _ZERO_FIELDS[message_type] = zeros
     return message_type
 
 
-OffboardControlMode = message(
+OffboardControlMode = define_message(
     "OffboardControlMode",
     "u64:timestamp bool:position bool:velocity bool:acceleration bool:attitude bool:body_rate "
     "bool:thrust_and_torque bool:direct_actuator",
 )
-TrajectorySetpoint = message(
+TrajectorySetpoint = define_message(
     "TrajectorySetpoint",
     "u64:timestamp f32[3]:position f32[3]:velocity f32[3]:acceleration f32[3]:jerk f32:yaw f32:yawspeed",
 )
-VehicleCommand = message(
+VehicleCommand = define_message(
     "VehicleCommand",
     "u64:timestamp f32:param1 f32:param2 f32:param3 f32:param4 f64:param5 f64:param6 f32:param7 u32:command "
     "u8:target_system u8:target_component u8:source_system u16:source_component u8:confirmation "
     "bool:from_external",
 )
-VehicleStatus = message(
+VehicleStatus = define_message(
     "VehicleStatus",
     "u64:timestamp u64:armed_time u64:takeoff_time u8:arming_state u8:latest_arming_reason "
     "u8:latest_disarming_reason u64:nav_state_timestamp u8:nav_state_user_intention u8:nav_state "
@@ -66,7 +66,7 @@ VehicleStatus = message(
     "bool:parachute_system_healthy bool:rc_calibration_in_progress bool:calibration_enabled "
     "bool:pre_flight_checks_pass",
 )
-VehicleLocalPosition = message(
+VehicleLocalPosition = define_message(
     "VehicleLocalPosition",
     "u64:timestamp u64:timestamp_sample bool:xy_valid bool:z_valid bool:v_xy_valid bool:v_z_valid f32:x "
     "f32:y f32:z f32[2]:delta_xy u8:xy_reset_counter f32:delta_z u8:z_reset_counter f32:vx f32:vy f32:vz "
@@ -78,23 +78,26 @@ VehicleLocalPosition = message(
     "f32:delta_dist_bottom u8:dist_bottom_reset_counter u8:dist_bottom_sensor_bitfield f32:eph f32:epv "
     "f32:evh f32:evv bool:dead_reckoning f32:vxy_max f32:vz_max f32:hagl_min f32:hagl_max_z f32:hagl_max_xy",
 )
-VehicleOdometry = message(
+VehicleOdometry = define_message(
     "VehicleOdometry",
     "u64:timestamp u64:timestamp_sample u8:pose_frame f32[3]:position f32[4]:q u8:velocity_frame "
     "f32[3]:velocity f32[3]:angular_velocity f32[3]:position_variance f32[3]:orientation_variance "
     "f32[3]:velocity_variance u8:reset_counter i8:quality",
 )
-TimesyncStatus = message(
+TimesyncStatus = define_message(
     "TimesyncStatus",
     "u64:timestamp u8:source_protocol u64:remote_timestamp i64:observed_offset i64:estimated_offset "
     "u32:round_trip_time",
 )
 
 
-def new_message(kind: Any, **fields: Any) -> Any:
+def new_message(message_type: Any, **fields: Any) -> Any:
     """A message; fields that are not given are zero, as in ROS."""
-    zeros = {name: list(value) if isinstance(value, list) else value for name, value in _ZEROS[kind].items()}
-    return kind(**(zeros | fields))
+    zeros = {
+        name: list(value) if isinstance(value, list) else value
+        for name, value in _ZERO_FIELDS[message_type].items()
+    }
+    return message_type(**(zeros | fields))
 
 
 class Node:
@@ -104,16 +107,16 @@ class Node:
         self._participant = DomainParticipant(domain)
         self._prefix = f"rt/{namespace}" if namespace else "rt"
 
-    def _topic(self, kind: type[IdlStruct], name: str) -> Any:
-        return Topic(self._participant, self._prefix + name, kind)
+    def _topic(self, message_type: type[IdlStruct], name: str) -> Any:
+        return Topic(self._participant, self._prefix + name, message_type)
 
-    def publisher(self, kind: Any, name: str) -> Any:
+    def publisher(self, message_type: Any, name: str) -> Any:
         """A writer; `write(message)` publishes."""
-        return DataWriter(self._participant, self._topic(kind, name), qos=QOS)
+        return DataWriter(self._participant, self._topic(message_type, name), qos=QOS)
 
-    def subscription(self, kind: Any, name: str) -> "Subscription":
+    def subscription(self, message_type: Any, name: str) -> "Subscription":
         """A reader."""
-        return Subscription(DataReader(self._participant, self._topic(kind, name), qos=QOS))
+        return Subscription(DataReader(self._participant, self._topic(message_type, name), qos=QOS))
 
 
 class Subscription:

@@ -84,7 +84,7 @@ class Flow:
             self.sleep(STEP_S)
 
     def fly(self) -> None:
-        """Flies the example."""
+        """Switches to Offboard, arms, stays 20 s at 1 m, and lands."""
         for subscription in (self.status, self.odometry, self.time_sync):
             self.receive(subscription, 10.0)
         xyz = [0.0, 0.0, -1.0]

@@ -19,7 +19,7 @@ PRELUDE = """
 set -u
 sleep() {{ command sleep $(( ($1 + {speed} - 1) / {speed} )); }}
 curl() {{
-  command curl --fail-with-body --max-time 40 "$@" || echo "status $? of: curl $*" >> {failed}
+  command curl --fail-with-body --max-time 40 "$@" || echo "status $? of: curl $*" >> {failures}
 }}
 """
 """Shell functions before the calls: `sleep` divided by the simulation's speed, and `curl` that reports
@@ -29,8 +29,8 @@ failures."""
 def code_blocks(document: str, language: str, containing: str) -> list[str]:
     """Fenced blocks of this language that contain a text, in the order of the document."""
     text = (ROOT / document).read_text(encoding="utf-8")
-    found = re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
-    return [block for block in found if containing in block]
+    blocks = re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    return [block for block in blocks if containing in block]
 
 
 @pytest.fixture(scope="module")
@@ -58,14 +58,14 @@ def address() -> Iterator[str]:
 
 @pytest.mark.parametrize("document", ["docs/api.md", "README.md"])
 def test_each_curl_call_of_the_document_works_in_order(document: str, address: str, tmp_path: Path) -> None:
-    failed = tmp_path / "failed"
+    failures = tmp_path / "failed"
     snippets = code_blocks(document, "sh", "curl ")
     assert snippets
-    script = PRELUDE.format(failed=failed, speed=SPEED) + "\n".join(snippets).replace(
+    script = PRELUDE.format(failures=failures, speed=SPEED) + "\n".join(snippets).replace(
         "localhost:8080", address
     )
     result = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=240)
-    assert not failed.exists(), f"{failed.read_text()}\n{result.stdout[-3000:]}"
+    assert not failures.exists(), f"{failures.read_text()}\n{result.stdout[-3000:]}"
     assert result.returncode == 0, result.stderr
     with SyncGcs(f"http://{address}", client="docs") as gcs:
         gcs.vehicle("1").until_disarmed(timeout_s=120)

@@ -36,13 +36,13 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
         pytest.skip("Fast DDS is not installed: sudo apt-get install libfastrtps-dev g++")
     folder = tmp_path_factory.mktemp("fast_dds")
 
-    def compiled(name: str) -> str:
+    def compile_program(name: str) -> str:
         command = ["g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", str(SOURCES / f"{name}.cpp")]
         program = str(folder / name)
         subprocess.run([*command, "-o", program, "-lfastrtps", "-lfastcdr"], check=True, timeout=300)
         return program
 
-    return compiled
+    return compile_program
 
 
 def test_a_fast_dds_program_flies_the_simulator_offboard(build: Build) -> None:
@@ -60,27 +60,27 @@ def test_a_fast_dds_program_flies_the_simulator_offboard(build: Build) -> None:
 def test_the_server_reads_telemetry_and_sends_commands_and_setpoints_over_fast_dds(
     build: Build, tmp_path: Path
 ) -> None:
-    program, output = [build("vehicle"), DOMAIN, NAMESPACE], tmp_path / "printed"
+    command, output = [build("vehicle"), DOMAIN, NAMESPACE], tmp_path / "printed"
     with (
         station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
-        output.open("wb") as printed,
-        station.running(program, stdout=printed),
+        output.open("wb") as output_file,
+        station.running(command, stdout=output_file),
         httpx.Client(base_url=f"{url}/api/v1", headers={"X-Client": "test"}, timeout=30) as http,
     ):
 
-        def vehicle() -> Any:
+        def vehicle_state() -> Any:
             return next(iter(http.get("/vehicles").json()), {"topics": {}})
 
-        def call(name: str, body: dict[str, Any]) -> None:
+        def post(name: str, body: dict[str, Any]) -> None:
             response = http.post(f"/vehicles/1/{name}", json=body)
             assert response.status_code == 200, response.text
 
-        station.wait_until(lambda: "attitude" in vehicle()["topics"], "the vehicle's attitude")
-        call("arm", {})
-        call("offboard/start", {"setpoint": ATTITUDE, "valid_for_s": 30, "on_expiry": {"action": "hold"}})
+        station.wait_until(lambda: "attitude" in vehicle_state()["topics"], "the vehicle's attitude")
+        post("arm", {})
+        post("offboard/start", {"setpoint": ATTITUDE, "valid_for_s": 30, "on_expiry": {"action": "hold"}})
         station.wait_until(lambda: b"setpoint" in output.read_bytes(), "the setpoint")
-        call("mode", {"mode": "hold"})
-        status = vehicle()["status"]
+        post("mode", {"mode": "hold"})
+        status = vehicle_state()["status"]
         assert (status["armed"], status["mode"]) == (True, "hold")
     assert output.read_text().splitlines() == EXPECTED_OUTPUT
 
@@ -91,11 +91,11 @@ def test_the_link_of_the_server_reports_a_fast_dds_program_that_sends_malformed_
     program = build("malformed")
     with station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, server):
 
-        def reported() -> bool:
+        def is_reported() -> bool:
             (link,) = httpx.get(f"{url}/api/v1/links").json()["links"]
             return f"{NAMESPACE} has a writer of /fmu/out/vehicle_status_v1, but sends no" in link["detail"]
 
         with station.running([program, DOMAIN, NAMESPACE]):
-            station.wait_until(reported, "the report of the malformed messages")
+            station.wait_until(is_reported, "the report of the malformed messages")
         assert server.poll() is None
         assert httpx.get(f"{url}/api/v1/vehicles").json() == []

@@ -22,19 +22,21 @@ WAYPOINTS = f"""QGC WPL 110
 2\t0\t3\t21\t0\t0\t0\t0\t{LAT + NORTH_M / METRES_PER_DEGREE}\t{LON}\t0\t1
 """
 
+ALL_PARAMETERS_RECEIVED = b"Received 929 parameters"
+
 TypeCommand = Callable[[str], None]
 WaitForOutput = Callable[[bytes, str], None]
 
 
 @contextmanager
 def mavproxy(
-    observed: ObservedVehicle, folder: Path, modules: str
+    observed_vehicle: ObservedVehicle, folder: Path, modules: str
 ) -> Generator[tuple[TypeCommand, WaitForOutput]]:
     """Runs MAVProxy on the vehicle's TCP port; yields functions to type a command and to wait for its
     output."""
     program = Path(sys.executable).parent / "mavproxy.py"
     log = folder / "mavproxy.txt"
-    command = [sys.executable, "-u", str(program), f"--master=tcp:127.0.0.1:{observed.tcp_port}"]
+    command = [sys.executable, "-u", str(program), f"--master=tcp:127.0.0.1:{observed_vehicle.tcp_port}"]
     command += [f"--state-basedir={folder}", f"--default-modules={modules}", "--source-system=250"]
     with (
         log.open("wb") as output,
@@ -55,20 +57,22 @@ def mavproxy(
         yield type_command, wait_for_output
 
 
-def test_mavproxy_loads_parameters_arms_and_takes_off(observed: ObservedVehicle, tmp_path: Path) -> None:
-    with mavproxy(observed, tmp_path, "param,cmdlong,arm,mode") as (type_command, wait_for_output):
-        wait_for_output(b"Received 929 parameters", "the parameters")
+def test_mavproxy_loads_parameters_arms_and_takes_off(
+    observed_vehicle: ObservedVehicle, tmp_path: Path
+) -> None:
+    with mavproxy(observed_vehicle, tmp_path, "param,cmdlong,arm,mode") as (type_command, wait_for_output):
+        wait_for_output(ALL_PARAMETERS_RECEIVED, "the parameters")
         type_command("arm throttle")
-        observed.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="arming by MAVProxy")
+        observed_vehicle.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="arming by MAVProxy")
         type_command("long NAV_TAKEOFF -1 0 0 nan nan nan nan")
-        observed.drone.until(
+        observed_vehicle.drone.until(
             lambda v: v["status"]["landed_state"] in ("taking_off", "in_air"), timeout_s=60, what="lift-off"
         )
-        observed.drone.until(
+        observed_vehicle.drone.until(
             lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="the take-off altitude"
         )
         type_command("long NAV_LAND 0 0 0 nan nan nan nan")
-        observed.drone.until_disarmed(timeout_s=120)
+        observed_vehicle.drone.until_disarmed(timeout_s=120)
 
 
 FTP_ERRORS = (b"request timed out", b"no sessions available", b"Remove failed", b"Create directory failed")
@@ -76,15 +80,15 @@ FTP_ERRORS = (b"request timed out", b"no sessions available", b"Remove failed", 
 
 
 def test_mavproxy_creates_directories_and_leaves_no_ftp_session_open(
-    observed: ObservedVehicle, tmp_path: Path
+    observed_vehicle: ObservedVehicle, tmp_path: Path
 ) -> None:
-    with mavproxy(observed, tmp_path, "ftp,param") as (type_command, wait_for_output):
+    with mavproxy(observed_vehicle, tmp_path, "ftp,param") as (type_command, wait_for_output):
         # MAVProxy first looks for a parameter file, and requests the parameter list if the vehicle has no
         # file.
-        wait_for_output(b"Received 929 parameters", "the parameters")
-        for n in range(10):
-            type_command(f"ftp mkdir folder{n}")
-            wait_for_output(f"Creating directory folder{n}".encode(), "the command")
+        wait_for_output(ALL_PARAMETERS_RECEIVED, "the parameters")
+        for number in range(10):
+            type_command(f"ftp mkdir folder{number}")
+            wait_for_output(f"Creating directory folder{number}".encode(), "the command")
         type_command("ftp list /")
         wait_for_output(b"folder9", "the last directory in the list")
         output = (tmp_path / "mavproxy.txt").read_bytes()
@@ -92,13 +96,13 @@ def test_mavproxy_creates_directories_and_leaves_no_ftp_session_open(
 
 
 def test_mavproxy_uploads_waypoints_and_reads_them_back_and_the_vehicle_flies_them(
-    observed: ObservedVehicle, tmp_path: Path
+    observed_vehicle: ObservedVehicle, tmp_path: Path
 ) -> None:
     (tmp_path / "plan.txt").write_text(WAYPOINTS, encoding="utf-8")
-    with mavproxy(observed, tmp_path, "param,cmdlong,arm,wp") as (type_command, wait_for_output):
-        wait_for_output(b"Received 929 parameters", "the parameters")
+    with mavproxy(observed_vehicle, tmp_path, "param,cmdlong,arm,wp") as (type_command, wait_for_output):
+        wait_for_output(ALL_PARAMETERS_RECEIVED, "the parameters")
         type_command("wp load plan.txt")
-        wait_for_output(b"Loaded 3 waypoints from plan.txt", "the file read")
+        wait_for_output(b"Loaded 3 waypoints from plan.txt", "the loaded waypoints")
         wait_for_output(b"Sent all 3 waypoints", "the upload")
         type_command("wp save back.txt")
         wait_until(lambda: (tmp_path / "back.txt").exists(), "the waypoints read back", 30)
@@ -107,12 +111,12 @@ def test_mavproxy_uploads_waypoints_and_reads_them_back_and_the_vehicle_flies_th
         assert abs(float(rows[1][8]) - (LAT + NORTH_M / METRES_PER_DEGREE)) < 1e-6
         # MAVProxy's `mode` command does not support PX4's modes.
         type_command("long DO_SET_MODE 1 4 4 0 0 0 0")
-        observed.drone.until(lambda v: v["status"]["mode"] == "mission", timeout_s=60, what="Mission")
+        observed_vehicle.drone.until(lambda v: v["status"]["mode"] == "mission", timeout_s=60, what="Mission")
         type_command("arm throttle")
-        observed.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="arming by MAVProxy")
-        observed.drone.until_disarmed(timeout_s=180)
-        north_m = [value["position_ned_m"][0] for value in observed.history("local_position")]
+        observed_vehicle.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="arming by MAVProxy")
+        observed_vehicle.drone.until_disarmed(timeout_s=180)
+        north_m = [value["position_ned_m"][0] for value in observed_vehicle.history("local_position")]
         assert math.isclose(max(north_m), NORTH_M, abs_tol=1.5), (
             "the vehicle did not fly to the second waypoint"
         )
-        assert max(-value["position_ned_m"][2] for value in observed.history("local_position")) > 7.0
+        assert max(-value["position_ned_m"][2] for value in observed_vehicle.history("local_position")) > 7.0

@@ -20,63 +20,64 @@ from tests.clients.observed_vehicle import ObservedVehicle
 from tests.station import free_port
 
 
-def reached(values: list[dict[str, Any]], roll_deg: float, pitch_deg: float) -> bool:
+def has_reached(values: list[dict[str, Any]], roll_deg: float, pitch_deg: float) -> bool:
     """Whether the gimbal ever reached these angles within 3°; straight up and down, roll is undefined."""
-    steep = abs(pitch_deg) > 85
+    is_steep = abs(pitch_deg) > 85
     return any(
         abs(math.degrees(value["pitch_rad"]) - pitch_deg) < 3
-        and (steep or abs(math.degrees(value["roll_rad"]) - roll_deg) < 3)
+        and (is_steep or abs(math.degrees(value["roll_rad"]) - roll_deg) < 3)
         for value in values
     )
 
 
 def test_the_gimbal_program_runs_to_its_end_and_the_gimbal_moves(
-    shared: Path, observed: ObservedVehicle, tmp_path: Path
+    shared: Path, observed_vehicle: ObservedVehicle, tmp_path: Path
 ) -> None:
-    files = sorted((shared / "seeds").glob("000*.txt"))
-    if not files:
+    documents = sorted((shared / "seeds").glob("000*.txt"))
+    if not documents:
         pytest.skip("the document with the gimbal program is not beside this checkout")
-    text = files[0].read_text(encoding="utf-8")
+    text = documents[0].read_text(encoding="utf-8")
     program = text[text.rindex("#!/usr/bin/env python3") :]
-    program, replaced = re.subn(r"tcpout://[\d.]+:5760", f"tcpout://127.0.0.1:{observed.tcp_port}", program)
+    program, replaced = re.subn(
+        r"tcpout://[\d.]+:5760", f"tcpout://127.0.0.1:{observed_vehicle.tcp_port}", program
+    )
     assert replaced == 1
     path = tmp_path / "program.py"
     path.write_text(program, encoding="utf-8")
 
-    run = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-W", "ignore", str(path)], capture_output=True, text=True, timeout=120, check=False
     )
-    assert run.returncode == 0, run.stdout + run.stderr
-    lines = run.stdout.splitlines()
+    assert result.returncode == 0, result.stdout + result.stderr
+    lines = result.stdout.splitlines()
     assert "Vehicle ARMED." in lines
     assert "Releasing gimbal control..." in lines
     assert not [line for line in lines if "failed" in line.lower()]
     assert lines[-1] == "--- Test Complete. Disarming. ---"
 
-    gimbal_states = observed.history("gimbal")
+    gimbal_states = observed_vehicle.history("gimbal")
     # The program requests 90°; PX4's servo outputs reach half of MNT_RANGE_ROLL and MNT_RANGE_PITCH (90°) to
     # each side.
-    assert reached(gimbal_states, roll_deg=45, pitch_deg=0)
-    assert reached(gimbal_states, roll_deg=0, pitch_deg=45)
-    assert {tuple(value["primary_control"] or ()) for value in gimbal_states} > {()}, (
-        "gimbal control was not requested and released"
-    )
+    assert has_reached(gimbal_states, roll_deg=45, pitch_deg=0)
+    assert has_reached(gimbal_states, roll_deg=0, pitch_deg=45)
+    controllers = {tuple(value["primary_control"] or ()) for value in gimbal_states}
+    assert controllers > {()}, "gimbal control was not requested and released"
     # The program ends after the acknowledgement of the disarm command; the next heartbeat shows the state.
-    observed.drone.until_disarmed(timeout_s=10)
+    observed_vehicle.drone.until_disarmed(timeout_s=10)
 
 
-def test_mavsdk_arms_takes_off_flies_offboard_and_lands(observed: ObservedVehicle) -> None:
-    asyncio.run(_fly(observed.tcp_port))
+def test_mavsdk_arms_takes_off_flies_offboard_and_lands(observed_vehicle: ObservedVehicle) -> None:
+    asyncio.run(_fly(observed_vehicle.tcp_port))
 
-    modes = [value["mode"] for value in observed.history("status")]
+    modes = [value["mode"] for value in observed_vehicle.history("status")]
     assert [mode for mode in ("takeoff", "offboard", "land") if mode in modes] == [
         "takeoff",
         "offboard",
         "land",
     ]
-    north_m = [value["position_ned_m"][0] for value in observed.history("local_position")]
+    north_m = [value["position_ned_m"][0] for value in observed_vehicle.history("local_position")]
     assert max(north_m) == pytest.approx(4, abs=1.2)
-    assert observed.drone.status()["landed_state"] == "on_ground"
+    assert observed_vehicle.drone.status()["landed_state"] == "on_ground"
 
 
 async def _fly(tcp_port: int) -> None:

@@ -11,7 +11,7 @@ import pytest
 from mavsdk.camera import CameraError, CameraResult, Mode, PhotosRange
 from mavsdk.ftp import FtpError, FtpResult
 
-from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, until
+from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, next_value, until
 
 WIDTH_PX, HEIGHT_PX = 320, 240
 
@@ -39,12 +39,12 @@ async def _photograph(folder: Path) -> None:
         assert update.storage.total_storage_mib == pytest.approx(32 * 1024)
         assert update.storage.storage_id == 1
 
-        captured = _Collector(camera.capture_info())
+        captures = _StreamCollector(camera.capture_info())
         await asyncio.sleep(0.5)
         await camera.take_photo(camera_id)
-        await _wait_until(lambda: len(captured.values) == 1, "the first picture")
-        picture = captured.values[0]
-        home = await first(drone.telemetry.home())
+        await _wait_until(lambda: len(captures.values) == 1, "the first picture")
+        picture = captures.values[0]
+        home = await next_value(drone.telemetry.home())
         assert picture.is_success
         assert picture.position.latitude_deg == pytest.approx(home.latitude_deg, abs=2e-5)
         path = picture.file_url.removeprefix("mftp://[;comp=1]")
@@ -53,9 +53,9 @@ async def _photograph(folder: Path) -> None:
         assert (folder / Path(path).name).read_bytes()[:2] == b"\xff\xd8", "the picture is not a JPEG"
 
         await camera.start_photo_interval(camera_id, 1.0)
-        await _wait_until(lambda: len(captured.values) >= 4, "a series of pictures")
+        await _wait_until(lambda: len(captures.values) >= 4, "a series of pictures")
         await camera.stop_photo_interval(camera_id)
-        captured.task.cancel()
+        captures.task.cancel()
         photos = await camera.list_photos(camera_id, PhotosRange.ALL)
         assert [photo.index for photo in photos] == list(range(len(photos)))
         assert len(photos) >= 4
@@ -65,12 +65,12 @@ async def _photograph(folder: Path) -> None:
         await _assert_refused(camera.track_point(camera_id, 0.5, 0.5, 0.1))
         await camera.reset_settings(camera_id)
         await camera.format_storage(camera_id, 1)
-        with pytest.raises(FtpError) as missing:
+        with pytest.raises(FtpError) as refused:
             await drone.ftp.list_directory(str(Path(path).parent))
-        assert missing.value._result.result is FtpResult.Result.FILE_DOES_NOT_EXIST
+        assert refused.value._result.result is FtpResult.Result.FILE_DOES_NOT_EXIST
 
 
-class _Collector:
+class _StreamCollector:
     """Collects all values of a stream from now on."""
 
     def __init__(self, stream: AsyncIterator[Any]) -> None:

@@ -12,28 +12,32 @@ from mavsdk.failure import FailureError, FailureResult, FailureType, FailureUnit
 from mavsdk.follow_me import Config, TargetLocation
 from mavsdk.telemetry import FlightMode, LandedState, Position
 
-from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, land, take_off, until
+from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, land, next_value, take_off, until
 
 METRES_PER_DEGREE = 111_195.0
 
 pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 
 
-def offset(position: Position, north_m: float, east_m: float) -> tuple[float, float]:
+def offset_position(position: Position, north_m: float, east_m: float) -> tuple[float, float]:
     """Latitude and longitude of a point north and east of a position."""
-    per_degree = METRES_PER_DEGREE * math.cos(math.radians(position.latitude_deg))
-    return position.latitude_deg + north_m / METRES_PER_DEGREE, position.longitude_deg + east_m / per_degree
+    metres_per_degree_east = METRES_PER_DEGREE * math.cos(math.radians(position.latitude_deg))
+    return (
+        position.latitude_deg + north_m / METRES_PER_DEGREE,
+        position.longitude_deg + east_m / metres_per_degree_east,
+    )
 
 
 def distance_m(position: Position, lat_deg: float, lon_deg: float) -> float:
-    per_degree = METRES_PER_DEGREE * math.cos(math.radians(lat_deg))
+    metres_per_degree_east = METRES_PER_DEGREE * math.cos(math.radians(lat_deg))
     return math.hypot(
-        (position.latitude_deg - lat_deg) * METRES_PER_DEGREE, (position.longitude_deg - lon_deg) * per_degree
+        (position.latitude_deg - lat_deg) * METRES_PER_DEGREE,
+        (position.longitude_deg - lon_deg) * metres_per_degree_east,
     )
 
 
 async def _until_mode(drone: System, mode: FlightMode) -> None:
-    await until(drone.telemetry.flight_mode(), lambda now: now is mode, f"mode {mode}")
+    await until(drone.telemetry.flight_mode(), lambda value: value is mode, f"mode {mode}")
 
 
 def test_goto_orbit_and_return_are_flown() -> None:
@@ -45,7 +49,7 @@ async def _goto_orbit_and_return() -> None:
         with pytest.raises(ActionError) as refused:
             await drone.action.terminate()
         assert refused.value._result.result is ActionResult.Result.COMMAND_DENIED
-        home = await first(drone.telemetry.home())
+        home = await next_value(drone.telemetry.home())
         await take_off(drone, 8.0)
         await until(drone.telemetry.landed_state(), lambda state: state is LandedState.IN_AIR, "in the air")
         with pytest.raises(ActionError) as refused:
@@ -54,7 +58,7 @@ async def _goto_orbit_and_return() -> None:
             ActionResult.Result.COMMAND_DENIED, ActionResult.Result.COMMAND_DENIED_NOT_LANDED,
         )  # fmt: skip
 
-        lat, lon = offset(home, 15.0, 5.0)
+        lat, lon = offset_position(home, 15.0, 5.0)
         await drone.action.goto_location(lat, lon, home.absolute_altitude_m + 10.0, 90.0)
         arrived_at = await until(
             drone.telemetry.position(), lambda p: distance_m(p, lat, lon) < 1.0, "arrival"
@@ -68,14 +72,14 @@ async def _goto_orbit_and_return() -> None:
         )
         sectors: set[int] = set()
 
-        def is_full_circle(position: Position) -> bool:
-            away_m = distance_m(position, lat, lon)
-            if abs(away_m - 6.0) < 1.0:
+        def completes_circle(position: Position) -> bool:
+            radius_m = distance_m(position, lat, lon)
+            if abs(radius_m - 6.0) < 1.0:
                 angle = math.atan2(position.longitude_deg - lon, position.latitude_deg - lat)
                 sectors.add(round(angle / math.radians(45.0)) % 8)
             return len(sectors) == 8
 
-        await until(drone.telemetry.position(), is_full_circle, "a whole circle at 6 m")
+        await until(drone.telemetry.position(), completes_circle, "a whole circle at 6 m")
 
         await drone.action.hold()
         await _until_mode(drone, FlightMode.HOLD)
@@ -85,17 +89,17 @@ async def _goto_orbit_and_return() -> None:
         await _until_mode(drone, FlightMode.RETURN_TO_LAUNCH)
         await until(drone.telemetry.position(), lambda p: p.relative_altitude_m > 12.5, "the return altitude")
         await until(drone.telemetry.armed(), lambda armed: not armed, "home and disarmed")
-        end = await first(drone.telemetry.position())
+        end = await next_value(drone.telemetry.position())
         assert distance_m(end, home.latitude_deg, home.longitude_deg) < 1.5
 
 
 def test_follow_me_keeps_its_distance_from_a_target_that_moves() -> None:
-    asyncio.run(_follow())
+    asyncio.run(_follow_target())
 
 
-async def _follow() -> None:
+async def _follow_target() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
-        home = await first(drone.telemetry.home())
+        home = await next_value(drone.telemetry.home())
         config = Config(8.0, 6.0, 0.1, Config.FollowAltitudeMode.CONSTANT, 5.0, 180.0)
         await drone.follow_me.set_config(config)
         assert (await drone.follow_me.get_config()).follow_distance_m == pytest.approx(6.0)
@@ -104,41 +108,41 @@ async def _follow() -> None:
         await _until_mode(drone, FlightMode.FOLLOW_ME)
         assert await drone.follow_me.is_active()
 
-        arrived = asyncio.Event()
+        target_arrived = asyncio.Event()
 
-        async def lead() -> None:
+        async def send_target() -> None:
             north_m = 0.0
             while True:
-                lat, lon = offset(home, north_m, 0.0)
+                lat, lon = offset_position(home, north_m, 0.0)
                 location = TargetLocation(lat, lon, home.absolute_altitude_m, 1.0, 0.0, 0.0)
                 await drone.follow_me.set_target_location(location)
                 if north_m == 25.0:
-                    arrived.set()
+                    target_arrived.set()
                 await asyncio.sleep(0.3)
                 north_m = min(25.0, north_m + 0.9)
 
-        leader = asyncio.ensure_future(lead())
-        await arrived.wait()
-        lat, lon = offset(home, 25.0, 0.0)
+        target_task = asyncio.ensure_future(send_target())
+        await target_arrived.wait()
+        lat, lon = offset_position(home, 25.0, 0.0)
         await until(
             drone.telemetry.position(),
             lambda p: abs(distance_m(p, lat, lon) - 6.0) < 1.5 and p.latitude_deg < lat,
             "6 m behind the target at the end",
             60,
         )
-        last = await drone.follow_me.get_last_location()
-        assert last.latitude_deg == pytest.approx(lat, abs=1e-6)
-        leader.cancel()
+        last_target = await drone.follow_me.get_last_location()
+        assert last_target.latitude_deg == pytest.approx(lat, abs=1e-6)
+        target_task.cancel()
         await drone.follow_me.stop()
         await _until_mode(drone, FlightMode.HOLD)
         await land(drone)
 
 
 def test_manual_control_flies_position_and_altitude() -> None:
-    asyncio.run(_manual())
+    asyncio.run(_fly_manually())
 
 
-async def _manual() -> None:
+async def _fly_manually() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         sticks = [0.0, 0.0, 0.5, 0.0]
 
@@ -186,7 +190,7 @@ async def _inject_failures() -> None:
         with pytest.raises(FailureError):
             # As in PX4's own simulation, sensor failures are injected by parameters, not by the command.
             await drone.failure.inject(FailureUnit.SENSOR_GPS, FailureType.OFF, 0)
-        assert (await first(drone.telemetry.gps_info())).num_satellites == 10
+        assert (await next_value(drone.telemetry.gps_info())).num_satellites == 10
         await drone.param.set_param_int("SIM_GPS_USED", 0)
         await until(
             drone.telemetry.gps_info(), lambda gps: gps.num_satellites == 0, "a receiver without a fix"

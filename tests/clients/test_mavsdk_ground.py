@@ -19,7 +19,7 @@ from mavsdk.telemetry import TelemetryError
 from mavsdk.tune import SongElement, TuneDescription
 from pyulog import ULog
 
-from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, until
+from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, next_value, until
 
 pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 CALIBRATION_PAUSE_S = 1.0
@@ -37,9 +37,9 @@ def test_parameters_console_files_and_logs_are_read_and_written(tmp_path: Path) 
 
 async def _read_and_write(folder: Path) -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
-        await _parameters(drone)
-        await _console(drone)
-        await _files(drone, folder)
+        await _check_parameters(drone)
+        await _check_console(drone)
+        await _check_files(drone, folder)
         (entry,) = await drone.log_files.get_entries()
         log = folder / "log.ulg"
         await collect(drone.log_files.download_log_file(entry, str(log)))
@@ -47,26 +47,26 @@ async def _read_and_write(folder: Path) -> None:
         assert "vehicle_local_position" in {data.name for data in ULog(str(log)).data_list}
 
 
-async def _parameters(drone: System) -> None:
+async def _check_parameters(drone: System) -> None:
     param = drone.param
     assert await param.get_param_int("SYS_AUTOSTART") == 10040
     await param.set_param_float("MPC_XY_P", 0.9)
     assert await param.get_param_float("MPC_XY_P") == pytest.approx(0.9)
-    everything = await param.get_all_params()
-    assert len(everything.int_params) + len(everything.float_params) == 929
+    all_params = await param.get_all_params()
+    assert len(all_params.int_params) + len(all_params.float_params) == 929
     with pytest.raises(ParamError) as refused:
         await param.get_param_int("MPC_XY_P")
     assert refused.value._result.result is ParamResult.Result.WRONG_TYPE
 
 
-async def _console(drone: System) -> None:
+async def _check_console(drone: System) -> None:
     reply = asyncio.ensure_future(until(drone.shell.receive(), lambda text: "HW arch" in text, "a reply", 30))
     await asyncio.sleep(0.5)
     await drone.shell.send("ver all")
     assert "SITL" in await reply
 
 
-async def _files(drone: System, folder: Path) -> None:
+async def _check_files(drone: System, folder: Path) -> None:
     ftp = drone.ftp
     sent = folder / "note.txt"
     sent.write_text("as it was\n" * 300, encoding="utf-8")
@@ -94,28 +94,28 @@ STREAMS = (
     "position_velocity_ned", "ground_truth", "fixedwing_metrics", "imu", "scaled_imu", "health_all_ok",
     "unix_epoch_time", "distance_sensor", "scaled_pressure", "heading", "altitude",
 )  # fmt: skip
-RATES = (
+STREAMS_WITH_RATE = (
     "position", "home", "in_air", "landed_state", "vtol_state", "attitude_quaternion", "attitude_euler",
     "velocity_ned", "gps_info", "raw_gps", "battery", "rc_status", "actuator_output_status", "odometry",
     "position_velocity_ned", "ground_truth", "fixedwing_metrics", "imu", "scaled_imu",
     "unix_epoch_time", "distance_sensor", "altitude", "health",
 )  # fmt: skip
-REFUSED_BY_PX4 = ("actuator_control_target", "raw_imu")
+RATES_REFUSED_BY_PX4 = ("actuator_control_target", "raw_imu")
 
 
 def test_every_telemetry_stream_sends_a_value_and_the_vehicle_information_is_read() -> None:
-    asyncio.run(_streams())
+    asyncio.run(_check_streams())
 
 
-async def _streams() -> None:
+async def _check_streams() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
-        for name in RATES:
+        for name in STREAMS_WITH_RATE:
             await getattr(drone.telemetry, f"set_rate_{name}")(5.0)
-        for name in REFUSED_BY_PX4:
+        for name in RATES_REFUSED_BY_PX4:
             with pytest.raises(TelemetryError):
                 await getattr(drone.telemetry, f"set_rate_{name}")(5.0)
         await drone.transponder.set_rate_transponder(1.0)
-        values = {name: await first(getattr(drone.telemetry, name)(), 20) for name in STREAMS}
+        values = {name: await next_value(getattr(drone.telemetry, name)(), 20) for name in STREAMS}
         truth = values["ground_truth"]
         assert truth.latitude_deg == pytest.approx(values["position"].latitude_deg, abs=2e-5)
         assert values["gps_info"].num_satellites == 10
@@ -131,7 +131,7 @@ async def _streams() -> None:
         assert refused.value._result.result is ActionResult.Result.COMMAND_DENIED
 
 
-def test_calibration_runs_to_its_end_or_is_cancelled() -> None:
+def test_calibrations_end_as_succeeded_failed_or_cancelled() -> None:
     asyncio.run(_calibrate())
 
 
@@ -154,21 +154,21 @@ async def _calibrate() -> None:
 
 
 def test_the_gimbal_is_controlled_turned_and_released() -> None:
-    asyncio.run(_gimbal())
+    asyncio.run(_check_gimbal())
 
 
-async def _gimbal() -> None:
+async def _check_gimbal() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         gimbal = drone.gimbal
         listed = await until(gimbal.gimbal_list(), lambda found: found.gimbals, "a gimbal", 40)
         gimbal_id = listed.gimbals[0].gimbal_id
         await gimbal.take_control(gimbal_id, ControlMode.PRIMARY)
-        owner = await until(
+        control = await until(
             gimbal.control_status(),
             lambda status: status.control_mode is ControlMode.PRIMARY,
             "control of the gimbal",
         )
-        assert owner.sysid_primary_control == 245
+        assert control.sysid_primary_control == 245  # MAVSDK's system id
         await gimbal.set_angles(gimbal_id, 0.0, -20.0, 30.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
         await until(
             gimbal.attitude(),
@@ -180,7 +180,7 @@ async def _gimbal() -> None:
         )
         await gimbal.set_angular_rates(gimbal_id, 0.0, 10.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
         await until(gimbal.attitude(), lambda a: a.euler_angle_forward.pitch_deg > -5.0, "upward rotation")
-        home = await first(drone.telemetry.home())
+        home = await next_value(drone.telemetry.home())
         await gimbal.set_roi_location(
             gimbal_id, home.latitude_deg, home.longitude_deg + 1e-3, home.absolute_altitude_m
         )

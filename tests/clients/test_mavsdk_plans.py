@@ -13,17 +13,18 @@ from mavsdk.mission import MissionItem, MissionPlan
 from mavsdk.mission_raw import MissionItem as RawItem
 from mavsdk.telemetry import FlightMode
 
-from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, until
+from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, next_value, until
 
 LAT, LON = 47.3977432, 8.54559422
+METRES_PER_DEGREE = 111_195.0
 WAYPOINT, LAND, TAKEOFF, FENCE_VERTEX, RALLY_POINT = 16, 21, 22, 5001, 5100
 
 pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 
 
-def item(north_m: float, *, up_m: float = 10.0, fly_through: bool = True) -> MissionItem:
+def mission_item(north_m: float, *, up_m: float = 10.0, fly_through: bool = True) -> MissionItem:
     return MissionItem(
-        LAT + north_m / 111_195.0, LON, up_m, 5.0, fly_through, math.nan, math.nan,
+        LAT + north_m / METRES_PER_DEGREE, LON, up_m, 5.0, fly_through, math.nan, math.nan,
         MissionItem.CameraAction.NONE, math.nan, math.nan, math.nan, math.nan, math.nan,
         MissionItem.VehicleAction.NONE,
     )  # fmt: skip
@@ -33,7 +34,7 @@ def raw_item(
     seq: int, command: int, *, frame: int = 6, mission_type: int = 0, param1: float = 0.0,
     north_m: float = 0.0, up_m: float = 0.0,
 ) -> RawItem:  # fmt: skip
-    lat = round((LAT + north_m / 111_195.0) * 1e7)
+    lat = round((LAT + north_m / METRES_PER_DEGREE) * 1e7)
     current = int(seq == 0 and mission_type == 0)
     return RawItem(
         seq, frame, command, current, 1, param1, 0.0, 0.0, math.nan if mission_type == 0 else 0.0, lat,
@@ -42,10 +43,10 @@ def raw_item(
 
 
 def test_a_mission_is_flown_paused_resumed_and_ended_by_return() -> None:
-    asyncio.run(_mission())
+    asyncio.run(_fly_mission())
 
 
-async def _mission() -> None:
+async def _fly_mission() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         mission = drone.mission
         # Without a mission the mode can be selected, but the vehicle cannot be armed in it.
@@ -55,7 +56,9 @@ async def _mission() -> None:
         assert refused.value._result.result is ActionResult.Result.COMMAND_DENIED
         await mission.set_return_to_launch_after_mission(True)
         assert await mission.get_return_to_launch_after_mission()
-        plan = MissionPlan([item(0.0, fly_through=False), item(25.0), item(40.0, fly_through=False)])
+        plan = MissionPlan(
+            [mission_item(0.0, fly_through=False), mission_item(25.0), mission_item(40.0, fly_through=False)]
+        )
         async for progress in mission.upload_mission_with_progress(plan):
             assert 0.0 <= progress.progress <= 1.0
         downloaded = await mission.download_mission()
@@ -82,13 +85,13 @@ async def _mission() -> None:
 
 
 def test_raw_plans_of_all_three_types_are_downloaded_as_uploaded() -> None:
-    asyncio.run(_raw())
+    asyncio.run(_exchange_raw_plans())
 
 
-async def _raw() -> None:
+async def _exchange_raw_plans() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         plans = drone.mission_raw
-        changed = asyncio.ensure_future(first(plans.mission_changed(), 40))
+        change_task = asyncio.ensure_future(next_value(plans.mission_changed(), 40))
         await asyncio.sleep(0.2)
         items = [
             raw_item(0, TAKEOFF, up_m=10.0),
@@ -100,9 +103,9 @@ async def _raw() -> None:
         assert [(each.seq, each.command, each.x, each.z) for each in downloaded] == [
             (each.seq, each.command, each.x, each.z) for each in items
         ]
-        assert await changed
+        assert await change_task
         # The stream contains only changes, so the subscription begins before the change.
-        second = asyncio.ensure_future(
+        progress_task = asyncio.ensure_future(
             until(
                 plans.mission_progress(),
                 lambda p: p.current == 1 and p.total == 3,
@@ -112,7 +115,7 @@ async def _raw() -> None:
         )
         await asyncio.sleep(0.5)
         await plans.set_current_mission_item(1)
-        await second
+        await progress_task
         corners = [(-50.0, 0), (50.0, 1), (60.0, 2)]
         fence = [
             raw_item(k, FENCE_VERTEX, frame=5, mission_type=1, param1=3.0, north_m=n) for n, k in corners
@@ -147,29 +150,29 @@ QGC_PLAN = {
 
 
 def test_a_qgroundcontrol_plan_is_imported_uploaded_and_flown_to_its_landing() -> None:
-    asyncio.run(_imported())
+    asyncio.run(_fly_imported_plan())
 
 
-async def _imported() -> None:
+async def _fly_imported_plan() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         plans = drone.mission_raw
-        read = await plans.import_qgroundcontrol_mission_from_string(json.dumps(QGC_PLAN))
-        assert (len(read.mission_items), len(read.rally_items)) == (3, 1)
-        await plans.upload_mission(read.mission_items)
-        await plans.upload_rally_points(read.rally_items)
+        imported = await plans.import_qgroundcontrol_mission_from_string(json.dumps(QGC_PLAN))
+        assert (len(imported.mission_items), len(imported.rally_items)) == (3, 1)
+        await plans.upload_mission(imported.mission_items)
+        await plans.upload_rally_points(imported.rally_items)
         await drone.action.arm()
         await plans.start_mission()
-        await until(drone.telemetry.in_air(), lambda flies: flies, "the take-off")
+        await until(drone.telemetry.in_air(), lambda in_air: in_air, "the take-off")
         await until(drone.telemetry.armed(), lambda armed: not armed, "the landing at the end")
-        landed_at = await first(drone.telemetry.position())
+        landed_at = await next_value(drone.telemetry.position())
         assert landed_at.latitude_deg == pytest.approx(LAT + 1.5e-4, abs=1.5e-5)
 
 
 def test_a_fence_of_polygon_and_circle_is_stored_and_cleared() -> None:
-    asyncio.run(_fence())
+    asyncio.run(_exchange_fence())
 
 
-async def _fence() -> None:
+async def _exchange_fence() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         square = [
             Point(LAT + n, LON + e) for n, e in ((1e-3, 1e-3), (1e-3, -1e-3), (-1e-3, -1e-3), (-1e-3, 1e-3))

@@ -27,7 +27,7 @@ def _listens(port: int) -> bool:
     return False
 
 
-def _vehicle(program: str, port: int) -> list[str]:
+def _vehicle_command(program: str, port: int) -> list[str]:
     if program == "accelerometer_calibrated_on_all_sides":
         return ["tests.clients.turned_vehicle", str(port), str(SPEED)]
     command = ["vehicle_sim", "--no-api", "--no-log", "--gcs-local-port", "0", "--speed", str(SPEED)]
@@ -38,17 +38,17 @@ def _vehicle(program: str, port: int) -> list[str]:
 @pytest.mark.parametrize("version", [3, 4])
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_a_users_program_runs_to_its_end(version: int, program: str, tmp_path: Path) -> None:
-    path = [str(ROOT)]
+    python_path = [str(ROOT)]
     if version == 4:
         if not MAVSDK_4.is_dir():
             pytest.skip("MAVSDK 4 is not installed: run make test-clients")
-        path.insert(0, str(MAVSDK_4))
+        python_path.insert(0, str(MAVSDK_4))
     port = free_port(socket.SOCK_STREAM)
-    with running([sys.executable, "-m", *_vehicle(program, port)], cwd=ROOT):
+    with running([sys.executable, "-m", *_vehicle_command(program, port)], cwd=ROOT):
         wait_until(lambda: _listens(port), "the simulator's start", 60)
         result = subprocess.run(
             [sys.executable, "-m", "tests.clients.mavsdk_programs", program, str(port), str(tmp_path)],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(python_path)},
             cwd=ROOT, capture_output=True, text=True, timeout=270, check=False,
         )  # fmt: skip
     assert result.returncode == 0, result.stderr[-2000:]

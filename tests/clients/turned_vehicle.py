@@ -21,14 +21,14 @@ def run(port: int, speed: float) -> None:
     """Runs the vehicle on the ground and turns it to the next side when it reports a finished side."""
     fleet = VehicleSim(links=())
 
-    def turn(message: StatusText | Event) -> None:
+    def turn_to_next_side(message: StatusText | Event) -> None:
         for finished, next_side in itertools.pairwise(SIDES):
             if isinstance(message, StatusText) and f"{finished.value} side done" in message.text:
                 fleet.simulation.set_attitude_if_disarmed(
                     0, quaternion_from_euler(*next_side.roll_pitch_rad, 0.0)
                 )
 
-    fleet.autopilots[0].announcer.add_listener(turn)
+    fleet.autopilots[0].announcer.add_listener(turn_to_next_side)
     ports = Ports(gcs_remote=0, api_remote=0, tcp=port)
     SimServer(fleet, first_instance=0, ports=ports, bind="127.0.0.1", gcs_host="127.0.0.1").run(speed)
 
