@@ -52,7 +52,7 @@ limits, the targets of its TIMESYNC), and the course over ground of a vehicle at
 HEADING_RAD = 0.08
 """Tolerance of the heading, which drifts at rest."""
 HEADING_DEG = math.ceil(math.degrees(HEADING_RAD))
-"""In whole degrees, as in VFR_HUD."""
+"""VFR_HUD has whole degrees."""
 HEADING_CDEG = round(100.0 * math.degrees(HEADING_RAD))
 
 TOLERANCES: dict[str, float] = {
@@ -100,11 +100,11 @@ ECHO_TOLERANCE = {"x": 1.5, "y": 1.5, "z": 1.5, "vx": 0.8, "vy": 0.8, "vz": 0.8,
                   "afz": 3.2, "yaw": 0.15, "yaw_rate": 0.1, "q": 0.08, "body_roll_rate": 0.52,
                   "body_pitch_rate": 0.52, "body_yaw_rate": 0.3, "thrust": 0.08}  # fmt: skip
 """Tolerances of the controllers' setpoints while the vehicle drifted with its GPS [m, m/s, m/s², rad, rad/s].
-That of the downward acceleration is MPC_Z_VEL_P_ACC (4) times that of the velocity; that of the rates is
-MC_ROLL_P (6.5) times that of the attitude."""
+The tolerance of afz is MPC_Z_VEL_P_ACC (4) times that of vz, the tolerance of the roll and pitch rates is
+MC_ROLL_P (6.5) times that of q."""
 
-Row = tuple[str, str, Any, Any]
-RATE_TOLERANCE = 0.1
+Row = tuple[str, str, Any, Any]  # message, field, PX4's value, simulated value
+RATE_TOLERANCE = 0.1  # as a part of the number of messages
 THINNED_NUMBERS = (16, 32)
 """Numbers of messages that the recordings keep of a long series: the first twelve and the last four, twice if
 the series was interrupted."""
@@ -140,15 +140,13 @@ def compare(dialogue: Dialogue, result: DialogueResult, hashes: Hashes | None = 
         if "decoded" in entry:
             EVENT_NAMES.setdefault(entry["fields"]["id"], entry["decoded"]["name"])
     recorded = [
-        Received(e["dt_s"], e["msg"], {k: value_of(v) for k, v in e["fields"].items()})
-        for e in dialogue["received"]
-        if "link" not in e
+        Received(entry["dt_s"], entry["msg"], {k: value_of(v) for k, v in entry["fields"].items()})
+        for entry in dialogue["received"]
+        if "link" not in entry
     ]
-    out: list[Row] = []
-    out += _compare_reports(recorded, result)
-    out += _compare_states(recorded, result)
-    sim = [m for m in result.received if m.name not in STATE_MESSAGES and not _in_report(m)]
-    real = [m for m in recorded if m.name not in STATE_MESSAGES and not _in_report(m)]
+    rows = [*_compare_reports(recorded, result), *_compare_states(recorded, result)]
+    sim = [m for m in result.received if m.name not in STATE_MESSAGES and not _is_in_report(m)]
+    real = [m for m in recorded if m.name not in STATE_MESSAGES and not _is_in_report(m)]
     if not _reads_parameters(dialogue):
         sim, real = (
             [m for m in side if m.name != "PARAM_VALUE" or m.values["param_id"] not in result.set_before]
@@ -160,11 +158,13 @@ def compare(dialogue: Dialogue, result: DialogueResult, hashes: Hashes | None = 
     sim, real = rules.without_earlier_repeats(sim), rules.without_earlier_repeats(real)
     sim = rules.without_last_moment(sim, real, dialogue["window_s"])
     for kind in dict.fromkeys(m.name for m in (*real, *sim)):
-        cut = "received_total" in dialogue and sum(m.name == kind for m in recorded) in THINNED_NUMBERS
-        out += _align(kind, _joined(real, kind), _joined(sim, kind), thinned, cut)
-    out = (hashes or Hashes()).without_hashes(out)
-    out += _compare_end(dialogue, result)
-    return [Difference(name, *row) for row in out]
+        shortened = "received_total" in dialogue and sum(m.name == kind for m in recorded) in THINNED_NUMBERS
+        rows += _compare_kind(
+            kind, _whole_messages(real, kind), _whole_messages(sim, kind), thinned, shortened
+        )
+    rows = (hashes or Hashes()).without_hashes(rows)
+    rows += _compare_end(dialogue, result)
+    return [Difference(name, *row) for row in rows]
 
 
 def _reads_parameters(dialogue: Dialogue) -> bool:
@@ -173,7 +173,7 @@ def _reads_parameters(dialogue: Dialogue) -> bool:
     )
 
 
-def _in_report(message: Received) -> bool:
+def _is_in_report(message: Received) -> bool:
     if message.name != "EVENT":
         return False
     event_id = message.values["id"]
@@ -181,22 +181,22 @@ def _in_report(message: Received) -> bool:
     return is_check or event_id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID)
 
 
-def _joined(messages: list[Received], kind: str) -> list[Received]:
-    same = [m for m in messages if m.name == kind]
+def _whole_messages(messages: list[Received], kind: str) -> list[Received]:
+    matching = [m for m in messages if m.name == kind]
     if kind == "STATUSTEXT":
         texts: dict[int, Received] = {}
-        for m in same:
-            old = texts.get(m.values["id"])
-            text = (old.values["text"] if old else "") + _plain(m.values["text"])
+        for m in matching:
+            previous = texts.get(m.values["id"])
+            text = (previous.values["text"] if previous else "") + _plain_value(m.values["text"])
             texts[m.values["id"]] = Received(m.dt_s, kind, {"severity": m.values["severity"], "text": text})
         return list(texts.values())
-    if kind == "SERIAL_CONTROL" and same:
-        text = "".join(_serial_text(m.values) for m in same)
+    if kind == "SERIAL_CONTROL" and matching:
+        text = "".join(_serial_text(m.values) for m in matching)
         text = re.sub(r" timestamp: \d+ \([\d.]+ s", " timestamp: … (… s", text)
-        return [Received(same[0].dt_s, kind, {"text": text})]
+        return [Received(matching[0].dt_s, kind, {"text": text})]
     if kind == "FILE_TRANSFER_PROTOCOL":
-        return [Received(m.dt_s, kind, _ftp(m.values["payload"])) for m in same]
-    return same
+        return [Received(m.dt_s, kind, _ftp_fields(m.values["payload"])) for m in matching]
+    return matching
 
 
 def _serial_text(values: dict[str, Any]) -> str:
@@ -205,7 +205,7 @@ def _serial_text(values: dict[str, Any]) -> str:
     return bytes(values["data"][: values["count"]]).decode("utf-8", "replace")
 
 
-def _ftp(payload: Any) -> dict[str, Any]:
+def _ftp_fields(payload: Any) -> dict[str, Any]:
     if isinstance(payload, dict):
         return payload
     raw = bytes(payload)
@@ -235,39 +235,40 @@ def _key(message: Received) -> Any:
             return ""
 
 
-def _align(
-    kind: str, recorded: list[Received], sim: list[Received], thinned: bool, cut: bool = False
+def _compare_kind(
+    kind: str, recorded: list[Received], sim: list[Received], thinned: bool, shortened: bool = False
 ) -> list[Row]:
-    out: list[Row] = []
+    rows: list[Row] = []
     if kind in TELEMETRY and not recorded:
-        return out
+        return rows
     if kind in COUNTED or (len(recorded) > 8 and len({_key(m) for m in recorded}) == 1):
         if not thinned and abs(len(recorded) - len(sim)) > max(1, RATE_TOLERANCE * len(recorded)):
-            out.append((kind, "(number)", len(recorded), len(sim)))
+            rows.append((kind, "(number)", len(recorded), len(sim)))
         recorded, sim = recorded[:1], sim[:1]
     if kind in TELEMETRY and kind != "PING":
         recorded, sim = recorded[:1], sim[:1]  # requested and also streamed: the first is compared
     if thinned:
         recorded, sim = _distinct(recorded), _distinct(sim)
     if kind in ("STATUSTEXT", "EVENT") and not thinned:
-        recorded, sim, often = rules.compare_frequent(recorded, sim, _key)
-        out += [(kind, f"(number) {key}", real, sim) for key, real, sim in often]
-    a, b = [_key(m) for m in recorded], [_key(m) for m in sim]
+        recorded, sim, counts = rules.compare_frequent(recorded, sim, _key)
+        rows += [(kind, f"(number) {key}", real, simulated) for key, real, simulated in counts]
+    real_keys, sim_keys = [_key(m) for m in recorded], [_key(m) for m in sim]
     missing: list[Received] = []
     extra: list[Received] = []
-    for tag, i0, i1, j0, j1 in difflib.SequenceMatcher(None, a, b, autojunk=False).get_opcodes():
-        if tag == "equal":
+    matcher = difflib.SequenceMatcher(None, real_keys, sim_keys, autojunk=False)
+    for operation, i0, i1, j0, j1 in matcher.get_opcodes():
+        if operation == "equal":
             for real, replayed in zip(recorded[i0:i1], sim[j0:j1], strict=True):
-                out += _compare_fields(kind, real.values, replayed.values)
+                rows += _compare_fields(kind, real.values, replayed.values)
             continue
         missing += recorded[i0:i1]
-        if not thinned or (kind in ("COMMAND_ACK", "STATUSTEXT") and not cut):
+        if not thinned or (kind in ("COMMAND_ACK", "STATUSTEXT") and not shortened):
             extra += sim[j0:j1]
     for real, replayed in rules.swapped_pairs(missing, extra, _key):
-        out += _compare_fields(kind, real.values, replayed.values)
-    out += [(kind, _row_name("missing", m), _key(m), "–") for m in missing]
-    out += [(kind, _row_name("extra", m), "–", _key(m)) for m in extra]
-    return out
+        rows += _compare_fields(kind, real.values, replayed.values)
+    rows += [(kind, _row_name("missing", m), _key(m), "–") for m in missing]
+    rows += [(kind, _row_name("extra", m), "–", _key(m)) for m in extra]
+    return rows
 
 
 def _row_name(what: str, message: Received) -> str:
@@ -280,7 +281,7 @@ def _distinct(messages: list[Received]) -> list[Received]:
     return [m for _, m in sorted({str(_key(m)): m for m in messages}.items())]
 
 
-def _plain(value: Any) -> Any:
+def _plain_value(value: Any) -> Any:
     if isinstance(value, bytes | bytearray | tuple):
         value = list(value)
     return value.rstrip("\0") if isinstance(value, str) else value
@@ -288,12 +289,12 @@ def _plain(value: Any) -> Any:
 
 def _compare_fields(kind: str, real: dict[str, Any], sim: dict[str, Any]) -> list[Row]:
     skipped = NOT_COMPARED["*"] | NOT_COMPARED.get(kind, frozenset())
-    out: list[Row] = []
+    rows: list[Row] = []
     for name, value in real.items():
         if name in skipped or name not in sim or name == "int_value":
             continue
-        a: Any = _plain(value)
-        b: Any = _plain(sim[name])
+        a: Any = _plain_value(value)
+        b: Any = _plain_value(sim[name])
         if kind == "LOG_DATA" and name == "data":
             a, b = list(bytes.fromhex(value)), b[: sim["count"]]
         if name == "arguments" and EVENT_NAMES.get(real["id"]) == "logger_open_file_time":
@@ -301,12 +302,12 @@ def _compare_fields(kind: str, real: dict[str, Any], sim: dict[str, Any]) -> lis
         if kind == "STATUSTEXT" and name == "text":
             a, b = rules.altitudes_in(value), rules.altitudes_in(sim[name])
             if not same(a, b, rules.ALTITUDE_TOLERANCE_M):
-                out.append((kind, f"{_key_prefix(kind, real)}altitudes", a, b))
+                rows.append((kind, f"{_key_prefix(kind, real)}altitudes", a, b))
             continue  # the key contains the rest of the text
         if name == "arguments" and EVENT_NAMES.get(real["id"]) == rules.RETURN_EVENT:
             a, b = rules.return_altitudes(a), rules.return_altitudes(b)
             if not same(a, b, rules.ALTITUDE_TOLERANCE_M):
-                out.append((kind, f"{_key_prefix(kind, real)}{name}", a, b))
+                rows.append((kind, f"{_key_prefix(kind, real)}{name}", a, b))
             continue
         if kind == "FILE_TRANSFER_PROTOCOL" and real["req_opcode"] == rules.FTP_LIST:
             if name == "data_hex":
@@ -314,7 +315,7 @@ def _compare_fields(kind: str, real: dict[str, Any], sim: dict[str, Any]) -> lis
             elif name == "size" and real["offset"]:
                 continue
         if name == "arguments" and real["id"] == HEALTH_SUMMARY_ID:
-            a, b = _masked(a), _masked(b)
+            a, b = _mask_health(a), _mask_health(b)
         if name == "param_value" and "int_value" in real:
             a = real["int_value"] & 0xFFFFFFFF
             b = struct.unpack("<I", struct.pack("<f", sim[name]))[0]
@@ -326,11 +327,11 @@ def _compare_fields(kind: str, real: dict[str, Any], sim: dict[str, Any]) -> lis
         else:
             tolerance = TOLERANCES.get(f"{kind}.{name}")
         if not same(a, b, tolerance):
-            out.append((kind, f"{_key_prefix(kind, real)}{name}", a, b))
-    return out
+            rows.append((kind, f"{_key_prefix(kind, real)}{name}", a, b))
+    return rows
 
 
-def _masked(arguments: list[int]) -> list[int]:
+def _mask_health(arguments: list[int]) -> list[int]:
     """Arguments without the health component that PX4 reports as present intermittently (bit 10)."""
     return [value & ~0x04 if n == 2 else value for n, value in enumerate(arguments)]
 
@@ -356,44 +357,44 @@ def same(a: Any, b: Any, tolerance: float | None = None) -> bool:
 
 
 def _compare_reports(recorded: list[Received], result: DialogueResult) -> list[Row]:
-    events = [m for m in recorded if _in_report(m)]
+    events = [m for m in recorded if _is_in_report(m)]
     ends = [n for n, m in enumerate(events) if m.values["id"] == HEALTH_SUMMARY_ID]
     if not ends or not any(m.values["id"] == ARMING_SUMMARY_ID for m in events[: ends[-1]]):
         return []
     first = max(n for n, m in enumerate(events[: ends[-1]]) if m.values["id"] == ARMING_SUMMARY_ID)
     real = events[first : ends[-1] + 1]
-    found = [_align("EVENT", real, sim, thinned=False) for sim in result.reports]
-    return min(found, key=len, default=[("EVENT", "(missing)", "arming report", "–")])
+    rows_by_report = [_compare_kind("EVENT", real, sim, thinned=False) for sim in result.reports]
+    return min(rows_by_report, key=len, default=[("EVENT", "(missing)", "arming report", "–")])
 
 
 def _compare_states(recorded: list[Received], result: DialogueResult) -> list[Row]:
-    out: list[Row] = []
+    rows: list[Row] = []
     for real in recorded:
         if real.name not in STATE_MESSAGES:
             continue
         sim = [m for m in (*result.received, *result.after) if m.name == real.name]
         if real.name in result.before:
             sim.insert(0, result.before[real.name])
-        found = [_compare_fields(real.name, real.values, m.values) for m in sim]
-        if not found:
-            out.append((real.name, "(missing)", real.values, "–"))
-        elif all(found):
-            out += min(found, key=len)
-    return out
+        rows_by_message = [_compare_fields(real.name, real.values, m.values) for m in sim]
+        if not rows_by_message:
+            rows.append((real.name, "(missing)", real.values, "–"))
+        elif all(rows_by_message):
+            rows += min(rows_by_message, key=len)
+    return rows
 
 
 def _compare_end(dialogue: Dialogue, result: DialogueResult) -> list[Row]:
-    out: list[Row] = []
+    rows: list[Row] = []
     for name in ("armed", "custom_mode", "landed_state"):
         real = dialogue["state_after"].get(name)
         sim = list(dict.fromkeys(state[name] for state in result.states))
         if real is not None and real not in sim:
-            out.append(("(state after)", name, real, sim))
+            rows.append(("(state after)", name, real, sim))
     for name, real in dialogue.get("echo_at_end", {}).items():
         sim = result.echo.get(name.upper(), {})
         for field_name, value in (real or {}).items():
             if name == "local_position_ned" or field_name.startswith("time"):
                 continue
-            if not same(value_of(value), _plain(sim.get(field_name)), ECHO_TOLERANCE.get(field_name)):
-                out.append((f"(echo) {name.upper()}", field_name, value, _plain(sim.get(field_name))))
-    return out
+            if not same(value_of(value), _plain_value(sim.get(field_name)), ECHO_TOLERANCE.get(field_name)):
+                rows.append((f"(echo) {name.upper()}", field_name, value, _plain_value(sim.get(field_name))))
+    return rows

@@ -67,7 +67,9 @@ class DialogueResult:
     states: list[dict[str, Any]] = field(default_factory=list)
     """Armed, custom_mode and landed_state at times near the end."""
     echo: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Newest fields of each of `ECHOED_MESSAGES`."""
     counts: dict[str, int] = field(default_factory=dict)
+    """Number of messages on the ground-station link, by name."""
 
 
 class DialoguePlayer:
@@ -82,7 +84,7 @@ class DialoguePlayer:
         """Whether the vehicle writes onboard logs (`needs_logs`), which take a seventh of the computing
         time."""
         self._set_before: frozenset[str] = frozenset()
-        self._cleared = False
+        self._mission_cleared = False
         self._plan: list[dict[str, Any]] = []
         """The last stored mission, for a new vehicle."""
 
@@ -105,60 +107,62 @@ class DialoguePlayer:
             vehicle.run(0.2)
         else:
             vehicle.stream_setpoints(False)
-        changed = (
+        parameters = (
             {} if requires_boot(precondition) or sends(dialogue, "PARAM_SET") else parameters_in(precondition)
         )
         store = vehicle.sim.simulation.parameters[0]
-        previous = {name: store.get(name) for name in changed if name in store}
-        for name in previous:
-            vehicle.set_parameter(name, changed[name])
-        if previous:
+        original_values = {name: store.get(name) for name in parameters if name in store}
+        for name in original_values:
+            vehicle.set_parameter(name, parameters[name])
+        if original_values:
             vehicle.stream_setpoints(vehicle.state()["custom_mode"] == OFFBOARD)
             vehicle.run(2.5)
             vehicle.stream_setpoints(False)
-        previous = {name: value for name, value in previous.items() if not name.startswith("SIM_BAT_")}
-        matches = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", precondition)
-        previous |= {name: float(text) for name, text in matches}
+        original_values = {
+            name: value for name, value in original_values.items() if not name.startswith("SIM_BAT_")
+        }
+        stated_defaults = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", precondition)
+        original_values |= {name: float(text) for name, text in stated_defaults}
         try:
             result = self._exchange(vehicle, dialogue, next_follows=next_follows)
-            now_set = {e["fields"]["param_id"] for e in dialogue["send"] if e["msg"] == "PARAM_SET"}
-            result.set_before = self._set_before - now_set
-            self._set_before |= now_set
-            self._cleared |= sends(dialogue, "MISSION_CLEAR_ALL")
+            parameters_set = {e["fields"]["param_id"] for e in dialogue["send"] if e["msg"] == "PARAM_SET"}
+            result.set_before = self._set_before - parameters_set
+            self._set_before |= parameters_set
+            self._mission_cleared |= sends(dialogue, "MISSION_CLEAR_ALL")
             self._plan = uploaded_mission(dialogue) or self._plan
             return result
         finally:
-            for name, value in previous.items():
+            for name, value in original_values.items():
                 store.set(name, value)
 
     def _prepare(self, dialogue: Dialogue) -> Vehicle:
         precondition, state = dialogue["precondition"], dialogue["state"]
-        boot = parameters_in(precondition) if requires_boot(precondition) else {}
+        boot_parameters = parameters_in(precondition) if requires_boot(precondition) else {}
         vehicle = self._vehicle
-        flying = state.get("landed_state", 1) != 1 or "flying" in precondition
-        unusable = vehicle is not None and (
+        is_flying = state.get("landed_state", 1) != 1 or "flying" in precondition
+        is_unusable = vehicle is not None and (
             vehicle.commander.terminated
-            or (not flying and vehicle.altitude_m > 1.0)
-            or (flying and not vehicle.commander.armed and vehicle.altitude_m > 1.0)
-            or (flying and vehicle.commander.armed and vehicle.altitude_m < 4.0)
+            or (not is_flying and vehicle.altitude_m > 1.0)
+            or (is_flying and not vehicle.commander.armed and vehicle.altitude_m > 1.0)
+            or (is_flying and vehicle.commander.armed and vehicle.altitude_m < 4.0)
         )
-        continues = _continues(dialogue)
+        is_continued = _continues(dialogue)
         if (
             vehicle is None
-            or vehicle.parameters != boot
-            or (unusable and not continues)
+            or vehicle.parameters != boot_parameters
+            or (is_unusable and not is_continued)
             or "right after" in precondition
         ):
             heartbeats = "no GCS heartbeat" not in precondition and "right after" not in precondition
             vehicle = self._vehicle = Vehicle(
-                dialogue.get("vehicle_system_id") or 1, boot, heartbeats=heartbeats, log=self._log
+                dialogue.get("vehicle_system_id") or 1, boot_parameters, heartbeats=heartbeats, log=self._log
             )
             vehicle.compared_ids |= {layout_id(name) for name in self._listen}
             if "right after" in precondition:
                 vehicle.run(RIGHT_AFTER_BOOT_S)
                 return vehicle
             vehicle.run(3.0)
-            if dialogue.get("group") in ("air", "fence") and not self._cleared:
+            if dialogue.get("group") in ("air", "fence") and not self._mission_cleared:
                 vehicle.upload(AIR_MISSION)
             elif "stored" in precondition and self._plan:
                 vehicle.upload(self._plan)
@@ -168,8 +172,8 @@ class DialoguePlayer:
             else:
                 vehicle.run(12)
         _wait_for_transfers(vehicle)
-        if not continues:
-            self._start(vehicle, dialogue)
+        if not is_continued:
+            self._establish_state(vehicle, dialogue)
         elif "3 s ago" in precondition:
             vehicle.run(0.95)
         if "stored" in precondition or "uploaded with" in precondition:
@@ -180,7 +184,7 @@ class DialoguePlayer:
         _match_unavailable_reports(vehicle, dialogue)
         return vehicle
 
-    def _start(self, vehicle: Vehicle, dialogue: Dialogue) -> None:
+    def _establish_state(self, vehicle: Vehicle, dialogue: Dialogue) -> None:
         precondition, state = dialogue["precondition"], dialogue["state"]
         if "in Offboard at" in precondition:
             vehicle.hover_in_offboard()
@@ -199,12 +203,12 @@ class DialoguePlayer:
                 vehicle.command(DO_SET_MODE, 1, main, sub)
                 vehicle.run(0.6)
         gimbal = vehicle.autopilot.gimbal
-        for owner in ((255, 190), (42, 99), (7, 8)):
+        for station in ((255, 190), (42, 99), (7, 8)):  # system and component ids
             if (
-                f"{owner[0]}/{owner[1]} in control" in precondition
-                or f"{owner[0]}/{owner[1]} primary" in precondition
+                f"{station[0]}/{station[1]} in control" in precondition
+                or f"{station[0]}/{station[1]} primary" in precondition
             ):
-                gimbal.primary = owner
+                gimbal.primary = station
         if "nobody in control" in precondition:
             gimbal.primary = (0, 0)
 
@@ -214,11 +218,11 @@ class DialoguePlayer:
         vehicle.counts.clear()
         del vehicle.reports[:-1]
         recorded_link = dialogue["link"]
-        extra = requested(dialogue) | {
+        requested_ids = requested(dialogue) | {
             layout_id(name) for name in ECHOED_MESSAGES if "echo_at_end" in dialogue
         }
-        extra -= vehicle.compared_ids
-        vehicle.compared_ids |= extra
+        requested_ids -= vehicle.compared_ids
+        vehicle.compared_ids |= requested_ids
         before = {
             name: Received(0.0, name, vehicle.last[recorded_link, name][1])
             for name in STATE_MESSAGES
@@ -236,28 +240,28 @@ class DialoguePlayer:
             vehicle.send(name, fields, link, src)
         result = DialogueResult(before=before)
         vehicle.run_to(start_s + window_s)
-        late_s = vehicle.now_s - STATE_SAMPLE_PERIOD_S
-        earlier = [state for at_s, state in vehicle.states if at_s <= late_s]
-        result.states = earlier[-1:] + [state for at_s, state in vehicle.states if at_s > late_s]
+        from_s = vehicle.now_s - STATE_SAMPLE_PERIOD_S
+        earlier_states = [state for at_s, state in vehicle.states if at_s <= from_s]
+        result.states = earlier_states[-1:] + [state for at_s, state in vehicle.states if at_s > from_s]
         result.reports = list(vehicle.reports)
-        result.counts = {LAYOUTS[i].name: n for i, n in vehicle.counts.items() if i in LAYOUTS}
+        result.counts = {LAYOUTS[i].name: count for i, count in vehicle.counts.items() if i in LAYOUTS}
         for name in ECHOED_MESSAGES if "echo_at_end" in dialogue else ():
             if ("gcs", name) in vehicle.last:
                 result.echo[name] = vehicle.last["gcs", name][1]
         result.received = [
-            Received(t - start_s, n, v)
-            for t, link, n, v in vehicle.log
-            if link == recorded_link and (n != "PING" or v["target_system"] != 0)
+            Received(at_s - start_s, name, values)
+            for at_s, link, name, values in vehicle.log
+            if link == recorded_link and (name != "PING" or values["target_system"] != 0)
         ]
         if any(message["msg"] in STATE_MESSAGES for message in dialogue["received"]) and not next_follows:
-            mark = len(vehicle.log)
+            log_length = len(vehicle.log)
             vehicle.run(2.1)
             result.after = [
-                Received(t - start_s, n, v)
-                for t, link, n, v in vehicle.log[mark:]
-                if link == recorded_link and n in STATE_MESSAGES
+                Received(at_s - start_s, name, values)
+                for at_s, link, name, values in vehicle.log[log_length:]
+                if link == recorded_link and name in STATE_MESSAGES
             ]
-        vehicle.compared_ids -= extra
+        vehicle.compared_ids -= requested_ids
         return result
 
 
