@@ -158,7 +158,7 @@ async def _fly(gcs: Gcs, vehicle_id: str, plan: dict[str, Any]) -> RecordedFligh
         await drone.mission.upload(plan)
     flight = RecordedFlight([], [])
     async with asyncio.timeout(600.0), asyncio.TaskGroup() as group:
-        group.create_task(_record(gcs, vehicle_id, flight))
+        group.create_task(_record_flight(gcs, vehicle_id, flight))
         await flight.receiving.wait()
         start = partial(drone.offboard_mission.start, plan) if is_mission else drone.mission.start
         await start(despite=ACCEPTED_ERRORS)
@@ -178,7 +178,7 @@ class RecordedFlight:
     disarmed_at_s: float = math.nan
 
 
-async def _record(gcs: Gcs, vehicle_id: str, flight: RecordedFlight) -> None:
+async def _record_flight(gcs: Gcs, vehicle_id: str, flight: RecordedFlight) -> None:
     """Records the next flight until the vehicle reports that it is disarmed."""
     async for sample in gcs.telemetry(vehicles=[vehicle_id], topics=["local_position"], rate_hz=10.0):
         if sample["type"] == "sample":

@@ -48,6 +48,8 @@ MODE_AFTER_S = 1.0
 """Time from the start of a stream of setpoints or sticks to the switch to the mode that uses it."""
 MODE_FOR_MESSAGE = {"SET_POSITION_TARGET_LOCAL_NED": OFFBOARD, "MANUAL_CONTROL": POSITION}
 NAN = math.nan
+STATION_IDS = 255, 190
+"""System and component id of the ground station."""
 
 
 class _ScenarioPlayer:
@@ -117,7 +119,7 @@ class _ScenarioPlayer:
             values |= {"target_system": self.row + 1, "target_component": 1}
         layout, payload = pack(name, **values)
         self._sequence = (self._sequence + 1) & 0xFF
-        self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
+        self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, *STATION_IDS))
 
     def _control_driver(self, command: str) -> None:
         """Stops or starts a sensor's driver, as a console command does."""

@@ -162,16 +162,16 @@ def reasons(document: str) -> dict[str, str]:
     Raises:
         ValueError: a row without a reason, or two for one fault.
     """
-    found: dict[str, str] = {}
+    reason_by_fault: dict[str, str] = {}
     lines = itertools.takewhile(
         lambda line: line.startswith("|"), document.split(HEADER, 1)[1].splitlines()[2:]
     )
     for line in lines:
         name, *_, why = (cell.strip() for cell in line.strip()[1:-1].split("|"))
-        if name in found or not why:
+        if name in reason_by_fault or not why:
             raise ValueError(f"docs/simulator.md: give {name} one row, with a reason in its last column")
-        found[name] = why
-    return found
+        reason_by_fault[name] = why
+    return reason_by_fault
 
 
 def rows(flights: list[Comparison], reason_by_fault: dict[str, str]) -> Iterator[str]:

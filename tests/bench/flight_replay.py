@@ -44,6 +44,8 @@ USUAL_OVERLAP_S = 0.45
 """Time for which both controllers were active after a change of the kind of setpoint. PX4 publishes the
 active controllers twice a second, and no message shows the phase: it is estimated from each recording."""
 NAN = math.nan
+STATION_IDS = 255, 190
+"""System and component id of the ground station."""
 HOVER_LIMITS, HOVER_LIMITS_NOISY = (0.05, 0.3), (0.3, 1.5)
 """Limits of a hover on each axis: speed [m/s], distance from the goal [m]. With noise the estimate drifts."""
 ORBIT_BEFORE_HOLD = (-20.0, 5.0, 1.0)
@@ -94,7 +96,7 @@ class _StimulusPlayer:
             values |= {"target_system": self.sim.nodes[self.row].system_id, "target_component": 1}
         layout, payload = pack(name, **values)
         self._sequence = (self._sequence + 1) & 0xFF
-        self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
+        self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, *STATION_IDS))
 
     def send_stimulus(self, name: str, fields: dict[str, Any]) -> None:
         """Sends one message of the stimulus: by MAVLink, or by the simulator's internal interface."""
@@ -146,7 +148,7 @@ class _StimulusPlayer:
     def tick(self) -> None:
         """Called once per simulation step."""
         if self.now_s >= self._heartbeat_s:
-            self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})
+            self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})  # a ground station
             self._heartbeat_s += 1.0
         if self.script is not None and next(self.script, self) is self:  # the script has ended
             self.script = None

@@ -88,7 +88,7 @@ def _vehicle_ids(api: httpx.Client) -> list[str]:
     return [v["id"] for v in api.get("/vehicles").raise_for_status().json()]
 
 
-def _part(path: str) -> str | None:
+def _part_of_page(path: str) -> str | None:
     """The part of the page that a file belongs to; None: not a file of the page."""
     if path.startswith("/api/"):
         return None
@@ -107,7 +107,7 @@ def _sizes(url: str, requested_urls: set[str]) -> dict[str, int]:
     """Bytes of the loaded files, by part of the page."""
     sizes = dict.fromkeys(PARTS, 0)
     for file in requested_urls:
-        part = _part(urlsplit(file).path)
+        part = _part_of_page(urlsplit(file).path)
         if part is not None and file.startswith(f"{url}/"):
             sizes[part] += _gzipped_size(file)
     return sizes

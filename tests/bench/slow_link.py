@@ -92,6 +92,7 @@ def _stream(connection: Connection, began_s: float) -> Generator[None]:
         next_s = time.monotonic()
         while not stop_event.wait(max(0.0, next_s - time.monotonic())):
             created_s = time.monotonic()
+            # The measurement reads only the time.
             payload = struct.pack(
                 "<I11fHBBB", round((created_s - began_s) * 1e6), *range(1, 12), 2552, 1, 1, 1
             )

@@ -23,6 +23,8 @@ from .relay import Relay
 RATE_HZ = 50.0
 WINDOW_S = 12.0
 MAVSDK_RATE_HZ = 20.0
+LOAD_S = "120"
+"""Duration of the other processes; longer than a measurement, which ends them."""
 
 
 def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], int]:
@@ -119,11 +121,11 @@ def measure(load: Load) -> Arrivals:
                 "tests.bench.feed",
                 str(feed_port),
                 str(load.other_vehicles),
-                "120",
+                LOAD_S,
             ]
             stack.enter_context(running(command))
         if load.watchers:
-            command = [sys.executable, "-m", "tests.bench.watchers", url, str(load.watchers), "120"]
+            command = [sys.executable, "-m", "tests.bench.watchers", url, str(load.watchers), LOAD_S]
             stack.enter_context(running(command))
         gcs = stack.enter_context(SyncGcs(url, client="bench"))
         mission_vehicle = gcs.wait_for_vehicle(str(MISSION_VEHICLE), ready=True)
