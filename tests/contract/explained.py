@@ -1,8 +1,8 @@
 """The known differences from the recordings: each line of `explained.tsv` is one difference with its cause.
 
 A line has the session, the dialogue, the message, the field (or the missing or additional message), the
-number of occurrences, and the cause, which docs/simulator.md explains. A line whose difference no longer
-occurs fails the test.
+number of occurrences, and the cause, which docs/simulator.md explains. The test fails for a line whose
+difference no longer occurs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class ExplainedDifference:
     cause: str
 
 
-def _read() -> dict[DifferenceKey, ExplainedDifference]:
+def _read_explained_differences() -> dict[DifferenceKey, ExplainedDifference]:
     path = Path(__file__).resolve().parent / "explained.tsv"
     with path.open(encoding="utf-8", newline="") as file:
         rows = csv.reader(file, delimiter="\t", quoting=csv.QUOTE_NONE)
@@ -36,7 +36,7 @@ def _read() -> dict[DifferenceKey, ExplainedDifference]:
         }
 
 
-EXPLAINED: dict[DifferenceKey, ExplainedDifference] = _read()
+EXPLAINED: dict[DifferenceKey, ExplainedDifference] = _read_explained_differences()
 
 
 def explained_count(key: DifferenceKey) -> int:

@@ -16,52 +16,55 @@ from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
 from vehicle_sim.mavlink.rates import API
 
 Dialogue = dict[str, Any]
-Sending = tuple[float, str, str, dict[str, Any], tuple[int, int]]
+SentMessage = tuple[float, str, str, dict[str, Any], tuple[int, int]]
 """Seconds since the dialogue began, link, message, fields, sender."""
 
 STATE_MESSAGES = frozenset(
     {"HEARTBEAT", "CURRENT_MODE", "EXTENDED_SYS_STATE", "MISSION_CURRENT", "GIMBAL_MANAGER_STATUS",
      "HOME_POSITION", "GIMBAL_DEVICE_ATTITUDE_STATUS"}
 )  # fmt: skip
-"""The recordings keep these messages when their content changed."""
+"""The recordings keep each of these messages only when its content changed."""
 REAL_TIME_FACTOR = 0.995
 """Speed of the recorded simulation: seconds of the vehicle's clock per second of the station's clock."""
 STREAMED_TO_THE_END = frozenset(
     {"offboard_disarmed_stream_1hz", "offboard_disarmed_stream_2hz", "offboard_air_enter_exit"}
 )
-"""Dialogues whose stream continued to their end: the vehicle is in Offboard for seconds after the last listed
-message."""
+"""Dialogues whose stream continued to their end: the vehicle stays in Offboard for some seconds after the
+last listed message."""
 METRE_NORTH_E7 = math.degrees(1.0 / 6_371_000.0) * 1e7
 METRE_EAST_E7 = METRE_NORTH_E7 / math.cos(math.radians(47.3977423))
-"""A metre at the recorded home [1e-7 degrees]."""
+"""One metre of latitude, and one metre of longitude at the recorded home [1e-7 degrees]."""
 LISTED_STREAMS = {"timesync": "TIMESYNC", "current_event_sequence": "CURRENT_EVENT_SEQUENCE"}
-"""Streams that are part of the dialogues with these names."""
+"""Telemetry that is compared in the dialogues whose ids begin with these texts."""
+REQUEST_MESSAGE = 512
+"""MAV_CMD_REQUEST_MESSAGE; param1 is the message id."""
 TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES - {"ORBIT_EXECUTION_STATUS"}
+"""Streamed messages that are compared only in dialogues that request or list them."""
 
 
-def load(path: Path) -> list[Dialogue]:
+def load_dialogues(path: Path) -> list[Dialogue]:
     """The dialogues of one group."""
     return [with_all_items(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
 def with_all_items(dialogue: Dialogue) -> Dialogue:
-    """The dialogue; for the upload of 200 items, of which the recording has 6, with all items. PX4's checksum
-    confirms the others."""
+    """Adds the items that the recorded upload of 200 items omits; PX4's checksum confirms them. Returns any
+    other dialogue unchanged."""
     if dialogue["id"] != "mission_upload_200_items":
         return dialogue
     send = [*dialogue["send"][:1]]
     send += [
         {"dt_s": 0.0004 + 0.001 * item["seq"], "msg": "MISSION_ITEM_INT", "fields": item}
-        for item in grid_200()
+        for item in mission_of_200_items()
     ]
     requests = [e for e in dialogue["received"] if e["msg"] == "MISSION_REQUEST_INT"]
-    others = [e for e in dialogue["received"] if e["msg"] != "MISSION_REQUEST_INT"]
+    other_messages = [e for e in dialogue["received"] if e["msg"] != "MISSION_REQUEST_INT"]
     repeated_requests = [{**requests[0], "fields": {**requests[0]["fields"], "seq": n}} for n in range(200)]
-    return {**dialogue, "send": send, "received": repeated_requests + others}
+    return {**dialogue, "send": send, "received": repeated_requests + other_messages}
 
 
-def grid_200() -> list[dict[str, Any]]:
-    """A take-off and 199 waypoints: rows of 20, one metre apart, from 10 m north; one metre between rows."""
+def mission_of_200_items() -> list[dict[str, Any]]:
+    """A take-off and 199 waypoints in rows of 20, 1 m between waypoints and rows, from 10 m north of home."""
     common = {"frame": 6, "autocontinue": 1, "param1": 0.0, "param2": 0.0, "param3": 0.0, "param4": None,
              "z": 10.0, "mission_type": 0, "target_component": 1}  # fmt: skip
     items: list[dict[str, Any]] = []
@@ -74,11 +77,11 @@ def grid_200() -> list[dict[str, Any]]:
 
 
 def sessions(folder: Path) -> Iterator[tuple[str, list[Dialogue]]]:
-    """Groups, split where the recording started a new vehicle; each session began at boot and kept its
-    order."""
+    """Name and dialogues of each session: the dialogues of a group with one vehicle, in order from its
+    boot."""
     for path in sorted(folder.glob("*.jsonl")):
-        parts = itertools.groupby(load(path), key=lambda d: d.get("vehicle_system_id"))
-        for number, (_, dialogues) in enumerate(parts):
+        by_vehicle = itertools.groupby(load_dialogues(path), key=lambda d: d.get("vehicle_system_id"))
+        for number, (_, dialogues) in enumerate(by_vehicle):
             yield f"{path.stem}-{number}", list(dialogues)
 
 
@@ -110,9 +113,9 @@ def requested(dialogue: Dialogue) -> set[int]:
     ids = {
         int(entry["fields"]["param1"] or 0)
         for entry in dialogue["send"]
-        if entry["msg"] == "COMMAND_LONG" and entry["fields"]["command"] == 512
+        if entry["msg"] == "COMMAND_LONG" and entry["fields"]["command"] == REQUEST_MESSAGE
     }
-    ids |= {layout_id(name) for start, name in LISTED_STREAMS.items() if dialogue["id"].startswith(start)}
+    ids |= {layout_id(name) for prefix, name in LISTED_STREAMS.items() if dialogue["id"].startswith(prefix)}
     return {msg_id for msg_id in ids if msg_id in LAYOUTS}
 
 
@@ -122,7 +125,7 @@ def sends(dialogue: Dialogue, name: str) -> bool:
 
 
 def requires_boot(precondition: str) -> bool:
-    """Whether a precondition requires a vehicle that was started with its parameters."""
+    """Whether the vehicle must be started with the parameters of this precondition."""
     return "fresh boot" in precondition or "MNT_MODE_IN -1" in precondition
 
 
@@ -143,7 +146,7 @@ def uploaded_mission(dialogue: Dialogue) -> list[dict[str, Any]]:
 
 def script(
     dialogue: Dialogue, system_id: int, late_s: Mapping[tuple[str, int], float] | None = None
-) -> list[Sending]:
+) -> list[SentMessage]:
     """The messages that a dialogue sends, by time, each message of a stream separately.
 
     Args:
@@ -151,12 +154,12 @@ def script(
         system_id: system id of the receiving vehicle.
         late_s: delay of the n-th message of each stream.
     """
-    out: list[Sending] = []
+    messages: list[SentMessage] = []
     for entry in dialogue["send"]:
         if entry["msg"] not in BY_NAME:
-            continue  # "stream stops"
+            continue  # the entry "stream stops" is no message
         fields = {k: value_of(v) for k, v in entry["fields"].items()}
-        fields = _wire(entry["msg"], fields, system_id)
+        fields = _packable_fields(entry["msg"], fields, system_id)
         source = entry.get("src", (255, 190))
         link = entry.get("link", dialogue["link"])
         hz, duration_s = entry.get("streamed_hz", 0), entry.get("duration_s", 0)
@@ -169,29 +172,29 @@ def script(
         for n in range(count):
             dt_s = entry["dt_s"] + (n / hz * REAL_TIME_FACTOR if count > 1 else 0.0)
             dt_s += (late_s or {}).get((dialogue["id"], n), 0.0)
-            out.append((dt_s, link, entry["msg"], fields, (source[0], source[1])))
-    return sorted(out, key=lambda each: each[0])
+            messages.append((dt_s, link, entry["msg"], fields, (source[0], source[1])))
+    return sorted(messages, key=lambda each: each[0])
 
 
-def _wire(name: str, fields: dict[str, Any], system_id: int) -> dict[str, Any]:
-    """Recorded fields in the form that the dialect packs; messages without a target are sent to this
-    vehicle."""
+def _packable_fields(name: str, fields: dict[str, Any], system_id: int) -> dict[str, Any]:
+    """Recorded fields in the form that the dialect packs. A message without a recorded target gets this
+    vehicle as its target."""
     if "target_system" in BY_NAME[name].fields:
         fields = {"target_system": system_id, "target_component": 1} | fields
     if name == "PARAM_SET" and ("int_value" in fields or fields.get("value") is not None):
-        integer = fields.get("int_value", fields.get("value"))
-        if isinstance(integer, int):
-            fields["param_value"] = struct.unpack("<f", struct.pack("<I", integer & 0xFFFFFFFF))[0]
+        number = fields.get("int_value", fields.get("value"))
+        if isinstance(number, int):
+            fields["param_value"] = struct.unpack("<f", struct.pack("<I", number & 0xFFFFFFFF))[0]
             fields.setdefault("param_type", 6)
         else:
-            fields["param_value"], fields["param_type"] = integer, 9
+            fields["param_value"], fields["param_type"] = number, 9
     if name == "FILE_TRANSFER_PROTOCOL":
-        p = fields["payload"]
-        head = struct.pack(
-            "<HBBBBBBI", p["seq_number"], p["session"], p["opcode"], p["size"], p["req_opcode"],
-            p["burst_complete"], p["padding"], p["offset"],
+        ftp = fields["payload"]
+        ftp_header = struct.pack(
+            "<HBBBBBBI", ftp["seq_number"], ftp["session"], ftp["opcode"], ftp["size"], ftp["req_opcode"],
+            ftp["burst_complete"], ftp["padding"], ftp["offset"],
         )  # fmt: skip
-        fields["payload"] = list((head + bytes.fromhex(p["data_hex"])).ljust(251, b"\0"))
+        fields["payload"] = list((ftp_header + bytes.fromhex(ftp["data_hex"])).ljust(251, b"\0"))
     if name == "SERIAL_CONTROL" and "text" in fields:
         raw = fields["text"].encode()
         fields["count"] = fields.get("count", len(raw))

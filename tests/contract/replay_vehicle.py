@@ -22,15 +22,17 @@ from vehicle_sim.storage.metadata import BUILT_IN
 
 RECORDED = Path(__file__).resolve().parents[3] / "shared" / "px4"
 NAMES = {"all_events.json.xz": "events.json.xz"}
-"""Names of files here, and their names in the recordings."""
+"""Names of the simulator's files, and their names in the recordings."""
 TICK_S = 0.02
-STREAM_EVERY_S = 0.05
+SETPOINT_PERIOD_S = 0.05
 REARM_AFTER_S = 4.0
 """A vehicle that has been armed on the ground for this time is armed again before a dialogue: PX4 disarms
 after 10 s, and the recording armed the vehicle shortly before each dialogue."""
 HOLD = 0x3040000
+"""custom_mode of Hold."""
 TAKEOFF, DO_SET_MODE, DO_REPOSITION, ARM_DISARM = 22, 176, 192, 400
-FORCE = 21196
+FORCE_DISARM = 21196
+"""param2 of ARM_DISARM that disarms also in flight."""
 NAN = math.nan
 
 
@@ -43,7 +45,7 @@ class Received:
     values: dict[str, Any]
 
 
-def _files_of_the_build() -> dict[str, Callable[[], bytes]]:
+def _files_of_the_recorded_build() -> dict[str, Callable[[], bytes]]:
     """The files that the recorded vehicle served below `etc`, if they are beside the checkout, otherwise the
     simulator's."""
     return {
@@ -54,14 +56,14 @@ def _files_of_the_build() -> dict[str, Callable[[], bytes]]:
 
 
 class Vehicle:
-    """One simulated vehicle and the station that communicates with it."""
+    """One simulated vehicle, and the link of a ground station to it."""
 
     def __init__(
         self, system_id: int, parameters: dict[str, float], *, heartbeats: bool = True, log: bool = False
     ) -> None:
         self.parameters = parameters
         self.heartbeats = heartbeats
-        files = [VehicleFiles(None, _files_of_the_build())]
+        files = [VehicleFiles(None, _files_of_the_recorded_build())]
         self.sim = VehicleSim(first_instance=system_id - 1, parameters=parameters, files=files, log=log)
         self.system_id = system_id
         self.autopilot = self.sim.autopilots[0]
@@ -72,18 +74,18 @@ class Vehicle:
         self.log: list[tuple[float, str, str, dict[str, Any]]] = []
         self.last: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
         self.reports: list[list[Received]] = []
-        """Valid arming reports in the form in which they are sent, the newest last."""
+        """Arming reports as the messages that the vehicle sends, the newest last."""
         self._published_report: CheckResults | None = None
         self.states: list[tuple[float, dict[str, Any]]] = []
         """Armed, mode and landed state, and the time of the change."""
         self.counts: dict[int, int] = {}
-        self._skip_uncompared()
+        self._omit_uncompared_streams()
         self._parsers = {name: FrameParser() for name in ("gcs", "api")}
         self._sequence = 0
         self._next_heartbeat_s = 0.0
         self.background_setpoint: dict[str, Any] | None = None
-        """Setpoints streamed in addition to the dialogue's messages."""
-        self._stream_s = 0.0
+        """Fields of the setpoint that is streamed in addition to the dialogue's messages; None: no stream."""
+        self._next_setpoint_s = 0.0
 
     @property
     def now_s(self) -> float:
@@ -91,18 +93,18 @@ class Vehicle:
 
     @property
     def altitude_m(self) -> float:
-        """Above the local origin."""
+        """Altitude above the local origin."""
         return -float(self.sim.simulation.truth.position_ned_m[0, 2])
 
     @property
     def speed_m_s(self) -> float:
         return math.sqrt(sum(v * v for v in self.sim.simulation.truth.velocity_ned_m_s[0].tolist()))
 
-    def _skip_uncompared(self) -> None:
-        """Sends no streams that no dialogue compares, because their encoding takes most of the time."""
+    def _omit_uncompared_streams(self) -> None:
+        """Omits the streams that no dialogue compares, because their encoding takes most of the time."""
         telemetry = self.sim.nodes[0].context.telemetry
-        build = telemetry.payload
-        telemetry.payload = lambda msg_id: build(msg_id) if msg_id in self.compared_ids else None  # type: ignore[method-assign]
+        encode = telemetry.payload
+        telemetry.payload = lambda msg_id: encode(msg_id) if msg_id in self.compared_ids else None  # type: ignore[method-assign]
 
     def send(self, name: str, fields: dict[str, Any], link: str = "gcs", src: tuple[int, int] = (255, 190)):
         layout, payload = pack(name, **fields)
@@ -127,19 +129,19 @@ class Vehicle:
             if self.heartbeats and self.now_s >= self._next_heartbeat_s:
                 self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})
                 self._next_heartbeat_s = self.now_s + 1.0
-            if self.background_setpoint is not None and self.now_s >= self._stream_s:
+            if self.background_setpoint is not None and self.now_s >= self._next_setpoint_s:
                 self.send("SET_POSITION_TARGET_LOCAL_NED", self.background_setpoint, "api")
-                self._stream_s = self.now_s + STREAM_EVERY_S
+                self._next_setpoint_s = self.now_s + SETPOINT_PERIOD_S
             self.sim.step(min(tick_s, max(end_s - self.now_s, 0.004)))
             self.collect()
 
-    def run(self, seconds: float, each: Callable[[], None] | None = None, tick_s: float = TICK_S) -> None:
+    def run(self, seconds: float, on_tick: Callable[[], None] | None = None, tick_s: float = TICK_S) -> None:
         end_s = self.now_s + seconds
-        if each is None:
+        if on_tick is None:
             self.run_to(end_s)
             return
         while self.now_s < end_s - 1e-6:
-            each()
+            on_tick()
             self.run_to(min(end_s, self.now_s + tick_s), min(tick_s, TICK_S))
 
     def run_until(self, condition: Callable[[], bool], timeout_s: float) -> bool:
@@ -201,7 +203,7 @@ class Vehicle:
         self.run_until(lambda: self.speed_m_s < 1.0, 8)
 
     def hover_in_offboard(self) -> None:
-        """Brings the vehicle to Offboard at 10 m, by a stream of setpoints that then ends."""
+        """Brings the vehicle to Offboard at 10 m, and then stops the stream of setpoints."""
         if not 6 < self.altitude_m < 16:
             self.hover_in_hold()
         self.stream_setpoints(True)
@@ -211,21 +213,21 @@ class Vehicle:
         self.stream_setpoints(False)
 
     def stream_setpoints(self, on: bool) -> None:
-        """Starts or stops a stream of 20 Hz of a position 10 m above the local origin."""
+        """Starts or stops a 20 Hz stream of position setpoints 10 m above the local origin."""
         setpoint = {"target_system": self.system_id, "target_component": 1, "coordinate_frame": 1,
                     "type_mask": 2552, "z": -10.0}  # fmt: skip
         self.background_setpoint = setpoint if on else None
 
     def put_on_ground(self, armed: bool, custom_mode: int) -> None:
         """Brings the vehicle to the ground and into this arming state and mode."""
-        armed_s = [at_s for at_s, _ in itertools.takewhile(lambda e: e[1]["armed"], reversed(self.states))]
-        about_to_disarm = armed and bool(armed_s) and self.now_s - armed_s[-1] > REARM_AFTER_S
+        armed_at_s = [at_s for at_s, _ in itertools.takewhile(lambda e: e[1]["armed"], reversed(self.states))]
+        about_to_disarm = armed and bool(armed_at_s) and self.now_s - armed_at_s[-1] > REARM_AFTER_S
         if (
             self.commander.armed != armed
             or about_to_disarm
             or (armed and self.state()["custom_mode"] != custom_mode)
         ):
-            self.command(ARM_DISARM, 0, FORCE)
+            self.command(ARM_DISARM, 0, FORCE_DISARM)
             self.run(0.1)
             self.run_until(lambda: self.commander.landed, 2)
         self.run_until(self.ready, 4)
@@ -240,8 +242,8 @@ class Vehicle:
 
     def upload(self, plan: list[dict[str, Any]], *, floats: bool = False) -> None:
         """Uploads a mission, fence or rally points; `floats`: as MISSION_ITEM with float coordinates."""
-        kind = plan[0]["mission_type"]
-        target = {"target_system": self.system_id, "target_component": 1, "mission_type": kind}
+        mission_type = plan[0]["mission_type"]
+        target = {"target_system": self.system_id, "target_component": 1, "mission_type": mission_type}
         self.send("MISSION_COUNT", {"count": len(plan), **target})
         for item in plan:
             fields = {key: value_of(value) for key, value in item.items() if key != "target_system"}

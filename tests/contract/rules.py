@@ -1,19 +1,20 @@
-"""Differences caused by the recording, not by the vehicle: rules with a bound, each tested in
-`test_rules.py`.
+"""Rules for differences that the recording caused, not the vehicle. Each rule has a bound, which
+`test_rules.py` tests.
 
 - *first and last*: if the recording kept only the first and last messages, as many first and last messages of
 the simulator are compared.
 - *earlier repeats*: PX4 repeats a command to itself after 1.0, 1.5 and 2.0 s. A repeat that arrives too early
-for its confirmation number belongs to a command from before the dialogue. It is removed from both sides.
-- *swapped*: PX4 sends texts and events from two queues, and its modules run in parallel: two messages may
-change places within 0.1 s.
+for its confirmation number repeats a command from before the dialogue. It is omitted from the
+recorded and the simulated messages.
+- *swapped*: two messages may change places within 0.1 s, because PX4 sends texts and events from two queues
+and runs its modules in parallel.
 - *frequent*: messages that PX4 sent more than eight times in a dialogue are compared by their number, within
 10 %.
 - *last moment*: a text or event that the simulator sends in the last 0.3 s may belong to the time after the
 recording.
 - *altitudes*: the altitudes in the text and event of a return agree within 2 m (GPS noise, drift of home).
 - *hash*: the recorded vehicles had parameter values that no dialogue shows. The `_HASH_CHECK` of the
-simulator must change, and return to an earlier value, whenever that of PX4 does.
+simulator must change or return to an earlier value whenever the `_HASH_CHECK` of PX4 does.
 - *directory*: PX4 lists entries in the order of the recording machine's disk. The first part must have the
 same entries; a later part must have the same number of entries.
 """
@@ -29,17 +30,17 @@ from typing import Any
 from tests.contract.replay_vehicle import Received
 
 FIRST_REPEAT_S, REPEAT_S, REPEAT_JITTER_S = 1.0, 0.51, 0.05
-REPEATS = 3
+MAX_REPEATS = 3
 SWAP_WITHIN_S = 0.1
-OFTEN, OFTEN_WITHIN = 8, 0.1
-EDGE_S = 0.3
+FREQUENT_COUNT, FREQUENT_TOLERANCE = 8, 0.1
+LAST_MOMENT_S = 0.3
 ALTITUDE_TOLERANCE_M = 2.0
 RETURN_EVENT = "vrtl_return_at"
 FTP_LIST = 3
 _ALTITUDES = re.compile(r"(?<=^RTL: start return at )(\d+) m \((-?\d+) m")
-_AUTOPILOT_TO_ALL = 0
+_ALL_COMPONENTS = 0
 
-Key = Callable[[Received], Hashable]
+MessageKey = Callable[[Received], Hashable]
 Row = tuple[str, str, Any, Any]
 
 
@@ -59,10 +60,10 @@ def without_earlier_repeats(received: list[Received]) -> list[Received]:
 
 def _is_earlier_repeat(message: Received) -> bool:
     values = message.values
-    if message.name != "COMMAND_LONG" or values.get("target_component", 0) != _AUTOPILOT_TO_ALL:
+    if message.name != "COMMAND_LONG" or values.get("target_component", 0) != _ALL_COMPONENTS:
         return False
     repeat = values["confirmation"]
-    if not 1 <= repeat <= REPEATS:
+    if not 1 <= repeat <= MAX_REPEATS:
         return False
     return message.dt_s < FIRST_REPEAT_S + (repeat - 1) * REPEAT_S - REPEAT_JITTER_S
 
@@ -72,7 +73,7 @@ def without_last_moment(simulated: list[Received], recorded: list[Received], end
     return [
         m
         for m in simulated
-        if m.name not in ("STATUSTEXT", "EVENT") or m.dt_s < end_s - EDGE_S or _is_in(m, recorded)
+        if m.name not in ("STATUSTEXT", "EVENT") or m.dt_s < end_s - LAST_MOMENT_S or _is_in(m, recorded)
     ]
 
 
@@ -82,7 +83,7 @@ def _is_in(message: Received, recorded: list[Received]) -> bool:
 
 
 def swapped_pairs(
-    missing: list[Received], extra: list[Received], key: Key
+    missing: list[Received], extra: list[Received], key: MessageKey
 ) -> list[tuple[Received, Received]]:
     """Pairs of messages that only changed places; the function removes them from both lists."""
     pairs: list[tuple[Received, Received]] = []
@@ -98,7 +99,7 @@ def swapped_pairs(
 
 
 def compare_frequent(
-    recorded: list[Received], simulated: list[Received], key: Key
+    recorded: list[Received], simulated: list[Received], key: MessageKey
 ) -> tuple[list[Received], list[Received], list[tuple[Hashable, int, int]]]:
     """Compares the numbers of the messages that PX4 sent more than eight times.
 
@@ -106,13 +107,17 @@ def compare_frequent(
         The other recorded and simulated messages; key and both numbers where the numbers differ.
     """
     real, sim = Counter(map(key, recorded)), Counter(map(key, simulated))
-    often = {each for each, count in real.items() if count > OFTEN}
-    wrong = [
+    frequent_keys = {each for each, count in real.items() if count > FREQUENT_COUNT}
+    different_counts = [
         (each, real[each], sim[each])
-        for each in sorted(often, key=str)
-        if abs(real[each] - sim[each]) > max(1, OFTEN_WITHIN * real[each])
+        for each in sorted(frequent_keys, key=str)
+        if abs(real[each] - sim[each]) > max(1, FREQUENT_TOLERANCE * real[each])
     ]
-    return [m for m in recorded if key(m) not in often], [m for m in simulated if key(m) not in often], wrong
+    return (
+        [m for m in recorded if key(m) not in frequent_keys],
+        [m for m in simulated if key(m) not in frequent_keys],
+        different_counts,
+    )
 
 
 def without_altitudes(text: str) -> str:
@@ -140,12 +145,12 @@ class Hashes:
     """The parameter hashes of a session; those of PX4 and of the simulator must change at the same time."""
 
     def __init__(self) -> None:
-        self._simulated: dict[int, int] = {}
+        self._simulated_by_recorded: dict[int, int] = {}
 
     def without_hashes(self, rows: list[Row]) -> list[Row]:
         """Rows without those of `_HASH_CHECK` in which the simulator's hash changed when PX4's did."""
-        return [row for row in rows if not (row[1] == "[_HASH_CHECK].param_value" and self._fits(*row[2:]))]
+        return [row for row in rows if not (row[1] == "[_HASH_CHECK].param_value" and self._match(*row[2:]))]
 
-    def _fits(self, real: int, sim: int) -> bool:
-        known = self._simulated.setdefault(real, sim) == sim
-        return known and list(self._simulated.values()).count(sim) == 1
+    def _match(self, real: int, sim: int) -> bool:
+        unchanged = self._simulated_by_recorded.setdefault(real, sim) == sim
+        return unchanged and list(self._simulated_by_recorded.values()).count(sim) == 1

@@ -1,7 +1,8 @@
 """Logged flights of a real PX4: the simulated vehicle sends the same messages.
 
-The log contains what the ground station sent; it is sent again at the same times on a fake clock. The tests
-compare the number of each message, and the changes of mode, texts, events, target position and gimbal.
+The log contains the messages of the ground station; the tests send them again at the same times on a fake
+clock. They compare the number of each message, and the changes of mode, texts, events, target position and
+gimbal.
 """
 
 import gzip
@@ -23,12 +24,12 @@ FLIGHTS = {
     "failsafe-datalink-rtl": ("gcs", {"NAV_DLL_ACT": 2}),
     "offboard-api": ("api", {}),
 }
-"""Logs with all messages that were sent to the vehicle: the logged link, and the parameters that had been set
-before."""
+"""Logs that contain all messages to the vehicle: the logged link, and the parameters that were set before the
+flight."""
 AUTOPILOT, API_CLIENT = 1, 245
 READY_S = 5.0
-"""From this time on both estimators are ready; the simulated one is ready earlier than PX4's."""
-MIN_COUNT, TOLERANCE = 10, 0.1
+"""After this time both estimators are ready; the simulated estimator is ready earlier than PX4's."""
+MIN_COUNT, COUNT_TOLERANCE = 10, 0.1
 ALTITUDE_TOLERANCE_M = 1.5
 NOT_STREAMED = {"PARAM_VALUE", "STATUSTEXT", "EVENT", "COMMAND_ACK", "COMMAND_LONG", "AVAILABLE_MODES"}
 
@@ -38,7 +39,7 @@ Sent = list[tuple[float, tuple[int, int], str, dict[str, Any]]]
 """Seconds since the log began, sender, message name and fields of each message."""
 
 
-def read(path: Path) -> tuple[Received, Sent, float]:
+def read_log(path: Path) -> tuple[Received, Sent, float]:
     """The vehicle's messages, the messages sent to it, and the vehicle's time since boot when the log began
     [s]."""
     raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
@@ -65,7 +66,7 @@ def read(path: Path) -> tuple[Received, Sent, float]:
 
 
 def replay(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str, float]) -> Received:
-    """The simulated vehicle's messages on that link."""
+    """Replays the sent messages; returns the simulated vehicle's messages on `link`."""
     station = Station(heartbeats=False, parameters=parameters, links=BOTH)
     for time_s, sender, name, fields in sent:
         station.run(max(0.0, boot_s + time_s - station.now_s))
@@ -76,7 +77,7 @@ def replay(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[
     return [(time_s - boot_s, m.name, dict(m.values)) for time_s, via, m in station.log if via == link]
 
 
-def changes(
+def changed_values(
     received: Received, name: str, value_of: Any, until_s: float, lasting_s: float = 0.0
 ) -> list[Any]:
     """The values that `value_of` returns for a message's fields, each time the value changes for at least
@@ -101,8 +102,8 @@ def altitude_steps(altitudes_m: list[float]) -> list[float]:
     return steps_m
 
 
-def text_of(fields: dict[str, Any]) -> str | None:
-    """A text without its numbers; texts that only a vehicle with an onboard log sends are omitted."""
+def text_without_numbers(fields: dict[str, Any]) -> str | None:
+    """A text without its numbers; None for a text that only a vehicle with an onboard log sends."""
     text = str(fields["text"])
     return None if "[logger]" in text else re.sub(r"\d+", "#", text)
 
@@ -112,7 +113,7 @@ def event_name(fields: dict[str, Any]) -> str | None:
     return None if name.startswith("logger") else name
 
 
-def disarmed_s(received: Received) -> float:
+def disarming_time_s(received: Received) -> float:
     armed_s = [t for t, n, f in received if n == "HEARTBEAT" and f["base_mode"] & 128]
     return armed_s[-1] + 1.5
 
@@ -122,33 +123,33 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_flight(
     recordings_folder: Path, name: str
 ) -> None:
     (path,) = (recordings_folder / "tlogs").glob(f"{name}.tlog*")
-    real, sent, boot_s = read(path)
+    real, sent, boot_s = read_log(path)
     end_s = real[-1][0]
     sim = replay(sent, boot_s, end_s, *FLIGHTS[name])
 
-    counts = [Counter(n for t, n, _ in received if READY_S < t < end_s) for received in (real, sim)]
+    message_counts = [Counter(n for t, n, _ in received if READY_S < t < end_s) for received in (real, sim)]
     different_counts = {
-        n: (counts[0][n], counts[1][n])
-        for n in counts[0] | counts[1]
+        n: (message_counts[0][n], message_counts[1][n])
+        for n in message_counts[0] | message_counts[1]
         if n not in NOT_STREAMED
-        and max(c[n] for c in counts) >= MIN_COUNT
-        and abs(counts[0][n] - counts[1][n]) > TOLERANCE * counts[0][n] + 2
+        and max(c[n] for c in message_counts) >= MIN_COUNT
+        and abs(message_counts[0][n] - message_counts[1][n]) > COUNT_TOLERANCE * message_counts[0][n] + 2
     }
     assert not different_counts, "number of messages: PX4, simulator"
 
-    until_s = [disarmed_s(real), disarmed_s(sim)]
+    until_s = [disarming_time_s(real), disarming_time_s(sim)]
 
     def changes_in_both(message: str, value_of: Any, lasting_s: float = 0.0) -> tuple[list[Any], list[Any]]:
         values = [
-            changes(received, message, value_of, s, lasting_s)
-            for received, s in zip((real, sim), until_s, strict=True)
+            changed_values(received, message, value_of, disarming_s, lasting_s)
+            for received, disarming_s in zip((real, sim), until_s, strict=True)
         ]
         return values[0], values[1]
 
     for message, value_of in (
         ("HEARTBEAT", lambda f: (f["base_mode"] >> 7, hex(f["custom_mode"]), f["system_status"])),
         ("EXTENDED_SYS_STATE", lambda f: f["landed_state"]),
-        ("STATUSTEXT", text_of),
+        ("STATUSTEXT", text_without_numbers),
         ("EVENT", event_name),
         ("OPEN_DRONE_ID_LOCATION", lambda f: f["status"]),
         ("MISSION_CURRENT", lambda f: f["seq"]),
@@ -157,7 +158,7 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_flight(
         px4, simulated = changes_in_both(message, value_of)
         assert simulated == px4, message
 
-    # From attitude back to position, PX4 controls velocity for a tenth of a second; the simulator does not.
+    # Between attitude and position control PX4 controls velocity for 0.1 s; the simulator does not.
     px4, simulated = changes_in_both("POSITION_TARGET_LOCAL_NED", lambda f: f["type_mask"], lasting_s=0.3)
     assert simulated == px4, "controlled quantities"
     px4, simulated = changes_in_both("COMMAND_LONG", lambda f: f["command"])
