@@ -1,4 +1,4 @@
-"""Recorded ROS 2 dialogues of a real PX4, and their replay to the simulated vehicle on simulated time."""
+"""Recorded ROS 2 dialogues of a real PX4, and their replay to the simulated vehicle in simulated time."""
 
 from __future__ import annotations
 
@@ -24,33 +24,34 @@ REQUEST, REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
 REGISTERED, FORMAT = "/fmu/out/register_ext_component_reply", "/fmu/out/message_format_response"
 COMPLETED = "/fmu/out/mode_completed"
 STATUS, FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/failsafe_flags"
-PERIOD_S = 0.3138
+REQUEST_PERIOD_S = 0.3138
 """Period of the arming check requests by the recorder's clock."""
 DELIBERATE_DELAY_S = 0.05
 """A reply that was sent later than this after its request was delayed on purpose."""
 GCS = (255, 190)
 PAUSE_S, LONGEST_PAUSE_S = 1.5, 60.0
+"""Time after a dialogue without a recorded pause, and the longest recorded pause that is replayed."""
 MAX_EARLY_S = 0.25
 TOLERANCE_S = 0.7
 """PX4 publishes `vehicle_status` at 2 Hz and `failsafe_flags` at 1.8 Hz."""
-STATE = (
+STATE_FIELDS = (
     "arming_state", "nav_state", "nav_state_user_intention", "failsafe", "executor_in_charge",
     "failsafe_defer_state", "pre_flight_checks_pass",
 )  # fmt: skip
 SELECTABLE_MODES = "can_set_nav_states_mask"
-FLAG_NAMES = ("offboard_control_signal_lost", "manual_control_signal_lost")
-EVENTS = {
+FLAG_FIELDS = ("offboard_control_signal_lost", "manual_control_signal_lost")
+EVENT_FIELDS = {
     COMMAND_ACK: ("command", "result", "target_system", "target_component"),
     REGISTERED: ("name", "success", "arming_check_id", "mode_id", "mode_executor_id", "px4_ros2_api_version"),
     FORMAT: ("topic_name", "success", "message_hash", "protocol_version"),
 }  # fmt: skip
-COMPARED = {*EVENTS, REQUEST, STATUS, FLAGS, COMPLETED}
+COMPARED = {*EVENT_FIELDS, REQUEST, STATUS, FLAGS, COMPLETED}
 
 Dialogue = dict[str, Any]
 
 
-def load(groups: tuple[str, ...]) -> list[Dialogue]:
-    """Dialogues of these groups, sorted by boot and in order."""
+def load_dialogues(groups: tuple[str, ...]) -> list[Dialogue]:
+    """The dialogues of these groups, sorted by boot and, within a boot, in recorded order."""
     found: list[Dialogue] = []
     for group in groups:
         path = RECORDED / f"{group}.jsonl"
@@ -99,16 +100,16 @@ def dialogue_parameters(dialogues: list[TimedDialogue], is_long: Callable[[str],
     ]
 
 
-def _timed_dialogue(dialogue: Dialogue, after: Dialogue | None) -> TimedDialogue:
-    end_s = _end(dialogue)
-    requests, next_requests = _requests(dialogue), _requests(after) if after else []
-    if after is None or after["session"] != dialogue["session"] or not requests or not next_requests:
+def _timed_dialogue(dialogue: Dialogue, following: Dialogue | None) -> TimedDialogue:
+    end_s = _last_time_s(dialogue)
+    requests, next_requests = _requests(dialogue), _requests(following) if following else []
+    if following is None or following["session"] != dialogue["session"] or not requests or not next_requests:
         return TimedDialogue(dialogue, end_s + PAUSE_S)
     (first_s, first_id), (last_s, last_id) = next_requests[0], requests[-1]
-    duration_s = last_s + (first_id - last_id) % REQUEST_IDS * PERIOD_S - first_s
-    if not end_s - PERIOD_S < duration_s < end_s + LONGEST_PAUSE_S:
+    duration_s = last_s + (first_id - last_id) % REQUEST_IDS * REQUEST_PERIOD_S - first_s
+    if not end_s - REQUEST_PERIOD_S < duration_s < end_s + LONGEST_PAUSE_S:
         return TimedDialogue(dialogue, end_s + PAUSE_S)
-    replies = _replies(after)
+    replies = _replies(following)
     replied = bool(replies) and replies[0]["fields"]["request_id"] <= first_id
     return TimedDialogue(dialogue, max(duration_s, end_s + TOLERANCE_S), replied)
 
@@ -123,20 +124,20 @@ class _Responder:
         self._delay_s = delay_s if delay_s > DELIBERATE_DELAY_S else 0.0
         self._from_s = first_s - self._delay_s - 0.1
         self._until_s = math.inf if continues else entry["until_dt_s"] - self._delay_s + 0.1
-        self._left, self._last_id = entry["count"], 0
+        self._remaining_count, self._last_id = entry["count"], 0
 
     def reply(self, at_s: float, request_id: int) -> tuple[float, dict[str, Any]] | None:
         """Time and fields of the reply; None: no reply at this time."""
         if not self._from_s <= at_s <= self._until_s:
             return None
-        self._left, self._last_id = self._left - 1, request_id
+        self._remaining_count, self._last_id = self._remaining_count - 1, request_id
         return at_s + self._delay_s, self._fields | {"request_id": request_id}
 
-    def surplus(self, at_s: float) -> dict[str, Any] | None:
+    def surplus_reply(self, at_s: float) -> dict[str, Any] | None:
         """A second reply to the last request, if the recording has more replies than requests."""
-        if self._left <= 0 or at_s < self._until_s or not self._last_id:
+        if self._remaining_count <= 0 or at_s < self._until_s or not self._last_id:
             return None
-        self._left = 0
+        self._remaining_count = 0
         return self._fields | {"request_id": self._last_id}
 
 
@@ -172,10 +173,10 @@ class Ros2DialoguePlayer:
             self._parser = FrameParser()
             self._boot()
         self._prepare(dialogue)
-        _use_slots(dialogue, self.vehicle)
+        _occupy_slots(dialogue, self.vehicle)
         self.modes = []
         self.began_s = self.vehicle.sim.time_s
-        self._until_s = self.began_s + _end(dialogue) + TOLERANCE_S
+        self._until_s = self.began_s + _last_time_s(dialogue) + TOLERANCE_S
         self._begin(dialogue)
         pending = sorted(_messages(dialogue), key=lambda each: each[0])
         responders = _responders(
@@ -187,8 +188,8 @@ class Ros2DialoguePlayer:
                 if topic == REQUEST:
                     pending += _due_replies(responders, at_s - self.began_s, fields["request_id"])
             read_count = len(self.vehicle.received)
-            extra = [each.surplus(now_s) for each in responders]
-            pending += [(now_s, REPLY, fields) for fields in extra if fields is not None]
+            surplus_replies = [each.surplus_reply(now_s) for each in responders]
+            pending += [(now_s, REPLY, fields) for fields in surplus_replies if fields is not None]
             due = [each for each in pending if each[0] <= now_s + 1e-6]
             pending = [each for each in pending if each[0] > now_s + 1e-6]
             for _, topic, fields in due:
@@ -230,7 +231,7 @@ class Ros2DialoguePlayer:
     def events(self, topic: str) -> list[tuple[Any, ...]]:
         """Messages that the vehicle published on an event topic."""
         messages = self.vehicle.all(topic, self.began_s)
-        return [tuple(message[name] for name in EVENTS[topic]) for message in messages]
+        return [tuple(message[name] for name in EVENT_FIELDS[topic]) for message in messages]
 
     def changes(self, topic: str, name: str) -> list[tuple[float, Any]]:
         """Time, and old and new value, of each change of a field."""
@@ -240,8 +241,8 @@ class Ros2DialoguePlayer:
         return [(at_s - self.began_s, each) for at_s, each in changed if self.began_s < at_s < self._until_s]
 
 
-def _use_slots(dialogue: Dialogue, vehicle: Ros2Vehicle) -> None:
-    """Marks slots as used: PX4 gave them to other modes in unrecorded dialogues of this boot."""
+def _occupy_slots(dialogue: Dialogue, vehicle: Ros2Vehicle) -> None:
+    """Marks the slots as occupied that PX4 gave to other modes in unrecorded dialogues of this boot."""
     parameters = vehicle.sim.simulation.parameters[0]
     registered = [each for each in recorded_events(dialogue, REGISTERED) if each[1] and each[3] >= FIRST_MODE]
     if registered and name_hash(registered[0][0]) not in parameters.mode_hashes:
@@ -261,14 +262,14 @@ def _messages(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]
         fields.pop("writer_qos", None)
         for n in range(sent.get("count", 1)):
             at_s = sent["dt_s"] + n / sent.get("streamed_hz", 1)
-            if at_s > -MAX_EARLY_S:  # earlier messages of a stream belong to the previous dialogue
+            if at_s > -MAX_EARLY_S:  # earlier messages belong to the previous dialogue
                 yield at_s, topic, fields_at(sent["setpoints"], at_s) if "setpoints" in sent else fields
 
 
 def fields_at(setpoints: list[list[Any]], at_s: float) -> dict[str, Any]:
     """The fields of a stream that changes: each entry is valid until the next one."""
-    begun = [fields for begin_s, fields in setpoints if begin_s <= at_s or begin_s <= setpoints[0][0]]
-    return flat_fields(begun[-1])
+    started = [fields for begin_s, fields in setpoints if begin_s <= at_s or begin_s <= setpoints[0][0]]
+    return flat_fields(started[-1])
 
 
 def _requests(dialogue: Dialogue) -> list[tuple[float, int]]:
@@ -287,7 +288,7 @@ def _replies(dialogue: Dialogue) -> list[dict[str, Any]]:
 
 def _responders(dialogue: Dialogue, *, continues: bool) -> list[_Responder]:
     requests = {request_id: at_s for at_s, request_id in reversed(_requests(dialogue))}
-    since_s = max(requests.values(), default=0.0) - PERIOD_S
+    since_s = max(requests.values(), default=0.0) - REQUEST_PERIOD_S
     replies = _replies(dialogue)
     return [_Responder(reply, requests, continues and reply["until_dt_s"] > since_s) for reply in replies]
 
@@ -301,7 +302,7 @@ def _due_replies(
             yield reply[0], REPLY, reply[1]
 
 
-def _end(dialogue: Dialogue) -> float:
+def _last_time_s(dialogue: Dialogue) -> float:
     times = [each["dt_s"] for each in dialogue["received"]] + [each["dt_s"] for each in dialogue["send"]]
     times += [message["until_dt_s"] for message in dialogue["send"] if "until_dt_s" in message]
     return max(times, default=0.0)
@@ -310,7 +311,7 @@ def _end(dialogue: Dialogue) -> float:
 def recorded_events(dialogue: Dialogue, topic: str) -> list[tuple[Any, ...]]:
     """Messages that PX4 published on an event topic."""
     messages = _received(dialogue, topic)
-    return [tuple(message["fields"][name] for name in EVENTS[topic]) for message in messages]
+    return [tuple(message["fields"][name] for name in EVENT_FIELDS[topic]) for message in messages]
 
 
 def recorded_changes(dialogue: Dialogue, topic: str, name: str) -> list[tuple[float, Any]]:
@@ -319,10 +320,10 @@ def recorded_changes(dialogue: Dialogue, topic: str, name: str) -> list[tuple[fl
     return [(s["dt_s"], tuple(s["changed"][name])) for s in samples if name in s.get("changed", {})]
 
 
-def by_mode(changes: list[tuple[float, Any]]) -> list[tuple[int, bool, float]]:
+def bit_changes(changes: list[tuple[float, Any]]) -> list[tuple[int, bool, float]]:
     """Changes of a bit mask, sorted by bit: the bit, whether it is set, and the time.
 
-    PX4 publishes `vehicle_status` at 2 Hz; its phase decides which changes are in one message.
+    PX4 publishes `vehicle_status` at 2 Hz; which changes are in the same message depends on its phase.
     """
     found: list[tuple[int, bool, float]] = []
     before = changes[0][1][0] if changes else 0
@@ -333,14 +334,14 @@ def by_mode(changes: list[tuple[float, Any]]) -> list[tuple[int, bool, float]]:
     return sorted(found, key=lambda each: (each[0], each[2]))
 
 
-def completed(messages: list[dict[str, Any]]) -> list[int]:
+def completed_modes(messages: list[dict[str, Any]]) -> list[int]:
     """Completed modes in order; a landing is repeated until the vehicle is disarmed, and counts once."""
     return [state for state, _ in itertools.groupby(message["nav_state"] for message in messages)]
 
 
-def recorded_completed(dialogue: Dialogue) -> list[int]:
+def recorded_completed_modes(dialogue: Dialogue) -> list[int]:
     """Completed modes in order, as PX4 published them."""
-    return completed([message["fields"] for message in _received(dialogue, COMPLETED)])
+    return completed_modes([message["fields"] for message in _received(dialogue, COMPLETED)])
 
 
 def recorded_modes(dialogue: Dialogue) -> list[dict[str, Any]]:
@@ -355,45 +356,45 @@ def compare(
     until_s: float = math.inf,
     ignored: frozenset[str] = frozenset(),
 ) -> list[str]:
-    """Texts about the differences between the messages of PX4 and of the simulated vehicle.
+    """Descriptions of the differences between the messages of PX4 and of the simulated vehicle.
 
     Args:
         until_s: the times of changes are compared until this time of the recording.
         ignored: fields that are not compared.
     """
     found: list[str] = []
-    for topic in EVENTS:
+    for topic in EVENT_FIELDS:
         simulated, recorded = player.events(topic), recorded_events(dialogue, topic)
         if simulated != recorded:
             found.append(f"{topic}: {simulated}, recorded {recorded}")
-    for topic, names in ((STATUS, STATE), (FLAGS, FLAG_NAMES)):
+    for topic, names in ((STATUS, STATE_FIELDS), (FLAGS, FLAG_FIELDS)):
         for name in (each for each in names if each not in ignored):
             simulated, recorded = player.changes(topic, name), recorded_changes(dialogue, topic, name)
             if [value for _, value in simulated] != [value for _, value in recorded]:
                 found.append(f"{name}: {simulated}, recorded {recorded}")
             times = [(a, b) for (a, _), (b, _) in zip(simulated, recorded, strict=False)]
-            late = [(a, b) for a, b in times if abs(a - b) > TOLERANCE_S and b < until_s]
-            if late:
-                found.append(f"{name} changed at {late} (simulated, recorded)")
-    simulated = by_mode(player.changes(STATUS, SELECTABLE_MODES))
-    recorded = by_mode(recorded_changes(dialogue, STATUS, SELECTABLE_MODES))
+            shifted = [(a, b) for a, b in times if abs(a - b) > TOLERANCE_S and b < until_s]
+            if shifted:
+                found.append(f"{name} changed at {shifted} (simulated, recorded)")
+    simulated = bit_changes(player.changes(STATUS, SELECTABLE_MODES))
+    recorded = bit_changes(recorded_changes(dialogue, STATUS, SELECTABLE_MODES))
     if [each[:2] for each in simulated] != [each[:2] for each in recorded]:
         found.append(f"{SELECTABLE_MODES}: {simulated}, recorded {recorded}")
     else:
         pairs = zip(simulated, recorded, strict=True)
         if any(abs(a[2] - b[2]) > TOLERANCE_S and b[2] < until_s for a, b in pairs):
             found.append(f"{SELECTABLE_MODES} changed at {simulated}, recorded {recorded}")
-    simulated = completed(player.vehicle.all(COMPLETED, player.began_s))
-    recorded = recorded_completed(dialogue)
+    simulated = completed_modes(player.vehicle.all(COMPLETED, player.began_s))
+    recorded = recorded_completed_modes(dialogue)
     if simulated != recorded:
         found.append(f"{COMPLETED}: {simulated}, recorded {recorded}")
-    if _listed(player.modes, dialogue) != _listed(recorded_modes(dialogue), dialogue):
+    if _recorded_entries(player.modes, dialogue) != _recorded_entries(recorded_modes(dialogue), dialogue):
         found.append("AVAILABLE_MODES")
     return found
 
 
-def _listed(modes: list[dict[str, Any]], dialogue: Dialogue) -> list[list[Any]]:
-    """AVAILABLE_MODES of the entries that were recorded."""
+def _recorded_entries(modes: list[dict[str, Any]], dialogue: Dialogue) -> list[list[Any]]:
+    """The compared fields of those AVAILABLE_MODES entries that were recorded."""
     recorded = {mode["mode_index"] for mode in recorded_modes(dialogue)}
     names = ("mode_index", "custom_mode", "properties", "mode_name")
     return [[mode[name] for name in names] for mode in modes if mode["mode_index"] in recorded]

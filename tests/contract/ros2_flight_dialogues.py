@@ -27,15 +27,16 @@ from vehicle_sim.ros2.topics import EXECUTOR_COMMAND
 GROUPS = ("component_lost_in_flight", "executor", "overrides", "mode_replacement", "mode_flight")
 RTL, LAND_COMMAND, TAKEOFF_COMMAND, ARM, SET_NAV_STATE = 5, 21, 22, 400, 100_001
 CONTROLLERS = ("position", "velocity", "altitude", "climb_rate", "acceleration", "attitude", "rates")
-TRAJECTORY = {f"flag_control_{name}_enabled": True for name in (*CONTROLLERS, "allocation")}
+ALL_CONTROLLERS_ENABLED = {f"flag_control_{name}_enabled": True for name in (*CONTROLLERS, "allocation")}
 TAKEOFF_S = 9.0
-"""The vehicle is in Hold no earlier than this after the take-off command."""
+"""Shortest time from the take-off command to Hold."""
 MIN_CLIMB_M = 2.5
 HEARTBEAT_S = 1.0
 STEP_S = 0.02
 LANDING_S = 12.0
-DISARMED = 1
-FIRST_ENTRY = 18
+"""Longest time for which a replayed landing may continue after the recorded end of its dialogue."""
+ARMING_STATE_DISARMED = 1
+FIRST_EXTERNAL_MODE_INDEX = 18
 """`mode_index` of the first external mode in AVAILABLE_MODES."""
 
 
@@ -46,12 +47,12 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         super().__init__()
         self._heartbeat_gaps: list[tuple[float, float]] = []
         """Periods without heartbeats, in time since boot."""
-        self._heartbeat_at_s = 0.0
+        self._next_heartbeat_s = 0.0
         self._replied_count = 0
         self._is_preparing = False
 
     def _boot(self) -> None:
-        self._heartbeat_gaps, self._heartbeat_at_s = [], 0.0
+        self._heartbeat_gaps, self._next_heartbeat_s = [], 0.0
 
     def _prepare(self, dialogue: Dialogue) -> None:
         """Brings the vehicle into the state in which the dialogue began."""
@@ -74,8 +75,7 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         self._is_preparing = False
 
     def _activate_executor(self, executor: int) -> None:
-        """Activates an executor: selects its mode, from which the executor then selects the previous mode
-        again."""
+        """Activates an executor: selects its mode; the executor then selects the previous mode again."""
         status = self._status()
         if executor and not status["executor_in_charge"]:
             intended = float(status["nav_state_user_intention"])
@@ -94,11 +94,11 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         return self.vehicle.last(STATUS)
 
     def _register(self, dialogue: Dialogue, mode: int) -> None:
-        sent = [message["fields"] for message in dialogue["send"] if "unregister" in message["topic"]]
-        entry = mode - FIRST_MODE + FIRST_ENTRY
-        listed = [shown for shown in recorded_modes(dialogue) if shown["mode_index"] == entry]
-        names = [message["name"] for message in sent if message["mode_id"] == mode]
-        names += [shown["mode_name"] for shown in listed if not shown["properties"]] + ["Lost Mode"]
+        removed = [message["fields"] for message in dialogue["send"] if "unregister" in message["topic"]]
+        entry = mode - FIRST_MODE + FIRST_EXTERNAL_MODE_INDEX
+        listed = [m for m in recorded_modes(dialogue) if m["mode_index"] == entry]
+        names = [message["name"] for message in removed if message["mode_id"] == mode]
+        names += [m["mode_name"] for m in listed if not m["properties"]] + ["Lost Mode"]
         replaces = not dialogue["state"]["can_set_nav_states_mask"] >> RTL & 1
         request = {
             "name": names[0], "register_arming_check": True, "register_mode": True,
@@ -107,7 +107,7 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         }  # fmt: skip
         self.vehicle.send("/fmu/in/register_ext_component_request", request)
         self._run(0.1)
-        self.vehicle.send("/fmu/in/config_control_setpoints", {"source_id": mode} | TRAJECTORY)
+        self.vehicle.send("/fmu/in/config_control_setpoints", {"source_id": mode} | ALL_CONTROLLERS_ENABLED)
         self._run(0.5)
 
     def _take_off(self, climb_m: float) -> None:
@@ -121,7 +121,7 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
 
     def _ends_with_landing(self, dialogue: Dialogue) -> bool:
         changes = recorded_changes(dialogue, STATUS, "arming_state")
-        return any(after == DISARMED for _, (_, after) in changes)
+        return any(after == ARMING_STATE_DISARMED for _, (_, after) in changes)
 
     def _has_ended(self, now_s: float, timed_dialogue: TimedDialogue) -> bool:
         if now_s < timed_dialogue.duration_s:
@@ -144,29 +144,29 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         end_s = self.vehicle.sim.time_s + seconds - 1e-6
         while self.vehicle.sim.time_s < end_s:
             now_s = self.vehicle.sim.time_s
-            if now_s >= self._heartbeat_at_s:
-                self._heartbeat_at_s = now_s + HEARTBEAT_S
-                if not any(begin_s <= now_s < back_s for begin_s, back_s in self._heartbeat_gaps):
-                    self._heartbeat()
+            if now_s >= self._next_heartbeat_s:
+                self._next_heartbeat_s = now_s + HEARTBEAT_S
+                if not any(begin_s <= now_s < until_s for begin_s, until_s in self._heartbeat_gaps):
+                    self._send_heartbeat()
             if self._is_preparing:
-                self._reply_to_all()
+                self._reply_to_requests()
             super()._run(min(STEP_S, end_s - now_s + 1e-6))
 
-    def _heartbeat(self) -> None:
+    def _send_heartbeat(self) -> None:
         layout, payload = pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
         self.vehicle.sim.feed(0, "gcs", frame_v2(layout, payload, 0, *GCS))
 
-    def _reply_to_all(self) -> None:
+    def _reply_to_requests(self) -> None:
         for _, topic, fields in self.vehicle.received[self._replied_count :]:
             if topic == REQUEST:
-                for check in range(2):
-                    reply = {"request_id": fields["request_id"], "registration_id": check}
+                for registration_id in range(2):
+                    reply = {"request_id": fields["request_id"], "registration_id": registration_id}
                     self.vehicle.send(REPLY, reply, can_arm_and_run=True, mode_req_local_position=True)
         self._replied_count = len(self.vehicle.received)
 
 
-def landed_s(dialogue: Dialogue) -> float:
-    """Recorded time of the first landing; infinite without one."""
+def first_landing_s(dialogue: Dialogue) -> float:
+    """Recorded time of the first landing; infinite if none was recorded."""
     texts = [message for message in dialogue["received"] if message.get("msg") == "STATUSTEXT"]
     landings = [text["dt_s"] for text in texts if "Landing detected" in text["fields"]["text"]]
     return min(landings, default=math.inf)

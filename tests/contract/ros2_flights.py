@@ -1,4 +1,4 @@
-"""Flights of a real PX4 that were commanded over ROS 2, replayed on the topics of the simulated vehicle."""
+"""Replays flights of a real PX4, which were commanded over ROS 2, on the topics of the simulated vehicle."""
 
 from __future__ import annotations
 
@@ -23,23 +23,25 @@ POSITION = "/fmu/out/vehicle_local_position"
 ARM, TAKEOFF, SET_MODE, OFFBOARD = 400, 22, 176, 14
 ARMED = 2
 BEFORE_S, OFFBOARD_AT_S = 6.0, -5.0
-"""The replay of a flight that began in Offboard starts 6 s before the first event, and switches to Offboard
+"""The replay of a flight that began in Offboard starts 6 s before the first event and switches to Offboard
 1 s later."""
 STEP_S = 0.004
-COMPARED_EVERY_S = 0.5
+COMPARISON_PERIOD_S = 0.5
 FAR_AWAY_M = 2.0
 """A vehicle that was recorded in Offboard at a greater distance from its setpoint was still flying to it."""
 FAR_POINT_FACTOR = 2.5
 """The replay of such a flight begins at this multiple of the first recorded distance from the setpoint: the
 simulated vehicle then passes the first recorded position at the recorded speed of 7.9 m/s."""
-SWITCHES_EVERY_S = 0.5
+SWITCH_PERIOD_S = 0.5
 """Period with which PX4 switches its controllers, counted from the change of mode."""
-SAME_PHASE_S = 0.008
-CALM_S, MAX_ATTEMPTS = 5.0, 5
-DRIFT_BEFORE_S = 3.0
+PHASE_TOLERANCE_S = 0.008
+FAR_POINT_HOVER_S, MAX_ATTEMPTS = 5.0, 5
+DRIFT_LEAD_S = 3.0
+"""A replay with ground drift starts earlier by this time."""
 NOISY_BOOT_S = 12.0
-CONTROL_MODE, TRAJECTORY = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_setpoint"
-SWITCHED = "/fmu/out/vehicle_control_mode"
+"""Boot time of a vehicle with sensor noise, whose estimator needs longer to be ready."""
+OFFBOARD_CONTROL_MODE, TRAJECTORY = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_setpoint"
+VEHICLE_CONTROL_MODE = "/fmu/out/vehicle_control_mode"
 Position = tuple[float, float, float]
 Track = list[tuple[float, Position]]
 States = list[tuple[float, int, int]]
@@ -66,25 +68,29 @@ class Flight:
         raw = json.loads(gzip.decompress((FOLDER / f"{name}.json.gz").read_bytes()))
         column = {each: number for number, each in enumerate(raw["columns"])}
         rows = [row for row in raw["rows"] if row[column["x"]] is not None]
-        at, axes = column["t_s"], [column[axis] for axis in "xyz"]
-        track = [(row[at], (row[axes[0]], row[axes[1]], row[axes[2]])) for row in rows]
-        states = [(row[at], int(row[column["nav_state"]]), int(row[column["arming_state"]])) for row in rows]
-        switched = (message["dt_s"] for message in raw["messages"] if message.get("topic") == SWITCHED)
+        time, axes = column["t_s"], [column[axis] for axis in "xyz"]
+        track = [(row[time], (row[axes[0]], row[axes[1]], row[axes[2]])) for row in rows]
+        states = [
+            (row[time], int(row[column["nav_state"]]), int(row[column["arming_state"]])) for row in rows
+        ]
+        switched = (
+            message["dt_s"] for message in raw["messages"] if message.get("topic") == VEHICLE_CONTROL_MODE
+        )
         grounded = itertools.takewhile(lambda row: row[column["landed"]], rows)
-        ground_drift = [(row[at], row[column["z"]], row[column["vz"]]) for row in grounded]
+        ground_drift = [(row[time], row[column["z"]], row[column["vz"]]) for row in grounded]
         return cls(
             name, raw["header"], raw["stimulus"], track, states, next(switched, math.nan), ground_drift
         )
 
     @property
-    def in_air(self) -> bool:
+    def began_in_air(self) -> bool:
         """Whether the flight began in the air."""
         return self.states[0][2] == ARMED
 
     @property
-    def in_offboard(self) -> bool:
+    def began_in_offboard(self) -> bool:
         """Whether the flight began in Offboard."""
-        return self.in_air and self.states[0][1] == OFFBOARD
+        return self.began_in_air and self.states[0][1] == OFFBOARD
 
     @property
     def setpoint_ned_m(self) -> Position:
@@ -94,17 +100,17 @@ class Flight:
         return positions[0] if positions else self.track[0][1]
 
     @property
-    def begins_far_away(self) -> bool:
+    def began_far_away(self) -> bool:
         """Whether the flight began in Offboard, far from its setpoint."""
-        away_m = math.dist(self.track[0][1][:2], self.setpoint_ned_m[:2])
-        return self.in_offboard and away_m > FAR_AWAY_M
+        distance_m = math.dist(self.track[0][1][:2], self.setpoint_ned_m[:2])
+        return self.began_in_offboard and distance_m > FAR_AWAY_M
 
     @property
-    def begins_s(self) -> float:
+    def replay_begin_s(self) -> float:
         """Time at which the replay begins."""
-        if self.begins_far_away:
+        if self.began_far_away:
             return self.track[0][0]
-        return -BEFORE_S if self.in_offboard else -1.0
+        return -BEFORE_S if self.began_in_offboard else -1.0
 
     @property
     def vehicle_seconds_per_s(self) -> float:
@@ -117,13 +123,13 @@ class Flight:
             topic = sent["topic"]
             for number in range(sent.get("count", 1)):
                 at_s = sent["dt_s"] + number / sent.get("streamed_hz", 1)
-                if at_s >= self.begins_s:
-                    streams = "setpoints" in sent
+                if at_s >= self.replay_begin_s:
+                    is_stream = "setpoints" in sent
                     yield (
                         at_s,
                         topic,
                         fields_at(sent["setpoints"], at_s)
-                        if streams
+                        if is_stream
                         else flat_fields(sent.get("fields") or {}),
                     )
 
@@ -135,7 +141,7 @@ class _Vehicle(Ros2Vehicle):
     """Time at which the vehicle last published the active controllers."""
 
     def publish(self, topic: str, data: bytes) -> None:
-        if topic == SWITCHED:
+        if topic == VEHICLE_CONTROL_MODE:
             self.switched_s = self.sim.time_s
         if topic in (STATUS, POSITION):
             super().publish(topic, data)
@@ -158,17 +164,17 @@ def fly(flight: Flight, *, noise: int | None = None, with_ground_drift: bool = F
         vehicle = _Vehicle(parameters=parameters)
     else:
         vehicle = _Vehicle(parameters=parameters, boot_s=NOISY_BOOT_S, sensor_noise=True, seed=noise)
-    if flight.in_air:
+    if flight.began_in_air:
         _take_off(vehicle, -flight.track[0][1][2])
     messages = sorted(flight.messages(), key=lambda sent: sent[0])
-    begins_s = flight.begins_s - (DRIFT_BEFORE_S if with_ground_drift else 0.0)
-    if flight.begins_far_away:
+    replay_begin_s = flight.replay_begin_s - (DRIFT_LEAD_S if with_ground_drift else 0.0)
+    if flight.began_far_away:
         _begin_far_away(vehicle, flight)
-    elif flight.in_offboard:
+    elif flight.began_in_offboard:
         fields = ADDRESSES | {"command": SET_MODE, "param1": 1.0, "param2": 6.0}
         bisect.insort(messages, (OFFBOARD_AT_S, COMMAND, fields), key=lambda sent: sent[0])
-    zero_s = vehicle.sim.time_s - begins_s * flight.vehicle_seconds_per_s
-    seen, last_s = len(vehicle.received), flight.track[-1][0]
+    zero_s = vehicle.sim.time_s - replay_begin_s * flight.vehicle_seconds_per_s
+    received_before, last_s = len(vehicle.received), flight.track[-1][0]
     while (now_s := (vehicle.sim.time_s - zero_s) / flight.vehicle_seconds_per_s) < last_s:
         while messages and messages[0][0] <= now_s:
             _, topic, fields = messages.pop(0)
@@ -178,7 +184,7 @@ def fly(flight: Flight, *, noise: int | None = None, with_ground_drift: bool = F
         vehicle.run(STEP_S)
     received = [
         ((at_s - zero_s) / flight.vehicle_seconds_per_s, topic, each)
-        for at_s, topic, each in vehicle.received[seen:]
+        for at_s, topic, each in vehicle.received[received_before:]
     ]
     track = [(at_s, (each["x"], each["y"], each["z"])) for at_s, topic, each in received if topic == POSITION]
     states = [
@@ -215,7 +221,7 @@ def _take_off(vehicle: Ros2Vehicle, climb_m: float) -> None:
 def _begin_far_away(vehicle: _Vehicle, flight: Flight) -> None:
     """Flies in Offboard to a far point, and back to the first recorded distance from the setpoint.
 
-    Repeats this until PX4's period of controller switches has the recorded phase at the first event.
+    Repeats this until the controller switches have the recorded phase at the first event.
     """
     setpoint, recorded = flight.setpoint_ned_m, flight.track[0][1]
     distance_m = math.dist(recorded[:2], setpoint[:2])
@@ -223,7 +229,7 @@ def _begin_far_away(vehicle: _Vehicle, flight: Flight) -> None:
         target + FAR_POINT_FACTOR * (start - target)
         for start, target in zip(recorded[:2], setpoint[:2], strict=True)
     )
-    far = (north_m, east_m, setpoint[2])
+    far_point = (north_m, east_m, setpoint[2])
     fields = next(fields for _, topic, fields in flight.messages() if topic == TRAJECTORY)
 
     def stream_while(condition: Callable[[], bool], position_ned_m: Position) -> None:
@@ -231,32 +237,34 @@ def _begin_far_away(vehicle: _Vehicle, flight: Flight) -> None:
             if not condition():
                 return
             if step % round(0.1 / STEP_S) == 0:
-                vehicle.send(CONTROL_MODE, position=True)
+                vehicle.send(OFFBOARD_CONTROL_MODE, position=True)
                 vehicle.send(TRAJECTORY, fields, position=position_ned_m)
             vehicle.run(STEP_S)
 
     def stream_until(at_s: float) -> None:
-        stream_while(lambda: vehicle.sim.time_s < at_s, far)
+        stream_while(lambda: vehicle.sim.time_s < at_s, far_point)
 
-    vehicle.stream(1.0, 10.0, (CONTROL_MODE, {"position": True}), (TRAJECTORY, fields | {"position": far}))
+    vehicle.stream(
+        1.0, 10.0, (OFFBOARD_CONTROL_MODE, {"position": True}), (TRAJECTORY, fields | {"position": far_point})
+    )
     vehicle.command(SET_MODE, 1.0, 6.0)
-    switches_in_s = (flight.switched_s - flight.begins_s) * flight.vehicle_seconds_per_s
+    first_switch_delay_s = (flight.switched_s - flight.replay_begin_s) * flight.vehicle_seconds_per_s
     flight_s = 0.0
     for _ in range(MAX_ATTEMPTS):
-        stream_while(lambda: math.dist(vehicle.position_ned_m, far) > 0.5, far)
-        stream_until(vehicle.sim.time_s + CALM_S)
-        switches_s = vehicle.sim.time_s + flight_s + switches_in_s
-        stream_until(vehicle.sim.time_s + (vehicle.switched_s - switches_s) % SWITCHES_EVERY_S)
-        left_s = vehicle.sim.time_s
+        stream_while(lambda: math.dist(vehicle.position_ned_m, far_point) > 0.5, far_point)
+        stream_until(vehicle.sim.time_s + FAR_POINT_HOVER_S)
+        first_switch_s = vehicle.sim.time_s + flight_s + first_switch_delay_s
+        stream_until(vehicle.sim.time_s + (vehicle.switched_s - first_switch_s) % SWITCH_PERIOD_S)
+        departure_s = vehicle.sim.time_s
         stream_while(lambda: math.dist(vehicle.position_ned_m[:2], setpoint[:2]) > distance_m, setpoint)
-        flight_s = vehicle.sim.time_s - left_s
-        late_s = vehicle.sim.time_s + switches_in_s - vehicle.switched_s
-        if abs(math.remainder(late_s, SWITCHES_EVERY_S)) <= SAME_PHASE_S:
+        flight_s = vehicle.sim.time_s - departure_s
+        phase_error_s = vehicle.sim.time_s + first_switch_delay_s - vehicle.switched_s
+        if abs(math.remainder(phase_error_s, SWITCH_PERIOD_S)) <= PHASE_TOLERANCE_S:
             return
-    raise AssertionError(f"{flight.name}: no attempt had the recorded phase of the controllers")
+    raise AssertionError(f"{flight.name}: no attempt reached the recorded phase of the controller switches")
 
 
-def changes(states: States) -> States:
+def state_changes(states: States) -> States:
     """The states from the first event on, without repetitions; the first state has time 0."""
     before = [each for each in states if each[0] <= 0.0]
     found = [(0.0, *(before or states)[-1][1:])]
@@ -269,13 +277,13 @@ def changes(states: States) -> States:
 def largest_errors(flown: Track, recorded: Track, until_s: float = math.inf) -> tuple[float, float]:
     """Largest horizontal and vertical difference between two motions since the first event [m]."""
     horizontal_m = vertical_m = 0.0
-    begins = [_at(track, 0.0) for track in (flown, recorded)]
+    begins = [_position_at(track, 0.0) for track in (flown, recorded)]
     for number in itertools.count():
-        at_s = number * COMPARED_EVERY_S
+        at_s = number * COMPARISON_PERIOD_S
         if at_s > min(until_s, flown[-1][0], recorded[-1][0]):
             return horizontal_m, vertical_m
         simulated, real = (
-            [now - begun for now, begun in zip(_at(track, at_s), begin, strict=True)]
+            [now - begun for now, begun in zip(_position_at(track, at_s), begin, strict=True)]
             for track, begin in zip((flown, recorded), begins, strict=True)
         )
         horizontal_m = max(horizontal_m, math.dist(simulated[:2], real[:2]))
@@ -294,9 +302,9 @@ def largest_excess(flown: Sequence[Track], recorded: Track) -> tuple[float, floa
         The largest horizontal and vertical distance from that box.
     """
     horizontal_m = vertical_m = 0.0
-    ends_s = min(track[-1][0] for track in (*flown, recorded))
-    for number in range(int(ends_s / COMPARED_EVERY_S) + 1):
-        real, *simulated = (_at(track, number * COMPARED_EVERY_S) for track in (recorded, *flown))
+    end_s = min(track[-1][0] for track in (*flown, recorded))
+    for number in range(int(end_s / COMPARISON_PERIOD_S) + 1):
+        real, *simulated = (_position_at(track, number * COMPARISON_PERIOD_S) for track in (recorded, *flown))
         north_m, east_m, down_m = (
             max(0.0, min(range_m) - real_m, real_m - max(range_m))
             for real_m, range_m in zip(real, zip(*simulated, strict=True), strict=True)
@@ -306,9 +314,9 @@ def largest_excess(flown: Sequence[Track], recorded: Track) -> tuple[float, floa
     return horizontal_m, vertical_m
 
 
-def farthest_m(track: Track, from_s: float) -> tuple[float, float]:
+def farthest_point_m(track: Track, from_s: float) -> tuple[float, float]:
     """Largest horizontal distance and largest altitude of a track after a time, relative to that time [m]."""
-    north_m, east_m, down_m = _at(track, from_s)
+    north_m, east_m, down_m = _position_at(track, from_s)
     later = [position for at_s, position in track if at_s > from_s]
     return (
         max(math.hypot(position[0] - north_m, position[1] - east_m) for position in later),
@@ -316,29 +324,29 @@ def farthest_m(track: Track, from_s: float) -> tuple[float, float]:
     )
 
 
-def _at(track: Track, at_s: float) -> Position:
+def _position_at(track: Track, at_s: float) -> Position:
     return track[min(bisect.bisect_left(track, at_s, key=lambda each: each[0]), len(track) - 1)][1]
 
 
-def late_changes(flown: States, recorded: States, disarming_s: float) -> list[str]:
-    """Texts about the differences between the changes of mode and arming.
+def state_differences(flown: States, recorded: States, disarming_s: float) -> list[str]:
+    """Descriptions of the differences between the changes of mode and arming.
 
     Args:
         flown: the states of the simulated vehicle.
         recorded: the states of PX4.
         disarming_s: tolerance of the time of disarming, which depends on the landing [s].
     """
-    simulated, real = changes(flown), changes(recorded)
-    if [each[1:] for each in _merged(simulated)] != [each[1:] for each in _merged(real)]:
+    simulated, real = state_changes(flown), state_changes(recorded)
+    if [each[1:] for each in _lasting_states(simulated)] != [each[1:] for each in _lasting_states(real)]:
         return [f"states {simulated}, recorded {real}"]
     return [
         f"{sim[1:]} at {sim[0]:.1f} s, recorded {px4[0]:.1f} s"
-        for sim, px4 in zip(_merged(simulated), _merged(real), strict=True)
+        for sim, px4 in zip(_lasting_states(simulated), _lasting_states(real), strict=True)
         if abs(sim[0] - px4[0]) > (TOLERANCE_S if sim[2] == ARMED else disarming_s)
     ]
 
 
-def _merged(states: States) -> States:
+def _lasting_states(states: States) -> States:
     """The states without those that lasted for one message: mode and arming may change in two messages."""
     pairs = itertools.pairwise(states)
     return [each for each, after in pairs if after[0] - each[0] > 0.1 or each[0] == 0.0] + states[-1:]

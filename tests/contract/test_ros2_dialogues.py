@@ -1,7 +1,7 @@
-"""Recorded ROS 2 dialogues of a real PX4 repeated on the simulated vehicle: replies, states, their times.
+"""Replays recorded ROS 2 dialogues of a real PX4 to the simulated vehicle.
 
-A dialogue is compared by all recorded replies, the changes of the vehicle's state with their
-times, and the list of modes over MAVLink. Each difference must be explained in `EXPLAINED`.
+The tests compare all recorded replies, the changes of the vehicle's state with their times, and the list of
+modes over MAVLink. `EXPLAINED` must explain each difference.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from tests.contract.ros2_dialogues import (
     TimedDialogue,
     compare,
     dialogue_parameters,
-    load,
+    load_dialogues,
     timed_dialogues,
 )
-from tests.contract.ros2_flight_dialogues import GROUPS as IN_FLIGHT
+from tests.contract.ros2_flight_dialogues import GROUPS as FLIGHT_GROUPS
 from tests.support.ros2_vehicle import Ros2Vehicle
 from vehicle_sim.ros2.topics import COMMAND_ACK
 
@@ -27,15 +27,15 @@ GROUPS = (
     "vehicle_command", "service", "timing", "qos", "registration", "requirements", "slots", "timeouts",
     "message_format", "namespace", "inputs",
 )  # fmt: skip
-ALWAYS = frozenset({"ground", "agent", "x_reg", "x_extra", "x_slots", "ns1", "x_inputs"})
-"""Boots of PX4 whose dialogues `make test` repeats; `make test-clients` repeats all, also those that wait for
-lost replies."""
+QUICK_BOOTS = frozenset({"ground", "agent", "x_reg", "x_extra", "x_slots", "ns1", "x_inputs"})
+"""Boots of PX4 whose dialogues `make test` replays; `make test-clients` replays all boots, also those that
+wait for lost replies."""
 SLOWEST_REPLY_S = 0.036
 """The recorded replies took 3 to 35 ms."""
 EXPLAINED = {
     "burst_20": "Twenty messages arrive at once here; PX4 took two before its queue kept only the last four.",
     "burst_of_10": "Ten requests arrive at once here; PX4's client took two before its queue kept the last.",
-    "set_nav_state_bad": "The numbers 31 and 200 name no mode: PX4's reply is the same, "
+    "set_nav_state_bad": "31 and 200 are not numbers of a mode: PX4's reply is the same, "
     "but here the mode does not change.",
     "executor_activate_immediately": "The first check of the mode runs before its component has replied; "
     "PX4 ran it 10 ms later.",
@@ -43,8 +43,8 @@ EXPLAINED = {
 NOT_REPLAYED = {
     "agent_restart": "There is no agent that could restart; a mode without replies is removed here, too.",
     "agent_late": "There is no agent that could be late: the vehicle publishes when it is connected.",
-    "px4_reboot": "The end of the vehicle's process and its next boot, which is like every boot.",
-    "two_vehicles_one_agent": "Two processes, each with its namespace; nothing is sent to them.",
+    "px4_reboot": "The vehicle's process ends and PX4 boots again, as at every boot.",
+    "two_vehicles_one_agent": "Two processes, each with its own namespace; the recording sends them nothing.",
 }
 """Dialogues about PX4's agent and processes (group `link`)."""
 
@@ -56,7 +56,7 @@ def player() -> Ros2DialoguePlayer:
 
 @pytest.mark.parametrize(
     "timed_dialogue",
-    dialogue_parameters(timed_dialogues(load(GROUPS)), lambda session: session not in ALWAYS),
+    dialogue_parameters(timed_dialogues(load_dialogues(GROUPS)), lambda session: session not in QUICK_BOOTS),
 )
 def test_a_replayed_dialogue_has_the_recorded_replies_and_states(
     player: Ros2DialoguePlayer, timed_dialogue: TimedDialogue
@@ -69,22 +69,22 @@ def test_a_replayed_dialogue_has_the_recorded_replies_and_states(
         assert not found
 
 
-def test_replies_are_as_fast_as_recorded() -> None:
+def test_the_reply_to_a_command_takes_no_longer_than_the_recorded_replies() -> None:
     vehicle = Ros2Vehicle()
     sent_s = vehicle.sim.time_s
     vehicle.command(31999)
     vehicle.run(0.1)
-    (at_s,) = [at_s for at_s, topic, _ in vehicle.received if topic == COMMAND_ACK]
-    assert at_s - sent_s <= SLOWEST_REPLY_S
+    (received_s,) = [received_s for received_s, topic, _ in vehicle.received if topic == COMMAND_ACK]
+    assert received_s - sent_s <= SLOWEST_REPLY_S
 
 
 def test_every_explained_dialogue_was_recorded(shared: Path) -> None:
     assert shared
-    assert EXPLAINED.keys() <= {dialogue["id"] for dialogue in load(GROUPS)}
+    assert EXPLAINED.keys() <= {dialogue["id"] for dialogue in load_dialogues(GROUPS)}
 
 
-def test_every_recorded_dialogue_is_replayed_or_explained(shared: Path) -> None:
+def test_the_dialogues_that_are_not_replayed_are_exactly_the_listed_ones(shared: Path) -> None:
     assert shared
     groups = [path.stem for path in RECORDED.glob("*.jsonl")]
-    others = [each["id"] for each in load(tuple(set(groups) - {*GROUPS, *IN_FLIGHT}))]
-    assert sorted(others) == sorted(NOT_REPLAYED)
+    not_replayed = [each["id"] for each in load_dialogues(tuple(set(groups) - {*GROUPS, *FLIGHT_GROUPS}))]
+    assert sorted(not_replayed) == sorted(NOT_REPLAYED)

@@ -1,6 +1,7 @@
-"""Recorded ROS 2 dialogues of a real PX4 in flight: external modes flown, lost and replaced, executors,
-overrides. Replies and the vehicle's state are compared; times only until the first landing, because its time
-depends on the altitude.
+"""Replays recorded ROS 2 dialogues of a real PX4 in flight, with external modes, executors and overrides.
+
+The tests compare replies and states. They compare times only until the first landing, whose time depends on
+the altitude.
 """
 
 from __future__ import annotations
@@ -10,26 +11,34 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.ros2_dialogues import TimedDialogue, compare, dialogue_parameters, load, timed_dialogues
-from tests.contract.ros2_flight_dialogues import GROUPS, Ros2FlightPlayer, landed_s
+from tests.contract.ros2_dialogues import (
+    TimedDialogue,
+    compare,
+    dialogue_parameters,
+    load_dialogues,
+    timed_dialogues,
+)
+from tests.contract.ros2_flight_dialogues import GROUPS, Ros2FlightPlayer, first_landing_s
 
-ONE_OF_EACH = frozenset({"x_gone_back", "x_exec", "d2_timeout", "x_repl5", "x_two"})
-"""Boots of PX4, one of each group; `make test-clients` repeats all of them."""
-SHORTEST = "x_repl5"
-"""The boot that `make test` repeats, too."""
+ONE_BOOT_PER_GROUP = frozenset({"x_gone_back", "x_exec", "d2_timeout", "x_repl5", "x_two"})
+"""One boot of PX4 for each group; with ALL_DIALOGUES=1 all boots are replayed."""
+SHORTEST_BOOT = "x_repl5"
+"""The only boot that `make test` replays."""
 IGNORED = frozenset({"pre_flight_checks_pass"})
 """In flight PX4 reports the checks of a failed mode for one cycle of 12 ms, until PX4 has left the mode."""
-LOW_RETURN = "The return lands earlier here and is disarmed before the next mode is selected."
+EARLIER_LANDING = "Here the returning vehicle lands and disarms before the next mode is selected."
 EXPLAINED = {
-    "lost_rtl_armchk0": LOW_RETURN,
-    "lost_rtl": LOW_RETURN,
-    "lost_stop": LOW_RETURN,
-    "no_auto_disarm": "PX4 was in Hold before the landing of a failsafe; here that landing has begun.",
+    "lost_rtl_armchk0": EARLIER_LANDING,
+    "lost_rtl": EARLIER_LANDING,
+    "lost_stop": EARLIER_LANDING,
+    "no_auto_disarm": "PX4 was in Hold before the landing of a failsafe; here it is already landing.",
 }
 
-WHOLE = os.environ.get("ALL_DIALOGUES") == "1"
-DIALOGUES = [each for each in load(GROUPS) if WHOLE or each["session"] in ONE_OF_EACH]
-"""Whole boots, because each dialogue begins in the state that the previous one left."""
+USE_ALL_BOOTS = os.environ.get("ALL_DIALOGUES") == "1"
+DIALOGUES = [
+    each for each in load_dialogues(GROUPS) if USE_ALL_BOOTS or each["session"] in ONE_BOOT_PER_GROUP
+]
+"""Whole boots, because each dialogue begins in the state in which the previous one ended."""
 
 pytestmark = pytest.mark.flight
 
@@ -40,14 +49,15 @@ def player() -> Ros2FlightPlayer:
 
 
 @pytest.mark.parametrize(
-    "timed_dialogue", dialogue_parameters(timed_dialogues(DIALOGUES), lambda session: session != SHORTEST)
+    "timed_dialogue",
+    dialogue_parameters(timed_dialogues(DIALOGUES), lambda session: session != SHORTEST_BOOT),
 )
 def test_a_replayed_dialogue_in_flight_has_the_recorded_replies_and_states(
     player: Ros2FlightPlayer, timed_dialogue: TimedDialogue
 ) -> None:
     player.play(timed_dialogue)
     found = compare(
-        player, timed_dialogue.dialogue, until_s=landed_s(timed_dialogue.dialogue), ignored=IGNORED
+        player, timed_dialogue.dialogue, until_s=first_landing_s(timed_dialogue.dialogue), ignored=IGNORED
     )
     if timed_dialogue.dialogue["id"] in EXPLAINED:
         assert found, f"{timed_dialogue.dialogue['id']} no longer differs: delete it from EXPLAINED"
@@ -57,10 +67,10 @@ def test_a_replayed_dialogue_in_flight_has_the_recorded_replies_and_states(
 
 def test_every_explained_dialogue_was_recorded(shared: Path) -> None:
     assert shared
-    assert EXPLAINED.keys() <= {dialogue["id"] for dialogue in load(GROUPS)}
+    assert EXPLAINED.keys() <= {dialogue["id"] for dialogue in load_dialogues(GROUPS)}
 
 
-def test_each_group_has_a_boot_that_is_always_repeated(shared: Path) -> None:
+def test_the_replayed_boots_include_one_of_each_group(shared: Path) -> None:
     assert shared
     for group in GROUPS:
-        assert ONE_OF_EACH & {dialogue["session"] for dialogue in load((group,))}, group
+        assert ONE_BOOT_PER_GROUP & {dialogue["session"] for dialogue in load_dialogues((group,))}, group
