@@ -18,7 +18,7 @@ help:
 	@echo "make test-clients  long tests: real time, whole stories, outside clients (MAVSDK, MAVProxy), fuzzing"
 	@echo "make lint          style, imports and types alone"
 	@echo "make bench         print the table of measurements"
-	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only fly,lost\")"
+	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only offboard,connection_lost\")"
 	@echo "make web           build the page;  make types: generate its API types, and the blocking Python client"
 	@echo "make wheel         an installable wheel in dist/, with the page in it"
 	@echo "make clean         remove what the other targets made"

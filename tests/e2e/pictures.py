@@ -15,12 +15,12 @@ from playwright.sync_api import Browser, Page
 from gcs_server.client import SyncVehicle
 from tests.station import wait_until
 
-MAX_BYTES = 100_000
-QUALITIES = (85, 78, 70, 60, 50)
-SCHEMES: tuple[Any, ...] = ("dark", "light")
-SIZE, TABLET = (1440, 900), (1024, 768)
+MAX_BYTES = 100_000  # of a picture
+QUALITIES = (85, 78, 70, 60, 50)  # of WebP, the best first
+THEMES: tuple[Any, ...] = ("dark", "light")
+DESKTOP_SIZE, TABLET_SIZE = (1440, 900), (1024, 768)
 UNCHANGED_FOR_MS = 300
-"""A window without a change for this time is complete: 3D view and map are rendered slowly in software."""
+"""A window that has not changed for this time is complete: software renders 3D view and map slowly."""
 WAIT_FOR_ANIMATIONS = """() => Promise.all(document.getAnimations()
   .filter((a) => a.effect?.getComputedTiming().endTime < Infinity)
   .map((a) => a.finished.catch(() => null)))"""
@@ -31,7 +31,7 @@ CLIENT_ID = "pictures"
 
 @dataclass
 class PictureSetup:
-    """What a function that takes pictures needs: the page, the server's URL, the vehicle and the folder."""
+    """Arguments of a function that takes pictures."""
 
     browser: Browser
     page: Page
@@ -43,8 +43,8 @@ class PictureSetup:
     stack: contextlib.ExitStack
 
 
-def save(page: Page, path: Path) -> None:
-    """Saves the window as WebP at the highest quality within the size limit."""
+def save_picture(page: Page, path: Path) -> None:
+    """Saves a picture of the window as WebP, at the highest quality within the size limit."""
     session = page.context.new_cdp_session(page)
     data = b""
     for quality in QUALITIES:
@@ -58,38 +58,38 @@ def save(page: Page, path: Path) -> None:
 
 
 def wait_until_unchanged(page: Page, longest_s: float = 6.0) -> None:
-    """Waits until the window does not change, at most `longest_s`: the picture of a flying vehicle always
-    changes."""
+    """Waits until the window no longer changes, but at most `longest_s`, because the picture of a flying
+    vehicle always changes."""
     screenshots = [b""]
 
-    def unchanged() -> bool:
+    def is_unchanged() -> bool:
         page.wait_for_timeout(UNCHANGED_FOR_MS)
         screenshots.append(page.screenshot(type="jpeg", quality=10))
         return screenshots[-1] == screenshots[-2]
 
     with contextlib.suppress(TimeoutError):
-        wait_until(unchanged, "a still window", longest_s)
+        wait_until(is_unchanged, "a still window", longest_s)
 
 
 def save_in_both_themes(
-    page: Page, folder: Path, name: str, renew: Callable[[], object] = lambda: None
+    page: Page, folder: Path, name: str, before_picture: Callable[[], object] = lambda: None
 ) -> None:
-    """Saves one state of the page in both themes; `renew` renews a setpoint or confirmation that would
-    expire."""
-    for theme in SCHEMES:
+    """Saves one state of the page in both themes; `before_picture` renews a setpoint or confirmation that
+    would expire."""
+    for theme in THEMES:
         page.emulate_media(color_scheme=theme)
         wait_until_unchanged(page, 3)
-        renew()
+        before_picture()
         page.evaluate(WAIT_FOR_ANIMATIONS)
-        save(page, folder / f"{name}-{theme}.webp")
+        save_picture(page, folder / f"{name}-{theme}.webp")
     page.emulate_media(color_scheme="dark")
 
 
-def pill(page: Page) -> str:
+def state_text(page: Page) -> str:
     """The vehicle's state as the page displays it."""
     return page.locator(".pill b").inner_text()
 
 
-def until_pill(page: Page, *states: str) -> None:
+def wait_for_state_text(page: Page, *states: str) -> None:
     """Waits until the page displays one of these states."""
-    wait_until(lambda: pill(page) in states, " or ".join(states), 60)
+    wait_until(lambda: state_text(page) in states, " or ".join(states), 60)

@@ -14,7 +14,7 @@ from tests.e2e.fast_station import Station
 from tests.station import wait_until
 
 EXAMPLES: Path = REPOSITORY / "missions" / "examples"
-TOWER = """
+TOWER_MISSION = """
 format: offboard-gcs-mission
 version: 1
 name: Tower inspection
@@ -36,7 +36,7 @@ steps:
   - {step: land}
 """
 """A mission with less than a minute of flight."""
-CLICKS = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
+CLICK_POSITIONS = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
 """Positions to click, as fractions of the map."""
 
 
@@ -51,37 +51,37 @@ def open_plan_view(page: Page) -> Locator:
     return view
 
 
-def steps_of(view: Locator) -> Locator:
+def entries_of(view: Locator) -> Locator:
     """The entries of the list of items (waypoint plan) or steps (offboard mission)."""
     return view.get_by_role("listbox", name=re.compile("^(Items|Steps)$")).get_by_role("option")
 
 
-def on_map(page: Page, fraction: tuple[float, float]) -> tuple[float, float]:
-    """Position of a map point in the window [px]."""
+def window_position_on_map(page: Page, fraction: tuple[float, float]) -> tuple[float, float]:
+    """Position in the window [px] of a point that is given as fractions of the map."""
     box = box_of(page.get_by_role("application"))
     return box["x"] + fraction[0] * box["width"], box["y"] + fraction[1] * box["height"]
 
 
 def undo_and_redo_everything(page: Page, view: Locator) -> None:
-    """Undoes all edits and redoes them: the list must be the same."""
-    steps = steps_of(view)
+    """Undoes and redoes all edits; checks that the list is then the same as before."""
+    steps = entries_of(view)
     undo, redo = (page.get_by_role("button", name=name, exact=True) for name in ("Undo", "Redo"))
-    before = steps.all_inner_texts()
-    changes = 0
+    texts_before = steps.all_inner_texts()
+    edit_count = 0
     while undo.is_enabled():
         page.keyboard.press("Control+z")
-        changes += 1
+        edit_count += 1
     expect(redo).to_be_enabled()
     expect(steps.filter(has_text="Waypoint")).to_have_count(0)
-    for _ in range(changes):
+    for _ in range(edit_count):
         page.keyboard.press("Control+Shift+z")
     expect(redo).to_be_disabled()
-    assert steps.all_inner_texts() == before
+    assert steps.all_inner_texts() == texts_before
 
 
 def import_tower(page: Page, view: Locator) -> None:
     """Imports the tower inspection from a file into the editor."""
-    file = {"name": "tower.yaml", "mimeType": "application/yaml", "buffer": TOWER.encode()}
+    file = {"name": "tower.yaml", "mimeType": "application/yaml", "buffer": TOWER_MISSION.encode()}
     page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
     expect(view.get_by_label("Name of the plan")).to_have_value("Tower inspection")
 
@@ -97,38 +97,38 @@ def check_without_findings(view: Locator) -> Locator:
 
 def run_dry_run(page: Page, view: Locator, longest_s: float = 120) -> Locator:
     """Runs a dry run of the plan; returns the time slider of its result."""
-    bar = view.get_by_role("region", name="Dry run")
-    bar.get_by_role("button", name="Dry run", exact=True).click()
-    expect(bar).to_contain_text("Dry run: ", timeout=longest_s * 1000)
+    dry_run_region = view.get_by_role("region", name="Dry run")
+    dry_run_region.get_by_role("button", name="Dry run", exact=True).click()
+    expect(dry_run_region).to_contain_text("Dry run: ", timeout=longest_s * 1000)
     return page.get_by_role("slider", name="Time in the dry run")
 
 
 def upload_plan(view: Locator) -> Locator:
-    """Uploads the plan to the vehicle; returns the region that confirms the upload."""
-    on_vehicle = view.get_by_role("region", name="Plan on the vehicle")
-    on_vehicle.get_by_role("button", name=re.compile("upload", re.I)).click()
-    expect(on_vehicle).to_contain_text("This plan is on 101 Quad.")
-    return on_vehicle
+    """Uploads the plan to the vehicle; returns the region that shows the plan on the vehicle."""
+    upload_region = view.get_by_role("region", name="Plan on the vehicle")
+    upload_region.get_by_role("button", name=re.compile("upload", re.I)).click()
+    expect(upload_region).to_contain_text("This plan is on 101 Quad.")
+    return upload_region
 
 
-def start_plan(page: Page, on_vehicle: Locator, station: Station) -> None:
+def start_plan(page: Page, upload_region: Locator, station: Station) -> None:
     """Starts the uploaded plan and confirms the start."""
-    on_vehicle.get_by_role("button", name="Fly…").click()
+    upload_region.get_by_role("button", name="Fly…").click()
     hold_space(page)
     wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
-    expect(on_vehicle).to_contain_text("is flying its mission")
+    expect(upload_region).to_contain_text("is flying its mission")
 
 
 def home_of(station: Station) -> dict[str, float]:
-    """The vehicle's home with the fields of a plan's home."""
+    """The vehicle's home, with only the fields that a plan's home has."""
     wait_until(lambda: station.drone.topic("home") is not None, "the vehicle's home")
     topic = station.drone.topic("home")
     assert topic is not None
     return {name: topic[name] for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
 
 
-def save_as_anna(station: Station, path: str, version: int, plan: dict[str, Any]) -> None:
-    """Another client saves a plan as its next version."""
-    body = {"name": "Tower", "plan": plan, "base_version": version}
+def save_as_other_client(station: Station, path: str, base_version: int, plan: dict[str, Any]) -> None:
+    """Saves the next version of a plan as the client "anna"."""
+    body = {"name": "Tower", "plan": plan, "base_version": base_version}
     with SyncGcs(station.url, client="anna", client_id="anna") as anna:
         anna.request("PUT", path, body)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from playwright.sync_api import Locator, Page
 
 from tests.e2e.browser import choose
-from tests.e2e.pictures import SIZE, PictureSetup, save_in_both_themes, wait_until_unchanged
+from tests.e2e.pictures import DESKTOP_SIZE, PictureSetup, save_in_both_themes, wait_until_unchanged
 from tests.e2e.plan_page import EXAMPLES, import_tower, run_dry_run
 
-FIELD = ((0.49, 0.32), (0.62, 0.28), (0.68, 0.5), (0.52, 0.58))
+SURVEY_AREA = ((0.49, 0.32), (0.62, 0.28), (0.68, 0.5), (0.52, 0.58))
 FENCE = ((0.46, 0.24), (0.66, 0.22), (0.66, 0.62), (0.56, 0.66), (0.46, 0.5))
-"""Corners, as fractions of the window."""
+"""Corners of the survey area and of the geofence, as fractions of the window."""
 
 
 def open_plan_view(page: Page, zoom: str | None = None) -> Locator:
@@ -26,27 +26,27 @@ def open_plan_view(page: Page, zoom: str | None = None) -> Locator:
 
 
 def close_plan_view(page: Page) -> None:
-    """Closes the plan view and the large map, as the other states require."""
+    """Closes the plan view and the large map, which the pictures of the other states do not show."""
     page.get_by_role("button", name="Close the plan view").click()
     page.keyboard.press("m")
 
 
-def click(page: Page, points: tuple[tuple[float, float], ...]) -> None:
+def click_points(page: Page, points: tuple[tuple[float, float], ...]) -> None:
     """Clicks these points, given as fractions of the window, one after the other."""
     for x, y in points:
-        page.mouse.click(SIZE[0] * x, SIZE[1] * y)
+        page.mouse.click(DESKTOP_SIZE[0] * x, DESKTOP_SIZE[1] * y)
         wait_until_unchanged(page, 1)  # two quick clicks are a double click, which completes the area
 
 
 def plan(setup: PictureSetup) -> None:
-    """A waypoint plan: the form of a survey, a geofence that it leaves, a selected point, the altitudes."""
+    """A waypoint plan: the form of a survey, a geofence that the survey leaves, a waypoint, the altitudes."""
     page = setup.page
     setup.drone.request("POST", "/params/refresh", {"wait": True})
     view = open_plan_view(page, "Zoom out")
     view.get_by_label("Name of the plan").fill("Field survey")
-    add = view.get_by_role("button", name="Add item")
-    choose(add, "Survey")
-    click(page, FIELD)
+    add_button = view.get_by_role("button", name="Add item")
+    choose(add_button, "Survey")
+    click_points(page, SURVEY_AREA)
     view.get_by_label("Altitude", exact=True).fill("25")
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
@@ -54,9 +54,9 @@ def plan(setup: PictureSetup) -> None:
     view.get_by_role("button", name="Insert survey").click()
     findings = view.get_by_role("region", name="Findings")
     findings.get_by_role("button", name="Add a take-off at the beginning").click()
-    choose(add, "Return")
-    choose(add, "Geofence: stay inside")
-    click(page, FENCE)
+    choose(add_button, "Return")
+    choose(add_button, "Geofence: stay inside")
+    click_points(page, FENCE)
     view.get_by_role("button", name="Add geofence").click()
     view.get_by_role("option", name="Waypoint").nth(2).click()
     page.mouse.move(0, 0)
@@ -90,9 +90,9 @@ def dry_run(setup: PictureSetup) -> None:
         view.get_by_label(label).first.fill(value)
     view.get_by_role("button", name="Conditions").click()
     page.get_by_role("button", name="Zoom in").click()
-    scrub = run_dry_run(page, view, longest_s=600)
+    time_slider = run_dry_run(page, view, longest_s=600)
     for key in ("PageUp", "PageUp", "ArrowRight", "ArrowRight"):
-        scrub.press(key)
+        time_slider.press(key)
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
     save_in_both_themes(page, setup.folder, "dry-run")

@@ -1,7 +1,7 @@
 """`make screenshots`: takes pictures of the page in each state, light and dark, for docs/images.
 
 It starts a server and simulated vehicles, and flies the vehicles so that the page shows each state. At the
-end it lists the states that failed. `--only offboard,lost` takes only the pictures of these states.
+end it lists the states that failed. `--only offboard,connection_lost` takes only pictures of these states.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from tests.e2e.browser import REPOSITORY, box_of, chromium, hold_space, same_cli
 from tests.e2e.fast_station import FAST
 from tests.e2e.pictures import (
     CLIENT_ID,
-    SCHEMES,
-    SIZE,
-    TABLET,
+    DESKTOP_SIZE,
+    TABLET_SIZE,
+    THEMES,
     PictureSetup,
-    save,
     save_in_both_themes,
-    until_pill,
+    save_picture,
+    wait_for_state_text,
     wait_until_unchanged,
 )
 from tests.station import free_port, server, vehicle
@@ -35,7 +35,7 @@ from tools import build_page
 IMAGES = REPOSITORY / "docs" / "images"
 
 
-def flying(setup: PictureSetup) -> None:
+def flight_to_position(setup: PictureSetup) -> None:
     """The vehicle flies to a position, with a trail behind it."""
     home = setup.drone.topic("home")
     assert home is not None
@@ -47,45 +47,45 @@ def flying(setup: PictureSetup) -> None:
     save_in_both_themes(setup.page, setup.folder, "fly")
 
 
-def places(setup: PictureSetup) -> None:
-    """The map fills the window; a click opens the menu for the clicked position."""
+def map_menu(setup: PictureSetup) -> None:
+    """The large map with the menu for a clicked position."""
     page = setup.page
     page.keyboard.press("m")
     page.get_by_role("toolbar", name="Map").wait_for()
     wait_until_unchanged(page, 3)
-    page.mouse.click(SIZE[0] * 0.5, SIZE[1] * 0.34)
+    page.mouse.click(DESKTOP_SIZE[0] * 0.5, DESKTOP_SIZE[1] * 0.34)
     page.get_by_role("dialog").wait_for()
     save_in_both_themes(page, setup.folder, "map")
     page.keyboard.press("Escape")
     page.keyboard.press("m")
 
 
-def confirmation(setup: PictureSetup) -> None:
+def return_confirmation(setup: PictureSetup) -> None:
     """The confirmation of Return."""
     save_in_both_themes(setup.page, setup.folder, "confirm", lambda: setup.page.keyboard.press("r"))
     setup.page.keyboard.press("Escape")
 
 
 def offboard(setup: PictureSetup) -> None:
-    """A setpoint stream whose target is ahead of the vehicle."""
+    """A setpoint stream whose target is north-east of the vehicle."""
     page = setup.page
     page.keyboard.press("o")
     hold_space(page)
-    until_pill(page, "Offboard")
+    wait_for_state_text(page, "Offboard")
     card = page.get_by_label("Offboard", exact=True)
     card.get_by_role("radio", name="5 m", exact=True).click()
 
-    def ahead() -> None:
+    def move_target() -> None:
         card.get_by_role("button", name="5 m north").click()
         card.get_by_role("button", name="5 m east").click()
 
-    save_in_both_themes(page, setup.folder, "offboard", ahead)
+    save_in_both_themes(page, setup.folder, "offboard", move_target)
     page.keyboard.press("h")
-    until_pill(page, "Holding")
+    wait_for_state_text(page, "Holding")
 
 
-def room(setup: PictureSetup) -> None:
-    """Setpoints by form: the streamed setpoint, the vehicle's values, and an unsent preview."""
+def setpoint_form(setup: PictureSetup) -> None:
+    """The form of the offboard view: the streamed setpoint, the vehicle's values, and a preview."""
     page = setup.page
     page.keyboard.press("m")
     page.keyboard.press("p")
@@ -96,7 +96,7 @@ def room(setup: PictureSetup) -> None:
     up.fill("12")
     view.get_by_role("button", name="Start…").click()
     hold_space(page)
-    until_pill(page, "Offboard")
+    wait_for_state_text(page, "Offboard")
     wait_until_unchanged(page, 4)
     north.fill("2")
     east.fill("14")
@@ -113,10 +113,10 @@ def room(setup: PictureSetup) -> None:
     page.keyboard.press("m")
 
 
-def drag(setup: PictureSetup) -> None:
-    """A position set by handles in 3D, not sent yet."""
+def drag_in_3d(setup: PictureSetup) -> None:
+    """A position that was set by handles in 3D and is not sent yet."""
     page = setup.page
-    until_pill(page, "Holding")
+    wait_for_state_text(page, "Holding")
     page.keyboard.press("p")
     view = page.get_by_role("region", name="Offboard view")
     view.get_by_role("radio", name="Drag in 3D").click()
@@ -140,7 +140,7 @@ def gimbal(setup: PictureSetup) -> None:
     save_in_both_themes(page, setup.folder, "gimbal")
 
 
-def refused(setup: PictureSetup) -> None:
+def refused_disarming(setup: PictureSetup) -> None:
     """The vehicle refuses to disarm in flight, with the reason."""
     page = setup.page
     page.keyboard.press("Shift+A")
@@ -153,19 +153,19 @@ def refused(setup: PictureSetup) -> None:
 def tablet(setup: PictureSetup) -> None:
     """The layout for a tablet."""
     setup.page.goto("about:blank")  # two 3D views at once are too slow in software
-    for theme in SCHEMES:
+    for theme in THEMES:
         context = setup.browser.new_context(
-            viewport={"width": TABLET[0], "height": TABLET[1]}, has_touch=True, color_scheme=theme
+            viewport={"width": TABLET_SIZE[0], "height": TABLET_SIZE[1]}, has_touch=True, color_scheme=theme
         )
         page = context.new_page()
         page.add_init_script(same_client(CLIENT_ID))
         page.goto(setup.url)
-        until_pill(page, "Holding")
+        wait_for_state_text(page, "Holding")
         wait_until_unchanged(page, 6)  # the 3D view loads again
-        save(page, setup.folder / f"tablet-{theme}.webp")
+        save_picture(page, setup.folder / f"tablet-{theme}.webp")
         context.close()
     setup.page.goto(setup.url)
-    until_pill(setup.page, "Holding")
+    wait_for_state_text(setup.page, "Holding")
 
 
 @contextlib.contextmanager
@@ -174,15 +174,15 @@ def second_vehicle(setup: PictureSetup) -> Generator[SyncVehicle]:
     with SyncGcs(setup.url, client="pictures", client_id=CLIENT_ID) as gcs:
         if len(gcs.request("GET", "/vehicles")) < 2:
             setup.stack.enter_context(vehicle(setup.port, arguments=["--first-instance", "101", *FAST]))
-        second = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
-        second.takeoff(8)
-        second.until(lambda v: v["status"]["mode"] == "hold", what="the end of the climb")
-        yield second
-        second.land()
-        second.until_disarmed()
+        drone_102 = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
+        drone_102.takeoff(8)
+        drone_102.until(lambda v: v["status"]["mode"] == "hold", what="the end of the climb")
+        yield drone_102
+        drone_102.land()
+        drone_102.until_disarmed()
 
 
-def two(setup: PictureSetup) -> None:
+def two_vehicles(setup: PictureSetup) -> None:
     """A second vehicle is connected and flies."""
     with second_vehicle(setup):
         save_in_both_themes(setup.page, setup.folder, "two")
@@ -191,10 +191,10 @@ def two(setup: PictureSetup) -> None:
 def group(setup: PictureSetup) -> None:
     """Both vehicles as a group: state, members, smallest distance, remaining validity."""
     page = setup.page
-    with second_vehicle(setup) as second:
+    with second_vehicle(setup) as drone_102:
         home = setup.drone.topic("home")
         assert home is not None
-        second.goto(home["lat_deg"], home["lon_deg"] + 0.00012, alt_home_m=12)
+        drone_102.goto(home["lat_deg"], home["lon_deg"] + 0.00012, alt_home_m=12)
         wait_until_unchanged(page, 4)
         page.keyboard.press("m")
         page.keyboard.press("p")
@@ -210,16 +210,16 @@ def group(setup: PictureSetup) -> None:
         wait_until_unchanged(page, 3)
         save_in_both_themes(page, setup.folder, "group")
         view.get_by_role("button", name="Hold group").click()
-        until_pill(page, "Holding")
+        wait_for_state_text(page, "Holding")
         page.get_by_role("button", name="Close the offboard view").click()
         page.keyboard.press("m")
 
 
-def lost(setup: PictureSetup) -> None:
+def connection_lost(setup: PictureSetup) -> None:
     """The simulator is stopped: the connection is lost."""
     os.killpg(setup.simulator.pid, signal.SIGSTOP)
     try:
-        until_pill(setup.page, "Connection lost")
+        wait_for_state_text(setup.page, "Connection lost")
         wait_until_unchanged(setup.page, 3)
         save_in_both_themes(setup.page, setup.folder, "lost")
     finally:
@@ -227,7 +227,7 @@ def lost(setup: PictureSetup) -> None:
 
 
 def replay(setup: PictureSetup) -> None:
-    """A replay of the previous flight, opened from the list at half of its duration."""
+    """A replay of the previous flight, opened from the list, at 30 % of its duration."""
     page = setup.page
     page.get_by_role("button", name="Recorded flights").click()
     page.locator("section.list ol button").first.click()
@@ -240,27 +240,27 @@ def replay(setup: PictureSetup) -> None:
 
 
 STATES: tuple[Callable[[PictureSetup], None], ...] = (
-    flying,
-    places,
-    confirmation,
+    flight_to_position,
+    map_menu,
+    return_confirmation,
     plan_pictures.plan,
     plan_pictures.mission,
     plan_pictures.dry_run,
     gimbal,
     tablet,
     offboard,
-    room,
-    drag,
-    refused,
-    two,
+    setpoint_form,
+    drag_in_3d,
+    refused_disarming,
+    two_vehicles,
     group,
-    lost,
+    connection_lost,
     replay,
 )
 
 
 @contextlib.contextmanager
-def airborne(folder: Path) -> Generator[PictureSetup]:
+def flying_station(folder: Path) -> Generator[PictureSetup]:
     """A station with one vehicle in flight and the page open."""
     port = free_port()
     with contextlib.ExitStack() as stack:
@@ -269,13 +269,13 @@ def airborne(folder: Path) -> Generator[PictureSetup]:
         gcs = stack.enter_context(SyncGcs(url, client="pictures", client_id=CLIENT_ID))
         browser = stack.enter_context(chromium())
         page = browser.new_context(
-            viewport={"width": SIZE[0], "height": SIZE[1]}, color_scheme="dark"
+            viewport={"width": DESKTOP_SIZE[0], "height": DESKTOP_SIZE[1]}, color_scheme="dark"
         ).new_page()
         page.add_init_script(same_client(CLIENT_ID))
         page.goto(url)
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=60)
         drone.takeoff(12)
-        until_pill(page, "Holding")
+        wait_for_state_text(page, "Holding")
         yield PictureSetup(browser, page, url, drone, simulator, port, folder, stack)
 
 
@@ -289,20 +289,20 @@ def main() -> int:
     )
     options = parser.parse_args()
     selected = [name for name in options.only.split(",") if name] or names
-    unknown = sorted(set(selected) - set(names))
-    if unknown:
-        parser.error(f"unknown: {', '.join(unknown)}; there are {', '.join(names)}")
+    unknown_names = sorted(set(selected) - set(names))
+    if unknown_names:
+        parser.error(f"unknown states: {', '.join(unknown_names)}; there are {', '.join(names)}")
     options.out.mkdir(parents=True, exist_ok=True)
     build_page.build(REPOSITORY)
     failed: list[str] = []
-    with airborne(options.out) as setup:
+    with flying_station(options.out) as setup:
         for state in STATES:
             if state.__name__ not in selected:
                 continue
             print(state.__name__, flush=True)
             try:
                 state(setup)
-            except Exception as error:  # continues with the other pictures
+            except Exception as error:  # the other pictures are still taken
                 failed.append(state.__name__)
                 print(f"  failed: {error}", file=sys.stderr, flush=True)
                 setup.page.keyboard.press("Escape")

@@ -10,29 +10,29 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from tests.e2e.browser import box_of, choose, hold_space, open_page, scene, violations_in_both_themes
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
-    CLICKS,
+    CLICK_POSITIONS,
     EXAMPLES,
     check_without_findings,
+    entries_of,
     home_of,
-    on_map,
     open_plan_view,
-    save_as_anna,
+    save_as_other_client,
     start_plan,
-    steps_of,
     upload_plan,
+    window_position_on_map,
 )
 from tests.station import wait_until
 
 pytestmark = pytest.mark.browser
 
-POSITION_IN_3D = """
+WINDOW_POSITION_OF_POINT = """
 (enu) => {
   const viser = window.__viserMutable, world = viser?.nodeRefFromName['/world'];
   if (!viser?.camera || !world) return null;
   const row = (m, r, [x, y, z, w]) => m[r] * x + m[r + 4] * y + m[r + 8] * z + m[r + 12] * w;
-  const through = (matrix, point) => [0, 1, 2, 3].map((r) => row(matrix, r, point));
+  const transform = (matrix, point) => [0, 1, 2, 3].map((r) => row(matrix, r, point));
   const matrices = [world.matrixWorld, viser.camera.matrixWorldInverse, viser.camera.projectionMatrix];
-  const at = matrices.reduce((point, matrix) => through(matrix.elements, point), [...enu, 1]);
+  const at = matrices.reduce((point, matrix) => transform(matrix.elements, point), [...enu, 1]);
   return [(at[0] / at[3] + 1) / 2 * innerWidth, (1 - at[1] / at[3]) / 2 * innerHeight];
 }
 """
@@ -43,15 +43,15 @@ POSITION_IN_3D = """
 def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browser, station: Station) -> None:
     with open_page(browser, station.url, scene=False) as page:
         view = open_plan_view(page)
-        steps = steps_of(view)
+        steps = entries_of(view)
         waypoints = steps.filter(has_text="Waypoint")
-        for count, point in enumerate(CLICKS, 1):
-            page.mouse.click(*on_map(page, point))
+        for count, point in enumerate(CLICK_POSITIONS, 1):
+            page.mouse.click(*window_position_on_map(page, point))
             expect(waypoints).to_have_count(count)
         page.keyboard.press("Escape")
         expect(view.get_by_text("Click the map to add waypoints.")).to_be_hidden()
 
-        drag_and_undo(page, view)
+        drag_waypoint_and_undo(page, view)
 
         card = page.get_by_role("group", name="Selection")
         waypoints.nth(1).click()
@@ -78,22 +78,22 @@ def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browse
         expect(waypoints).to_have_count(3)
         expect(waypoints.nth(1)).to_contain_text("45.5 m above home")
 
-        conflicting_edits(page, view, station)
+        check_conflict_with_other_client(page, view, station)
 
 
 def test_a_plan_is_uploaded_and_flown_and_interrupted_by_the_hold_key(
     browser: Browser, station: Station
 ) -> None:
     home = home_of(station)
-    start = {"lat_deg": home["lat_deg"], "lon_deg": home["lon_deg"]}
-    far = {
-        **start,
+    start_position = {"lat_deg": home["lat_deg"], "lon_deg": home["lon_deg"]}
+    far_position = {
+        **start_position,
         "lat_deg": home["lat_deg"] + 0.0135,
-    }  # 1500 m: still flying when the page is checked
+    }  # 1500 m: the vehicle is still on its way when the page is checked
     altitude = {"value_m": 20, "reference": "home"}
     items = [
-        {"kind": "takeoff", **start, "altitude": altitude},
-        {"kind": "waypoint", **far, "altitude": altitude},
+        {"kind": "takeoff", **start_position, "altitude": altitude},
+        {"kind": "waypoint", **far_position, "altitude": altitude},
         {"kind": "return_home"},
     ]
     station.gcs.request("POST", "/plans", {"name": "Far", "plan": {"planned_home": home, "items": items}})
@@ -102,7 +102,7 @@ def test_a_plan_is_uploaded_and_flown_and_interrupted_by_the_hold_key(
         page.get_by_role("button", name="Open", exact=True).click()
         view.get_by_role("button", name=re.compile("^Far Waypoint plan · 3 items")).click()
         expect(view.get_by_role("option", name="3 Return")).to_be_visible()
-        upload_and_fly(page, view, station)
+        fly_and_hold(page, view, station)
 
 
 @pytest.mark.story
@@ -110,20 +110,20 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
     with open_page(browser, station.url, scene=False, size=(1280, 800)) as page:
         view = open_plan_view(page)
         page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
-        steps = steps_of(view)
+        steps = entries_of(view)
         expect(view).to_contain_text("Offboard mission")
         expect(steps.filter(has_text="Down around the mast")).to_contain_text("Helix")
         expect(steps.filter(has_text="round: Orbit").first).to_contain_text("radius 12 m")
         findings = check_without_findings(view)
 
         steps.filter(has_text="Down around the mast").click()
-        climb = page.get_by_role("group", name="Selection").get_by_label("Altitude gain")
-        climb.fill("-40")
+        altitude_gain = page.get_by_role("group", name="Selection").get_by_label("Altitude gain")
+        altitude_gain.fill("-40")
         expect(findings).to_contain_text("step 8:")
         expect(findings).to_contain_text("above home")
         findings.get_by_role("button", name="Show").first.click()
         page.get_by_role("button", name="Undo").click()
-        expect(climb).to_have_value("-18")
+        expect(altitude_gain).to_have_value("-18")
         expect(findings).to_contain_text("no findings")
 
         steps.filter(has_text="Is the picture sharp").click()
@@ -148,7 +148,7 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
     plan = {"format": "offboard-gcs-mission", "version": 1, "name": "Hop", "steps": steps}
     station.gcs.request("POST", "/plans", {"name": "Hop", "plan": plan})
 
-    def mission_is(state: str) -> bool:
+    def is_mission_in_state(state: str) -> bool:
         mission = station.drone.request("GET", "/offboard_mission")["mission"]
         return mission is not None and mission["state"] == state
 
@@ -156,15 +156,15 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         view = open_plan_view(page)
         page.get_by_role("button", name="Open", exact=True).click()
         view.get_by_role("button", name=re.compile("^Hop Offboard mission · 2 steps")).click()
-        start = view.get_by_role("region", name="Fly this mission")
-        expect(start).to_contain_text("The check found no errors for 101 Quad.")
-        start.get_by_role("button", name="Fly…").click()
+        start_region = view.get_by_role("region", name="Fly this mission")
+        expect(start_region).to_contain_text("The check found no errors for 101 Quad.")
+        start_region.get_by_role("button", name="Fly…").click()
         expect(
             page.get_by_text("If the server fails or loses the connection to the vehicle:")
         ).to_be_visible()
         hold_space(page)
-        wait_until(lambda: mission_is("flying"), "the mission's flight", 60)
-        expect(start).to_contain_text("Abort it first")
+        wait_until(lambda: is_mission_in_state("flying"), "the mission's flight", 60)
+        expect(start_region).to_contain_text("Abort it first")
         page.keyboard.press("w")
         card = page.get_by_role("region", name="Offboard mission")
         expect(card).to_contain_text("Look around")
@@ -184,7 +184,9 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
 
 
 @pytest.mark.realtime
-def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Browser, station: Station) -> None:
+def test_a_plan_is_edited_in_3d_and_a_click_while_editing_opens_no_command_menu(
+    browser: Browser, station: Station
+) -> None:
     home = home_of(station)
     offsets = {"waypoint": (3e-4, 1e-4), "land": (3e-4, 5e-4)}
     items = [
@@ -210,18 +212,18 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
         menu = page.get_by_role("dialog", name="At this position: 101 Quad")
 
         page.mouse.click(x, y)
-        waypoint = steps_of(view).filter(has_text="Waypoint")
+        waypoint = entries_of(view).filter(has_text="Waypoint")
         expect(waypoint).to_have_attribute("aria-selected", "true")
         latitude = page.get_by_role("group", name="Selection").get_by_label("Latitude")
-        before = latitude.input_value()
+        latitude_before = latitude.input_value()
         page.mouse.move(x, y)
         page.mouse.down()
         page.mouse.move(x + 30, y + 20, steps=4)
         page.mouse.up()
-        expect(latitude).not_to_have_value(before)
+        expect(latitude).not_to_have_value(latitude_before)
         expect(waypoint).to_contain_text("15.0 m above home")
         page.keyboard.press("Control+z")
-        expect(latitude).to_have_value(before)
+        expect(latitude).to_have_value(latitude_before)
 
         page.mouse.click(x, y + 60)
         expect(waypoint).to_have_attribute("aria-selected", "false")
@@ -235,20 +237,20 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
 def window_position(page: Page, enu_m: tuple[float, float, float]) -> tuple[float, float]:
     """Window position [px] of a point of the 3D view's world (east, north, up), when the camera is at
     rest."""
-    frame, found = scene(page), (0.0, 0.0)
+    frame, position_px = scene(page), (0.0, 0.0)
 
     def is_at_rest() -> bool:
-        nonlocal found
-        before, found = found, frame.evaluate(POSITION_IN_3D, enu_m)
+        nonlocal position_px
+        previous_px, position_px = position_px, frame.evaluate(WINDOW_POSITION_OF_POINT, enu_m)
         page.wait_for_timeout(300)
-        return found is not None and before == found
+        return position_px is not None and previous_px == position_px
 
     wait_until(is_at_rest, "the camera of the 3D view", 60)
     box = box_of(page.get_by_title("3D view", exact=True))
-    return box["x"] + found[0], box["y"] + found[1]
+    return box["x"] + position_px[0], box["y"] + position_px[1]
 
 
-def upload_and_fly(page: Page, view: Locator, station: Station) -> None:
+def fly_and_hold(page: Page, view: Locator, station: Station) -> None:
     """Uploads the plan, starts it after confirmation, and commands Hold by the key H."""
     start_plan(page, upload_plan(view), station)
     page.keyboard.press("w")
@@ -263,29 +265,29 @@ def upload_and_fly(page: Page, view: Locator, station: Station) -> None:
     expect(card).to_contain_text("The vehicle has left Mission mode")
 
 
-def drag_and_undo(page: Page, view: Locator) -> None:
+def drag_waypoint_and_undo(page: Page, view: Locator) -> None:
     """Drags a waypoint by mouse, and restores its position by Undo."""
     card = page.get_by_role("group", name="Selection")
     view.get_by_role("option", name="Waypoint").nth(1).click()
     latitude = card.get_by_label("Latitude")
-    before = latitude.input_value()
-    x, y = on_map(page, CLICKS[1])
+    latitude_before = latitude.input_value()
+    x, y = window_position_on_map(page, CLICK_POSITIONS[1])
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 15, y - 30, steps=4)
     page.mouse.up()
-    expect(latitude).not_to_have_value(before)
+    expect(latitude).not_to_have_value(latitude_before)
     page.keyboard.press("Control+z")
-    expect(latitude).to_have_value(before)
+    expect(latitude).to_have_value(latitude_before)
 
 
-def conflicting_edits(page: Page, view: Locator, station: Station) -> None:
-    """Another client saves the open plan: the page shows the conflict and overwrites nothing."""
+def check_conflict_with_other_client(page: Page, view: Locator, station: Station) -> None:
+    """Checks that the page shows a conflict and overwrites nothing after another client saved the plan."""
     plans = station.gcs.request("GET", "/plans")["plans"]
     assert [(plan["name"], plan["version"]) for plan in plans] == [("Tower", 1)]
     path = f"/plans/{plans[0]['id']}"
     stored = station.gcs.request("GET", path)
-    save_as_anna(station, path, 1, {**stored["plan"], "items": []})
+    save_as_other_client(station, path, 1, {**stored["plan"], "items": []})
     expect(view).to_contain_text("anna saved version 2 of this plan.")
     page.get_by_role("group", name="Selection").wait_for()
     view.get_by_role("option", name="Waypoint").first.click()
@@ -303,15 +305,15 @@ def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, s
     with open_page(browser, station.url, scene=False) as page:
         view = open_plan_view(page)
         for point in ((0.35, 0.5), (0.65, 0.5)):
-            page.mouse.click(*on_map(page, point))
+            page.mouse.click(*window_position_on_map(page, point))
             page.wait_for_timeout(400)  # two quick clicks are a double click
         page.keyboard.press("Escape")
         choose(view.get_by_role("button", name="Add item"), "Obstacle")
         for point in ((0.48, 0.45), (0.53, 0.45), (0.53, 0.55), (0.48, 0.55)):
-            page.mouse.click(*on_map(page, point))
+            page.mouse.click(*window_position_on_map(page, point))
             page.wait_for_timeout(400)
         view.get_by_role("button", name="Add obstacle").click()
-        obstacle = steps_of(view).filter(has_text="obstacle, top")
+        obstacle = entries_of(view).filter(has_text="obstacle, top")
         expect(obstacle).to_contain_text("Obstacle 1")
 
         card = page.get_by_role("group", name="Selection")
@@ -324,7 +326,7 @@ def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, s
         assert violations_in_both_themes(page) == []
         finding = findings.get_by_role("listitem").filter(has_text="passes through Barn")
         finding.get_by_role("button", name="Show").click()
-        expect(steps_of(view).filter(has_text="Waypoint").nth(1)).to_have_attribute("aria-selected", "true")
+        expect(entries_of(view).filter(has_text="Waypoint").nth(1)).to_have_attribute("aria-selected", "true")
 
         obstacle.click()
         page.keyboard.press("Delete")

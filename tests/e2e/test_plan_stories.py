@@ -1,5 +1,5 @@
-"""The whole way from drawing to flight in the plan view: surveys and tower inspections, by mouse, by keyboard
-and with files."""
+"""Surveys and tower inspections in the plan view, from drawing to flight: by mouse, by keyboard and with
+files."""
 
 from __future__ import annotations
 
@@ -15,26 +15,27 @@ from tests.e2e.browser import choose, hold_space, open_page, press, tab_to, viol
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     check_without_findings,
+    entries_of,
     home_of,
     import_tower,
-    on_map,
     open_plan_view,
     run_dry_run,
-    save_as_anna,
+    save_as_other_client,
     start_plan,
-    steps_of,
     undo_and_redo_everything,
     upload_plan,
+    window_position_on_map,
 )
 from tests.station import wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
-FIELD = ((0.5, 0.3), (0.64, 0.3), (0.64, 0.5), (0.5, 0.5))
-"""Corners of an area, as fractions of the map."""
+SURVEY_AREA = ((0.5, 0.3), (0.64, 0.3), (0.64, 0.5), (0.5, 0.5))
+"""Corners of the survey area, as fractions of the map."""
 TOWER_NED_M = (10, 20, -2)
-AROUND_THE_TOWER = ((0.52, 0.5), (0.6, 0.44), (0.56, 0.36))
-DROP = """
+WAYPOINTS_AROUND_TOWER = ((0.52, 0.5), (0.6, 0.44), (0.56, 0.36))
+"""Positions of waypoints, as fractions of the map."""
+DROP_FILE = """
 (text) => {
   const data = new DataTransfer();
   data.items.add(new File([text], 'dropped.plan'));
@@ -42,20 +43,22 @@ DROP = """
   for (const type of ['dragover', 'drop']) document.body.dispatchEvent(new DragEvent(type, options));
 }
 """
-MAP = "Map from above. Arrows move the crosshair, Enter opens the menu for its position, plus and minus zoom."
+MAP_LABEL = (
+    "Map from above. Arrows move the crosshair, Enter opens the menu for its position, plus and minus zoom."
+)
 
 
 def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station: Station) -> None:
     with open_page(browser, station.url, scene=False) as page:
         view = open_plan_view(page)
         choose(view.get_by_role("button", name="Add item"), "Survey")
-        for point in FIELD:
-            page.mouse.click(*on_map(page, point))
+        for point in SURVEY_AREA:
+            page.mouse.click(*window_position_on_map(page, point))
         expect(view.get_by_text("4 corners")).to_be_visible()
         view.get_by_label("Altitude", exact=True).fill("15")
         expect(view.get_by_role("group", name="Figures of the pattern")).to_contain_text("cm/px")
         view.get_by_role("button", name="Insert survey").click()
-        waypoints = steps_of(view).filter(has_text="Waypoint")
+        waypoints = entries_of(view).filter(has_text="Waypoint")
         expect(waypoints.nth(3)).to_contain_text("15.0 m above home")
 
         findings = view.get_by_role("region", name="Findings")
@@ -64,15 +67,15 @@ def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station
         expect(findings).not_to_contain_text("The plan has no take-off")
         undo_and_redo_everything(page, view)
 
-        scrub = run_dry_run(page, view)
-        press(scrub, "End")
-        expect(scrub).to_have_attribute(
+        time_slider = run_dry_run(page, view)
+        press(time_slider, "End")
+        expect(time_slider).to_have_attribute(
             "aria-valuetext", re.compile(r"^0\d:\d\d, \d+\.\d m above the start$")
         )
         page.get_by_role("radiogroup", name="Shown over time").get_by_role("radio", name="Speed").click()
-        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"m/s$"))
-        press(scrub, "Home")
-        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:00"))
+        expect(time_slider).to_have_attribute("aria-valuetext", re.compile(r"m/s$"))
+        press(time_slider, "Home")
+        expect(time_slider).to_have_attribute("aria-valuetext", re.compile(r"^00:00"))
 
         start_plan(page, upload_plan(view), station)
         page.keyboard.press("h")
@@ -89,7 +92,7 @@ def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
     with open_page(browser, station.url, scene=False, size=(1280, 800)) as page:
         view = open_plan_view(page)
         import_tower(page, view)
-        steps, findings = steps_of(view), check_without_findings(view)
+        steps, findings = entries_of(view), check_without_findings(view)
         steps.filter(has_text="Around the tower").click()
         card = page.get_by_role("group", name="Selection")
         card.get_by_label("Part of the step").select_option(label="point 3c")
@@ -99,20 +102,20 @@ def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
         expect(card.get_by_label("Altitude above start")).to_have_value("18")
         expect(findings).to_contain_text("no findings")
 
-        scrub = run_dry_run(page, view)
-        press(scrub, "PageUp")
-        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:10"))
+        time_slider = run_dry_run(page, view)
+        press(time_slider, "PageUp")
+        expect(time_slider).to_have_attribute("aria-valuetext", re.compile(r"^00:10"))
         view.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save and fly…"
         expect(page.get_by_role("alertdialog")).to_contain_text(
             "If the server fails or loses the connection to the vehicle:"
         )
         hold_space(page)
 
-        def state() -> str | None:
+        def mission_state() -> str | None:
             mission = station.drone.request("GET", "/offboard_mission")["mission"]
             return None if mission is None else mission["state"]
 
-        wait_until(lambda: state() == "flying", "the mission's flight", 60)
+        wait_until(lambda: mission_state() == "flying", "the mission's flight", 60)
         page.keyboard.press("h")
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
 
@@ -122,15 +125,15 @@ def test_a_tower_inspection_is_drawn_by_clicks_and_flown_with_the_gimbal_at_the_
 ) -> None:
     with open_page(browser, station.url, scene=False, size=(1280, 800)) as page:
         view = open_plan_view(page)
-        steps, add = steps_of(view), view.get_by_role("button", name="Add step")
+        steps, add_button = entries_of(view), view.get_by_role("button", name="Add step")
         card = page.get_by_role("group", name="Selection")
         choose(page.get_by_role("button", name="New", exact=True), "Offboard mission")
-        for point in AROUND_THE_TOWER:
-            page.mouse.click(*on_map(page, point))
+        for point in WAYPOINTS_AROUND_TOWER:
+            page.mouse.click(*window_position_on_map(page, point))
         page.keyboard.press("Escape")
         expect(steps.filter(has_text="3 points")).to_have_count(1)
         steps.filter(has_text="Take off").click()
-        choose(add, "Gimbal")
+        choose(add_button, "Gimbal")
         card.get_by_label("Gimbal mode").select_option(label="look at a point")
         for label, value in zip(("north", "east"), TOWER_NED_M, strict=False):
             card.get_by_label(f"Look at: {label}").fill(f"{value}")
@@ -142,17 +145,17 @@ def test_a_tower_inspection_is_drawn_by_clicks_and_flown_with_the_gimbal_at_the_
         press(run_dry_run(page, view), "End")
         view.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save and fly…"
         hold_space(page)
-        start = station.drone.position_ned_m()
+        start_ned_m = station.drone.position_ned_m()
 
-        def looks_at_the_tower(distance_m: float) -> bool:
+        def looks_at_the_tower(min_distance_m: float) -> bool:
             gimbal = station.drone.topic("gimbal")
             north, east, down = (
-                now - before for now, before in zip(station.drone.position_ned_m(), start, strict=True)
+                now - then for now, then in zip(station.drone.position_ned_m(), start_ned_m, strict=True)
             )
             to_north, to_east, to_down = TOWER_NED_M[0] - north, TOWER_NED_M[1] - east, TOWER_NED_M[2] - down
             pitch, yaw = -math.atan2(to_down, math.hypot(to_north, to_east)), math.atan2(to_east, to_north)
             errors = (gimbal["pitch_rad"] - pitch, math.remainder(gimbal["yaw_ned_rad"] - yaw, math.tau))
-            return down < -8 and math.hypot(north, east) >= distance_m and max(map(abs, errors)) < 0.15
+            return down < -8 and math.hypot(north, east) >= min_distance_m and max(map(abs, errors)) < 0.15
 
         for distance_m in (0, 8):
             wait_until(
@@ -166,19 +169,19 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
     home_of(station)
     with open_page(browser, station.url, scene=False) as page:
         view = open_plan_view(page)
-        steps, keyboard = steps_of(view), page.keyboard
-        tab_to(page, MAP)
+        steps, keyboard = entries_of(view), page.keyboard
+        tab_to(page, MAP_LABEL)
         for keys in (("ArrowUp",) * 4, ("ArrowRight",) * 4):
             for key in keys:
                 keyboard.press(key)
             keyboard.press("Enter")
         expect(steps.filter(has_text="Waypoint")).to_have_count(2)
         keyboard.press("Escape")
-        for letters, title in (("", "Take off"), ("ret", "Return")):
+        for typed_letters, title in (("", "Take off"), ("ret", "Return")):
             tab_to(page, "Add item")
             keyboard.press("Enter")
             expect(page.get_by_role("menuitem").first).to_be_focused()
-            keyboard.type(letters)
+            keyboard.type(typed_letters)
             expect(page.get_by_role("menuitem", name=title, exact=True)).to_be_focused()
             keyboard.press("Enter")
             expect(steps.filter(has_text=title)).to_have_count(1)
@@ -194,13 +197,13 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
         tab_to(page, "Time in the dry run")
         keyboard.press("PageUp")
         keyboard.press("ArrowRight")
-        scrub = page.get_by_role("slider", name="Time in the dry run")
-        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:11"))
+        time_slider = page.get_by_role("slider", name="Time in the dry run")
+        expect(time_slider).to_have_attribute("aria-valuetext", re.compile(r"^00:11"))
 
         tab_to(page, "Save and upload")
         keyboard.press("Enter")
-        on_vehicle = view.get_by_role("region", name="Plan on the vehicle")
-        expect(on_vehicle).to_contain_text("This plan is on 101 Quad.")
+        upload_region = view.get_by_role("region", name="Plan on the vehicle")
+        expect(upload_region).to_contain_text("This plan is on 101 Quad.")
         tab_to(page, "Fly…")
         keyboard.press("Enter")
         hold_space(page)
@@ -236,7 +239,7 @@ def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station
         assert violations_in_both_themes(page) == []
         tab_to(page, "Insert survey")
         keyboard.press("Enter")
-        expect(steps_of(view).filter(has_text="Waypoint").nth(3)).to_contain_text("15.0 m above home")
+        expect(entries_of(view).filter(has_text="Waypoint").nth(3)).to_contain_text("15.0 m above home")
         findings = view.get_by_role("region", name="Findings")
         tab_to(page, "Add a take-off at the beginning")
         keyboard.press("Enter")
@@ -254,7 +257,9 @@ def type_into(page: Page, label: str, text: str) -> None:
     page.keyboard.type(text)
 
 
-def test_files_are_dropped_exported_and_older_versions_restored(browser: Browser, station: Station) -> None:
+def test_a_plan_is_exported_dropped_as_a_file_dragged_by_touch_and_restored_to_an_older_version(
+    browser: Browser, station: Station
+) -> None:
     home = home_of(station)
     position = {"lat_deg": home["lat_deg"], "lon_deg": home["lon_deg"]}
     altitude = {"value_m": 20, "reference": "home"}
@@ -262,24 +267,24 @@ def test_files_are_dropped_exported_and_older_versions_restored(browser: Browser
     plan = {"planned_home": home, "items": items}
     with open_page(browser, station.url, scene=False) as page:
         view = open_plan_view(page)
-        file = station.gcs.request("POST", "/plans", {"name": "Tower", "plan": plan})
-        path = f"/plans/{file['id']}"
+        stored_plan = station.gcs.request("POST", "/plans", {"name": "Tower", "plan": plan})
+        path = f"/plans/{stored_plan['id']}"
         page.get_by_role("button", name="Open", exact=True).click()
         view.get_by_role("button", name=re.compile("^Tower Waypoint plan · 3 items")).click()
         with page.expect_download() as download:
             choose(page.get_by_role("button", name="Export"), "QGroundControl .plan")
-        written = Path(download.value.path()).read_text(encoding="utf-8")
-        assert [item["command"] for item in json.loads(written)["mission"]["items"]] == [22, 16, 21]
+        exported_plan = Path(download.value.path()).read_text(encoding="utf-8")
+        assert [item["command"] for item in json.loads(exported_plan)["mission"]["items"]] == [22, 16, 21]
 
-        page.evaluate(DROP, written)
+        page.evaluate(DROP_FILE, exported_plan)
         expect(view.get_by_label("Name of the plan")).to_have_value("dropped")
-        expect(steps_of(view).filter(has_text="Waypoint")).to_have_count(1)
-        page.evaluate(DROP, "{")
+        expect(entries_of(view).filter(has_text="Waypoint")).to_have_count(1)
+        page.evaluate(DROP_FILE, "{")
         expect(view.get_by_role("alert")).to_contain_text("“dropped.plan” was not imported.")
-        expect(steps_of(view).filter(has_text="Waypoint")).to_have_count(1)
+        expect(entries_of(view).filter(has_text="Waypoint")).to_have_count(1)
         drag_by_touch(page)
 
-        save_as_anna(station, path, 1, {**plan, "items": items[:1]})
+        save_as_other_client(station, path, 1, {**plan, "items": items[:1]})
         page.get_by_role("button", name="Open", exact=True).click()
         view.get_by_role("button", name="Versions of Tower").click()
         view.get_by_role("button", name=re.compile(r"^Version 1 3 items")).click()
@@ -292,15 +297,15 @@ def test_files_are_dropped_exported_and_older_versions_restored(browser: Browser
 def drag_by_touch(page: Page) -> None:
     """Drags a waypoint by touch."""
     view = page.get_by_role("region", name="Plan view")
-    x, y = on_map(page, (0.4, 0.35))
+    x, y = window_position_on_map(page, (0.4, 0.35))
     choose(view.get_by_role("button", name="Add item"), "Waypoint")
     page.mouse.click(x, y)
     latitude = page.get_by_role("group", name="Selection").get_by_label("Latitude")
     page.keyboard.press("Escape")
-    before = latitude.input_value()
+    latitude_before = latitude.input_value()
     session = page.context.new_cdp_session(page)
     for kind, moved_px in (("touchStart", 0), ("touchMove", -20), ("touchMove", -60), ("touchEnd", None)):
         points = [] if moved_px is None else [{"x": x, "y": y + moved_px}]
         session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    expect(latitude).not_to_have_value(before)
+    expect(latitude).not_to_have_value(latitude_before)
     session.detach()

@@ -18,7 +18,7 @@ from tests.station import free_port, server, vehicle, wait_until
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 VEHICLES = {"lead": "101", "left": "104"}
-"""Simulated vehicles start 3 m apart; the show needs 7 m."""
+"""Vehicle of each role: not neighbours, because simulated vehicles start 3 m apart and the show needs 7 m."""
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def station() -> Iterator[Station]:
 
 
 @pytest.mark.timeout(900)  # a dry run of two flights and the flight itself, on a busy machine
-def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
+def test_a_two_vehicle_show_is_loaded_flown_in_a_dry_run_and_flown_to_its_end(
     browser: Browser, station: Station
 ) -> None:
     with open_page(browser, station.url, scene=False) as page:
@@ -63,7 +63,7 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
         expect(page.get_by_role("alertdialog")).to_contain_text("Fly “Two-vehicle show” with")
         hold_space(page)
 
-        wait_for_state(station, "flying", 180)
+        wait_for_mission_states(station, "flying", 180)
         assert all(mission["dry_run"] is not None for mission in missions(station)), (
             "a mission has no dry run, so no corridor"
         )
@@ -72,7 +72,7 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
         card = page.get_by_role("region", name="Offboard mission")
         expect(card).to_contain_text("Two-vehicle show")
         expect(card.get_by_role("button", name="Skip step…")).to_have_count(0)
-        wait_for_state(station, "done", 400)
+        wait_for_mission_states(station, "done", 400)
         expect(card.get_by_role("status").first).to_have_text("Done")
         expect(card).to_contain_text(re.compile(r"at most \d+\.\d m; 95 % within \d+\.\d m"))
     for vehicle_id in VEHICLES.values():
@@ -80,16 +80,18 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
 
 
 def missions(station: Station) -> list[dict[str, Any]]:
-    """The status of each vehicle's mission."""
+    """The mission of each vehicle, with its state."""
     vehicles = [station.gcs.vehicle(each) for each in VEHICLES.values()]
     return [each.request("GET", "/offboard_mission")["mission"] or {} for each in vehicles]
 
 
-def wait_for_state(station: Station, state: str, within_s: float) -> None:
+def wait_for_mission_states(station: Station, state: str, within_s: float) -> None:
     """Waits until the missions of both vehicles are in this state."""
     try:
         wait_until(
-            lambda: [mission.get("state") for mission in missions(station)] == [state] * 2, state, within_s
+            lambda: [mission.get("state") for mission in missions(station)] == [state] * 2,
+            state,
+            within_s,
         )
     except TimeoutError:
         raise AssertionError(missions(station)) from None
