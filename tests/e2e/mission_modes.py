@@ -1,5 +1,5 @@
-"""A vehicle with missions that are registered as flight modes, the server's API for it, and another ground
-station."""
+"""A vehicle whose missions are registered as flight modes, the server's API for this vehicle, and another
+ground station."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ NAMESPACE = f"modes_{os.getpid()}"
 LINK = f"ros2://{DOMAIN}/{NAMESPACE}"
 SIMULATOR = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
 DISARM_LATE = ["--param", "COM_DISARM_PRFLT=60"]
-"""Time after arming until PX4 disarms a vehicle that has not taken off [s]. The default is 10 s; on a busy
-computer the server may need longer to compile the mission."""
+"""PX4 disarms a vehicle that has not taken off 60 s after arming. The default is 10 s, but on a busy computer
+the server may need longer to compile the mission."""
 TAKE_OFF_MISSION: dict[str, Any] = {
     **MISSION,
     "steps": [
@@ -52,12 +52,12 @@ class OtherStation:
         return False
 
     def command(self, command: int, *params: float) -> None:
-        filled = (*params, *(0.0,) * (7 - len(params)))
-        message = mavlink.MAVLink_command_long_message(1, 1, command, 0, *filled)
+        seven_params = (*params, *(0.0,) * (7 - len(params)))
+        message = mavlink.MAVLink_command_long_message(1, 1, command, 0, *seven_params)
         self._socket.sendall(message.pack(self._mavlink))
 
     def select_mode(self, mode: str) -> None:
-        """Selects a mode by its name, such as external_1."""
+        """Selects a mode by its name, such as external_1, whose sub mode is 11."""
         self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 10 + int(mode.removeprefix("external_")))
 
     def mode(self) -> int:
@@ -71,14 +71,14 @@ class OtherStation:
 
     def _received(self, seconds: float) -> Iterator[Any]:
         """Messages received within a time, including those already in the buffer."""
-        until_s = time.monotonic() + seconds
-        while time.monotonic() < until_s:
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
             with contextlib.suppress(TimeoutError):
                 yield from self._mavlink.parse_buffer(self._socket.recv(65536)) or []
 
 
 class VehicleWithMissionModes:
-    """The server's API for a vehicle with mission modes, and the other ground station."""
+    """A vehicle with mission modes: the server's API for this vehicle, and the other ground station."""
 
     def __init__(self, url: str, process: subprocess.Popen[bytes], other_station: OtherStation) -> None:
         self.url, self.process, self.other_station = url, process, other_station
@@ -97,7 +97,7 @@ class VehicleWithMissionModes:
     def status(self) -> dict[str, Any]:
         return self.vehicle()["status"]
 
-    def value(self, topic: str) -> dict[str, Any]:
+    def topic_value(self, topic: str) -> dict[str, Any]:
         return self.vehicle()["topics"].get(topic, {}).get("value", {})
 
     def call(self, name: str, body: dict[str, Any]) -> dict[str, Any]:
@@ -105,11 +105,11 @@ class VehicleWithMissionModes:
         assert response.status_code == 200, response.text
         return response.json()
 
-    def ready(self) -> bool:
-        return bool(self.value("health").get("ready_to_arm") and self.value("global_position"))
+    def is_ready(self) -> bool:
+        return bool(self.topic_value("health").get("ready_to_arm") and self.topic_value("global_position"))
 
     def take_off(self) -> None:
-        station.wait_until(self.ready, "readiness", 60.0)
+        station.wait_until(self.is_ready, "readiness", 60.0)
         self.call("takeoff", {"alt_home_m": 10})
         station.wait_until(lambda: self.status["mode"] == "hold", "the end of the climb", 40.0)
 
@@ -117,17 +117,17 @@ class VehicleWithMissionModes:
         """The other station sends arm commands until the vehicle is armed: PX4 refuses while the mission is
         being compiled."""
 
-        def armed() -> bool:
+        def is_armed() -> bool:
             if not self.status["armed"]:
                 self.other_station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
                 time.sleep(1.0)
             return self.status["armed"]
 
-        station.wait_until(armed, "arming")
+        station.wait_until(is_armed, "arming")
 
     def register(self, mission: dict[str, Any]) -> str:
         """Registers the mission when the vehicle is ready; returns the mission's mode."""
-        station.wait_until(self.ready, "readiness", 60.0)
+        station.wait_until(self.is_ready, "readiness", 60.0)
         (mode,) = self.call("mission_modes/register", {"mission": mission, "name": MODE_NAME})["modes"]
         assert mode["state"] == "registered"
         return mode["mode"]
@@ -143,37 +143,37 @@ class VehicleWithMissionModes:
         mode."""
         mode = self.register_and_take_off(mission)
         self.other_station.select_mode(mode)
-        self.until_north()
+        self.wait_until_flying_north()
         return mode
 
     def start_on_ground(self, mission: dict[str, Any]) -> str:
-        """The other station selects the mission's mode on the ground and arms. Returns the mode when PX4 is
-        taking off."""
+        """The other station selects the mission's mode on the ground and arms. Waits until PX4 takes off;
+        returns the mode."""
         mode = self.register(mission)
         self.other_station.select_mode(mode)
         station.wait_until(lambda: self.status["mode"] == mode, "the mode", 5.0)
         self.arm()
-        self.until_mission("taking_off")
+        self.wait_for_mission_state("taking_off")
         return mode
 
-    def until_north(self) -> None:
+    def wait_until_flying_north(self) -> None:
         """Waits until the vehicle flies north in its mission."""
-        self.until_mission("flying")
+        self.wait_for_mission_state("flying")
         start_north_m = self.north_m()
         station.wait_until(lambda: self.north_m() > start_north_m + 1.5, "the flight north", 15.0)
 
     def north_m(self) -> float:
-        return self.value("local_position")["position_ned_m"][0]
+        return self.topic_value("local_position")["position_ned_m"][0]
 
-    def mission(self) -> str | None:
+    def mission_state(self) -> str | None:
         return (self.get("/vehicles/1/offboard_mission")["mission"] or {}).get("state")
 
-    def until_mission(self, state: str) -> None:
+    def wait_for_mission_state(self, state: str) -> None:
         """Waits until the mission has this state; compiling it takes some seconds on a busy computer."""
         try:
-            station.wait_until(lambda: self.mission() == state, f"the mission's state {state}", 40.0)
+            station.wait_until(lambda: self.mission_state() == state, f"the mission's state {state}", 40.0)
         except TimeoutError as error:
-            raise AssertionError(f"{error}; the mission is {self.mission()}: {self.texts()}") from None
+            raise AssertionError(f"{error}; the mission is {self.mission_state()}: {self.texts()}") from None
 
     def modes(self) -> dict[str, Any]:
         return self.get("/vehicles/1/mission_modes")
@@ -195,7 +195,7 @@ def vehicle_with_mission_modes() -> Iterator[VehicleWithMissionModes]:
 
 
 def stream_process_pid(server_pid: int) -> int:
-    """Process id of the stream process of a server with this process id."""
+    """Process id of the stream process that the server with this process id has started."""
     tasks = Path(f"/proc/{server_pid}/task").iterdir()
     children = [int(pid) for task in tasks for pid in (task / "children").read_text().split()]
     commands = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children}

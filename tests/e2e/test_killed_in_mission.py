@@ -17,16 +17,16 @@ from vehicle_sim.mavlink import generated_dialect as mavlink
 pytestmark = pytest.mark.realtime
 
 HOLD, MISSION, RTL = 3 << 24 | 4 << 16, 4 << 24 | 4 << 16, 5 << 24 | 4 << 16
-"""PX4's custom_mode: sub mode and main mode."""
+"""PX4's custom_mode: sub mode in the highest byte, main mode in the next byte."""
 LAT, LON = 47.397742, 8.545594
-NORTH_DEG = 1 / 111_195
+METRE_NORTH_DEG = 1 / 111_195
 
 
 def item(kind: str, north_m: float, **fields: Any) -> dict[str, Any]:
     altitude = {"value_m": 0 if kind == "land" else 8, "reference": "home"}
     return {
         "kind": kind,
-        "lat_deg": LAT + north_m * NORTH_DEG,
+        "lat_deg": LAT + north_m * METRE_NORTH_DEG,
         "lon_deg": LON,
         "altitude": altitude,
         **fields,
@@ -38,13 +38,13 @@ PLAN = {
 }
 
 
-def modes_without_server(port: int, last: int) -> list[int]:
-    """Receives frames, and sends nothing, until the vehicle is in mode `last`; returns its modes in order."""
+def modes_without_server(port: int, last_mode: int) -> list[int]:
+    """Receives frames, and sends nothing, until the vehicle is in `last_mode`; returns its modes in order."""
     parser, modes = mavlink.MAVLink(None), list[int]()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.settimeout(30)
         receiver.bind(("127.0.0.1", port))
-        while last not in modes:
+        while last_mode not in modes:
             for message in parser.parse_buffer(receiver.recv(2048)) or []:
                 is_autopilot = message.get_type() == "HEARTBEAT" and message.get_srcComponent() == 1
                 if is_autopilot and message.custom_mode not in modes:
@@ -52,24 +52,24 @@ def modes_without_server(port: int, last: int) -> list[int]:
     return modes
 
 
-def upload_and_start(gcs: Any, drone: Any, action: int) -> tuple[str, dict[str, Any]]:
-    """Uploads the plan and starts it. Returns the text about a lost link, and the plan that the server
-    reports on the vehicle."""
-    for name, value in (("NAV_DLL_ACT", action), ("COM_DL_LOSS_T", 10)):
+def upload_and_start(gcs: Any, drone: Any, link_loss_action: int) -> tuple[str, dict[str, Any]]:
+    """Uploads the plan and starts it. Returns the server's text about a lost link, and the plan that the
+    server reports on the vehicle."""
+    for name, value in (("NAV_DLL_ACT", link_loss_action), ("COM_DL_LOSS_T", 10)):
         drone.request("PUT", f"/params/{name}", {"value": value})
     stored = gcs.request("POST", "/plans", {"name": "North", "plan": PLAN})
     drone.mission.upload(plan_id=stored["id"])
-    wait_until(lambda: drone.mission.state()["if_link_lost"], "the stated action")
-    before = drone.mission.state()
-    assert before["holds"]["plan"] == {"id": stored["id"], "version": 1, "name": "North"}
+    wait_until(lambda: drone.mission.state()["if_link_lost"], "the text about a lost link")
+    state_before = drone.mission.state()
+    assert state_before["holds"]["plan"] == {"id": stored["id"], "version": 1, "name": "North"}
     drone.mission.start(0)
     wait_until(lambda: drone.mission.state()["mission"]["current"] == 1, "the first leg", 60)
     assert drone.mission.state()["flight"]["client"] == "e2e"
-    return before["if_link_lost"], before["holds"]
+    return state_before["if_link_lost"], state_before["holds"]
 
 
 @pytest.mark.parametrize(
-    ("action", "stated", "modes"),
+    ("link_loss_action", "stated_action", "modes"),
     [
         (0, "The vehicle continues the mission (NAV_DLL_ACT 0).", [MISSION]),
         (
@@ -82,19 +82,19 @@ def upload_and_start(gcs: Any, drone: Any, action: int) -> tuple[str, dict[str, 
     ids=["continues", "returns"],
 )
 def test_after_a_killed_server_px4_acts_as_stated_and_the_next_server_monitors_the_flight_and_sends_nothing(
-    tmp_path: Path, action: int, stated: str, modes: list[int]
+    tmp_path: Path, link_loss_action: int, stated_action: str, modes: list[int]
 ) -> None:
     port, http_port = free_port(), free_port(socket.SOCK_STREAM)
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
     with vehicle(port, arguments=FAST):
-        with running(command) as first:
+        with running(command) as first_server:
             wait_until(lambda: is_up(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-                if_link_lost, holds = upload_and_start(gcs, drone, action)
-                assert if_link_lost == stated
-                end(first, signal.SIGKILL)
+                if_link_lost, holds = upload_and_start(gcs, drone, link_loss_action)
+                assert if_link_lost == stated_action
+                end(first_server, signal.SIGKILL)
         assert modes_without_server(port, modes[-1]) == modes
         with running(command):
             wait_until(lambda: is_up(url), "the second server")

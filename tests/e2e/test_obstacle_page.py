@@ -23,9 +23,9 @@ DOMAIN = 56
 NAMESPACE = f"box_{os.getpid()}"
 BOX_HEIGHT_M = 4.0
 """Height of the box in vehicle_sim/worlds/obstacle-box.yaml."""
-UP_M, GOAL_NORTH_M = 1.0, 10.0
-"""Position of the goal relative to the start; the other setpoints have the same height."""
-ARM_AT_S, TO_WAYPOINT_AT_S = 2.0, 8.0
+SETPOINT_UP_M, GOAL_NORTH_M = 1.0, 10.0
+"""Height of all setpoints, and distance of the last setpoint, relative to the start."""
+ARM_AT_S, TO_GOAL_AT_S = 2.0, 8.0
 """Times after the start of the setpoints: arming at 2 s, the setpoint at the goal at 8 s."""
 COUNT_DRAWN_LIDARS = """
 () => {
@@ -38,7 +38,7 @@ COUNT_DRAWN_LIDARS = """
 
 
 @pytest.fixture
-def landed() -> Iterator[Station]:
+def station_at_box() -> Iterator[Station]:
     """A vehicle in front of the box, connected to the server over MAVLink and ROS 2."""
     port = free_port()
     ros2 = ["--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
@@ -48,7 +48,7 @@ def landed() -> Iterator[Station]:
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-        drone.until(lambda v: v["reach"]["setpoints"] == "ROS 2", what="both links")
+        drone.until(lambda v: v["reach"]["setpoints"] == "ROS 2", what="setpoints over ROS 2 besides MAVLink")
         yield Station(url, gcs, drone)
 
 
@@ -65,9 +65,11 @@ class PositionRecorder:
         self.highest_m = max(self.highest_m, -down)
         return north, -down
 
-    def until(self, reached: Callable[[float, float], bool], what: str, deadline_s: float = 60.0) -> None:
-        """Waits until `reached` is true for the position north and up [m]."""
-        wait_until(lambda: reached(*self.north_up_m()), what, deadline_s)
+    def wait_until(
+        self, condition: Callable[[float, float], bool], what: str, deadline_s: float = 60.0
+    ) -> None:
+        """Waits until `condition` is true for the position north and up [m]."""
+        wait_until(lambda: condition(*self.north_up_m()), what, deadline_s)
 
 
 class Schedule:
@@ -76,58 +78,58 @@ class Schedule:
     def __init__(self) -> None:
         self._began_s = time.monotonic()
 
-    def wait_until(self, at_s: float) -> None:
+    def sleep_until(self, at_s: float) -> None:
         """Waits until this time; on a busy machine it may have passed."""
         time.sleep(max(0.0, self._began_s + at_s - time.monotonic()))
 
 
-def fly_to(page: Page, view: Locator, north_m: float, button: str) -> None:
-    """Sends a position by the form."""
-    for field, value in (("North", north_m), ("East", 0.0), ("Up", UP_M)):
+def send_position(page: Page, view: Locator, north_m: float, button: str) -> None:
+    """Enters a position in the form and presses this button."""
+    for field, value in (("North", north_m), ("East", 0.0), ("Up", SETPOINT_UP_M)):
         view.get_by_label(f"Position, {field}").fill(f"{value:g}")
     view.get_by_role("button", name=button).click()
 
 
 def test_the_vehicle_takes_off_stops_at_the_box_and_with_avoidance_flies_over_the_box(
-    browser: Browser, landed: Station
+    browser: Browser, station_at_box: Station
 ) -> None:
-    drone, position = landed.drone, PositionRecorder(landed.drone)
-    with open_page(browser, landed.url, size=(1280, 720)) as page:
+    drone, recorder = station_at_box.drone, PositionRecorder(station_at_box.drone)
+    with open_page(browser, station_at_box.url, size=(1280, 720)) as page:
         expect(page.locator(".pill b")).to_have_text("Ready")
         page.keyboard.press("p")
         view = page.get_by_role("region", name="Offboard view")
         expect(view.get_by_text("If the stream stops")).to_be_visible()
-        fly_to(page, view, 0.0, "Start…")
+        send_position(page, view, 0.0, "Start…")
         confirm_by_slider(page, view.get_by_role("button", name="Start…").click)
         drone.until(lambda v: v["status"]["mode"] == "offboard", what="Offboard")
         schedule = Schedule()
-        schedule.wait_until(ARM_AT_S)
-        assert position.north_up_m()[1] < 0.5 * UP_M, "the vehicle took off by setpoints alone"
+        schedule.sleep_until(ARM_AT_S)
+        assert recorder.north_up_m()[1] < 0.5 * SETPOINT_UP_M, "the vehicle took off by setpoints alone"
         arm = page.get_by_role("button", name="Arm", exact=True)
         arm.click()
         confirm_by_slider(page, arm.click)
-        position.until(lambda _, up_m: up_m > 0.7 * UP_M, "the take-off to one metre")
-        schedule.wait_until(TO_WAYPOINT_AT_S)
-        north_m, up_m = position.north_up_m()
+        recorder.wait_until(lambda _, up_m: up_m > 0.7 * SETPOINT_UP_M, "the take-off to one metre")
+        schedule.sleep_until(TO_GOAL_AT_S)
+        north_m, up_m = recorder.north_up_m()
         assert north_m < 1.5
-        assert up_m > 0.5 * UP_M, "the vehicle did not hover at one metre until the waypoint"
+        assert up_m > 0.5 * SETPOINT_UP_M, "the vehicle did not hover at one metre before the goal was sent"
 
-        fly_to(page, view, GOAL_NORTH_M, "Send")
+        send_position(page, view, GOAL_NORTH_M, "Send")
         page.keyboard.press("p")
         card = page.get_by_label("Offboard", exact=True)
-        avoid = card.get_by_label("Avoid obstacles")
-        expect(avoid).not_to_be_checked()
-        position.until(lambda north_m, _: north_m > 1.5, "the flight towards the box")
-        wait_until(lambda: lidar_ahead_m(drone) < 1.5 and is_slow(drone), "the stop")
+        avoidance_box = card.get_by_label("Avoid obstacles")
+        expect(avoidance_box).not_to_be_checked()
+        recorder.wait_until(lambda north_m, _: north_m > 1.5, "the flight towards the box")
+        wait_until(lambda: lidar_ahead_m(drone) < 1.5 and is_slow(drone), "the stop before the box")
         time.sleep(3)  # collision prevention keeps the vehicle at this distance
         assert lidar_ahead_m(drone) > 0.7, "the vehicle stopped less than 0.7 m before the box"
-        assert position.highest_m < 2.0
-        wait_until(lambda: scene(page).evaluate(COUNT_DRAWN_LIDARS) == 1, "the box as the lidar sees it", 40)
+        assert recorder.highest_m < 2.0
+        wait_until(lambda: scene(page).evaluate(COUNT_DRAWN_LIDARS) == 1, "the drawn lidar points", 40)
 
-        avoid.check()
-        position.until(lambda north_m, _: north_m > GOAL_NORTH_M - 1.0, "the flight over the box", 90)
-        assert position.highest_m > BOX_HEIGHT_M
-        expect(avoid).to_be_checked()
+        avoidance_box.check()
+        recorder.wait_until(lambda north_m, _: north_m > GOAL_NORTH_M - 1.0, "the flight over the box", 90)
+        assert recorder.highest_m > BOX_HEIGHT_M
+        expect(avoidance_box).to_be_checked()
         land = page.get_by_role("button", name="Land", exact=True)
         land.click()
         confirm_by_slider(page, land.click)

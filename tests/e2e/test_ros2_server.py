@@ -20,7 +20,7 @@ pytest.importorskip("cyclonedds")
 DOMAIN = 52
 NAMESPACE = f"server_{os.getpid()}"
 SIMULATOR = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
-NO_MAVLINK = ["--gcs-remote-port", "0", "--no-api", "--no-log"]
+WITHOUT_MAVLINK = ["--gcs-remote-port", "0", "--no-api", "--no-log"]
 SETPOINTS_OF_EVERY_TYPE: list[dict[str, Any]] = [
     {"type": "velocity", "velocity_ned_m_s": [1, 1, 0]},
     {"type": "velocity_body", "velocity_frd_m_s": [1, 0, 0]},
@@ -35,7 +35,7 @@ SETPOINTS_OF_EVERY_TYPE: list[dict[str, Any]] = [
 
 
 class VehicleApi:
-    """The server's API for the vehicle."""
+    """The server's API for the vehicle, which has the id 1."""
 
     def __init__(self, url: str, process: subprocess.Popen[bytes]) -> None:
         self.process = process
@@ -45,7 +45,7 @@ class VehicleApi:
         vehicles = self._http.get("/vehicles").json()
         return vehicles[0] if vehicles else {"topics": {}, "status": {}}
 
-    def value(self, topic: str) -> dict[str, Any]:
+    def topic_value(self, topic: str) -> dict[str, Any]:
         return self.vehicle()["topics"].get(topic, {}).get("value", {})
 
     def call(self, name: str, body: dict[str, Any], status: int = 200) -> dict[str, Any]:
@@ -53,58 +53,59 @@ class VehicleApi:
         assert response.status_code == status, response.text
         return response.json()
 
-    def start(self, setpoint: dict[str, Any]) -> None:
+    def start_stream(self, setpoint: dict[str, Any]) -> None:
         body = {"setpoint": setpoint, "valid_for_s": 20, "on_expiry": {"action": "hold"}}
         self.call("offboard/start", body)
 
-    def ready(self) -> bool:
-        return bool(self.value("health").get("ready_to_arm") and self.value("global_position"))
+    def is_ready(self) -> bool:
+        return bool(self.topic_value("health").get("ready_to_arm") and self.topic_value("global_position"))
 
     def take_off(self) -> None:
-        station.wait_until(self.ready, "readiness", 60.0)
+        station.wait_until(self.is_ready, "readiness", 60.0)
         self.call("takeoff", {"alt_home_m": 10})
-        station.wait_until(lambda: self.value("global_position")["alt_home_m"] > 8.5, "the climb")
+        station.wait_until(lambda: self.topic_value("global_position")["alt_home_m"] > 8.5, "the climb")
 
 
 @pytest.fixture
-def flight() -> Iterator[VehicleApi]:
+def api() -> Iterator[VehicleApi]:
     ports = ["--tcp-port", str(station.free_port())]
     with (
-        station.running([*SIMULATOR, *NO_MAVLINK, *ports]),
+        station.running([*SIMULATOR, *WITHOUT_MAVLINK, *ports]),
         station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process),
     ):
         yield VehicleApi(url, process)
 
 
 @pytest.mark.realtime
-def test_a_vehicle_connected_over_ros_2_only_flies_every_kind_of_setpoint_and_lands(
-    flight: VehicleApi,
+def test_a_vehicle_connected_over_ros_2_only_flies_every_type_of_setpoint_and_lands(
+    api: VehicleApi,
 ) -> None:
-    flight.take_off()
-    assert "not possible now" in flight.call("disarm", {}, 409)["detail"]
-    assert "no mission on the vehicle" in flight.call("mode", {"mode": "mission"}, 409)["detail"]
-    flight.start({"type": "position", "position_ned_m": [0, 0, -11]})
-    assert flight.vehicle()["offboard"]["sends_failed"] < 100
+    api.take_off()
+    assert "not possible now" in api.call("disarm", {}, 409)["detail"]
+    assert "no mission on the vehicle" in api.call("mode", {"mode": "mission"}, 409)["detail"]
+    api.start_stream({"type": "position", "position_ned_m": [0, 0, -11]})
+    assert api.vehicle()["offboard"]["sends_failed"] < 100
     for setpoint in SETPOINTS_OF_EVERY_TYPE:
         body = {"setpoint": setpoint, "valid_for_s": 20, "on_expiry": {"action": "hold"}}
-        flight.call("offboard/setpoint", body)
-        station.wait_until(lambda: flight.vehicle()["offboard"]["age_s"] > 0.5, "half a second")
-        vehicle = flight.vehicle()
+        api.call("offboard/setpoint", body)
+        station.wait_until(lambda: api.vehicle()["offboard"]["age_s"] > 0.5, "half a second")
+        vehicle = api.vehicle()
         assert (vehicle["status"]["mode"], vehicle["offboard"]["state"]) == ("offboard", "streaming")
-    target = (3.0, 0.0, -10.0)
+    last_ned_m = (3.0, 0.0, -10.0)
     station.wait_until(
-        lambda: math.dist(flight.value("local_position")["position_ned_m"], target) < 1.0, "the last position"
+        lambda: math.dist(api.topic_value("local_position")["position_ned_m"], last_ned_m) < 1.0,
+        "the arrival",
     )
-    flight.call("land", {})
-    station.wait_until(lambda: not flight.vehicle()["offboard"]["streaming"], "the end of the stream", 2.0)
-    station.wait_until(lambda: not flight.vehicle()["status"]["armed"], "the landing", 60.0)
+    api.call("land", {})
+    station.wait_until(lambda: not api.vehicle()["offboard"]["streaming"], "the end of the stream", 2.0)
+    station.wait_until(lambda: not api.vehicle()["status"]["armed"], "the landing", 60.0)
 
 
 @pytest.mark.realtime
-def test_a_killed_server_leaves_the_vehicle_to_its_failsafe(flight: VehicleApi) -> None:
-    flight.take_off()
-    flight.start({"type": "position", "position_ned_m": [0, 0, -11]})
-    flight.process.send_signal(signal.SIGKILL)
+def test_after_a_killed_server_the_vehicle_has_left_offboard_and_is_armed(api: VehicleApi) -> None:
+    api.take_off()
+    api.start_stream({"type": "position", "position_ned_m": [0, 0, -11]})
+    api.process.send_signal(signal.SIGKILL)
     with station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process):
         restarted = VehicleApi(url, process)
         station.wait_until(lambda: restarted.vehicle()["status"].get("mode"), "the vehicle's messages")
