@@ -28,15 +28,15 @@ from tools import build_page
 from tools.ensure_browser import installed_chromium
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-ARGUMENTS = [
+CHROMIUM_FLAGS = [
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--disable-gpu-compositing",
     "--disable-background-networking",
 ]
-"""Chromium renders WebGL in software. It composites the page without WebGL, because this would take another
-core."""
+"""Chromium renders WebGL in software. It composites the page without WebGL, because compositing with WebGL
+would take another core."""
 TIMEOUT_MS = 60_000
 """Chromium renders in software, and the machine may be busy."""
 
@@ -46,13 +46,13 @@ MEASURE_TIMEOUT_MS = 5_000
 MAX_ATTEMPTS = 6
 """Number of times that `confirm_by_slider` opens a confirmation."""
 
-COARSE = 0.5
+COARSE_PIXEL_RATIO = 0.5
 """Device pixels per CSS pixel: the layout is the same, and rendering map and 3D view takes a quarter of the
 CPU time."""
 
-MAX_TABS = 80
+MAX_TAB_PRESSES = 80
 
-SAME_CLIENT = """
+SET_CLIENT_ID = """
 sessionStorage.setItem('gcs.client-id', %s);
 sessionStorage.setItem('gcs.left', '1');
 """
@@ -91,7 +91,7 @@ def chromium() -> Generator[Browser]:
     expect.set_options(timeout=TIMEOUT_MS)
     with sync_playwright() as playwright:
         try:
-            browser = playwright.chromium.launch(executable_path=installed_chromium(), args=ARGUMENTS)
+            browser = playwright.chromium.launch(executable_path=installed_chromium(), args=CHROMIUM_FLAGS)
         except Error as error:
             pytest.fail(
                 "These tests need Chromium. Run: sudo apt-get install chromium  "
@@ -104,7 +104,7 @@ def chromium() -> Generator[Browser]:
 
 def same_client(client_id: str) -> str:
     """A script that gives the page this client id."""
-    return f"if (window === window.top) {{ {SAME_CLIENT % json.dumps(client_id)} }}"
+    return f"if (window === window.top) {{ {SET_CLIENT_ID % json.dumps(client_id)} }}"
 
 
 def press(control: Locator, key: str) -> None:
@@ -125,37 +125,37 @@ class PageMonitor:
     def __init__(self, page: Page, url: str) -> None:
         self.console_errors: list[str] = []
         self.foreign_requests: list[str] = []
-        self._own = urlsplit(url).netloc
+        self._server_address = urlsplit(url).netloc
         page.add_init_script(REPORT_CSP_VIOLATIONS)
-        page.on("console", self._console)
+        page.on("console", self._record_console_error)
         page.on("pageerror", lambda error: self.console_errors.append(str(error)))
         page.on("request", lambda request: self._record_request(request.url))
         page.on("websocket", lambda socket: self._record_request(socket.url))
 
-    def _console(self, message: ConsoleMessage) -> None:
+    def _record_console_error(self, message: ConsoleMessage) -> None:
         if message.type == "error" and not self._is_expected(message):
             self.console_errors.append(f"{message.text} {message.location['url']}")
 
     @staticmethod
     def _is_expected(message: ConsoleMessage) -> bool:
-        """Whether Chromium reports an expected response as an error: a refusal, or a vehicle that was just
+        """Whether this error is expected, such as a refused request or a request for a vehicle that was just
         removed."""
         if re.search("status of (409|503)", message.text):
             return True
-        is_file = re.search("/api/v1/plans/(import|insert|table)", message.location["url"])
-        if "status of 422" in message.text and is_file:
+        is_plan_file = re.search("/api/v1/plans/(import|insert|table)", message.location["url"])
+        if "status of 422" in message.text and is_plan_file:
             return True  # an unreadable file, or a mission that cannot be inserted
         if message.text.startswith("Tried to update non-existent component"):
-            return True  # viser's client, when it renders slower than labels change: the next update is shown
+            return True  # viser's client renders slower than labels change, and shows the next update
         return "status of 404" in message.text and "/api/v1/vehicles/" in message.location["url"]
 
     def _record_request(self, url: str) -> None:
-        parts = urlsplit(url)
-        if parts.scheme not in ("data", "blob") and parts.netloc != self._own:
+        address = urlsplit(url)
+        if address.scheme not in ("data", "blob") and address.netloc != self._server_address:
             self.foreign_requests.append(url)
 
     def check(self) -> None:
-        """Fails if the page sent a request to another machine, logged an error, or violated the policy."""
+        """Fails if the page sent a request to another machine, logged an error or violated its policy."""
         assert not self.foreign_requests, self.foreign_requests
         assert not self.console_errors, self.console_errors
 
@@ -182,14 +182,14 @@ def open_page(
         scene: False: the 3D view is not available. Rendering the view in software takes most of a small
             machine.
         script: JavaScript that runs before the scripts of the page.
-        client_id: id of the client. The default is the id of the test's programs, so the page controls their
-            vehicles.
+        client_id: id of the client. The default is the id of the test's programs, so that the page also has
+            control of their vehicles.
         coarse: whether to render with few pixels; False for pictures in the documentation.
     """
     context = browser.new_context(
         viewport={"width": size[0], "height": size[1]},
         color_scheme=theme,
-        device_scale_factor=COARSE if coarse else 1,
+        device_scale_factor=COARSE_PIXEL_RATIO if coarse else 1,
     )
     context.set_default_timeout(TIMEOUT_MS)
     page = context.new_page()
@@ -254,7 +254,7 @@ def hold_space(page: Page) -> None:
 
 
 def first_number(text: str) -> float:
-    """The first number in a text of the page (which uses the typographic minus).
+    """The first number in a text of the page, which has typographic minus signs.
 
     Raises:
         ValueError: the text has no number.
@@ -266,7 +266,7 @@ def first_number(text: str) -> float:
 
 
 def shown_value(parent: Locator, label: str) -> float:
-    """The value with this label, as displayed."""
+    """The value that the page displays with this label."""
     return first_number(
         parent.locator(".value", has=parent.page.get_by_text(label, exact=True)).locator(".text").inner_text()
     )
@@ -280,8 +280,8 @@ def scene(page: Page) -> Frame:
 
 
 def violations_in_both_themes(page: Page) -> list[str]:
-    """`serious_violations` of the current page in the dark and the light theme. The page must be dark, and is
-    dark afterwards."""
+    """`serious_violations` of the current page in the dark and the light theme. The page must be dark before,
+    and is dark afterwards."""
     found = serious_violations(page)
     page.emulate_media(color_scheme="light")
     if page.locator("html[data-theme]").count():  # only the dashboard; other pages use the media query
@@ -294,11 +294,11 @@ def violations_in_both_themes(page: Page) -> list[str]:
 def tab_to(page: Page, name: str) -> None:
     """Presses Tab until the button or field with this name has the focus."""
     focused_name = "() => document.activeElement.ariaLabel ?? document.activeElement.textContent.trim()"
-    for _ in range(MAX_TABS):
+    for _ in range(MAX_TAB_PRESSES):
         page.keyboard.press("Tab")
         if page.evaluate(focused_name) == name:
             return
-    pytest.fail(f"{MAX_TABS} presses of Tab did not reach {name!r}")
+    pytest.fail(f"{MAX_TAB_PRESSES} presses of Tab did not reach {name!r}")
 
 
 def serious_violations(page: Page) -> list[str]:

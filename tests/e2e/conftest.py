@@ -1,4 +1,4 @@
-"""A station for the end-to-end tests: real processes, real sockets, at three times real time."""
+"""Fixtures of the end-to-end tests: Chromium, and a station of real processes at three times real time."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tests.station import free_port, server, vehicle
 from tools import build_page
 
 os.environ["GCS_CLIENT_ID"] = "e2e"
-"""All programs and pages of a test are one client, which has control of the vehicle, unless the test sets
-another id."""
+"""All programs and pages of a test are one client, which has control of the vehicle, unless the test gives
+one of them another id."""
 
 
 @pytest.fixture(scope="module")

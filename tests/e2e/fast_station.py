@@ -16,7 +16,7 @@ FAST = ["--speed", str(SPEED), "--no-log"]
 
 @dataclass(frozen=True)
 class Station:
-    """A test's server, with its URL and a client, and the test's vehicle."""
+    """URL of a test's server, a client of this server, and the test's vehicle."""
 
     url: str
     gcs: SyncGcs
@@ -33,8 +33,8 @@ def take_off_to_hold(drone: Any, height_m: float = 10) -> None:
 
 
 def move_aside(drone: SyncVehicle, east_m: float) -> None:
-    """Flies a vehicle to the east; it ends in Hold. Simulated vehicles take off 3 m apart, which is too near
-    for a group on a busy machine."""
-    n, e, d = drone.position_ned_m()
-    with drone.offboard(position_ned_m=(n, e + east_m, d), valid_for_s=60):
+    """Flies a vehicle to the east, and leaves it in Hold. Simulated vehicles take off 3 m apart, which is too
+    near for a group on a busy machine."""
+    north, east, down = drone.position_ned_m()
+    with drone.offboard(position_ned_m=(north, east + east_m, down), valid_for_s=60):
         drone.until(lambda v: (v["offboard"]["health"]["position_error_m"] or 9.0) < 1.0, what="the position")

@@ -45,7 +45,7 @@ class Target:
         return sent
 
     def websocket(self, path: str = "/api/v1/telemetry?client_id=hostile") -> socket.socket:
-        """An open WebSocket, or the server's refusal."""
+        """Requests a WebSocket; returns its connection without waiting for the server's reply."""
         connection = self.connect()
         key = base64.b64encode(os.urandom(16))
         connection.sendall(
@@ -54,8 +54,8 @@ class Target:
         )
         return connection
 
-    def release(self) -> None:
-        """Closes all connections."""
+    def close_connections(self) -> None:
+        """Closes all connections of the attack."""
         for connection in self.connections:
             connection.close()
         self.connections.clear()
@@ -86,8 +86,8 @@ def read_response(connection: socket.socket, timeout_s: float = 5.0) -> bytes:
     connection.settimeout(timeout_s)
     response = b""
     with contextlib.suppress(OSError):
-        while piece := connection.recv(65536):
-            response += piece
+        while received := connection.recv(65536):
+            response += received
     return response
 
 
@@ -167,13 +167,13 @@ def slow_bodies(target: Target) -> None:
 
 def slow_headers(target: Target) -> None:
     connections = [target.connect() for _ in range(50)]
-    for letter in b"x-slow: 1":
+    for byte in b"x-slow: 1":
         for connection in connections:
-            target.send(connection, bytes([letter]))
+            target.send(connection, bytes([byte]))
         time.sleep(0.2)
 
 
-def malformed(target: Target) -> None:
+def malformed_requests(target: Target) -> None:
     for _ in range(1000):
         with contextlib.suppress(OSError):
             connection = target.connect()
@@ -181,7 +181,7 @@ def malformed(target: Target) -> None:
             connection.close()
 
 
-def pipelining(target: Target) -> None:
+def pipelined_requests(target: Target) -> None:
     for _ in range(4):
         connection = target.connect()
         target.send(connection, (GET + b"\r\n") * 20_000, 3)
@@ -245,8 +245,8 @@ ATTACKS: list[Callable[[Target], None]] = [
     largest_json,
     slow_bodies,
     slow_headers,
-    malformed,
-    pipelining,
+    malformed_requests,
+    pipelined_requests,
     unread_responses,
     unread_websocket,
     unread_offboard,
@@ -264,23 +264,23 @@ ATTACKS: list[Callable[[Target], None]] = [
 class Effects:
     """Effects of an attack on another client and on the server's memory."""
 
-    longest_s: float = 0.0
-    """Longest response time of the requests that each opened a new connection."""
-    longest_pause_s: float = 0.0
-    """Longest response time of the requests on one open connection: the longest delay of the server's event
-    loop."""
-    served: int = 0
+    longest_response_s: float = 0.0
+    """Longest response time of a request on a new connection."""
+    longest_loop_delay_s: float = 0.0
+    """Longest response time of a request on the connection that stays open, which shows the longest delay of
+    the server's event loop."""
+    served_count: int = 0
     """Number of requests on new connections with status 200."""
     failures: list[str] = field(default_factory=list[str])
-    """Beginnings of all other responses on new connections."""
+    """The first bytes of each response on a new connection with another status."""
     memory_mb: float = 0.0
     """Largest increase of the resident memory of the server's process [MB]."""
 
 
 @contextlib.contextmanager
-def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Effects]:
-    """Runs an attack from another process to its end, then the block. Measures the effects on another client
-    during both."""
+def running_attack(target: Target, attack: str, headers: bytes = b"") -> Generator[Effects]:
+    """Runs an attack in another process to its end, then the block. Measures the effects on another client
+    during the attack and the block."""
     effects, stopped = Effects(), threading.Event()
     before_mb = target.memory_mb()
     request = b"GET /api/v1/me HTTP/1.1\r\nHost: localhost\r\n" + headers
@@ -295,11 +295,11 @@ def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Eff
                 connection.sendall(request + b"Connection: close\r\n\r\n")
                 response = read_response(connection, 20)
                 if response.startswith(b"HTTP/1.1 200"):
-                    effects.served += 1
+                    effects.served_count += 1
                 else:
                     effects.failures.append(response[:60].decode(errors="replace"))
                 connection.close()
-            effects.longest_s = max(effects.longest_s, time.monotonic() - began_s)
+            effects.longest_response_s = max(effects.longest_response_s, time.monotonic() - began_s)
             stopped.wait(0.02)
 
     def measure_open_connection() -> None:
@@ -314,12 +314,12 @@ def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Eff
                 connection.close()
                 connection = socket.create_connection((HOST, target.port), timeout=20)
                 continue
-            effects.longest_pause_s = max(effects.longest_pause_s, time.monotonic() - began_s)
+            effects.longest_loop_delay_s = max(effects.longest_loop_delay_s, time.monotonic() - began_s)
             effects.memory_mb = max(effects.memory_mb, target.memory_mb() - before_mb)
             stopped.wait(0.01)
         connection.close()
 
-    threads = [threading.Thread(target=work) for work in (measure_new_connections, measure_open_connection)]
+    threads = [threading.Thread(target=task) for task in (measure_new_connections, measure_open_connection)]
     for thread in threads:
         thread.start()
     command = [sys.executable, "-m", "tests.e2e.hostile", str(target.port), str(target.pid), attack]
@@ -333,11 +333,11 @@ def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Eff
 
 
 def main(port: str, pid: str, name: str) -> None:
-    """Runs one attack and keeps its connections for a second."""
+    """Runs one attack and keeps its connections open for another second."""
     target = Target(int(port), int(pid))
     next(attack for attack in ATTACKS if attack.__name__ == name)(target)
     time.sleep(1.0)
-    target.release()
+    target.close_connections()
 
 
 if __name__ == "__main__":

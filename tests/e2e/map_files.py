@@ -14,14 +14,14 @@ from pathlib import Path
 def png(colour: tuple[int, int, int], side: int = 256) -> bytes:
     """A square PNG of one colour."""
 
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
     rows = (b"\0" + bytes(colour) * side) * side
-    head = struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
+    header_data = struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
     return (
         b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", head)
+        + chunk(b"IHDR", header_data)
         + chunk(b"IDAT", zlib.compress(rows))
         + chunk(b"IEND", b"")
     )
@@ -30,18 +30,18 @@ def png(colour: tuple[int, int, int], side: int = 256) -> bytes:
 def write_pmtiles(path: Path, picture: bytes) -> None:
     """Writes a map of the whole world: one tile of zoom 0."""
     metadata = gzip.compress(json.dumps({"attribution": "© Red Survey"}).encode())
-    # One entry: tile 0, run of 1, its length, and its offset plus one; the length is a varint.
+    # The directory has one entry: tile 0, run length 1, size in bytes as a varint, and offset plus one.
     size = len(picture)
-    varint = bytearray()
+    size_varint = bytearray()
     while size >= 0x80:
-        varint.append(size & 0x7F | 0x80)
+        size_varint.append(size & 0x7F | 0x80)
         size >>= 7
-    varint.append(size)
-    root = gzip.compress(bytes([1, 0, 1]) + bytes(varint) + bytes([1]))
-    offsets = [127, 127 + len(root), 127 + len(root) + len(metadata)]
-    numbers = [
+    size_varint.append(size)
+    root_directory = gzip.compress(bytes([1, 0, 1]) + bytes(size_varint) + bytes([1]))
+    offsets = [127, 127 + len(root_directory), 127 + len(root_directory) + len(metadata)]
+    header_numbers = [
         offsets[0],
-        len(root),
+        len(root_directory),
         offsets[1],
         len(metadata),
         offsets[2],
@@ -52,9 +52,9 @@ def write_pmtiles(path: Path, picture: bytes) -> None:
         1,
         1,
     ]
-    header = b"PMTiles" + bytes([3]) + struct.pack("<11Q", *numbers) + bytes([1, 2, 1, 2, 0, 0])
+    header = b"PMTiles" + bytes([3]) + struct.pack("<11Q", *header_numbers) + bytes([1, 2, 1, 2, 0, 0])
     header += struct.pack("<4i", -1_800_000_000, -850_000_000, 1_800_000_000, 850_000_000)
-    path.write_bytes(header + bytes([0]) + struct.pack("<2i", 0, 0) + root + metadata + picture)
+    path.write_bytes(header + bytes([0]) + struct.pack("<2i", 0, 0) + root_directory + metadata + picture)
 
 
 def write_mbtiles(path: Path, picture: bytes) -> None:

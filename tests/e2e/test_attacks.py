@@ -1,7 +1,7 @@
-"""Attacks on running servers: all are refused, no vehicle moves, and no data leaves the machine.
+"""Attacks on running servers: the servers refuse them, no vehicle moves, and no data leaves the machine.
 
-Two servers, each with a vehicle that is ready to arm: one with the default settings on loopback, and one that
-listens on all addresses and requires a token.
+The tests attack two servers, each with a vehicle that is ready to arm: one with the default settings on
+loopback, and one that listens on all addresses and requires a token.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ from tests.support.viser_camera import CAMERA
 pytestmark = pytest.mark.story
 
 VEHICLE = "101"
-VISER = Subprotocol(f"viser-v{viser.__version__}")
+TCP_LISTEN = "0A"  # state of a socket in /proc/net/tcp
+VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
 COMMANDS: list[tuple[str, str, dict[str, Any] | None]] = [
     ("POST", f"/api/v1/vehicles/{VEHICLE}/arm", None),
@@ -48,10 +49,10 @@ COMMANDS: list[tuple[str, str, dict[str, Any] | None]] = [
     ("POST", "/api/v1/links", {"url": "udpin://127.0.0.1:0"}),
     ("POST", "/scene/view/attack", {"mode": "top"}),
 ]
-READS = ["/", "/docs", "/docs/reference.js", "/api/v1/openapi.json", "/api/v1/health", "/api/v1/vehicles"]
-READS += ["/api/v1/journal", "/scene/", "/nothing"]
-STREAMS = ["/api/v1/telemetry", "/scene/"]
-FOREIGN = ["http://evil.example", "null", "http://localhost:1", "http://localhost.evil.example"]
+READ_PATHS = ["/", "/docs", "/docs/reference.js", "/api/v1/openapi.json", "/api/v1/health"]
+READ_PATHS += ["/api/v1/vehicles", "/api/v1/journal", "/scene/", "/nothing"]
+WEBSOCKET_PATHS = ["/api/v1/telemetry", "/scene/"]
+FOREIGN_ORIGINS = ["http://evil.example", "null", "http://localhost:1", "http://localhost.evil.example"]
 
 
 @dataclass
@@ -85,21 +86,21 @@ class AttackedServer:
         return {"Authorization": f"Bearer {self.token}"} if self.token else {}
 
     def statuses(self, headers: dict[str, str], *, reads: bool = True, query: str = "") -> set[int]:
-        """The statuses of all requests with these headers."""
+        """The statuses of the responses to all requests with these headers."""
         found: set[int] = set()
         with httpx.Client(verify=False, base_url=self.url, headers=headers, timeout=30) as client:
             for method, path, body in COMMANDS:
                 found.add(client.request(method, path + query, json=body).status_code)
-            for path in READS if reads else []:
+            for path in READ_PATHS if reads else []:
                 found.add(client.get(path).status_code)
-        return found | {asyncio.run(self.handshake(path + query, headers)) for path in STREAMS}
+        return found | {asyncio.run(self.handshake(path + query, headers)) for path in WEBSOCKET_PATHS}
 
     async def handshake(self, path: str, headers: dict[str, str]) -> int:
-        """101 for an open WebSocket, otherwise the status of the refusal."""
+        """Requests a WebSocket; returns 101 if the server opens it, otherwise the status of the refusal."""
         other_headers = {name: value for name, value in headers.items() if name != "Host"}
         # The host in the address becomes the Host header; the connection goes to this server.
         address = f"ws://{headers.get('Host', f'127.0.0.1:{self.port}')}{path}"
-        protocols = [VISER] if path.startswith("/scene/") else None
+        protocols = [VISER_PROTOCOL] if path.startswith("/scene/") else None
         try:
             async with connect(
                 address,
@@ -125,8 +126,8 @@ class AttackedServer:
         assert remote_addresses(self.process.pid) == set()
 
 
-def processes(root: int) -> set[int]:
-    """The process and all its descendants."""
+def pids_of_tree(root: int) -> set[int]:
+    """Process ids of the process and all its descendants."""
     parents: dict[int, int] = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
@@ -141,7 +142,7 @@ def tcp_sockets(root: int) -> list[tuple[str, str, str]]:
     """Local address, remote address and state of all TCP sockets of the process and its descendants, from
     /proc."""
     inodes: set[str] = set()
-    for process in processes(root):
+    for process in pids_of_tree(root):
         for link in Path(f"/proc/{process}/fd").iterdir():
             with contextlib.suppress(OSError):
                 inodes.add(str(link.readlink()).removeprefix("socket:[").removesuffix("]"))
@@ -159,8 +160,8 @@ def remote_addresses(root: int) -> set[str]:
 
 @contextlib.contextmanager
 def running_server(folder: Path, *, exposed: bool) -> Iterator[AttackedServer]:
-    port, mavlink = free_port(socket.SOCK_STREAM), free_port()
-    command = server_command(port, [f"udpin://127.0.0.1:{mavlink}"], folder)
+    port, mavlink_port = free_port(socket.SOCK_STREAM), free_port()
+    command = server_command(port, [f"udpin://127.0.0.1:{mavlink_port}"], folder)
     command += ["--host", "0.0.0.0"] if exposed else []
     environment = {name: value for name, value in os.environ.items() if not name.startswith("GCS_")}
     output_file = folder / "output.txt"
@@ -169,7 +170,7 @@ def running_server(folder: Path, *, exposed: bool) -> Iterator[AttackedServer]:
         running(
             command, stdout=out, stderr=subprocess.STDOUT, env=environment | {"TMPDIR": str(folder)}
         ) as process,
-        vehicle(mavlink, arguments=FAST),
+        vehicle(mavlink_port, arguments=FAST),
     ):
         wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
         token = (folder / "token").read_text().strip() if exposed else None
@@ -195,9 +196,9 @@ def targets(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Atta
 @pytest.fixture(params=["loopback", "exposed"])
 def target(targets: dict[str, AttackedServer], request: pytest.FixtureRequest) -> Iterator[AttackedServer]:
     """Each of the two servers; checks after the test that nothing has changed."""
-    found = targets[request.param]
-    yield found
-    found.assert_nothing_changed()
+    server = targets[request.param]
+    yield server
+    server.assert_nothing_changed()
 
 
 @pytest.fixture
@@ -212,10 +213,10 @@ def exposed(targets: dict[str, AttackedServer]) -> Iterator[AttackedServer]:
     targets["exposed"].assert_nothing_changed()
 
 
-@pytest.mark.parametrize("origin", FOREIGN)
-def test_pages_of_other_sites_are_refused(target: AttackedServer, origin: str) -> None:
-    """The server refuses them even with valid credentials: a browser adds the cookie by itself, and a token
-    may be stolen."""
+@pytest.mark.parametrize("origin", FOREIGN_ORIGINS)
+def test_requests_of_pages_of_other_sites_are_refused(target: AttackedServer, origin: str) -> None:
+    """The server refuses the requests even with valid credentials: a browser adds the cookie by itself, and a
+    token may be stolen."""
     for credentials in ({}, target.cookie | target.bearer):
         assert target.statuses({**credentials, "Origin": origin}) == {403}
 
@@ -232,11 +233,11 @@ def test_a_rebound_host_name_is_refused(targets: dict[str, AttackedServer], name
     """DNS rebinding: another name resolves to this server. The request's Origin equals its Host, and it has
     no cookie."""
     # A WebSocket that is refused before it is accepted always gets status 403.
-    for target, refused in ((targets["loopback"], {403}), (targets["exposed"], {401, 403})):
+    for target, statuses in ((targets["loopback"], {403}), (targets["exposed"], {401, 403})):
         host = name.format(target.port)
         rebound = {"Host": host, "Origin": f"http://{host}"}
-        assert target.statuses(rebound) == refused
-        assert target.statuses({"Host": host}) == refused
+        assert target.statuses(rebound) == statuses
+        assert target.statuses({"Host": host}) == statuses
         target.assert_nothing_changed()
 
 
@@ -255,7 +256,7 @@ def test_requests_without_a_valid_token_are_refused(exposed: AttackedServer) -> 
     ]
     for headers in invalid_headers:
         assert exposed.statuses(headers) == {401, 403}, headers
-    # The link signs a browser in, which then repeats the request: the link itself commands nothing.
+    # An address with the token only signs the browser in; the request itself has no effect.
     assert exposed.statuses({}, reads=False, query=f"?token={exposed.token}") == {401, 403}
     with SyncGcs(exposed.url, token="wrong") as gcs, pytest.raises(NotAllowed, match="Bearer"):
         gcs.vehicles()
@@ -270,44 +271,44 @@ def test_direct_access_to_viser_is_refused(target: AttackedServer) -> None:
         int(local.rpartition(":")[2], 16)
         for pid in process_tree(target.process.pid)
         for local, _, state in tcp_sockets(pid)
-        if state == "0A"
+        if state == TCP_LISTEN
     }
-    assert listening == {target.port}, "the proxy is the only access"
+    assert listening == {target.port}, "a process of the server listens on another port"
     (path,) = target.folder.glob("gcs-scene-*/s")
     assert path.parent.stat().st_mode & 0o077 == 0
-    secrets = [{}, {"X-Scene-Secret": "guess"}, target.bearer or {"X-Scene-Secret": ""}]
+    invalid_headers = [{}, {"X-Scene-Secret": "guess"}, target.bearer or {"X-Scene-Secret": ""}]
 
     async def handshake(headers: dict[str, str]) -> int:
         try:
             async with unix_connect(
-                str(path), "ws://scene/", subprotocols=[VISER], additional_headers=headers
+                str(path), "ws://scene/", subprotocols=[VISER_PROTOCOL], additional_headers=headers
             ):
                 return 101
         except InvalidStatus as refused:
             return refused.response.status_code
 
     with httpx.Client(transport=httpx.HTTPTransport(uds=str(path))) as client:
-        for headers in secrets:
+        for headers in invalid_headers:
             assert client.get("http://scene/", headers=headers).status_code == 403
             assert asyncio.run(handshake(headers)) == 403
 
 
-def types_in(data: bytes) -> set[str]:
-    """viser's messages in one frame: two lengths, then compressed messages, then buffers."""
+def message_types(data: bytes) -> set[str]:
+    """Types of viser's messages in one frame, which has two lengths, compressed messages and buffers."""
     size, compressed = int.from_bytes(data[:8], "little"), int.from_bytes(data[8:16], "little")
     inner = ZstdDecompressor().decompress(data[16 : 16 + compressed], max_output_size=size)
     return {message["type"] for message in msgspec.msgpack.decode(inner)["messages"]}
 
 
 def test_a_share_request_opens_no_tunnel(target: AttackedServer) -> None:
-    before = processes(target.process.pid)
+    before = pids_of_tree(target.process.pid)
 
-    async def share() -> set[str]:
-        types: set[str] = set()
+    async def request_share() -> set[str]:
+        received_types: set[str] = set()
         async with connect(
             f"ws://127.0.0.1:{target.port}/scene/",
             additional_headers=target.page_headers,
-            subprotocols=[VISER],
+            subprotocols=[VISER_PROTOCOL],
             max_size=None,
         ) as stream:
             for kind in ("ShareUrlRequest", "ShareUrlDisconnect", "ShareUrlRequest"):
@@ -315,17 +316,17 @@ def test_a_share_request_opens_no_tunnel(target: AttackedServer) -> None:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             # The scene replies to the camera message, which was sent after the share requests.
             async with asyncio.timeout(15):
-                while "SetCameraPositionMessage" not in types:
-                    types |= types_in(await stream.recv())
+                while "SetCameraPositionMessage" not in received_types:
+                    received_types |= message_types(await stream.recv())
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(1):
                     while True:
-                        types |= types_in(await stream.recv())
-        return types
+                        received_types |= message_types(await stream.recv())
+        return received_types
 
-    types = asyncio.run(share())
-    assert not [kind for kind in types if "Share" in kind]
-    assert processes(target.process.pid) == before, "viser's tunnel is a separate process"
+    received_types = asyncio.run(request_share())
+    assert not [kind for kind in received_types if "Share" in kind]
+    assert pids_of_tree(target.process.pid) == before, "a process was started, such as viser's tunnel"
     assert remote_addresses(target.process.pid) == set()
 
 
@@ -334,16 +335,16 @@ def send_until_acknowledged(client: httpx.Client, command: str) -> None:
     moment."""
     statuses: list[int] = []
 
-    def acknowledged() -> bool:
+    def is_acknowledged() -> bool:
         statuses.append(client.post(f"/{VEHICLE}/{command}", timeout=30).status_code)
         return statuses[-1] != httpx.codes.SERVICE_UNAVAILABLE
 
-    wait_until(acknowledged, f"an acknowledgement of {command}")
+    wait_until(is_acknowledged, f"an acknowledgement of {command}")
     assert statuses[-1] == httpx.codes.OK
 
 
 def test_after_all_attacks_authorized_commands_work(targets: dict[str, AttackedServer]) -> None:
-    """Runs last and shows that the vehicles could have moved during all attacks."""
+    """This test runs last; it shows that the vehicles could have moved during the attacks."""
     for target in targets.values():
         for headers in (target.bearer, target.page_headers):
             with httpx.Client(
@@ -352,7 +353,7 @@ def test_after_all_attacks_authorized_commands_work(targets: dict[str, AttackedS
                 send_until_acknowledged(client, "arm")
                 assert client.get(f"/{VEHICLE}").json()["status"]["armed"] is True
                 send_until_acknowledged(client, "disarm")
-        assert {asyncio.run(target.handshake(path, target.page_headers)) for path in STREAMS} == {101}
+        assert {asyncio.run(target.handshake(path, target.page_headers)) for path in WEBSOCKET_PATHS} == {101}
 
 
 @pytest.mark.realtime

@@ -1,4 +1,4 @@
-"""Control by the Python client with a real server: requests, grants, denials, force."""
+"""The Python client requests, grants, denies, takes and releases control; the server is a real process."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def test_control_is_requested_and_granted_denied_or_taken_by_force(url: str) -> 
             assert bob.take(force=True)["yours"]
             with pytest.raises(Refused):
                 anna.grant("bob")
-        assert bob.show()["holder"] == "bob", "a program without control released it at the end of its block"
+        assert bob.show()["holder"] == "bob", "the end of anna's block released control although bob had it"
 
 
-def test_a_program_that_waits_for_control_gets_it_when_it_is_granted(url: str) -> None:
+def test_a_program_that_waits_for_control_gets_it_if_granted_and_an_error_if_denied(url: str) -> None:
     async def scenario() -> None:
         async with (
             Gcs(url, client="anna", client_id="a2") as anna_gcs,
@@ -72,11 +72,11 @@ def test_a_program_that_waits_for_control_gets_it_when_it_is_granted(url: str) -
     asyncio.run(scenario())
 
 
-def test_the_end_of_a_program_releases_control_for_the_next(url: str) -> None:
-    for name in ("first", "second"):
-        with SyncGcs(url, client=name, client_id=name) as gcs:
+def test_the_end_of_a_program_releases_control_for_the_next_program(url: str) -> None:
+    for client in ("first", "second"):
+        with SyncGcs(url, client=client, client_id=client) as gcs:
             gcs.vehicle("101").set_mode("hold")
-            assert gcs.vehicle("101").control.show()["holder"] == name
+            assert gcs.vehicle("101").control.show()["holder"] == client
 
 
 def test_an_error_in_the_block_is_raised_and_control_is_released(url: str) -> None:

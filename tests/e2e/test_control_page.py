@@ -1,4 +1,4 @@
-"""Two operators with one vehicle: control is requested, granted, refused with a reason, taken by force."""
+"""Two operators with one vehicle: one requests control, the other grants it, and later takes it by force."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def url() -> Iterator[str]:
 
 def set_name(page: Page, name: str) -> None:
     page.get_by_title("Who may command this vehicle (C)").click()
-    field = page.get_by_label("Your name, as others see it")
-    field.fill(name)
-    field.press("Enter")
+    name_field = page.get_by_label("Your name, as others see it")
+    name_field.fill(name)
+    name_field.press("Enter")
     page.keyboard.press("Escape")
-    expect(field).to_be_hidden()
+    expect(name_field).to_be_hidden()
 
 
-def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(url: str) -> None:
+def test_a_command_needs_control_which_is_requested_granted_and_taken_by_force(url: str) -> None:
     with chromium() as browser, open_page(browser, url, scene=False, client_id="anna's tab") as anna:
         with open_page(browser, url, scene=False, client_id="bob's tab") as bob:
             for page, name in ((anna, "Anna"), (bob, "Bob")):
@@ -42,7 +42,7 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
             expect(anna.get_by_role("button", name="You have control")).to_be_visible()
             expect(bob.get_by_role("button", name="Anna has control")).to_be_visible()
 
-            # an operator without control sees why and what to do; some commands need no control
+            # Bob has no control: the page says why Arm is refused and what to do. Hold needs no control.
             bob.get_by_role("button", name="Arm", exact=True).click()
             alert = bob.get_by_role("alert").filter(has_text="Another client has control")
             expect(alert).to_contain_text("Anna has control of this vehicle. Request control")
@@ -50,7 +50,7 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
             notice = anna.get_by_text("Bob commanded Hold of vehicle 101; Anna still has control.")
             expect(notice).to_be_visible()
 
-            # requested by keyboard, with a reason; force is refused while the other is connected
+            # Bob requests control by keyboard, with a reason. While Anna is connected, he cannot use force.
             bob.keyboard.press("c")
             expect(bob.get_by_text("Anna is connected, so request control first.")).to_be_visible()
             expect(bob.get_by_role("button", name="Take control by force …")).to_be_hidden()
@@ -73,7 +73,7 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
                     gcs.vehicle("101").set_mode("position")
                 gcs.vehicle("101").hold()
 
-        # Bob's page is closed, so Bob cannot reply to a request
+        # Bob's page is closed: Bob cannot reply to a request, so Anna can take control by force.
         with SyncGcs(url, client="look") as gcs:
             wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob to leave")
         anna.keyboard.press("c")
@@ -82,9 +82,9 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
         hold_space(anna)
         expect(anna.get_by_role("button", name="You have control")).to_be_visible()
         with SyncGcs(url, client="look") as gcs:
-            lines = gcs.request("GET", "/journal")["entries"]
-        taken = next(line for line in lines if line["command"] == "control/take")
-        assert (taken["client"], taken["arguments"]["force"], taken["result"]) == ("Anna", True, "ok")
+            journal_entries = gcs.request("GET", "/journal")["entries"]
+        take = next(entry for entry in journal_entries if entry["command"] == "control/take")
+        assert (take["client"], take["arguments"]["force"], take["result"]) == ("Anna", True, "ok")
 
         # the same tab after a reload is the same client
         anna.reload()

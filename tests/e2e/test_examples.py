@@ -16,7 +16,7 @@ pytestmark = pytest.mark.realtime
 
 
 @pytest.mark.parametrize(("example", "height_m"), [("first_flight", 5.0), ("hover_and_land", 1.0)])
-def test_the_example_flies_and_ends_disarmed_on_the_ground(
+def test_the_flight_example_reaches_its_height_and_ends_disarmed_on_the_ground(
     station: Any, example: str, height_m: float
 ) -> None:
     command = [
@@ -36,8 +36,8 @@ def test_the_example_flies_and_ends_disarmed_on_the_ground(
     assert not state["status"]["armed"]
     assert state["status"]["landed_state"] == "on_ground"
     history = station.drone.request("GET", "/history?topics=local_position&since_unix_s=0")
-    heights = [-sample["value"]["position_ned_m"][2] for sample in history["samples"]]
-    assert max(heights) == pytest.approx(height_m, abs=0.8)
+    heights_m = [-sample["value"]["position_ned_m"][2] for sample in history["samples"]]
+    assert max(heights_m) == pytest.approx(height_m, abs=0.8)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_the_example_flies_and_ends_disarmed_on_the_ground(
         ("survey", [], "Uploaded and verified"),
     ],
 )
-def test_the_example_flies_its_plan_and_lands(
+def test_the_plan_example_flies_its_plan_and_lands(
     station: Any, example: str, flags: list[str], expected_text: str
 ) -> None:
     module = f"missions.examples.{example}"
@@ -60,7 +60,7 @@ def test_the_example_flies_its_plan_and_lands(
     assert not station.drone.show()["status"]["armed"]
 
 
-def test_the_example_flies_over_the_obstacle_and_lands_behind_it() -> None:
+def test_the_obstacle_example_flies_over_the_obstacle_and_lands_behind_it() -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
@@ -98,8 +98,8 @@ def test_the_two_vehicle_show_is_flown_by_the_first_and_the_last_vehicle_until_b
         assert "Vehicle 104 flies the role 'left' of 'Two-vehicle show'." in result.stdout
         assert result.stdout.rstrip().endswith("Landed and disarmed.")
         assert not any(drone.show()["status"]["armed"] for drone in drones)
-        heights = {drone.id: -min(_down_positions_m(drone)) for drone in drones}
-        assert heights == {"101": pytest.approx(10.0, abs=2.5), "104": pytest.approx(18.0, abs=2.5)}
+        heights_m = {drone.id: -min(_down_positions_m(drone)) for drone in drones}
+        assert heights_m == {"101": pytest.approx(10.0, abs=2.5), "104": pytest.approx(18.0, abs=2.5)}
 
 
 def _down_positions_m(drone: Any) -> list[float]:

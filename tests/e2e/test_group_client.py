@@ -1,5 +1,5 @@
-"""The Python client flies a group with real processes. The group ends in Hold at the end of the block and
-after an error."""
+"""The Python client flies a group with real processes. The vehicles are in Hold after the end of the
+group's block, and after an error in it."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from tests.e2e.fast_station import FAST, move_aside
 from tests.station import free_port, server, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime
-IDS = ("101", "102")
+VEHICLE_IDS = ("101", "102")
 
 
-def test_a_group_flies_changes_its_setpoints_and_ends_in_hold_after_its_block_or_an_error() -> None:
+def test_a_group_flies_changes_its_setpoints_and_is_in_hold_after_its_block_or_an_error() -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
         vehicle(port, instances=2, arguments=FAST),
         SyncGcs(url, client="pair") as gcs,
     ):
-        drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=120) for v in IDS]
+        drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=120) for v in VEHICLE_IDS]
         for drone in drones:
             drone.takeoff(8)
         for drone in drones:
             drone.until(lambda v: v["status"]["mode"] == "hold", what="the end of the take-off")
-        move_aside(drones[1], 8.0)  # 3 m are too near for the guard's margin on a busy machine
-        north = dict.fromkeys(IDS, setpoints.velocity_ned(1, 0, 0))
-        with gcs.group(north, minimum_separation_m=1, valid_for_s=20) as group:
+        # On a busy machine 3 m are too near for the minimum separation and its margin.
+        move_aside(drones[1], 8.0)
+        northward = dict.fromkeys(VEHICLE_IDS, setpoints.velocity_ned(1, 0, 0))
+        with gcs.group(northward, minimum_separation_m=1, valid_for_s=20) as group:
             assert group.started["state"] == "waiting"
             assert group.started["start_unix_s"] > time.time_ns() / 1e9 - 1
             wait_until(lambda: group.status()["state"] == "flying", "the start")
@@ -55,11 +56,11 @@ def test_a_group_flies_changes_its_setpoints_and_ends_in_hold_after_its_block_or
         gcs.request("POST", "/me/leave")
 
         async def raise_in_block() -> None:
-            async with Gcs(url, client="pair") as program, program.group(north, minimum_separation_m=1):
+            async with Gcs(url, client="pair") as program, program.group(northward, minimum_separation_m=1):
                 raise RuntimeError("the program's own error")
 
         with contextlib.suppress(RuntimeError):
             asyncio.run(raise_in_block())
         assert {drone.status()["mode"] for drone in drones} == {"hold"}
-        events = gcs.request("GET", "/groups")["groups"]
-        assert [(g["state"], g["findings"]) for g in events] == [("ended", []), ("ended", [])]
+        groups = gcs.request("GET", "/groups")["groups"]
+        assert [(g["state"], g["findings"]) for g in groups] == [("ended", []), ("ended", [])]

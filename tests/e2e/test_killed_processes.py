@@ -19,7 +19,7 @@ from tests.station import end, free_port, is_up, running, server_command, vehicl
 
 pytestmark = pytest.mark.realtime
 
-FLY_NORTH = """
+FLY_NORTH_PROGRAM = """
 import sys, time
 from gcs_server.client import SyncGcs
 with SyncGcs(sys.argv[1], client="victim") as gcs:
@@ -32,7 +32,7 @@ with SyncGcs(sys.argv[1], client="victim") as gcs:
 """
 
 CUSTOM_MODE_POSITION = 0x30000
-"""PX4's custom_mode of Position: main mode 3."""
+"""PX4's custom_mode of Position, whose main mode is 3."""
 START_REQUEST = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -25]}, "valid_for_s": 60}
 
 
@@ -42,20 +42,20 @@ def speed_m_s(drone: Any) -> float:
     return float((north**2 + east**2) ** 0.5)
 
 
-def test_a_killed_client_stops_the_vehicle(station: Any) -> None:
+def test_the_vehicle_stops_and_holds_after_its_client_is_killed(station: Any) -> None:
     take_off_to_hold(station.drone)
-    with running([sys.executable, "-c", FLY_NORTH, station.url], stdout=subprocess.PIPE) as client:
+    with running([sys.executable, "-c", FLY_NORTH_PROGRAM, station.url], stdout=subprocess.PIPE) as client:
         assert client.stdout is not None
         assert client.stdout.readline() == b"flying\n"
-        wait_until(lambda: speed_m_s(station.drone) > 2, "flying north")
+        wait_until(lambda: speed_m_s(station.drone) > 2, "the flight north")
         end(client, signal.SIGKILL)
         killed_unix_s = time.clock_gettime(time.CLOCK_REALTIME)
 
         def expired_unix_s() -> float | None:
             messages = station.drone.request("GET", "/messages")["messages"]
-            data = [(m["unix_s"], m["data"].get("source"), m["data"].get("code")) for m in messages]
-            ends = [unix_s for unix_s, source, code in data if (source, code) == ("offboard", "expired")]
-            return ends[-1] if ends else None
+            rows = [(m["unix_s"], m["data"].get("source"), m["data"].get("code")) for m in messages]
+            times_s = [unix_s for unix_s, source, code in rows if (source, code) == ("offboard", "expired")]
+            return times_s[-1] if times_s else None
 
         wait_until(expired_unix_s, "the setpoint's expiry")
         expired_s = expired_unix_s()
@@ -63,7 +63,7 @@ def test_a_killed_client_stops_the_vehicle(station: Any) -> None:
         assert expired_s - killed_unix_s < 0.5 + 0.5, (
             "expired later than valid_for_s plus one heartbeat of the server"
         )
-    wait_until(lambda: speed_m_s(station.drone) < 0.5, "coming to rest")
+    wait_until(lambda: speed_m_s(station.drone) < 0.5, "a vehicle at rest")
     station.drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="PX4's Hold mode")
 
 
@@ -74,15 +74,15 @@ def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothi
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
     with vehicle(port, arguments=FAST):
-        with running(command) as first:
+        with running(command) as first_server:
             wait_until(lambda: is_up(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-                # 25 m: the vehicle is still descending when the next server is ready, on a busy machine too.
+                # From 25 m the vehicle still descends when the next server is ready, also on a busy machine.
                 take_off_to_hold(drone, 25)
                 with pytest.raises(Unreachable), drone.offboard(position_ned_m=(0, 0, -25)) as stream:
                     assert "lands at its current position" in stream.started["if_stream_stops"]
-                    end(first, signal.SIGKILL)
+                    end(first_server, signal.SIGKILL)
         with running(command):
             wait_until(lambda: is_up(url), "the second server")
             with SyncGcs(url, client="e2e") as gcs:
@@ -95,8 +95,8 @@ def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothi
                 drone.until_disarmed(timeout_s=120)
                 assert drone.status()["landed_state"] == "on_ground"
                 journal = gcs.request("GET", "/journal")["entries"]
-                since_restart = [entry for entry in journal if entry["client"] != "e2e"]
-                assert not since_restart, "the server sent a command by itself"
+                other_entries = [entry for entry in journal if entry["client"] != "e2e"]
+                assert not other_entries, "the server sent a command by itself"
 
 
 def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_start(tmp_path: Path) -> None:
@@ -110,10 +110,10 @@ def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_st
             take_off_to_hold(drone, 25)
             drone.request("POST", "/offboard/start", START_REQUEST)
             os.kill(stream_process_pid(server.pid), signal.SIGKILL)
-            ended = drone.until(
+            state_after_failsafe = drone.until(
                 lambda v: v["status"]["custom_mode"] == CUSTOM_MODE_POSITION, what="PX4's failsafe"
             )
-            assert ended["status"]["armed"]
+            assert state_after_failsafe["status"]["armed"]
             stream = drone.request("GET", "/offboard")
             assert stream["state"] == "idle"
             assert stream["ended"].startswith("The setpoint streams' process ended")
@@ -126,7 +126,7 @@ def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_st
 
 def stream_process_pid(server_pid: int) -> int:
     """Process id of the server's child process that sends the setpoints."""
-    tasks = Path(f"/proc/{server_pid}/task").iterdir()  # started by a thread
+    tasks = Path(f"/proc/{server_pid}/task").iterdir()  # a thread of the server starts the process
     children = [child for task in tasks for child in (task / "children").read_text().split()]
     commands = {int(child): Path(f"/proc/{child}/cmdline").read_text() for child in children}
     return next(child for child, line in commands.items() if "gcs_server.streamer.process.worker" in line)

@@ -22,9 +22,9 @@ from tests.station import wait_until
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 MEAN_COLOUR = """
-async (shot) => {
+async (screenshot) => {
   const image = new Image();
-  image.src = `data:image/png;base64,${shot}`;
+  image.src = `data:image/png;base64,${screenshot}`;
   await image.decode();
   const canvas = document.createElement('canvas');
   [canvas.width, canvas.height] = [1, 1];
@@ -33,19 +33,19 @@ async (shot) => {
   return [...ctx.getImageData(0, 0, 1, 1).data].slice(0, 3);
 }
 """
-FREE_CENTRE = """
+CENTRE_OF_FREE_AREA = """
 () => {
   const box = (name) => document.querySelector(name)?.getBoundingClientRect();
-  const stage = box('main'), small = box('section.inset'), cards = box('aside');
+  const stage = box('main'), inset = box('section.inset'), cards = box('aside');
   const messages = box('.messages-space'), bar = box('.place .dock');
-  const left = small ? small.right : stage.left;
+  const left = inset ? inset.right : stage.left;
   return [(left + cards.left) / 2, (messages.bottom + bar.top) / 2];
 }
 """
 """The centre of the area without panels, where the large map shows a followed vehicle."""
 
 
-def large_map(page: Page, *, beside_scene: bool = False) -> None:
+def open_large_map(page: Page, *, beside_scene: bool = False) -> None:
     """Opens the large map, which is the default without a 3D view and follows the vehicle."""
     if beside_scene:
         page.get_by_title("3D view", exact=True).wait_for()
@@ -54,49 +54,49 @@ def large_map(page: Page, *, beside_scene: bool = False) -> None:
     expect(page.locator(".bar")).to_have_text("10 m")
 
 
-def menu_at(page: Page, east_px: int, north_px: int) -> Locator:
+def open_menu_at(page: Page, east_px: int, north_px: int) -> Locator:
     """Opens the menu at a position relative to the vehicle."""
-    x, y = page.evaluate(FREE_CENTRE)
+    x, y = page.evaluate(CENTRE_OF_FREE_AREA)
     page.mouse.click(x + east_px, y - north_px)
     menu = page.get_by_role("dialog")
     menu.wait_for()
     return menu
 
 
-def position_of(menu: Locator) -> tuple[float, float]:
+def menu_position(menu: Locator) -> tuple[float, float]:
     """Latitude and longitude [deg] in the menu."""
     found = re.search(r"(-?\d+\.\d+), (-?\d+\.\d+)", menu.locator(".where").inner_text())
     assert found is not None
     return float(found[1]), float(found[2])
 
 
-def newest(drone: SyncVehicle, topic: str) -> dict[str, Any]:
+def newest_value(drone: SyncVehicle, topic: str) -> dict[str, Any]:
     """The newest value of a topic that this vehicle has sent."""
     value = drone.topic(topic)
     assert value is not None
     return value
 
 
-def metres_from(drone: SyncVehicle, lat_lon_deg: tuple[float, float]) -> float:
-    position = newest(drone, "global_position")
-    north = math.radians(position["lat_deg"] - lat_lon_deg[0]) * 6_371_000
-    east = (
+def distance_m(drone: SyncVehicle, lat_lon_deg: tuple[float, float]) -> float:
+    position = newest_value(drone, "global_position")
+    north_m = math.radians(position["lat_deg"] - lat_lon_deg[0]) * 6_371_000
+    east_m = (
         math.radians(position["lon_deg"] - lat_lon_deg[1])
         * 6_371_000
         * math.cos(math.radians(lat_lon_deg[0]))
     )
-    return math.hypot(north, east)
+    return math.hypot(north_m, east_m)
 
 
 def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, station: Station) -> None:
     drone = station.drone
     drone.takeoff(8)
     with open_page(browser, station.url, scene=False) as page:
-        large_map(page)
-        menu = menu_at(page, 120, 80)
+        open_large_map(page)
+        menu = open_menu_at(page, 120, 80)
         expect(menu).to_contain_text(re.compile(r"1[78]\.\d m north-east of the vehicle"))
         expect(menu).to_contain_text(re.compile(r"about \d+ s"))
-        goal = position_of(menu)
+        goal_deg = menu_position(menu)
         altitude = menu.get_by_label("Flight altitude above home", exact=True)
         altitude.fill("10")
         altitude.press("Tab")
@@ -105,42 +105,42 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
         expect(page.get_by_role("alertdialog")).to_contain_text("at 10.0 m above home")
         confirm_by_slider(page)
         expect(menu).to_be_hidden()
-        wait_until(lambda: metres_from(drone, goal) < 1.5, "the vehicle at the clicked position", 30)
+        wait_until(lambda: distance_m(drone, goal_deg) < 1.5, "the vehicle at the clicked position", 30)
         wait_until(
-            lambda: abs(newest(drone, "global_position")["alt_home_m"] - 10) < 1, "the requested altitude"
+            lambda: abs(newest_value(drone, "global_position")["alt_home_m"] - 10) < 1, "the entered altitude"
         )
 
-        menu = menu_at(page, -80, -64)
+        menu = open_menu_at(page, -80, -64)
         expect(menu).to_contain_text("Look here: First take control on the gimbal card")
-        roi_position = position_of(menu)
+        roi_deg = menu_position(menu)
         menu.get_by_role("button", name="Set ROI").click()
         expect(menu).to_be_hidden()
         roi = drone.request("GET", "/gimbal")["roi"]
-        assert (roi["lat_deg"], roi["lon_deg"]) == pytest.approx(roi_position, abs=1e-6)
-        home = newest(drone, "home")["alt_amsl_m"]
-        assert roi["alt_amsl_m"] == pytest.approx(home, abs=0.1)
-        wait_until(lambda: newest(drone, "gimbal")["pitch_rad"] < -0.4, "the camera down to the position")
+        assert (roi["lat_deg"], roi["lon_deg"]) == pytest.approx(roi_deg, abs=1e-6)
+        home_amsl_m = newest_value(drone, "home")["alt_amsl_m"]
+        assert roi["alt_amsl_m"] == pytest.approx(home_amsl_m, abs=0.1)
+        wait_until(lambda: newest_value(drone, "gimbal")["pitch_rad"] < -0.4, "the camera pointing down")
         expect(page.get_by_label("Gimbal", exact=True)).to_contain_text("Points at")
 
-        open_menu_by_keyboard(page)
+        check_menu_by_keyboard(page)
         assert serious_violations(page) == []
         page.keyboard.press("Escape")
 
     with open_page(browser, station.url) as page:
-        large_map(page, beside_scene=True)
-        scene(page).evaluate("() => { window.kept = true }")
+        open_large_map(page, beside_scene=True)
+        scene(page).evaluate("() => { window.notReloaded = true }")
         page.get_by_title("Show the 3D view large (M)").click()
         page.get_by_title("Show the map large (M)").click()
         page.keyboard.press("m")
         expect(page.get_by_title("Show the map large (M)")).to_be_visible()
-        assert scene(page).evaluate("() => window.kept") is True
-        click_in_3d(page)
+        assert scene(page).evaluate("() => window.notReloaded") is True
+        check_click_in_3d(page)
 
     drone.land()
     drone.until_disarmed()
     with open_page(browser, station.url, scene=False) as page:
-        large_map(page)
-        menu = menu_at(page, 60, 60)
+        open_large_map(page)
+        menu = open_menu_at(page, 60, 60)
         expect(menu).to_contain_text("The vehicle is on the ground: take off first.")
         expect(menu.get_by_role("button", name="Go here")).to_have_attribute("aria-disabled", "true")
 
@@ -167,7 +167,7 @@ def check_refusal_in_the_menu(page: Page, menu: Locator) -> None:
     page.unroute("**/goto", refuse)
 
 
-def open_menu_by_keyboard(page: Page) -> None:
+def check_menu_by_keyboard(page: Page) -> None:
     """Opens the menu by Tab to the map, arrow keys and Enter; checks that the menu has the focus."""
     page.get_by_role("application").focus()
     for _ in range(3):
@@ -181,7 +181,7 @@ def open_menu_by_keyboard(page: Page) -> None:
     assert page.evaluate("() => document.activeElement.closest('[role=dialog]') !== null")
 
 
-def click_in_3d(page: Page) -> None:
+def check_click_in_3d(page: Page) -> None:
     """Clicks on the ground in 3D; checks that the menu opens at the pointer."""
     page.mouse.click(520, 700)
     menu = page.get_by_role("dialog")
@@ -193,20 +193,20 @@ def click_in_3d(page: Page) -> None:
     expect(menu).to_be_hidden()
 
 
-@pytest.mark.parametrize("kind", ["pmtiles", "mbtiles"])
-def test_a_map_file_of_the_operator_is_shown(browser: Browser, station: Station, kind: str) -> None:
+@pytest.mark.parametrize("file_type", ["pmtiles", "mbtiles"])
+def test_a_map_file_of_the_operator_is_shown(browser: Browser, station: Station, file_type: str) -> None:
     folder = Path(station.gcs.request("GET", "/maps")["folder"])
-    write, attribution = (
-        (write_pmtiles, "© Red Survey") if kind == "pmtiles" else (write_mbtiles, "Green Maps")
+    write_map_file, attribution = (
+        (write_pmtiles, "© Red Survey") if file_type == "pmtiles" else (write_mbtiles, "Green Maps")
     )
-    write(folder / f"field.{kind}", png((255, 0, 0)))
+    write_map_file(folder / f"field.{file_type}", png((255, 0, 0)))
     with open_page(browser, station.url, theme="light", scene=False) as page:
-        large_map(page)
+        open_large_map(page)
         expect(page.get_by_role("toolbar", name="Map")).to_contain_text(attribution)
 
         def is_red() -> bool:
-            shot = page.screenshot(clip={"x": 700, "y": 600, "width": 40, "height": 40})
-            r, g, b = page.evaluate(MEAN_COLOUR, base64.b64encode(shot).decode())
+            screenshot = page.screenshot(clip={"x": 700, "y": 600, "width": 40, "height": 40})
+            r, g, b = page.evaluate(MEAN_COLOUR, base64.b64encode(screenshot).decode())
             return r - max(g, b) > 60
 
-        wait_until(is_red, "the operator's own tiles")
+        wait_until(is_red, "the tiles of the operator's file")

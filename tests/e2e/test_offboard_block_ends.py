@@ -20,9 +20,9 @@ from tests.station import end, free_port, running, server, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime
 
-CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-"""Programs in a background job ignore Ctrl-C, and the tests may run in a background job."""
-SYNC = """
+ENABLE_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+"""Python ignores Ctrl-C in a background job, in which the tests may run."""
+PROGRAM = """
 import sys, time
 from gcs_server.client import SyncGcs
 with SyncGcs(sys.argv[1], client="sync") as gcs:
@@ -35,17 +35,17 @@ with SyncGcs(sys.argv[1], client="sync") as gcs:
 
 
 @pytest.fixture(scope="module")
-def flying() -> Iterator[Any]:
-    """A vehicle in flight for all tests of this file, at three times real time."""
+def url_and_drone() -> Iterator[Any]:
+    """URL of the server and a vehicle in flight, for all tests of this file, at three times real time."""
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, process),
+        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
         vehicle(port, arguments=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         take_off_to_hold(drone)
-        yield url, drone, process, port
+        yield url, drone
 
 
 def check_ends_in_hold(drone: Any) -> None:
@@ -54,16 +54,16 @@ def check_ends_in_hold(drone: Any) -> None:
     assert drone.status()["mode"] == "hold"
 
 
-def run(source: str, url: str, *, inside: str, before: str = "pass") -> Any:
-    code = CTRL_C + source.format(inside=inside, before=before)
+def start_program(source: str, url: str, *, inside: str, before: str = "pass") -> Any:
+    code = ENABLE_CTRL_C + source.format(inside=inside, before=before)
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return running([sys.executable, "-c", code, url], **options)
 
 
 @pytest.mark.parametrize("inside", ["time.sleep(60)", "while True: stream.velocity_ned(1, 0, 0)"])
-def test_ctrl_c_ends_a_sync_program_and_puts_the_vehicle_into_hold(flying: Any, inside: str) -> None:
-    url, drone, *_ = flying
-    with run(SYNC, url, inside=inside) as program:
+def test_ctrl_c_ends_a_sync_program_and_puts_the_vehicle_into_hold(url_and_drone: Any, inside: str) -> None:
+    url, drone = url_and_drone
+    with start_program(PROGRAM, url, inside=inside) as program:
         assert program.stdout.readline() == b"flying\n"
         time.sleep(0.3)
         program.send_signal(signal.SIGINT)
@@ -72,9 +72,11 @@ def test_ctrl_c_ends_a_sync_program_and_puts_the_vehicle_into_hold(flying: Any, 
     check_ends_in_hold(drone)
 
 
-def test_ctrl_c_during_the_start_ends_a_sync_program_and_puts_the_vehicle_into_hold(flying: Any) -> None:
-    url, drone, *_ = flying
-    code = SYNC.format(before='print("starting", flush=True)', inside="pass").replace("valid_for_s=60", "")
+def test_ctrl_c_during_the_start_ends_a_sync_program_and_puts_the_vehicle_into_hold(
+    url_and_drone: Any,
+) -> None:
+    url, drone = url_and_drone
+    code = PROGRAM.format(before='print("starting", flush=True)', inside="pass").replace("valid_for_s=60", "")
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with running([sys.executable, "-c", code, url], **options) as program:
         assert program.stdout.readline() == b"starting\n"
@@ -84,16 +86,18 @@ def test_ctrl_c_during_the_start_ends_a_sync_program_and_puts_the_vehicle_into_h
     check_ends_in_hold(drone)
 
 
-def test_an_error_in_the_block_is_raised_and_the_vehicle_ends_in_hold(flying: Any) -> None:
-    _, drone, *_ = flying
+def test_an_error_in_the_block_is_raised_and_the_vehicle_ends_in_hold(url_and_drone: Any) -> None:
+    _, drone = url_and_drone
     with pytest.raises(ZeroDivisionError), drone.offboard(velocity_ned_m_s=(1, 0, 0), valid_for_s=60):
         print(1 / 0)
     check_ends_in_hold(drone)
 
 
-@pytest.mark.parametrize("how", ["cancel", "timeout", "cancel twice"])
-def test_cancellation_of_an_asynchronous_program_ends_in_hold(flying: Any, how: str) -> None:
-    url, drone, *_ = flying
+@pytest.mark.parametrize("ending", ["cancel", "timeout", "cancel twice"])
+def test_cancellation_of_an_asynchronous_program_puts_the_vehicle_into_hold(
+    url_and_drone: Any, ending: str
+) -> None:
+    url, drone = url_and_drone
 
     async def fly() -> None:
         async with (
@@ -103,7 +107,7 @@ def test_cancellation_of_an_asynchronous_program_ends_in_hold(flying: Any, how: 
             await asyncio.sleep(60)
 
     async def scenario() -> None:
-        if how == "timeout":
+        if ending == "timeout":
             with pytest.raises(TimeoutError):
                 async with asyncio.timeout(4):
                     await fly()
@@ -111,7 +115,7 @@ def test_cancellation_of_an_asynchronous_program_ends_in_hold(flying: Any, how: 
         task = asyncio.ensure_future(fly())
         await asyncio.sleep(4)
         task.cancel()
-        if how == "cancel twice":
+        if ending == "cancel twice":
             await asyncio.sleep(0.05)
             task.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -121,10 +125,10 @@ def test_cancellation_of_an_asynchronous_program_ends_in_hold(flying: Any, how: 
     check_ends_in_hold(drone)
 
 
-def test_a_client_that_disconnects_during_the_start_leaves_a_stream_that_expires_into_hold(
-    flying: Any,
+def test_the_stream_of_a_client_that_disconnects_during_the_start_expires_and_ends_in_hold(
+    url_and_drone: Any,
 ) -> None:
-    url, drone, *_ = flying
+    url, drone = url_and_drone
     host, port = url.removeprefix("http://").split(":")
     body = b'{"setpoint": {"type": "velocity", "velocity_ned_m_s": [1, 0, 0]}, "valid_for_s": 0.5}'
     with socket.create_connection((host, int(port))) as client:
@@ -138,8 +142,8 @@ def test_a_client_that_disconnects_during_the_start_leaves_a_stream_that_expires
 
 
 def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
-    """The server is killed inside the block, so the client cannot put the vehicle into Hold; the error states
-    this."""
+    """The server is killed inside the block, so the client cannot put the vehicle into Hold; a note of the
+    error says this."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
@@ -148,12 +152,12 @@ def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         with (
-            pytest.raises(RuntimeError, match="the block's error") as caught,
+            pytest.raises(RuntimeError, match="the block's error") as raised,
             drone.offboard(position_ned_m=(0, 0, 0), valid_for_s=60),
         ):
             end(process, signal.SIGKILL)
             raise RuntimeError("the block's error")
-        assert any("Hold" in note for note in caught.value.__notes__)
+        assert any("Hold" in note for note in raised.value.__notes__)
         with pytest.raises(Unreachable):
             drone.status()
 

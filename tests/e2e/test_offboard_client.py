@@ -14,16 +14,16 @@ from tests.e2e.fast_station import Station, take_off_to_hold
 pytestmark = pytest.mark.realtime
 
 
-def distance_m(a: Any, b: Any) -> float:
-    return math.dist(tuple(a), tuple(b))
+def distance_m(first: Any, second: Any) -> float:
+    return math.dist(tuple(first), tuple(second))
 
 
 def test_streamed_setpoints_and_a_path_are_flown_within_the_limits(station: Station) -> None:
     take_off_to_hold(station.drone)
-    asyncio.run(flight(station.url))
+    asyncio.run(fly_setpoints_and_path(station.url))
 
 
-async def flight(url: str) -> None:
+async def fly_setpoints_and_path(url: str) -> None:
     async with Gcs(url, client="path", client_id="e2e") as gcs:
         drone = gcs.vehicle("101")
         limits = await drone.set_offboard_limits(speed_max_m_s=6, distance_max_m=60)
@@ -33,9 +33,8 @@ async def flight(url: str) -> None:
         assert (failsafe["action"], failsafe["after_s"]) == ("hold", 1.5)
 
         position = await drone.position_ned_m()
-        async with drone.offboard(
-            valid_for_s=5
-        ) as offboard:  # a position hold, without a setpoint of the program
+        # Without a setpoint the block holds the position.
+        async with drone.offboard(valid_for_s=5) as offboard:
             assert offboard.started["ordered_type"] == "position_body"
             assert distance_m(offboard.started["setpoint"]["position_ned_m"], position) < 2
             with pytest.raises(Refused, match="limit of 60 m from home"):

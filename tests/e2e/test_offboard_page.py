@@ -26,7 +26,7 @@ from tests.station import free_port, server, vehicle, wait_until
 
 pytestmark = pytest.mark.browser
 
-PAD = """
+FAKE_GAMEPAD = """
 window.testPad = { axes: [0, 0, 0, 0], pressed: false, connected: true };
 const buttons = () => Array.from({ length: 17 }, (_, i) => {
   const pressed = i === 5 && window.testPad.pressed;
@@ -37,7 +37,7 @@ navigator.getGamepads = () => window.testPad.connected
        axes: window.testPad.axes, buttons: buttons() }]
   : [null];
 """
-HANDLE = """
+HANDLE_IN_VIEW = """
 (axis) => {
   const { camera, nodeRefFromName } = window.__viserMutable;
   const node = nodeRefFromName['/world/gizmo_ground'];
@@ -53,11 +53,11 @@ HANDLE = """
   const at = [...m.slice(12, 15), 1];
   const end = at.map((c, i) => (i < 3 ? c + 0.01 * m[axis * 4 + i] : 1));
   const [x, y] = pixel(at), [ex, ey] = pixel(end);
-  const long = Math.hypot(ex - x, ey - y);
-  return [x, y, (ex - x) / long, (ey - y) / long];
+  const length = Math.hypot(ex - x, ey - y);
+  return [x, y, (ex - x) / length, (ey - y) / length];
 }
 """
-"""Position of a handle in the view, and the direction of one of its axes."""
+"""Position of the handles in the 3D view [px], and the direction of one of their axes."""
 
 
 HANDLES_AND_CAMERA = """
@@ -70,14 +70,14 @@ HANDLES_AND_CAMERA = """
 """Positions of the handles and of the camera."""
 ARROW_LENGTH_PX = 90
 """Length of the handles' arrows in the window."""
-PANELS = """
+PANEL_EDGES = """
 () => [...document.querySelectorAll('main .panel, main .cameras, .dock')]
   .map((panel) => panel.getBoundingClientRect()).map((box) => [box.left, box.top, box.right, box.bottom])
 """
 
 
 @pytest.fixture(scope="module")
-def hovering() -> Iterator[Station]:
+def hovering_station() -> Iterator[Station]:
     """One station with a hovering vehicle; each test leaves the vehicle in Hold."""
     port = free_port()
     with (
@@ -91,10 +91,10 @@ def hovering() -> Iterator[Station]:
 
 
 @pytest.fixture(autouse=True)
-def hold_after_each_test(hovering: Station) -> Iterator[None]:
+def hold_after_each_test(hovering_station: Station) -> Iterator[None]:
     """Puts the vehicle into Hold after each test."""
     yield
-    hovering.drone.hold()
+    hovering_station.drone.hold()
 
 
 def pill(page: Page) -> Locator:
@@ -110,10 +110,10 @@ def open_offboard_view(page: Page) -> Locator:
     return view
 
 
-def beside_all_panels(page: Page, frame: Any) -> bool:
+def handles_are_beside_all_panels(page: Page, frame: Any) -> bool:
     """Whether the handles are fully visible in the 3D view and beside all panels."""
     box = page.get_by_title("3D view", exact=True).bounding_box()
-    handle = frame.evaluate(HANDLE, 0)
+    handle = frame.evaluate(HANDLE_IN_VIEW, 0)
     if box is None or handle is None:
         return False
     x, y = box["x"] + handle[0], box["y"] + handle[1]
@@ -124,7 +124,7 @@ def beside_all_panels(page: Page, frame: Any) -> bool:
         or x - ARROW_LENGTH_PX > right
         or y + ARROW_LENGTH_PX < top
         or y - ARROW_LENGTH_PX > bottom
-        for left, top, right, bottom in page.evaluate(PANELS)
+        for left, top, right, bottom in page.evaluate(PANEL_EDGES)
         if right > left
     )
 
@@ -139,10 +139,10 @@ def speed_m_s(drone: Any) -> float:
 
 
 @pytest.mark.story
-def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> None:
-    """Preview, start, another type, the values after limits, and the reason why a type is unavailable."""
-    drone = hovering.drone
-    with open_page(browser, hovering.url, scene=False) as page:
+def test_setpoints_of_two_types_are_flown_by_form(browser: Browser, hovering_station: Station) -> None:
+    """Also checks the preview, the values after limits, and the reason why a type is unavailable."""
+    drone = hovering_station.drone
+    with open_page(browser, hovering_station.url, scene=False) as page:
         view = open_offboard_view(page)
         north = view.get_by_label("Position, North")
         north.fill("far")
@@ -173,8 +173,8 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         page.get_by_role("option", name=re.compile("^Velocity local")).click()
         view.get_by_label("Velocity, East").fill("4")
         view.get_by_role("button", name="Send").click()
-        sent = page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first
-        expect(sent).to_contain_text(re.compile("Velocity.*4.0.*accepted:"))
+        newest_entry = page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first
+        expect(newest_entry).to_contain_text(re.compile("Velocity.*4.0.*accepted:"))
         wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the limited speed")
         tab_to(page, "Hold")
         page.keyboard.press("Enter")
@@ -182,10 +182,12 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         drone.request("PUT", "/offboard/limits", {})
 
 
-@pytest.mark.realtime  # dragging takes time
-def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hovering: Station) -> None:
-    drone = hovering.drone
-    with open_page(browser, hovering.url, scene=False, script=PAD) as page:
+@pytest.mark.realtime
+def test_a_gamepad_flies_only_while_its_button_is_pressed(
+    browser: Browser, hovering_station: Station
+) -> None:
+    drone = hovering_station.drone
+    with open_page(browser, hovering_station.url, scene=False, script=FAKE_GAMEPAD) as page:
         view = open_offboard_view(page)
         view.get_by_role("radio", name="Gamepad").click()
         expect(view.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
@@ -208,7 +210,7 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hove
         expect(view).to_contain_text("zero velocity is sent")
         wait_until(
             lambda: offboard_status(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0],
-            "zero velocity requested",
+            "a setpoint of zero velocity",
             5,
         )
         wait_until(lambda: speed_m_s(drone) < 0.2, "the vehicle stopped")
@@ -218,47 +220,47 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hove
         expect(view).to_contain_text("Sticks control the vehicle")
         page.evaluate("testPad.connected = false")
         expect(view.get_by_role("alert")).to_contain_text("The gamepad was disconnected.")
-        expect(pill(page)).to_have_text("Holding")  # not renewed: position hold, then Hold
+        # Without renewal the vehicle holds its position, then switches to Hold.
+        expect(pill(page)).to_have_text("Holding")
         wait_until(lambda: speed_m_s(drone) < 0.2, "the vehicle stopped")
 
 
-@pytest.mark.realtime  # drags in the 3D view, rendered in software
-def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station) -> None:
+@pytest.mark.realtime  # software renders the 3D view in which the test drags
+def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering_station: Station) -> None:
     """The position is a preview until Send is pressed; keys move it in steps."""
-    drone = hovering.drone
-    with open_page(browser, hovering.url, size=(1280, 720)) as page:
+    drone = hovering_station.drone
+    with open_page(browser, hovering_station.url, size=(1280, 720)) as page:
         view = open_offboard_view(page)
         view.get_by_role("radio", name="Drag in 3D").click()
         frame = scene(page)
-        wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
-        wait_until(lambda: math.dist(*frame.evaluate(HANDLES_AND_CAMERA)) > 4.4, "the camera moving back")
-        before_step, _ = frame.evaluate(HANDLES_AND_CAMERA)
+        wait_until(lambda: frame.evaluate(HANDLE_IN_VIEW, 0) is not None, "the handles", 40)
+        wait_until(lambda: math.dist(*frame.evaluate(HANDLES_AND_CAMERA)) > 4.4, "the camera 4.4 m away")
+        handles_before_step, _ = frame.evaluate(HANDLES_AND_CAMERA)
         view.get_by_role("button", name="1 m north").click()
         wait_until(
-            lambda: math.dist(frame.evaluate(HANDLES_AND_CAMERA)[0], before_step) > 0.9,
+            lambda: math.dist(frame.evaluate(HANDLES_AND_CAMERA)[0], handles_before_step) > 0.9,
             "the handles one step further",
         )
-        wait_until(lambda: beside_all_panels(page, frame), "the handles beside all panels")
-        before = drone.topic("local_position")["position_ned_m"]
+        wait_until(lambda: handles_are_beside_all_panels(page, frame), "the handles beside all panels")
+        vehicle_before = drone.topic("local_position")["position_ned_m"]
         box = box_of(page.get_by_title("3D view", exact=True))
 
         def displayed_position() -> list[float]:
             return [first_number(text) for text in view.locator(".cell b").all_inner_texts()]
 
-        position_before = displayed_position()
-        x, y, dx, dy = frame.evaluate(
-            HANDLE, 1
-        )  # across the view: along the view one pixel is too long a distance
+        displayed_before = displayed_position()
+        # The axis across the view: along the line of sight one pixel is too long a distance.
+        x, y, dx, dy = frame.evaluate(HANDLE_IN_VIEW, 1)
         handle = (box["x"] + x + 70 * dx, box["y"] + y + 70 * dy)
         page.mouse.move(*handle)
         page.mouse.down()
         page.mouse.move(handle[0] + 40 * dx, handle[1] + 40 * dy, steps=6)
         page.mouse.up()
         wait_until(
-            lambda: math.dist(displayed_position()[:2], position_before[:2]) > 0.3, "the dragged position"
+            lambda: math.dist(displayed_position()[:2], displayed_before[:2]) > 0.3, "the dragged position"
         )
-        assert displayed_position()[2] == position_before[2]
-        assert math.dist(drone.topic("local_position")["position_ned_m"], before) < 1
+        assert displayed_position()[2] == displayed_before[2]
+        assert math.dist(drone.topic("local_position")["position_ned_m"], vehicle_before) < 1
         dragged_position = displayed_position()
         view.get_by_role("button", name="Start…").click()
         hold_space(page)

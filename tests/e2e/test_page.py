@@ -30,7 +30,7 @@ from tests.station import end, free_port, is_up, running, server, server_command
 pytestmark = pytest.mark.browser
 
 FLIGHT_MS = 90_000
-LONGER_THAN_ANY_HOLD_MS = 2_000
+LONGER_THAN_ANY_KEY_HOLD_MS = 2_000
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def module_station() -> Iterator[Station]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        # In Return the vehicle hovers above home and does not land, until the page commands Land.
+        # The returned vehicle hovers above home until the page commands Land.
         vehicle(port, arguments=[*FAST, "--param", "RTL_LAND_DELAY=-1"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
@@ -47,7 +47,7 @@ def module_station() -> Iterator[Station]:
 
 
 @pytest.fixture
-def landed(module_station: Station) -> Iterator[Station]:
+def landed_station(module_station: Station) -> Iterator[Station]:
     """The station with its vehicle ready on the ground, before and after each test."""
     drone = module_station.gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
     yield module_station
@@ -62,10 +62,10 @@ def pill(page: Page) -> Any:
 
 
 @pytest.mark.story
-def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
-    drone = landed.drone
-    with open_page(browser, landed.url, scene=False) as page:
-        instrument, card = (
+def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed_station: Station) -> None:
+    drone = landed_station.drone
+    with open_page(browser, landed_station.url, scene=False) as page:
+        instrument, offboard_card = (
             page.get_by_label("Attitude and heading"),
             page.get_by_label("Offboard", exact=True),
         )
@@ -86,25 +86,27 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         expect(pill(page)).to_have_text("Holding", timeout=FLIGHT_MS)
         wait_until(lambda: abs(shown_value(instrument, "Above home") - 6) < 1, "the requested altitude")
 
-        start = card.get_by_role("button", name="Start")
-        start.click()
-        confirm_by_slider(page, start.click)
+        start_button = offboard_card.get_by_role("button", name="Start")
+        start_button.click()
+        confirm_by_slider(page, start_button.click)
         expect(pill(page)).to_have_text("Offboard")
-        target = card.locator(".cell", has_text="Up").locator("b")
-        before = first_number(target.inner_text())
-        card.get_by_role("button", name="1 m up").click()
-        expect(target).to_contain_text(f"{before + 1:.1f}")
-        wait_until(lambda: first_number(card.locator(".figures").inner_text()) > 30, "30 Hz on the page")
-        expect(card).to_contain_text(re.compile(r"Valid [0-9.]+\s?s left"))
+        target_up = offboard_card.locator(".cell", has_text="Up").locator("b")
+        target_up_m = first_number(target_up.inner_text())
+        offboard_card.get_by_role("button", name="1 m up").click()
+        expect(target_up).to_contain_text(f"{target_up_m + 1:.1f}")
+        wait_until(
+            lambda: first_number(offboard_card.locator(".figures").inner_text()) > 30, "30 Hz on the page"
+        )
+        expect(offboard_card).to_contain_text(re.compile(r"Valid [0-9.]+\s?s left"))
         stream = drone.request("GET", "/offboard")
         assert stream["streaming"]
-        assert -stream["setpoint"]["position_ned_m"][2] == pytest.approx(before + 1, abs=0.1)
+        assert -stream["setpoint"]["position_ned_m"][2] == pytest.approx(target_up_m + 1, abs=0.1)
         assert violations_in_both_themes(page) == []
         wait_until(lambda: shown_value(instrument, "Above home") > 6.6, "the climb to the moved target")
 
-        card.get_by_role("button", name="Hold", exact=True).click()
+        offboard_card.get_by_role("button", name="Hold", exact=True).click()
         expect(pill(page)).to_have_text("Holding")
-        expect(card).to_contain_text("no stream")
+        expect(offboard_card).to_contain_text("no stream")
         assert not drone.request("GET", "/offboard")["streaming"]
 
         point_the_gimbal(page, drone)
@@ -117,9 +119,9 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         expect(pill(page)).to_have_text("Returning")
         assert drone.status()["mode"] == "rtl"
 
-        land = page.get_by_role("button", name="Land", exact=True)
-        land.click()
-        confirm_by_slider(page, land.click)
+        land_button = page.get_by_role("button", name="Land", exact=True)
+        land_button.click()
+        confirm_by_slider(page, land_button.click)
         expect(pill(page)).to_have_text("Landing")
         drone.until_disarmed()
         expect(page.get_by_role("button", name="Arm", exact=True)).to_be_visible()
@@ -128,9 +130,9 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
 def point_the_gimbal(page: Page, drone: Any) -> None:
     """Takes control of the gimbal, points it by pad and buttons, and releases it; checks its angles by
     telemetry."""
-    card = page.get_by_label("Gimbal", exact=True)
-    card.get_by_role("button", name="Take").click()
-    pad = card.get_by_role("slider", name="Gimbal pad")
+    gimbal_card = page.get_by_label("Gimbal", exact=True)
+    gimbal_card.get_by_role("button", name="Take").click()
+    pad = gimbal_card.get_by_role("slider", name="Gimbal pad")
     box = box_of(pad)
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
@@ -141,30 +143,30 @@ def point_the_gimbal(page: Page, drone: Any) -> None:
         return float(drone.topic("gimbal")["pitch_rad"])
 
     wait_until(lambda: -1.2 < pitch_rad() < -0.3, "the gimbal at the angles where the pad was released")
-    card.get_by_role("button", name="Down", exact=True).click()
+    gimbal_card.get_by_role("button", name="Down", exact=True).click()
     # PX4's servo outputs reach half of MNT_RANGE_PITCH to each side
     wait_until(lambda: pitch_rad() < -0.78, "the gimbal at its lowest angle")
-    expect(card).to_contain_text("−45.0°")
-    turn = box_of(card.get_by_role("button", name="Tilt up"))
-    page.mouse.move(turn["x"] + 8, turn["y"] + 8)
+    expect(gimbal_card).to_contain_text("−45.0°")
+    tilt_button = box_of(gimbal_card.get_by_role("button", name="Tilt up"))
+    page.mouse.move(tilt_button["x"] + 8, tilt_button["y"] + 8)
     page.mouse.down()
     wait_until(lambda: pitch_rad() > -0.7, "the gimbal turning while the arrow is held")
 
-    def stops(request: Request) -> bool:
+    def is_stop_request(request: Request) -> bool:
         body = request.post_data_json if request.url.endswith("/gimbal/rates") else None
         return body is not None and (body["pitch_rate_deg_s"], body["yaw_rate_deg_s"]) == (0, 0)
 
-    with page.expect_request(stops):
+    with page.expect_request(is_stop_request):
         page.mouse.up()
-    card.get_by_role("button", name="Release").click()
-    expect(card.get_by_role("button", name="Take")).to_be_visible()
+    gimbal_card.get_by_role("button", name="Release").click()
+    expect(gimbal_card.get_by_role("button", name="Take")).to_be_visible()
 
 
 def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button(
-    browser: Browser, landed: Station
+    browser: Browser, landed_station: Station
 ) -> None:
-    drone = landed.drone
-    with open_page(browser, landed.url, scene=False) as page:
+    drone = landed_station.drone
+    with open_page(browser, landed_station.url, scene=False) as page:
         expect(pill(page)).to_have_text("Ready")
         page.keyboard.press("t")
         hold_space(page)
@@ -178,7 +180,7 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
         confirmation = page.get_by_role("alertdialog")
         confirmation.get_by_role("button", name="Cancel").focus()
         page.keyboard.down("Space")
-        page.wait_for_timeout(LONGER_THAN_ANY_HOLD_MS)
+        page.wait_for_timeout(LONGER_THAN_ANY_KEY_HOLD_MS)
         page.keyboard.up("Space")
         expect(confirmation).to_be_hidden()
         assert drone.status()["armed"]
@@ -227,28 +229,28 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
 
 @pytest.mark.story
 def test_the_3d_view_shows_the_vehicle_and_loads_nothing_from_other_sites(
-    browser: Browser, landed: Station
+    browser: Browser, landed_station: Station
 ) -> None:
-    with open_page(browser, landed.url) as page:
+    with open_page(browser, landed_station.url) as page:
         expect(pill(page)).to_have_text("Ready")
         frame = scene(page)
         frame.locator("canvas[data-engine]").wait_for()
 
-        def drawn() -> bool:
+        def is_drawn() -> bool:
             found = frame.evaluate(READ_CANVAS)
             # A cleared canvas is transparent and of one colour; the shaded vehicle has hundreds of colours.
             return found["colours"] > 200 and found["drawn"] > 0.01
 
-        wait_until(drawn, "a picture in the 3D view")
+        wait_until(is_drawn, "a drawn vehicle in the 3D view")
         expect(frame.locator(".gcs-tags")).to_contain_text("simulated")
         page.get_by_role("radio", name="Top", exact=True).click()
         page.keyboard.press("m")
-        wait_until(drawn, "a picture in the small 3D view")
+        wait_until(is_drawn, "a drawn vehicle in the small 3D view")
 
 
 @pytest.mark.story
-def test_the_page_has_no_serious_accessibility_violations(browser: Browser, landed: Station) -> None:
-    with open_page(browser, landed.url, scene=False) as page:
+def test_the_page_has_no_serious_accessibility_violations(browser: Browser, landed_station: Station) -> None:
+    with open_page(browser, landed_station.url, scene=False) as page:
         expect(pill(page)).to_have_text("Ready")
         page.keyboard.press("t")
         page.get_by_role("alertdialog").wait_for()
@@ -266,9 +268,9 @@ def test_the_page_has_no_serious_accessibility_violations(browser: Browser, land
 
 @pytest.mark.story
 def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
-    browser: Browser, landed: Station
+    browser: Browser, landed_station: Station
 ) -> None:
-    with open_page(browser, landed.url, scene=False) as page:
+    with open_page(browser, landed_station.url, scene=False) as page:
         values = page.get_by_label("Values", exact=True)
         labels = values.locator(".grid .name")
         default_labels = [
@@ -285,15 +287,15 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         values.get_by_role("button", name="Add Motor 1").click()
         page.get_by_label("Find a value to add").fill("")
         values.get_by_role("button", name="Remove Heading").click()
-        handle = values.get_by_role("button", name="Vertical speed: drag")
-        handle.focus()
+        speed_handle = values.get_by_role("button", name="Vertical speed: drag")
+        speed_handle.focus()
         page.keyboard.press("ArrowDown")
-        expect(handle).to_be_focused()
-        grip = box_of(values.get_by_role("button", name="Motor 1: drag"))
-        first = box_of(values.get_by_role("button", name="Home distance: drag"))
-        page.mouse.move(grip["x"] + 9, grip["y"] + 9)
+        expect(speed_handle).to_be_focused()
+        motor_handle = box_of(values.get_by_role("button", name="Motor 1: drag"))
+        distance_handle = box_of(values.get_by_role("button", name="Home distance: drag"))
+        page.mouse.move(motor_handle["x"] + 9, motor_handle["y"] + 9)
         page.mouse.down()
-        page.mouse.move(first["x"] + 9, first["y"] + 9, steps=12)
+        page.mouse.move(distance_handle["x"] + 9, distance_handle["y"] + 9, steps=12)
         page.mouse.up()
         values.get_by_role("button", name="Done").click()
         selected_labels = [
@@ -305,7 +307,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
             "Local position east",
         ]
         expect(labels).to_have_text(selected_labels)
-        # A topic to which the page was not subscribed before.
+        # The page was not subscribed to this topic before.
         wait_until(lambda: shown_value(values, "Motor 1") >= 900, "the first motor's value")
 
         page.reload()
@@ -317,7 +319,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
 
 
 @pytest.mark.realtime
-def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
+def test_the_page_shows_the_end_of_a_killed_server_and_reconnects_to_the_next(
     browser: Browser, tmp_path: Path
 ) -> None:
     port, http_port = free_port(), free_port()
@@ -326,17 +328,17 @@ def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
     context = browser.new_context()
     page = context.new_page()
     with vehicle(port, arguments=FAST):
-        with running(command) as first:
+        with running(command) as first_server:
             wait_until(lambda: is_up(url), "the first server")
             page.goto(url)
-            chip = page.get_by_role("button", name="101 Quad")
-            chip.wait_for()
+            vehicle_button = page.get_by_role("button", name="101 Quad")
+            vehicle_button.wait_for()
             page.get_by_role("radio", name="Top", exact=True).click()
-            end(first, signal.SIGKILL)
+            end(first_server, signal.SIGKILL)
             notice = page.get_by_role("alert").filter(has_text="No connection to the server")
             notice.wait_for()
             expect(notice).to_contain_text("The values shown are old")
-            expect(chip).to_contain_text("no connection to the server")
+            expect(vehicle_button).to_contain_text("no connection to the server")
         with (
             page.expect_request(
                 lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=60_000
@@ -346,6 +348,6 @@ def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
             wait_until(lambda: is_up(url), "the second server")
             notice.wait_for(state="hidden")
             expect(page.get_by_text("Connected again")).to_be_visible()
-            expect(chip).not_to_contain_text("no connection to the server")
+            expect(vehicle_button).not_to_contain_text("no connection to the server")
             assert request.value.post_data_json["mode"] == "top"
     context.close()

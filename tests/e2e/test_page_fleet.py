@@ -15,7 +15,7 @@ from tests.station import free_port, server, vehicle, wait_until
 
 pytestmark = pytest.mark.browser
 
-SECOND = ["--first-instance", "101", *FAST]
+SECOND_VEHICLE_ARGUMENTS = ["--first-instance", "101", *FAST]
 
 
 @pytest.mark.realtime
@@ -26,20 +26,20 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
         vehicle(port, arguments=FAST),
-        vehicle(port, arguments=SECOND) as second,
+        vehicle(port, arguments=SECOND_VEHICLE_ARGUMENTS) as second_simulator,
         SyncGcs(url, client="e2e") as gcs,
         open_page(browser, url, scene=False) as page,
     ):
         drone_101 = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         drone_102 = gcs.wait_for_vehicle("102", ready=True, timeout_s=120)
-        pill, chips = page.locator(".pill b"), page.locator("nav .chip")
-        expect(chips).to_have_count(2)
-        expect(chips.nth(1)).to_contain_text("simulated")
+        pill, vehicle_buttons = page.locator(".pill b"), page.locator("nav .chip")
+        expect(vehicle_buttons).to_have_count(2)
+        expect(vehicle_buttons.nth(1)).to_contain_text("simulated")
 
         # The refusal to arm on the ground is shown with its reason beside the button.
         drone_102.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 1})
         page.keyboard.press("2")
-        expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
+        expect(vehicle_buttons.nth(1)).to_have_attribute("aria-pressed", "true")
         page.get_by_role("button", name="Arm", exact=True).click()
         expect(page.get_by_role("alertdialog")).to_contain_text("Arm 102 Quad")
         confirm_by_slider(page, page.get_by_role("button", name="Arm", exact=True).click)
@@ -52,47 +52,48 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
         drone_102.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 0})
         gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
 
-        # The selected vehicle flies, the other stays on the ground.
+        # The selected vehicle takes off; the other vehicle stays on the ground.
         page.keyboard.press("t")
         hold_space(page)
         wait_until(lambda: drone_102.status()["armed"], "the second vehicle's take-off")
         assert not drone_101.status()["armed"]
-        chips.nth(0).click()
+        vehicle_buttons.nth(0).click()
         expect(pill).to_have_text("Ready")
         page.keyboard.press("2")
 
-        # The list: searched by text, selected by keys; one click holds all flying vehicles.
+        # In the vehicle list, text finds a vehicle and keys select it; one click puts all flying vehicles
+        # into Hold.
         page.keyboard.press("1")
         page.keyboard.press("j")
-        found = page.get_by_role("list", name="Vehicles found").get_by_role("button")
-        expect(found).to_have_count(2)
+        list_entries = page.get_by_role("list", name="Vehicles found").get_by_role("button")
+        expect(list_entries).to_have_count(2)
         page.keyboard.type("102")
-        expect(found).to_have_count(1)
+        expect(list_entries).to_have_count(1)
         page.keyboard.press("ArrowDown")
         page.keyboard.press("Enter")
-        expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
+        expect(vehicle_buttons.nth(1)).to_have_attribute("aria-pressed", "true")
         page.get_by_role("button", name="Hold all flying (1)").click()
         status_text = page.get_by_label("Vehicle list").get_by_role("status")
         expect(status_text).to_have_text("The vehicle switched to Hold.")
         wait_until(lambda: drone_102.status()["mode"] == "hold", "Hold of all flying vehicles")
         assert violations_in_both_themes(page) == []
         page.keyboard.press("Escape")
-        expect(found).to_have_count(0)
+        expect(list_entries).to_have_count(0)
 
-        # A lost connection is shown at once by text and shape, and old values are not shown as live.
-        os.killpg(second.pid, signal.SIGSTOP)
+        # The page shows a lost connection at once, and marks old values.
+        os.killpg(second_simulator.pid, signal.SIGSTOP)
         try:
             expect(pill).to_have_text("Connection lost")
-            expect(chips.nth(1)).to_contain_text("connection lost")
-            expect(chips.nth(0)).not_to_contain_text("connection lost")
+            expect(vehicle_buttons.nth(1)).to_contain_text("connection lost")
+            expect(vehicle_buttons.nth(0)).not_to_contain_text("connection lost")
             expect(page.get_by_label("Values", exact=True)).to_contain_text(" old")
             assert violations_in_both_themes(page) == []
             page.keyboard.press("h")
             expect(refusal).to_contain_text("no messages for")
             expect(refusal).to_contain_text("Check its link")
         finally:
-            os.killpg(second.pid, signal.SIGCONT)
-        expect(chips.nth(1)).not_to_contain_text("connection lost")
+            os.killpg(second_simulator.pid, signal.SIGCONT)
+        expect(vehicle_buttons.nth(1)).not_to_contain_text("connection lost")
         expect(page.get_by_label("Messages", exact=True)).to_contain_text("Connection restored")
         page.keyboard.press("h")
         expect(pill).to_have_text("Holding")

@@ -1,4 +1,4 @@
-"""A script reads readiness and parameters from a real server process."""
+"""A program reads readiness and parameters from a real server process."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ from websockets.sync.client import connect
 from tests.e2e.fast_station import Station
 from tests.station import wait_until
 
+PARAMETER_COUNT = 929
+
 
 @pytest.mark.story
-def test_the_reasons_against_offboard_and_the_metadata_of_parameters_are_available(station: Station) -> None:
-    base = f"{station.url}/api/v1/vehicles/101"
-    with httpx.Client(base_url=base, timeout=30, headers={"X-Client-Id": "e2e"}) as http:
+def test_the_api_has_the_reasons_against_offboard_and_the_metadata_of_parameters(station: Station) -> None:
+    vehicle_url = f"{station.url}/api/v1/vehicles/101"
+    with httpx.Client(base_url=vehicle_url, timeout=30, headers={"X-Client-Id": "e2e"}) as http:
         wait_until(lambda: http.get("/readiness").json()["known"], "the first report, without a request")
         report = http.post("/readiness/check").json()
-        offboard = next(m for m in report["modes"] if m["mode"] == "offboard")
+        offboard = next(mode for mode in report["modes"] if mode["mode"] == "offboard")
         assert (offboard["can_arm"], offboard["can_run"]) == (False, False)
         (cause,) = offboard["arming"]
         assert cause["name"] == "check_modes_offboard_signal"
         assert cause["remedy"]
-        assert next(m for m in report["modes"] if m["mode"] == "hold")["can_arm"]
+        assert next(mode for mode in report["modes"] if mode["mode"] == "hold")["can_arm"]
         wait_until(
             lambda: http.get("/readiness").json()["words"] == "vehicle", "the vehicle's own descriptions"
         )
@@ -33,30 +35,30 @@ def test_the_reasons_against_offboard_and_the_metadata_of_parameters_are_availab
         with connect(f"{station.url.replace('http', 'ws')}/api/v1/telemetry") as socket:
             subscription = {"type": "subscribe", "vehicles": ["101"], "topics": ["readiness"], "rate_hz": 20}
             socket.send(json.dumps(subscription))
-            assert _newest(socket)["modes"] == http.get("/readiness").json()["modes"]
+            assert _newest_readiness(socket)["modes"] == http.get("/readiness").json()["modes"]
 
         assert http.get("/params").json()["list"]["state"] == "unknown"
         assert http.post("/params/refresh").status_code == 202
         wait_until(lambda: http.get("/params").json()["list"]["facts"], "parameters and their metadata")
-        content = http.get("/params").json()
-        assert (content["list"]["state"], len(content["params"])) == ("ready", 929)
-        by_name = {p["name"]: p for p in content["params"]}
-        speed = by_name["MPC_XY_VEL_MAX"]
-        assert (speed["facts"]["unit"], speed["is_default"]) == ("m/s", True)
+        parameter_list = http.get("/params").json()
+        assert (parameter_list["list"]["state"], len(parameter_list["params"])) == ("ready", PARAMETER_COUNT)
+        by_name = {p["name"]: p for p in parameter_list["params"]}
+        speed_limit = by_name["MPC_XY_VEL_MAX"]
+        assert (speed_limit["facts"]["unit"], speed_limit["is_default"]) == ("m/s", True)
 
-        refused = http.put("/params/MPC_XY_VEL_MAX", json={"value": 500})
-        assert refused.status_code == 422
-        assert refused.json()["field"] == "value"
-        assert "from 0 to 20 m/s" in refused.json()["detail"]
+        refusal = http.put("/params/MPC_XY_VEL_MAX", json={"value": 500})
+        assert refusal.status_code == 422
+        assert refusal.json()["field"] == "value"
+        assert "from 0 to 20 m/s" in refusal.json()["detail"]
         changed = http.put("/params/MPC_XY_CRUISE", json={"value": 4}).json()
         assert (changed["value"], changed["is_default"]) == (4.0, False)
         assert http.put("/params/COM_OBL_RC_ACT", json={"value": "x"}).json()["field"] == "value"
         reread = http.post("/params/refresh", json={"wait": True}).json()
-        assert (reread["source"], reread["received"]) == ("vehicle", 929)
-        assert http.post("/params/refresh", json={"wait": True}).json()["received"] == 929
+        assert (reread["source"], reread["received"]) == ("vehicle", PARAMETER_COUNT)
+        assert http.post("/params/refresh", json={"wait": True}).json()["received"] == PARAMETER_COUNT
 
 
-def _newest(socket: Any) -> dict[str, Any]:
+def _newest_readiness(socket: Any) -> dict[str, Any]:
     end_s = time.monotonic() + 30
     while time.monotonic() < end_s:
         frame = json.loads(socket.recv(timeout=30))

@@ -1,4 +1,4 @@
-"""The API reference at /docs in a browser: an example for each call, and no requests to other sites."""
+"""The API reference at /docs in a browser shows each call, and sends no requests to other sites."""
 
 from __future__ import annotations
 
@@ -26,5 +26,7 @@ def test_the_reference_shows_every_call_and_loads_nothing_from_other_sites() -> 
         page.locator("details:visible summary").click()
         assert page.get_by_text("Altitude above home to climb to [m], 1 to 120.").is_visible()
         page.set_viewport_size({"width": 360, "height": 740})
-        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "no horizontal scrolling"
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (
+            "a narrow page scrolls horizontally"
+        )
         monitor.check()

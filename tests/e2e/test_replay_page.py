@@ -1,5 +1,4 @@
-"""A recording of a real PX4 on the page: the page lists it, replays it, seeks in it, and shows the values of
-the log."""
+"""The page lists a recording of a real PX4, replays it, seeks in it, and shows its values."""
 
 from __future__ import annotations
 
@@ -18,20 +17,23 @@ from playwright.sync_api import Browser, Page, expect
 from gcs_server.replay.records import Batch, Cursor, message_id, open_log, read_batch
 from tests.e2e.browser import first_number, open_page, serious_violations, shown_value
 from tests.station import free_port, is_up, running, server_command, wait_until
-from vehicle_sim.mavlink import generated_dialect as sim
+from vehicle_sim.mavlink import generated_dialect as mavlink
 
 pytestmark = pytest.mark.browser
 
-FLIGHT = "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
-MODES = {(4, 2): "Take off", (4, 3): "Hold", (3, 1): "Orbit", (4, 5): "Return", (4, 6): "Land"}
+RECORDING = "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
+MODE_LABELS = {(4, 2): "Take off", (4, 3): "Hold", (3, 1): "Orbit", (4, 5): "Return", (4, 6): "Land"}
+"""Labels on the page by main mode and sub mode."""
+DECODED_IDS = {30, 33, 285, 436}
+"""ATTITUDE, GLOBAL_POSITION_INT, GIMBAL_DEVICE_ATTITUDE_STATUS, CURRENT_MODE."""
 
 
 @pytest.fixture
-def station(shared: Path, tmp_path: Path) -> Iterator[str]:
+def server_url(shared: Path, tmp_path: Path) -> Iterator[str]:
     """A server whose data folder has one recording and one invalid file."""
     folder = tmp_path / "recordings"
     folder.mkdir()
-    shutil.copy(shared / "px4" / "tlogs" / FLIGHT, folder)
+    shutil.copy(shared / "px4" / "tlogs" / RECORDING, folder)
     (folder / "letter.tlog").write_bytes(b"This is no telemetry log. " * 40)
     port = free_port(socket.SOCK_STREAM)
     command = server_command(port, [f"udpin://127.0.0.1:{free_port()}"], tmp_path)
@@ -40,11 +42,11 @@ def station(shared: Path, tmp_path: Path) -> Iterator[str]:
         yield f"http://127.0.0.1:{port}"
 
 
-class Log:
-    """The log decoded by pymavlink."""
+class DecodedLog:
+    """The compared messages of a log, decoded by pymavlink."""
 
     def __init__(self, path: Path) -> None:
-        decoder: Any = sim.MAVLink(None)
+        decoder: Any = mavlink.MAVLink(None)
         self._recorded: dict[str, tuple[list[int], list[Any]]] = {}
         self.begin_us = self.end_us = 0
         with open_log(path) as file:
@@ -54,7 +56,7 @@ class Log:
                 self.begin_us = self.begin_us or batch.records[0].time_us
                 self.end_us = batch.records[-1].time_us
                 for record in batch.records:
-                    if record.raw[5] == 1 and message_id(record.key) in {33, 30, 436, 285}:
+                    if record.raw[5] == 1 and message_id(record.key) in DECODED_IDS:  # of system id 1
                         message = decoder.decode(bytearray(record.raw))
                         times, messages = self._recorded.setdefault(message.get_type(), ([], []))
                         times.append(record.time_us)
@@ -65,7 +67,7 @@ class Log:
         times, messages = self._recorded[name]
         return messages[bisect.bisect_right(times, time_us) - 1]
 
-    def first_in(self, mode: tuple[int, int]) -> int:
+    def first_time_us(self, mode: tuple[int, int]) -> int:
         """Time of the first message in a mode [us]."""
         times, messages = self._recorded["CURRENT_MODE"]
         return next(t for t, m in zip(times, messages, strict=True) if _mode(m) == mode)
@@ -76,7 +78,7 @@ def _mode(message: Any) -> tuple[int, int]:
 
 
 def seek(page: Page, log_us: int) -> None:
-    """Positions the replay by the API, which is exact to a microsecond; the server informs the page."""
+    """Sets the replay's position through the API, which is exact to a microsecond, and pauses the replay."""
     status = page.evaluate(
         """async (positionUnixS) => {
           const { replays } = await (await fetch('/api/v1/replays')).json();
@@ -93,16 +95,16 @@ def wrapped_deg(degrees: float) -> float:
     return (degrees + 180) % 360 - 180
 
 
-def compare(page: Page, log: Log, time_us: int) -> None:
+def compare_instruments(page: Page, log: DecodedLog, time_us: int) -> None:
     """Compares the page's instruments with the log at the same time."""
     mode = log.newest("CURRENT_MODE", time_us)
     position = log.newest("GLOBAL_POSITION_INT", time_us)
     attitude = log.newest("ATTITUDE", time_us)
     gimbal = log.newest("GIMBAL_DEVICE_ATTITUDE_STATUS", time_us)
-    expect(page.locator(".pill .who")).to_contain_text(MODES[_mode(mode)])
+    expect(page.locator(".pill .who")).to_contain_text(MODE_LABELS[_mode(mode)])
     values = page.get_by_role("complementary", name="Instruments")
-    height = values.locator(".value", has=page.get_by_text("Above home", exact=True)).locator(".text")
-    expect(height).to_have_text(
+    altitude = values.locator(".value", has=page.get_by_text("Above home", exact=True)).locator(".text")
+    expect(altitude).to_have_text(
         re.compile(rf"^{position.relative_alt / 1000:.1f}".replace("-", "−") + r"\s*m")
     )
     assert abs(wrapped_deg(shown_value(values, "Heading") - math.degrees(attitude.yaw))) <= 1.0
@@ -111,60 +113,60 @@ def compare(page: Page, log: Log, time_us: int) -> None:
     card = page.get_by_role("region", name="Gimbal")
     shown_pitch = card.get_by_text("Pitch", exact=True).locator("xpath=following-sibling::*[1]").inner_text()
     assert abs(first_number(shown_pitch) - pitch_deg) <= 0.1
-    clock = page.get_by_role("slider", name="Time in the recording").get_attribute("aria-valuenow")
-    assert clock is not None
-    assert int(clock) > 0
+    slider_value = page.get_by_role("slider", name="Time in the recording").get_attribute("aria-valuenow")
+    assert slider_value is not None
+    assert int(slider_value) > 0
 
 
 @pytest.mark.story
-def test_a_replay_shows_the_values_of_the_log(browser: Browser, shared: Path, station: str) -> None:
-    log = Log(shared / "px4" / "tlogs" / FLIGHT)
-    with open_page(browser, station, scene=False) as page:
+def test_a_replay_shows_the_values_of_the_log(browser: Browser, shared: Path, server_url: str) -> None:
+    log = DecodedLog(shared / "px4" / "tlogs" / RECORDING)
+    with open_page(browser, server_url, scene=False) as page:
         page.get_by_role("button", name="Recorded flights").click()
         flights = page.get_by_role("region", name="Recorded flights")
-        letter = flights.get_by_role("listitem").filter(has_text="letter.tlog")
-        expect(letter).to_contain_text("not a telemetry log")
-        expect(letter.get_by_role("button", name="Replay")).to_be_disabled()
+        invalid_file = flights.get_by_role("listitem").filter(has_text="letter.tlog")
+        expect(invalid_file).to_contain_text("not a telemetry log")
+        expect(invalid_file.get_by_role("button", name="Replay")).to_be_disabled()
         assert serious_violations(page) == []
         flights.get_by_role("listitem").filter(has_text="vehicle 1").get_by_role(
             "button", name="Replay"
         ).click()
-        bar = page.get_by_role("region", name="Replay")
-        expect(bar.get_by_role("button", name="Pause")).to_be_visible()
+        replay_bar = page.get_by_role("region", name="Replay")
+        expect(replay_bar.get_by_role("button", name="Pause")).to_be_visible()
         expect(page.get_by_role("toolbar", name="Actions")).to_have_count(0)
         expect(page.get_by_role("button", name=re.compile("1 Quad"))).to_contain_text("replayed")
         page.keyboard.press("Space")
-        expect(bar.get_by_role("button", name="Play", exact=True)).to_be_visible()
+        expect(replay_bar.get_by_role("button", name="Play", exact=True)).to_be_visible()
 
         slider = page.get_by_role("slider", name="Time in the recording")
-        orbit_us, rtl_us = log.first_in((3, 1)), log.first_in((4, 5))
+        orbit_us, rtl_us = log.first_time_us((3, 1)), log.first_time_us((4, 5))
         for time_us in (orbit_us + 9_000_000, rtl_us + 4_000_000, orbit_us - 3_000_000):  # forward and back
             seek(page, time_us)
-            into_s = (time_us - log.begin_us) / 1e6
+            replay_s = (time_us - log.begin_us) / 1e6
             expect(slider).to_have_attribute(
-                "aria-valuenow", re.compile(rf"^({int(into_s)}|{int(into_s) + 1})$")
+                "aria-valuenow", re.compile(rf"^({int(replay_s)}|{int(replay_s) + 1})$")
             )
-            compare(page, log, time_us)
+            compare_instruments(page, log, time_us)
         assert serious_violations(page) == []
 
-        # by keyboard: five seconds forward, to the end, and to the start, which plays again
+        # by keyboard: to the end, to the start, and five seconds forward; then Play at 16 times the speed
         slider.focus()
         page.keyboard.press("End")
-        longest = slider.get_attribute("aria-valuemax")
-        assert longest is not None
-        expect(slider).to_have_attribute("aria-valuenow", longest)
-        assert abs(int(longest) - (log.end_us - log.begin_us) / 1e6) <= 0.5
+        duration_text = slider.get_attribute("aria-valuemax")
+        assert duration_text is not None
+        expect(slider).to_have_attribute("aria-valuenow", duration_text)
+        assert abs(int(duration_text) - (log.end_us - log.begin_us) / 1e6) <= 0.5
         expect(page.locator(".pill .who")).to_contain_text(
-            MODES[_mode(log.newest("CURRENT_MODE", log.end_us))]
+            MODE_LABELS[_mode(log.newest("CURRENT_MODE", log.end_us))]
         )
         page.keyboard.press("Home")
         expect(slider).to_have_attribute("aria-valuenow", "0")
         page.keyboard.press("ArrowRight")
         expect(slider).to_have_attribute("aria-valuenow", "5")
-        bar.get_by_label("Speed").select_option("16 ×")
+        replay_bar.get_by_label("Speed").select_option("16 ×")
         page.get_by_role("button", name="Play", exact=True).click()
         expect(slider).to_have_attribute("aria-valuenow", re.compile(r"^([3-9]\d|1\d\d)$"))
         expect(page.locator(".pill .who")).to_contain_text(re.compile("Hold|Orbit|Take off|Return|Land"))
-        bar.get_by_role("button", name="Close the replay").click()
-        expect(bar).to_have_count(0)
+        replay_bar.get_by_role("button", name="Close the replay").click()
+        expect(replay_bar).to_have_count(0)
         expect(page.get_by_text("No vehicle connected yet")).to_be_visible()

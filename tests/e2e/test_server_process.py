@@ -1,5 +1,5 @@
-"""The server's process: ports in use, recordings, invalid bytes, equal system ids, the simulator, and the
-shutdown."""
+"""The server's process with ports in use, recordings, invalid bytes and equal system ids, its simulator, and
+its shutdown."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ class Server:
     def vehicles(self) -> dict[str, dict[str, Any]]:
         return {vehicle["id"]: vehicle for vehicle in self.get("/vehicles")}
 
-    def texts(self) -> list[str]:
+    def warning_texts(self) -> list[str]:
         return [notice["text"] for notice in self.get("/warnings")["warnings"]]
 
 
 @contextlib.contextmanager
-def serving(command: list[str], **options: Any) -> Iterator[Server]:
+def run_server(command: list[str], **options: Any) -> Iterator[Server]:
     """Runs a server command, which must have a --port, until the block ends."""
     url = f"http://127.0.0.1:{command[command.index('--port') + 1]}"
     with running(command, **options) as process:
@@ -64,11 +64,11 @@ def command_without_scene(links: list[str], data: Path) -> list[str]:
 
 
 @pytest.mark.story
-def test_an_http_port_in_use_ends_the_server_with_an_error_that_names_port_and_fix(tmp_path: Path) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
+def test_an_http_port_in_use_ends_the_server_with_an_error_that_names_port_and_option(tmp_path: Path) -> None:
+    with socket.socket() as other_socket:
+        other_socket.bind(("127.0.0.1", 0))
+        other_socket.listen()
+        port = other_socket.getsockname()[1]
         result = subprocess.run(server_command(port, [], tmp_path), capture_output=True, text=True)
     assert result.returncode == 2
     assert str(port) in result.stderr
@@ -77,17 +77,17 @@ def test_an_http_port_in_use_ends_the_server_with_an_error_that_names_port_and_f
 
 
 @pytest.mark.story
-def test_a_mavlink_port_in_use_is_named_and_opened_once_it_is_free(tmp_path: Path) -> None:
-    taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    taken.bind(("127.0.0.1", 0))
-    port = taken.getsockname()[1]
-    with serving(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server:
+def test_a_mavlink_port_in_use_is_named_and_is_opened_when_it_becomes_free(tmp_path: Path) -> None:
+    other_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    other_socket.bind(("127.0.0.1", 0))
+    port = other_socket.getsockname()[1]
+    with run_server(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server:
         wait_until(lambda: server.link()["state"] == "waiting", "the link's error")
         assert str(port) in server.link()["detail"]
-        assert any(str(port) in text for text in server.texts())
-        taken.close()
+        assert any(str(port) in text for text in server.warning_texts())
+        other_socket.close()
         wait_until(lambda: server.link()["state"] == "open", "the link's recovery")
-        assert server.texts() == []
+        assert server.warning_texts() == []
         with vehicle(port):
             wait_until(lambda: "101" in server.vehicles(), "the vehicle")
 
@@ -105,7 +105,7 @@ def test_a_replay_is_shown_as_a_recording_and_refuses_commands(shared: Path, tmp
         "--no-scene",
     ]
     command += ["--port", str(port), "--data", str(tmp_path)]
-    with serving(command) as server:
+    with run_server(command) as server:
         wait_until(lambda: server.vehicles(), "the recorded vehicle")
         vehicle_state = next(iter(server.vehicles().values()))
         assert vehicle_state["identity"]["replayed"]
@@ -115,7 +115,7 @@ def test_a_replay_is_shown_as_a_recording_and_refuses_commands(shared: Path, tmp
         for command_name in ("arm", "land", "gimbal/take", "offboard/stop"):
             response = httpx.post(f"{url}/{command_name}", timeout=30)
             if command_name == "offboard/stop":
-                assert response.status_code == 200, "no stream, so nothing to refuse"
+                assert response.status_code == 200, "the stop was refused although no stream exists"
             else:
                 assert response.status_code == 409
                 assert "recording" in response.json()["detail"]
@@ -127,18 +127,18 @@ def test_a_replay_is_shown_as_a_recording_and_refuses_commands(shared: Path, tmp
             lambda: "attitude" in server.get(f"/vehicles/{vehicle_state['id']}")["topics"], "an attitude"
         )
         before_s = boot_s()
-        wait_until(lambda: boot_s() > before_s + 4, "the recording's time")
+        wait_until(lambda: boot_s() > before_s + 4, "four more seconds of the recording")
 
 
 @pytest.mark.realtime
-def test_a_simulator_survives_its_killed_server_and_the_next_server_finds_it(tmp_path: Path) -> None:
-    mavlink, local_port = free_port(), free_port()
-    sim_arguments = f"--gcs-remote-port {mavlink} --gcs-local-port {local_port} --no-api --tcp-port 0"
+def test_a_simulator_continues_after_its_server_is_killed_and_the_next_server_uses_it(tmp_path: Path) -> None:
+    mavlink_port, local_port = free_port(), free_port()
+    sim_arguments = f"--gcs-remote-port {mavlink_port} --gcs-local-port {local_port} --no-api --tcp-port 0"
 
     def command() -> list[str]:
-        arguments = command_without_scene([f"udpin://127.0.0.1:{mavlink}"], tmp_path)
+        arguments = command_without_scene([f"udpin://127.0.0.1:{mavlink_port}"], tmp_path)
         return [
-            *(part for part in arguments if part != "--no-sim"),
+            *(argument for argument in arguments if argument != "--no-sim"),
             "--sim",
             "1",
             f"--sim-args={sim_arguments}",
@@ -150,19 +150,17 @@ def test_a_simulator_survives_its_killed_server_and_the_next_server_finds_it(tmp
 
     pid_file = tmp_path / "simulator.json"
     try:
-        with serving(command()) as first:
-            before_s = time_since_boot_s(first)
+        with run_server(command()) as first_server:
+            before_s = time_since_boot_s(first_server)
             pid = json.loads(pid_file.read_text())["pid"]
-            end(first.process, signal.SIGKILL)
+            end(first_server.process, signal.SIGKILL)
         assert Path(f"/proc/{pid}").exists(), "the simulator ended with its server"
-        with serving(command()) as second:
-            assert time_since_boot_s(second) > before_s, "the vehicle booted again"
+        with run_server(command()) as second_server:
+            assert time_since_boot_s(second_server) > before_s, "the vehicle booted again"
             assert json.loads(pid_file.read_text())["pid"] == pid
-            assert second.get("/version")["simulator"]
-            wait_until(
-                lambda: second.vehicles()["1"]["identity"]["simulated"] is True, "the vehicle's identity"
-            )
-            end(second.process, signal.SIGTERM)
+            assert second_server.get("/version")["simulator"]
+            wait_until(lambda: second_server.vehicles()["1"]["identity"]["simulated"] is True, "the identity")
+            end(second_server.process, signal.SIGTERM)
         wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the simulator's end with its server")
         assert not pid_file.exists()
     finally:
@@ -174,24 +172,24 @@ def test_a_simulator_survives_its_killed_server_and_the_next_server_finds_it(tmp
 @pytest.mark.realtime
 def test_invalid_bytes_on_a_link_are_counted_and_the_other_vehicle_is_unaffected(tmp_path: Path) -> None:
     port = free_port()
-    with serving(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server, vehicle(port):
+    with run_server(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server, vehicle(port):
         wait_until(lambda: "101" in server.vehicles(), "the vehicle")
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as noise:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for number in range(200):
-                noise.sendto(bytes((number * 7 + n * 13) % 251 for n in range(120)), ("127.0.0.1", port))
-            noise.sendto(
+                sender.sendto(bytes((number * 7 + n * 13) % 251 for n in range(120)), ("127.0.0.1", port))
+            sender.sendto(
                 b"\xfd\x09\x00\x00\x00\x01\x01\x00\x00\x00" + bytes(9) + b"\x12\x34", ("127.0.0.1", port)
             )
         wait_until(lambda: server.link()["bytes_skipped"] > 10_000, "the count of invalid bytes")
-        counted = server.link()
-        assert counted["crc_errors"] >= 1
+        counts = server.link()
+        assert counts["crc_errors"] >= 1
         wait_until(
-            lambda: server.link()["frames_received"] > counted["frames_received"] + 20, "the vehicle's frames"
+            lambda: server.link()["frames_received"] > counts["frames_received"] + 20, "the vehicle's frames"
         )
-        after = server.link()
+        link_after = server.link()
         assert list(server.vehicles()) == ["101"]
         assert not server.vehicles()["101"]["status"]["link_lost"]
-        recording = after["recording"]
+        recording = link_after["recording"]
         assert recording["stopped"] is None
         assert (tmp_path / "recordings" / recording["file"]).stat().st_size >= recording["bytes"] > 0
 
@@ -200,13 +198,13 @@ def test_invalid_bytes_on_a_link_are_counted_and_the_other_vehicle_is_unaffected
 def test_two_vehicles_with_the_same_system_id_are_both_shown_each_with_a_warning(tmp_path: Path) -> None:
     port = free_port()
     with (
-        serving(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
+        run_server(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
         vehicle(port),
         vehicle(port, arguments=["--home", "47.5,8.6,500"]),
     ):
         wait_until(lambda: {"101", "101~2"} <= set(server.vehicles()), "the second vehicle")
-        wait_until(lambda: len(server.texts()) == 2, "the warnings")
-        assert all("system id 101" in text for text in server.texts())
+        wait_until(lambda: len(server.warning_texts()) == 2, "the warnings")
+        assert all("system id 101" in text for text in server.warning_texts())
         for key in ("101", "101~2"):
             wait_until(lambda key=key: "global_position" in server.vehicles()[key]["topics"], "positions", 40)
         vehicles = server.vehicles()
@@ -222,16 +220,16 @@ def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_veh
 ) -> None:
     port = free_port()
     command = command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)
-    with vehicle(port, arguments=FAST), serving(command) as server:
+    with vehicle(port, arguments=FAST), run_server(command) as server:
         with SyncGcs(server.url, client="e2e") as gcs:
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
             drone.takeoff(5)
             drone.until(lambda v: v["status"]["mode"] == "hold", what="the end of the take-off")
-            start = {"setpoint": {"type": "velocity", "velocity_ned_m_s": [0, 0, 0]}, "valid_for_s": 60}
-            drone.request("POST", "/offboard/start", start)
+            request = {"setpoint": {"type": "velocity", "velocity_ned_m_s": [0, 0, 0]}, "valid_for_s": 60}
+            drone.request("POST", "/offboard/start", request)
             drone.hold()
-            ended = drone.until(lambda v: not v["offboard"]["streaming"], what="the stream's end")
-            assert ended["offboard"]["ended"] == "e2e commanded 'hold'; the setpoint stream has ended."
+            state = drone.until(lambda v: not v["offboard"]["streaming"], what="the stream's end")
+            assert state["offboard"]["ended"] == "e2e commanded 'hold'; the setpoint stream has ended."
 
             def stream_events() -> list[tuple[str, int, str]]:
                 messages = drone.request("GET", "/messages")["messages"]
@@ -240,17 +238,17 @@ def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_veh
 
             wait_until(stream_events, "the event of the stream's end")
             assert stream_events() == [("command", 6, "commanded")]
-            drone.request("POST", "/offboard/start", start)
+            drone.request("POST", "/offboard/start", request)
         end(server.process, signal.SIGTERM)
         assert server.process.returncode != -signal.SIGKILL, "the shutdown took too long"
-        line = json.loads((tmp_path / "journal.jsonl").read_text().splitlines()[-1])
-        assert (line["client"], line["command"], line["vehicle"], line["result"]) == (
+        entry = json.loads((tmp_path / "journal.jsonl").read_text().splitlines()[-1])
+        assert (entry["client"], entry["command"], entry["vehicle"], entry["result"]) == (
             "server",
             "offboard/stop",
             "101",
             "ok",
         )
-        with serving(command) as successor:
-            wait_until(lambda: "101" in successor.vehicles(), "the vehicle")
-            status = successor.vehicles()["101"]["status"]
+        with run_server(command) as second_server:
+            wait_until(lambda: "101" in second_server.vehicles(), "the vehicle")
+            status = second_server.vehicles()["101"]["status"]
             assert (status["armed"], status["mode"]) == (True, "hold")

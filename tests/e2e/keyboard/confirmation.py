@@ -1,5 +1,5 @@
-"""A confirmation dialog of the page, and checks of the rules for all confirmations. Commands of the page are
-blocked, so that none reaches the server."""
+"""A confirmation dialog of the page, and checks of the rules for all confirmations. The page's commands are
+blocked, so that no command reaches the server."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ FOCUSED_ID = """
 () => document.activeElement.dataset.focusId ??= String(window.focusIds = (window.focusIds ?? 0) + 1)
 """
 HAS_FOCUS = "(dialog) => dialog.contains(document.activeElement)"
-CONTROLS = """
+COUNT_CONTROLS = """
 (dialog) => [...dialog.querySelectorAll('button, input, select, textarea, a[href], [tabindex]')]
   .filter((control) => !control.disabled && control.tabIndex >= 0 && control.checkVisibility()).length
 """
-BUTTONS = """
+BUTTON_NAMES = """
 () => [...new Set([...document.querySelectorAll('button')]
   .filter((button) => !button.disabled && button.ariaDisabled !== 'true' && button.checkVisibility())
   .map((button) => button.ariaLabel ?? button.innerText.replace(/\\s+/g, ' ').trim()))]
 """
-"""Names of the enabled buttons. `innerText` has a space where the accessible name has one, between parts that
-are laid out beside each other; `textContent` has none."""
-DESCRIBED = """
+"""Names of the enabled buttons. Between parts that are laid out beside each other, `innerText` has a space,
+as the accessible name has; `textContent` has no space."""
+ANNOUNCED_TEXTS = """
 (dialog) => [dialog.getAttribute('aria-modal') === 'true' ? 'modal' : '',
   ...['aria-labelledby', 'aria-describedby'].map((a) => document.getElementById(dialog.getAttribute(a)))
     .map((element) => element?.innerText ?? '')]
 """
-DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))"
-FOCUS_OUTSIDE = "() => [...document.querySelectorAll('.dock button')].at(-1).focus()"
+AWAIT_DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))"
+FOCUS_BUTTON_OUTSIDE = "() => [...document.querySelectorAll('.dock button')].at(-1).focus()"
 OUTSIDE_SELECTORS = ("body", "[role=alertdialog] [aria-label=Cancel]", ".dock button:last-child")
 HOLD_KEY_OUTSIDE = """
 ([where, key, held_ms]) => new Promise((done) => {
   const knob = document.querySelector('[role=alertdialog] [role=slider]');
   const code = key === ' ' ? 'Space' : key;
-  const send = (on, type, key, repeat) =>
-    on?.dispatchEvent(new KeyboardEvent(type, { key, code, repeat, bubbles: true, cancelable: true }));
+  const send = (element, type, key, repeat) =>
+    element?.dispatchEvent(new KeyboardEvent(type, { key, code, repeat, bubbles: true, cancelable: true }));
   send(knob, 'keydown', 'Home', false);
   send(document.querySelector(where), 'keydown', key, false);
   setTimeout(() => {
@@ -49,11 +49,11 @@ HOLD_KEY_OUTSIDE = """
   }, held_ms);
 })
 """
-"""Presses and holds a key on an element outside the slider, although this element need not have the focus."""
+"""Presses and holds a key on an element outside the slider, although this element may not have the focus."""
 
 
 def refuse_commands(page: Page) -> list[str]:
-    """Blocks all commands of the page from now on; returns the list of blocked commands, which grows."""
+    """Blocks all commands of the page from now on, and returns the list that records the blocked commands."""
     commands: list[str] = []
     harmless_requests = re.compile("/scene/|/readiness/check|/params/refresh")
 
@@ -87,59 +87,61 @@ class Confirmation:
         self.dialog = page.get_by_role("alertdialog")
         self.knob = self.dialog.get_by_role("slider")
         self.title = self.dialog.get_by_role("heading").inner_text()
-        self._request: Callable[[], None] = lambda: None
+        self._open_dialog: Callable[[], None] = lambda: None
 
-    def check(self, request: Callable[[], None]) -> None:
-        """Checks the rules; only the dialog's own slider may confirm it. `request` opens the dialog again."""
-        self._request = request
-        self._announces_itself()
-        self._keeps_the_focus()
-        self._ignores_keys_elsewhere()
-        self._is_cancelled_by_its_button_and_by_escape()
-        assert self.commands == [], f"{self.title}: sent without being confirmed"
-        self._is_confirmed_on_its_slider()
+    def check(self, open_dialog: Callable[[], None]) -> None:
+        """Checks the rules; only the dialog's own slider may confirm it. `open_dialog` opens it again."""
+        self._open_dialog = open_dialog
+        self._check_announcement()
+        self._check_focus_stays_in_dialog()
+        self._check_keys_outside_are_ignored()
+        self._check_cancel_button_and_escape()
+        assert self.commands == [], f"{self.title}: a command was sent without confirmation"
+        self._check_slider_confirms()
 
     def open(self) -> None:
         """Opens the confirmation again if it was cancelled or has expired; repeats the key press, because the
-        page ignores one directly after a confirmation."""
+        page ignores a key press directly after a confirmation."""
 
         def is_open() -> bool:
             if not self.dialog.is_visible():
-                self._request()
+                self._open_dialog()
             return self.dialog.is_visible()
 
         wait_until(is_open, f"the confirmation {self.title!r}")
 
-    def _announces_itself(self) -> None:
+    def _check_announcement(self) -> None:
         self.open()
         expect(self.knob, self.title).to_be_focused()
-        texts = self.dialog.evaluate(DESCRIBED)
+        texts = self.dialog.evaluate(ANNOUNCED_TEXTS)
         assert all(text.strip() for text in texts), (self.title, texts)
 
-    def _keeps_the_focus(self) -> None:
+    def _check_focus_stays_in_dialog(self) -> None:
         for key in ("Tab", "Shift+Tab"):
             self.open()
-            controls = self.dialog.evaluate(CONTROLS)
-            reached: set[str] = set()
-            for _ in range(controls + 1):
+            control_count = self.dialog.evaluate(COUNT_CONTROLS)
+            focused_ids: set[str] = set()
+            for _ in range(control_count + 1):
                 self.page.keyboard.press(key)
                 assert self.dialog.evaluate(HAS_FOCUS), (
                     f"{self.title}: {key} moves the focus out of the dialog"
                 )
-                reached.add(self.page.evaluate(FOCUSED_ID))
-            assert len(reached) == controls, f"{self.title}: {key} does not cycle within the dialog"
+                focused_ids.add(self.page.evaluate(FOCUSED_ID))
+            assert len(focused_ids) == control_count, f"{self.title}: {key} does not cycle within the dialog"
         self.open()
-        self.page.evaluate(FOCUS_OUTSIDE)
+        self.page.evaluate(FOCUS_BUTTON_OUTSIDE)
         wait_until(lambda: self.dialog.evaluate(HAS_FOCUS), "the return of the focus into the confirmation")
 
-    def _ignores_keys_elsewhere(self) -> None:
-        for where in OUTSIDE_SELECTORS:
+    def _check_keys_outside_are_ignored(self) -> None:
+        for selector in OUTSIDE_SELECTORS:
             for key in (" ", "Enter"):
                 self.open()
-                now = self.page.evaluate(HOLD_KEY_OUTSIDE, [where, key, KEY_HELD_MS])
-                assert now == "0", f"{self.title}: {key!r} held on {where} moves the slider to {now}"
+                slider_value = self.page.evaluate(HOLD_KEY_OUTSIDE, [selector, key, KEY_HELD_MS])
+                assert slider_value == "0", (
+                    f"{self.title}: {key!r} held on {selector} moves the slider to {slider_value}"
+                )
 
-    def _is_cancelled_by_its_button_and_by_escape(self) -> None:
+    def _check_cancel_button_and_escape(self) -> None:
         for key in ("Enter", "Space"):
             self.open()
             self.dialog.get_by_role("button", name="Cancel").focus()
@@ -155,7 +157,7 @@ class Confirmation:
         self.page.keyboard.press("Escape")
         expect(self.dialog, f"{self.title}: Escape").to_be_hidden()
 
-    def _is_confirmed_on_its_slider(self) -> None:
+    def _check_slider_confirms(self) -> None:
         self.open()
         expect(self.knob).to_be_focused()
         self.page.keyboard.down("Space")
@@ -172,22 +174,22 @@ class Confirmation:
 def press_new_buttons(
     page: Page, pressed: set[str], where: str, reopen: Callable[[], None] | None
 ) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Presses Enter on each visible button that was not pressed before, on "Close" buttons last. Yields those
-    that open a confirmation: a name, and a function that presses the button again.
+    """Presses Enter on each visible button that was not pressed before, on "Close" buttons last. For each
+    button that opens a confirmation, yields its name and a function that presses it again.
 
     Args:
         page: the page.
-        pressed: names of the buttons pressed before; the function adds names.
+        pressed: patterns of the names of the buttons pressed before; the function adds patterns.
         where: name of the open view or panel, for messages.
         reopen: opens the view or panel again if a pressed button closed it; None: no button closes it.
     """
     dialog = page.get_by_role("alertdialog")
-    for name in sorted(page.evaluate(BUTTONS), key=lambda name: name.startswith("Close")):
+    for name in sorted(page.evaluate(BUTTON_NAMES), key=lambda name: name.startswith("Close")):
         pattern = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some labels contain a number
         name_start = re.compile(f"^{pattern}", re.IGNORECASE)  # the text may be drawn in capitals
         radio, combobox = (page.get_by_role(role, name=name_start) for role in ("radio", "combobox"))
-        found = page.get_by_role("button", name=name_start).or_(radio).or_(combobox)
-        button = found.first  # the locator also matches controls that appear later
+        control = page.get_by_role("button", name=name_start).or_(radio).or_(combobox)
+        button = control.first  # the locator also matches controls that appear later
         if pattern in pressed:
             continue
         if reopen is not None and not button.is_visible():
@@ -196,11 +198,11 @@ def press_new_buttons(
             continue
         pressed.add(pattern)
 
-        def request(button: Locator = button) -> None:
+        def press_button(button: Locator = button) -> None:
             button.focus()
             page.keyboard.press("Enter")
 
-        request()
-        page.evaluate(DRAWN)
+        press_button()
+        page.evaluate(AWAIT_DRAWN)
         if dialog.is_visible():
-            yield f"{name!r} in {where}", request
+            yield f"{name!r} in {where}", press_button

@@ -1,4 +1,4 @@
-"""A server and two vehicles for the keyboard tests of each module."""
+"""Fixtures of the keyboard tests: a server and two vehicles for each module."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def module_station(port: int, vehicles_pid: int) -> Iterator[Station]:
 
 
 @pytest.fixture
-def flying(module_station: Station) -> Station:
-    """The station with its vehicle in flight, in Hold."""
+def flying_station(module_station: Station) -> Station:
+    """The module's station, whose vehicle 101 is in flight in Hold."""
     if not module_station.drone.status()["armed"]:
         module_station.drone.takeoff(6)
     module_station.drone.hold()

@@ -9,29 +9,29 @@ from playwright.sync_api import Page
 
 from tests.station import wait_until
 
-MAX_STOPS = 300
-STOPS_AT_ONCE = 20
+MAX_TAB_PRESSES = 300
+PRESSES_PER_CHECK = 20
 MAX_PANELS = 6
 MAX_ROUNDS = 3
 
 RECORD_FOCUS = """
 () => {
-  if (!window.walked) document.addEventListener('focusin', (e) => window.walked.add(e.target));
-  window.walked = new Set();
+  if (!window.reached) document.addEventListener('focusin', (e) => window.reached.add(e.target));
+  window.reached = new Set();
   document.activeElement.blur();
 }
 """
-UNREACHED = """
+UNREACHED_CONTROLS = """
 () => [...document.querySelectorAll(
     'a[href], button, input, select, textarea, summary, [tabindex], [role="slider"], [role="button"]')]
   .filter((control) => !control.disabled && control.tabIndex >= 0
     && control.checkVisibility({ visibilityProperty: true })
-    && control.closest('[aria-hidden="true"], [inert]') === null && !window.walked.has(control)
-    && !(control.type === 'radio'))
+    && control.closest('[aria-hidden="true"], [inert]') === null && !window.reached.has(control)
+    && control.type !== 'radio')
   .map((control) => control.outerHTML.slice(0, 140))
 """
-WITHOUT_A_NAME = """
-() => [...window.walked]
+CONTROLS_WITHOUT_NAME = """
+() => [...window.reached]
   .filter((control) => control.isConnected && control !== document.body && control.tabIndex >= 0
     && !(control.ariaLabel || control.textContent.trim() || control.title || control.labels?.length))
   .map((control) => control.outerHTML.slice(0, 140))
@@ -41,25 +41,25 @@ WITHOUT_A_NAME = """
 def check_tab_order(page: Page, tab_key: str) -> None:
     """Presses Tab through the whole page; checks that every visible control is reached and has a name.
 
-    A control that appears at an earlier position (a warning, for example) is reached in the next round.
+    A control that appears before the focused control, such as a warning, is reached in the next round.
     """
     page.evaluate(RECORD_FOCUS)
     for _ in range(MAX_ROUNDS):
         _press_tab_for_a_round(page, tab_key)
-        if page.evaluate(UNREACHED) == []:
+        if page.evaluate(UNREACHED_CONTROLS) == []:
             break
-    assert page.evaluate(UNREACHED) == []
-    assert page.evaluate(WITHOUT_A_NAME) == []
+    assert page.evaluate(UNREACHED_CONTROLS) == []
+    assert page.evaluate(CONTROLS_WITHOUT_NAME) == []
 
 
 def _press_tab_for_a_round(page: Page, tab_key: str) -> None:
-    for _ in range(0, MAX_STOPS, STOPS_AT_ONCE):
-        before = page.evaluate("() => window.walked.size")
-        for _ in range(STOPS_AT_ONCE):
+    for _ in range(0, MAX_TAB_PRESSES, PRESSES_PER_CHECK):
+        count_before = page.evaluate("() => window.reached.size")
+        for _ in range(PRESSES_PER_CHECK):
             page.keyboard.press(tab_key)
-        if page.evaluate("() => window.walked.size") == before:
+        if page.evaluate("() => window.reached.size") == count_before:
             return  # all controls were reached
-    pytest.fail(f"{MAX_STOPS} presses of {tab_key} do not complete a round")
+    pytest.fail(f"{MAX_TAB_PRESSES} presses of {tab_key} do not complete a round")
 
 
 def views_and_panels(page: Page) -> list[tuple[str, Callable[[], None]]]:
@@ -67,50 +67,50 @@ def views_and_panels(page: Page) -> list[tuple[str, Callable[[], None]]]:
 
     input_selector = page.get_by_label("Setpoint input")
 
-    def offboard() -> None:
+    def open_offboard_view() -> None:
         if not input_selector.is_visible():
             page.keyboard.press("p")
             input_selector.wait_for()
 
-    def input_kind(name: str) -> Callable[[], None]:
-        def choose() -> None:
-            offboard()
+    def input_opener(name: str) -> Callable[[], None]:
+        def open_input() -> None:
+            open_offboard_view()
             input_selector.get_by_role("radio", name=name, exact=True).focus()
             page.keyboard.press("Enter")
 
-        return choose
+        return open_input
 
-    def flights() -> None:
+    def open_flights() -> None:
         page.get_by_role("button", name="Recorded flights", exact=True).focus()
         page.keyboard.press("Enter")
         flights = page.get_by_role("region", name="Recorded flights")
         flights.get_by_role("list").or_(flights.get_by_text("No recordings yet")).first.wait_for()
 
-    def menu() -> None:
+    def open_point_menu() -> None:
         point_menu = page.get_by_role("dialog", name="At this position")
 
         def is_open() -> bool:
             page.get_by_role("application", name="Map from above").focus()
-            page.keyboard.press("Shift+ArrowUp")  # not on a vehicle
+            page.keyboard.press("Shift+ArrowUp")  # moves the crosshair away from the vehicle
             page.keyboard.press("Enter")
             return point_menu.is_visible()
 
         wait_until(is_open, "the menu at a position")
 
-    def key(character: str) -> Callable[[], None]:
+    def key_presser(character: str) -> Callable[[], None]:
         return lambda: page.keyboard.press(character)
 
     keys = {"messages": "n", "values": "v", "readiness": "y", "parameters": "i", "control": "c", "help": "?"}
     keys["vehicles"] = "j"
-    parts = [(f"view: {name}", input_kind(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
+    inputs = [(f"view: {name}", input_opener(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
     return [
         ("fly", lambda: None),
-        *((name, key(character)) for name, character in keys.items()),
-        ("flights", flights),
-        ("map point menu", menu),
-        ("view: plan", key("w")),
-        ("view: offboard", offboard),
-        *parts,
+        *((name, key_presser(character)) for name, character in keys.items()),
+        ("flights", open_flights),
+        ("map point menu", open_point_menu),
+        ("view: plan", key_presser("w")),
+        ("view: offboard", open_offboard_view),
+        *inputs,
     ]
 
 

@@ -1,4 +1,4 @@
-"""A confirmation is given only with its own slider, not by keys pressed elsewhere."""
+"""Only the slider of a confirmation confirms it; keys pressed elsewhere do not."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from tests.e2e.keyboard.tab_order import close_all, views_and_panels
 pytestmark = [pytest.mark.browser, pytest.mark.story, pytest.mark.timeout(600)]
 
 NOT_PRESSED = ("Reload", "Hold")
-"""Hold has no confirmation, and closes every open one."""
+"""Hold has no confirmation, and closes every open confirmation."""
 
 
 def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
-    browser: Browser, flying: Station
+    browser: Browser, flying_station: Station
 ) -> None:
     confirmations: dict[str, str] = {}
-    with open_page(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        # The name of the button contains the link's rate: it changes when the rate becomes known.
+        # Wait for the link's rate, because the name of its button changes when the rate becomes known.
         page.get_by_role("button", name=re.compile(r"^Link .* packet loss")).first.wait_for()
         commands = refuse_commands(page)
-        # vehicle 101 flies: all views; vehicle 102 is on the ground: only the view with other buttons
+        # all views of the flying vehicle 101; of the landed vehicle 102 only the view whose buttons differ
         for vehicle_key, view_count in (("1", None), ("2", 1)):
             pressed: set[str] = {*NOT_PRESSED}
             for view, open_view in views_and_panels(page)[:view_count]:
@@ -43,11 +43,11 @@ def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
 
                 open_again()
                 reopen = open_again if view == "map point menu" else None
-                for where, request in press_new_buttons(page, pressed, view, reopen):
+                for button_and_view, press_button in press_new_buttons(page, pressed, view, reopen):
                     confirmation = Confirmation(page, commands)
-                    commands.clear()  # of the previous buttons, which have no confirmation
-                    if confirmations.setdefault(confirmation.title, where) == where:
-                        confirmation.check(request)
+                    commands.clear()  # commands of previous buttons that have no confirmation
+                    if confirmations.setdefault(confirmation.title, button_and_view) == button_and_view:
+                        confirmation.check(press_button)
                     else:
                         page.keyboard.press("Escape")
     for title_start in (
@@ -61,4 +61,4 @@ def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
         "Stop motors",
     ):
         assert any(title.startswith(title_start) for title in confirmations), (title_start, confirmations)
-    assert flying.drone.status()["armed"]
+    assert flying_station.drone.status()["armed"]

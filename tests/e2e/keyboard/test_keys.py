@@ -1,4 +1,4 @@
-"""Single keys: on Cancel, after the use of other controls, on the gimbal's pad."""
+"""Single keys on Cancel, on and after other controls, with shortcuts off, and on the gimbal's pad."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from tests.station import wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
-LONGER_THAN_ANY_HOLD_MS = 2_000
+LONGER_THAN_ANY_KEY_HOLD_MS = 2_000
 
 
 @pytest.mark.parametrize("key", ["Space", "Enter"])
-def test_a_key_held_on_cancel_does_not_stop_the_motors(browser: Browser, flying: Station, key: str) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+def test_a_key_held_on_cancel_does_not_stop_the_motors(
+    browser: Browser, flying_station: Station, key: str
+) -> None:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
         page.keyboard.press("Shift+K")
@@ -25,55 +27,57 @@ def test_a_key_held_on_cancel_does_not_stop_the_motors(browser: Browser, flying:
         dialog.get_by_role("button", name="Cancel").focus()
         for _ in range(5):  # key repeat
             page.keyboard.down(key)
-            page.wait_for_timeout(LONGER_THAN_ANY_HOLD_MS / 5)
+            page.wait_for_timeout(LONGER_THAN_ANY_KEY_HOLD_MS / 5)
         page.keyboard.up(key)
         expect(dialog).to_be_hidden()
         assert commands == []
 
 
-def test_stopping_the_motors_is_confirmed_only_by_its_own_slider(browser: Browser, flying: Station) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+def test_stopping_the_motors_is_confirmed_only_by_its_own_slider(
+    browser: Browser, flying_station: Station
+) -> None:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
 
-        def request() -> None:
+        def open_confirmation() -> None:
             page.keyboard.press("Shift+K")
 
-        request()
-        Confirmation(page, commands).check(request)
-    assert flying.drone.status()["armed"]
+        open_confirmation()
+        Confirmation(page, commands).check(open_confirmation)
+    assert flying_station.drone.status()["armed"]
 
 
-def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
-    browser: Browser, flying: Station
+def test_the_hold_key_works_on_a_checkbox_and_a_list_but_not_in_a_text_field_or_with_shortcuts_off(
+    browser: Browser, flying_station: Station
 ) -> None:
-    drone = flying.drone
-    with open_page(browser, flying.url, scene=False) as page:
+    drone = flying_station.drone
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
         page.keyboard.press("p")
         view = page.get_by_role("region", name="Offboard view")
-        box = view.get_by_role("checkbox", name="Renew while this page is open")
-        box.focus()
+        checkbox = view.get_by_role("checkbox", name="Renew while this page is open")
+        checkbox.focus()
         page.keyboard.press("Space")
         page.keyboard.press("h")
-        await_command(page, commands, "Hold after a checkbox")
+        await_command(page, commands, "Hold on a checkbox")
         assert commands.pop().endswith("/vehicles/101/hold")
 
         view.locator("summary").first.press("Enter")
-        choice = view.get_by_label("Failsafe action")
-        choice.focus()
-        before = choice.input_value()
+        action_list = view.get_by_label("Failsafe action")
+        action_list.focus()
+        selected_action = action_list.input_value()
         page.keyboard.press("h")
         await_command(page, commands, "Hold on a list")
         assert commands.pop().endswith("/vehicles/101/hold")
-        assert choice.input_value() == before
+        assert action_list.input_value() == selected_action
 
         text_field = view.get_by_label("Valid for, seconds")
         text_field.press("h")
         assert commands == []  # the field receives the letter
 
-        # With shortcuts disabled only Escape works; the page shows that they are off, also after a reload.
+        # With shortcuts disabled only Escape works; the page shows this, also after a reload.
         page.keyboard.press("Escape")
         press(page.get_by_role("button", name="Fly", exact=True), "Enter")
         page.keyboard.press("?")
@@ -95,8 +99,8 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
     assert drone.status()["armed"]
 
 
-def test_the_gimbal_is_pointed_by_arrow_keys(browser: Browser, flying: Station) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+def test_the_gimbal_is_pointed_by_keys(browser: Browser, flying_station: Station) -> None:
+    with open_page(browser, flying_station.url, scene=False) as page:
         card = page.get_by_label("Gimbal", exact=True)
         press(card.get_by_role("button", name="Take"), "Enter")
         pad = card.get_by_role("slider", name="Gimbal pad")
@@ -108,7 +112,7 @@ def test_the_gimbal_is_pointed_by_arrow_keys(browser: Browser, flying: Station) 
         expect(pad).to_have_attribute("aria-valuenow", "-21")
 
         def pitch_rad() -> float:
-            gimbal = flying.drone.topic("gimbal")
+            gimbal = flying_station.drone.topic("gimbal")
             return 0.0 if gimbal is None else float(gimbal["pitch_rad"])
 
         wait_until(lambda: pitch_rad() < -0.3, "the gimbal moved by keys")

@@ -1,5 +1,5 @@
-"""Menus, lists and panels by keyboard: while one is open, keys select only its entries, Escape closes only
-it, and the safety keys and buttons still work."""
+"""Menus, lists and panels by keyboard: keys select entries of the open menu or list, Escape closes only the
+menu, list or panel, and the safety keys and buttons still work."""
 
 from __future__ import annotations
 
@@ -15,64 +15,63 @@ from tests.e2e.keyboard.confirmation import await_command, refuse_commands
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
-def add_item(page: Page) -> Locator:
+def add_item_button(page: Page) -> Locator:
     """The button in the plan view that opens the menu of items."""
     return page.get_by_role("button", name="Add item")
 
 
-def opened_menu(page: Page) -> Locator:
-    """The menu of "Add item", opened by keyboard."""
-    add_item(page).press("ArrowDown")
+def open_item_menu(page: Page) -> Locator:
+    """Opens the menu of "Add item" by keyboard."""
+    add_item_button(page).press("ArrowDown")
     menu = page.get_by_role("menu")
     expect(menu.get_by_role("menuitem").first).to_be_focused()
     return menu
 
 
-def setpoint_type(page: Page) -> Locator:
+def setpoint_type_button(page: Page) -> Locator:
     """The button in the offboard view that opens the list of setpoint types."""
     return page.get_by_role("combobox", name="Setpoint type")
 
 
-def opened_list(page: Page) -> Locator:
-    """The list of setpoint types, opened by keyboard."""
-    setpoint_type(page).press("ArrowDown")
-    types = page.get_by_role("listbox", name="Setpoint types")
-    expect(types).to_be_visible()
-    return types
+def open_type_list(page: Page) -> Locator:
+    """Opens the list of setpoint types by keyboard."""
+    setpoint_type_button(page).press("ArrowDown")
+    type_list = page.get_by_role("listbox", name="Setpoint types")
+    expect(type_list).to_be_visible()
+    return type_list
 
 
-def opened_panel(page: Page) -> Locator:
-    """The panel about control of the vehicle, opened by keyboard."""
+def open_control_panel(page: Page) -> Locator:
+    """Opens the panel about control of the vehicle by keyboard."""
     page.keyboard.press("c")
     panel = page.get_by_role("dialog", name="Control of 101 Quad")
     expect(panel.get_by_role("button", name="Release control")).to_be_focused()
     return panel
 
 
-def open_checks(page: Page) -> Locator:
-    """Opens the panel with the readiness checks, which Escape closes when no overlay is open over the
-    panel."""
+def open_readiness_panel(page: Page) -> Locator:
+    """Opens the readiness panel, which Escape closes only if no menu, list or panel is open over it."""
     page.keyboard.press("y")
-    checks = page.get_by_role("region", name="Readiness")
-    expect(checks).to_be_visible()
-    return checks
+    readiness_panel = page.get_by_role("region", name="Readiness")
+    expect(readiness_panel).to_be_visible()
+    return readiness_panel
 
 
-def check_escape(page: Page, overlay: Locator, button: Locator, checks: Locator) -> None:
-    """Escape closes the overlay but not the checks below it, and returns the focus to its button."""
+def check_escape(page: Page, overlay: Locator, button: Locator, readiness_panel: Locator) -> None:
+    """Checks that Escape closes only the overlay, and returns the focus to the overlay's button."""
     page.keyboard.press("Escape")
     expect(overlay).to_be_hidden()
     expect(button).to_be_focused()
-    expect(checks).to_be_visible()
+    expect(readiness_panel).to_be_visible()
 
 
 def test_keys_in_an_open_menu_select_its_entries_and_request_no_flight_command(
-    browser: Browser, flying: Station
+    browser: Browser, flying_station: Station
 ) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         page.keyboard.press("w")
-        menu = opened_menu(page)
+        menu = open_item_menu(page)
         assert violations_in_both_themes(page) == []
         for key, title in (("End", "Rally point"), ("ArrowUp", "Obstacle"), ("t", "Take off")):
             page.keyboard.press(key)
@@ -82,35 +81,35 @@ def test_keys_in_an_open_menu_select_its_entries_and_request_no_flight_command(
         page.keyboard.press("Enter")
         expect(items.filter(has_text="Take off")).to_have_count(1)
         expect(menu).to_be_hidden()
-        expect(add_item(page)).to_be_focused()
+        expect(add_item_button(page)).to_be_focused()
 
 
 def test_keys_in_an_open_list_select_its_entries_and_request_no_flight_command(
-    browser: Browser, flying: Station
+    browser: Browser, flying_station: Station
 ) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
         page.keyboard.press("p")
-        types = opened_list(page)
+        type_list = open_type_list(page)
         assert violations_in_both_themes(page) == []
         for key, name in (("End", "Motors"), ("Home", "Position"), ("t", "Trajectory"), ("l", "Trajectory")):
             page.keyboard.press(key)
-            expect(types.locator("[data-highlighted]")).to_contain_text(name)
+            expect(type_list.locator("[data-highlighted]")).to_contain_text(name)
         page.keyboard.press("Enter")
-        expect(types).to_be_hidden()
-        expect(setpoint_type(page)).to_be_focused()
-        expect(setpoint_type(page)).to_contain_text("Trajectory point")
+        expect(type_list).to_be_hidden()
+        expect(setpoint_type_button(page)).to_be_focused()
+        expect(setpoint_type_button(page)).to_contain_text("Trajectory point")
         expect(page.get_by_role("alertdialog")).to_have_count(0)
-        page.keyboard.press("l")  # while the list is closed, its button leaves the keys to the page
+        page.keyboard.press("l")  # while the list is closed, the page handles the keys
         expect(page.get_by_role("alertdialog")).to_contain_text("Land")
         assert commands == []
 
 
 def test_arrow_keys_select_an_option_of_a_radio_group_that_is_one_tab_stop(
-    browser: Browser, flying: Station
+    browser: Browser, flying_station: Station
 ) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         page.keyboard.press("p")
         input_selector = page.get_by_role("radiogroup", name="Setpoint input")
@@ -128,24 +127,24 @@ def test_arrow_keys_select_an_option_of_a_radio_group_that_is_one_tab_stop(
         expect(group).to_be_focused()
         page.keyboard.press("ArrowRight")
         expect(form).to_be_checked()
-        expect(setpoint_type(page)).to_be_visible()
+        expect(setpoint_type_button(page)).to_be_visible()
 
 
-def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus(
-    browser: Browser, flying: Station
+def test_escape_closes_only_the_menu_list_or_panel_and_returns_the_focus_to_its_button(
+    browser: Browser, flying_station: Station
 ) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         for view_key, button, open_overlay in (
-            ("w", add_item, opened_menu),
-            ("p", setpoint_type, opened_list),
+            ("w", add_item_button, open_item_menu),
+            ("p", setpoint_type_button, open_type_list),
         ):
             page.keyboard.press(view_key)
-            checks = open_checks(page)
-            check_escape(page, open_overlay(page), button(page), checks)
+            readiness_panel = open_readiness_panel(page)
+            check_escape(page, open_overlay(page), button(page), readiness_panel)
             page.keyboard.press("Escape")
-            expect(checks).to_be_hidden()
-        checks = open_checks(page)
+            expect(readiness_panel).to_be_hidden()
+        readiness_panel = open_readiness_panel(page)
         for name, panel_name in (
             ("Battery", "Battery: details"),
             ("You have control", "Control of 101 Quad"),
@@ -155,20 +154,20 @@ def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus
             panel = page.get_by_role("dialog", name=panel_name)
             expect(panel).to_be_visible()
             assert violations_in_both_themes(page) == []
-            check_escape(page, panel, button, checks)
+            check_escape(page, panel, button, readiness_panel)
         page.keyboard.press("Escape")
-        expect(checks).to_be_hidden()
+        expect(readiness_panel).to_be_hidden()
 
 
 @pytest.mark.parametrize(
     ("view_key", "open_overlay"),
-    [("w", opened_menu), ("p", opened_list), (None, opened_panel)],
+    [("w", open_item_menu), ("p", open_type_list), (None, open_control_panel)],
     ids=["menu", "list", "panel"],
 )
 def test_the_safety_keys_and_the_hold_button_work_while_a_menu_list_or_panel_is_open(
-    browser: Browser, flying: Station, view_key: str | None, open_overlay: Callable[[Page], Locator]
+    browser: Browser, flying_station: Station, view_key: str | None, open_overlay: Callable[[Page], Locator]
 ) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         expect(page.get_by_role("button", name="You have control")).to_be_visible()
         commands = refuse_commands(page)
@@ -193,11 +192,11 @@ def test_the_safety_keys_and_the_hold_button_work_while_a_menu_list_or_panel_is_
         expect(overlay).to_be_hidden()
 
 
-def test_a_panel_closes_when_the_focus_leaves_it(browser: Browser, flying: Station) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+def test_a_panel_closes_when_the_focus_leaves_it(browser: Browser, flying_station: Station) -> None:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         expect(page.get_by_role("button", name="You have control")).to_be_visible()
-        panel = opened_panel(page)
+        panel = open_control_panel(page)
         land = page.get_by_role("toolbar", name="Actions").get_by_role("button", name="Land", exact=True)
         land.focus()
         expect(panel).to_be_hidden()

@@ -1,4 +1,4 @@
-"""Each control of each view can be reached by keyboard; screen readers do not announce changing numbers."""
+"""Tab reaches each control of each view; screen readers do not announce changing numbers."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from tests.station import wait_until
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 LISTEN_MS = 2_500
-ANNOUNCEMENTS = """
+RECORD_ANNOUNCEMENTS = """
 (wait_ms) => new Promise((done) => {
   const announced = [];
-  const live = ['status', 'alert', 'log', 'timer'].map((role) => `[role="${role}"]`)
+  const liveRegions = ['status', 'alert', 'log', 'timer'].map((role) => `[role="${role}"]`)
     .concat('[aria-live="polite"]', '[aria-live="assertive"]').join();
   const watcher = new MutationObserver((changes) => {
     for (const change of changes) {
-      const at = change.target.nodeType === 3 ? change.target.parentElement : change.target;
-      const region = at?.closest(live);
-      if (!region || at.closest('[aria-live="off"]') || at.closest('[aria-hidden="true"]')) continue;
+      const node = change.target.nodeType === 3 ? change.target.parentElement : change.target;
+      const region = node?.closest(liveRegions);
+      if (!region || node.closest('[aria-live="off"]') || node.closest('[aria-hidden="true"]')) continue;
       if (region.getAttribute('aria-relevant') === 'additions' && change.type === 'characterData') continue;
       announced.push(region.outerHTML.slice(0, 160));
     }
@@ -39,12 +39,12 @@ ANNOUNCEMENTS = """
 
 
 def test_every_control_of_every_view_is_reached_by_tab_and_has_a_name(
-    browser: Browser, flying: Station
+    browser: Browser, flying_station: Station
 ) -> None:
-    with open_page(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        for name, open_it in views_and_panels(page):
-            open_it()
+        for name, open_view in views_and_panels(page):
+            open_view()
             page.wait_for_timeout(50)
             try:
                 check_tab_order(page, "Shift+Tab" if name == "fly" else "Tab")
@@ -54,35 +54,37 @@ def test_every_control_of_every_view_is_reached_by_tab_and_has_a_name(
                 close_all(page)
 
 
-def test_counters_are_not_announced(browser: Browser, flying: Station, vehicles_pid: int) -> None:
-    drone = flying.drone
-    with open_page(browser, flying.url, scene=False) as page:
+def test_screen_readers_do_not_announce_changing_numbers(
+    browser: Browser, flying_station: Station, vehicles_pid: int
+) -> None:
+    drone = flying_station.drone
+    with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        start: dict[str, object] = {
+        start_request: dict[str, object] = {
             "setpoint": {"type": "position", "position_ned_m": [0, 0, -6]},
             "valid_for_s": 60,
         }
 
         def is_started() -> bool:
             try:
-                drone.request("POST", "/offboard/start", start)
+                drone.request("POST", "/offboard/start", start_request)
             except Refused:  # on a busy machine the position may be too old for a moment
                 return False
             return True
 
         wait_until(is_started, "the start of the stream", 60)
         expect(page.locator(".pill b")).to_have_text("Offboard")
-        for open_it in (lambda: None, lambda: page.keyboard.press("p"), lambda: page.keyboard.press("y")):
-            open_it()
+        for open_view in (lambda: None, lambda: page.keyboard.press("p"), lambda: page.keyboard.press("y")):
+            open_view()
             page.wait_for_timeout(500)
-            assert page.evaluate(ANNOUNCEMENTS, LISTEN_MS) == []
+            assert page.evaluate(RECORD_ANNOUNCEMENTS, LISTEN_MS) == []
         drone.hold()
         os.killpg(vehicles_pid, signal.SIGSTOP)
         try:
             expect(page.locator(".pill b")).to_have_text("Connection lost")
             expect(page.get_by_role("button", name=re.compile("^101"))).to_contain_text("connection lost")
             page.wait_for_timeout(500)
-            assert page.evaluate(ANNOUNCEMENTS, LISTEN_MS) == []
+            assert page.evaluate(RECORD_ANNOUNCEMENTS, LISTEN_MS) == []
         finally:
             os.killpg(vehicles_pid, signal.SIGCONT)
         expect(page.locator(".pill b")).not_to_have_text("Connection lost")
