@@ -20,12 +20,12 @@ import httpx
 from gcs_server.client import SyncGcs, SyncVehicle
 from tests.bench.process import process_tree, resident_mb
 from tests.bench.relay import Relay
-from tests.hostile.wake_ups import PERIOD_S, WakeUpMeter
+from tests.hostile.wake_ups import WAKE_UP_PERIOD_S, WakeUpMeter
 from tests.station import free_port, running, server_command, vehicle, wait_until
 
-LATE_S = 0.02
-"""Time by which the gap between setpoints may exceed their period or the longest gap of an idle process."""
-GROWTH_MB = 100.0
+MAX_DELAY_S = 0.02
+"""How much a gap between setpoints may exceed their period, or the longest gap of an idle process."""
+MAX_GROWTH_MB = 100.0
 CHECK_PERIOD_S = 0.2
 VALID_FOR_S = 600
 
@@ -36,8 +36,8 @@ class AttackedFlight:
 
     url: str
     process: subprocess.Popen[bytes]
-    data: Path
-    log: Path
+    data_folder: Path
+    log_path: Path
     hostile_port: int
     relay: Relay
     drone: SyncVehicle
@@ -49,23 +49,23 @@ class AttackedFlight:
     def under_attack(self) -> Generator[None]:
         """Measures during the block, which runs an attack; checks the measurements at its end."""
         before_mb, self.growth_mb = self._memory_mb(), 0.0
-        log_bytes = self.log.stat().st_size
+        log_size_before = self.log_path.stat().st_size
         self.relay.setpoints.clear()
-        stopped = threading.Event()
-        watcher = threading.Thread(target=self._watch, args=(stopped, before_mb))
-        watcher.start()
+        block_ended = threading.Event()
+        measuring_thread = threading.Thread(target=self._measure, args=(block_ended, before_mb))
+        measuring_thread.start()
         meter = WakeUpMeter()
         try:
             yield
         finally:
-            stopped.set()
-            watcher.join()
+            block_ended.set()
+            measuring_thread.join()
             idle_gap_s = meter.stop()
-        self._check(log_bytes, idle_gap_s)
+        self._check(log_size_before, idle_gap_s)
 
-    def _watch(self, stopped: threading.Event, before_mb: float) -> None:
+    def _measure(self, block_ended: threading.Event, before_mb: float) -> None:
         with httpx.Client(base_url=self.url, timeout=10, headers={"X-Client-Id": "pilot"}) as client:
-            while not stopped.wait(CHECK_PERIOD_S):
+            while not block_ended.wait(CHECK_PERIOD_S):
                 for path in ("/api/v1/vehicles/101", "/api/v1/vehicles", "/api/v1/vehicles/101/offboard"):
                     self.statuses.add(client.get(path).status_code)
                 self.growth_mb = max(self.growth_mb, self._memory_mb() - before_mb)
@@ -75,18 +75,18 @@ class AttackedFlight:
         pids = [pid for pid in process_tree(self.process.pid) if _is_server_or_stream_process(pid)]
         return sum(resident_mb(pid) for pid in pids)
 
-    def _check(self, log_bytes: int, idle_gap_s: float) -> None:
-        arrivals = self.relay.arrivals_s().get(101, [])
-        assert len(arrivals) > 100, self._failure_details()
-        gaps = [later - earlier for earlier, later in itertools.pairwise(arrivals)]
+    def _check(self, log_size_before: int, idle_gap_s: float) -> None:
+        arrival_times_s = self.relay.arrivals_s().get(101, [])
+        assert len(arrival_times_s) > 100, self._failure_details()
+        gaps = [later - earlier for earlier, later in itertools.pairwise(arrival_times_s)]
         summary = f"largest gap {max(gaps) * 1e3:.1f} ms, of an idle process {idle_gap_s * 1e3:.1f} ms"
         print(f"{summary}; memory grew by {self.growth_mb:.1f} MB")
-        assert max(gaps) <= max(PERIOD_S, idle_gap_s) + LATE_S, summary
+        assert max(gaps) <= max(WAKE_UP_PERIOD_S, idle_gap_s) + MAX_DELAY_S, summary
         assert self.statuses == {200}
-        assert self.growth_mb < GROWTH_MB, f"the server grew by {self.growth_mb:.0f} MB"
+        assert self.growth_mb < MAX_GROWTH_MB, f"the memory of the server grew by {self.growth_mb:.0f} MB"
         status = self.drone.show()["status"]
         assert (status["mode"], status["armed"]) == ("offboard", True), self._failure_details()
-        new_log = self.log.read_bytes()[log_bytes:]
+        new_log = self.log_path.read_bytes()[log_size_before:]
         assert b"Traceback" not in new_log, new_log[-4000:].decode("utf-8", "replace")
         assert len(new_log) < 100_000, "the attack filled the log"
 
@@ -98,7 +98,7 @@ class AttackedFlight:
             [
                 *(str(message["text"]) for message in messages),
                 str(stream.get("ended")),
-                self.log.read_text(errors="replace")[-3000:],
+                self.log_path.read_text(errors="replace")[-3000:],
             ]
         )
 
@@ -112,14 +112,14 @@ def _is_server_or_stream_process(pid: int) -> bool:
 def attacked_flight(folder: Path) -> Generator[AttackedFlight]:
     """Starts a server with two UDP links, and a vehicle on the first link that hovers in Offboard."""
     flight_port, hostile_port, http_port = free_port(), free_port(), free_port(socket.SOCK_STREAM)
-    url, log, data = f"http://127.0.0.1:{http_port}", folder / "server.log", folder / "data"
+    url, log_path, data_folder = f"http://127.0.0.1:{http_port}", folder / "server.log", folder / "data"
     links = [f"udpin://127.0.0.1:{port}" for port in (flight_port, hostile_port)]
     with contextlib.ExitStack() as stack:
-        output = stack.enter_context(log.open("wb"))
+        output = stack.enter_context(log_path.open("wb"))
         process = stack.enter_context(
-            running(server_command(http_port, links, data), stdout=output, stderr=subprocess.STDOUT)
+            running(server_command(http_port, links, data_folder), stdout=output, stderr=subprocess.STDOUT)
         )
-        wait_until(lambda: _is_running(url), "the server")
+        wait_until(lambda: _server_responds(url), "the server")
         relay = stack.enter_context(Relay(flight_port))
         stack.enter_context(vehicle(relay.vehicle_port, arguments=["--no-log"]))
         gcs = stack.enter_context(SyncGcs(url, client="pilot", client_id="pilot"))
@@ -129,36 +129,36 @@ def attacked_flight(folder: Path) -> Generator[AttackedFlight]:
         drone.until(
             lambda v: v["topics"]["local_position"]["value"]["position_ned_m"][2] < -4.5, what="the hover"
         )
-        yield AttackedFlight(url, process, data, log, hostile_port, relay, drone)
+        yield AttackedFlight(url, process, data_folder, log_path, hostile_port, relay, drone)
 
 
-def attack(module: str, *arguments: object, deadline_s: float = 240.0) -> str:
+def attack(module: str, *arguments: object, timeout_s: float = 240.0) -> str:
     """Runs an attack in a separate process; returns its output.
 
     Raises:
-        subprocess.CalledProcessError: the attack itself has an error.
+        AssertionError: the attack program has failed.
     """
     command = [sys.executable, "-m", f"tests.hostile.{module}", *map(str, arguments)]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=deadline_s, check=False)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False)
     assert result.returncode == 0, result.stderr[-4000:]
     return result.stdout
 
 
-def _is_running(url: str) -> bool:
+def _server_responds(url: str) -> bool:
     with contextlib.suppress(httpx.TransportError):
         return httpx.get(f"{url}/api/v1/health", timeout=1).status_code == 200
     return False
 
 
-def pause(seconds: float) -> None:
+def wait_for_effects(seconds: float) -> None:
     """Waits in real time for delayed effects of the attack."""
     time.sleep(seconds)
 
 
-def write_recording(path: Path, records: int) -> None:
+def write_recording(path: Path, count: int) -> None:
     """Writes a telemetry log in which each record has another sender or message."""
-    first_us = 1_752_220_800_000_000
+    first_unix_us = 1_752_220_800_000_000
     with path.open("wb") as file:
-        for n in range(records):
+        for n in range(count):
             sender = bytes((1 + n % 250, n // 250 % 255)) + (500 + n // 63_750).to_bytes(3, "little")
-            file.write(struct.pack(">Q", first_us + 100 * n) + b"\xfd\x01\0\0\0" + sender + bytes(3))
+            file.write(struct.pack(">Q", first_unix_us + 100 * n) + b"\xfd\x01\0\0\0" + sender + bytes(3))

@@ -44,12 +44,12 @@ def post(path: str, headers: str, body: bytes = b"") -> bytes:
 async def large_bodies(host: str, port: int) -> Statuses:
     """Bodies of several megabytes: with Content-Length, in chunks, as one deeply nested or very wide JSON
     value."""
-    wide = json.dumps({f"k{n}": n for n in range(250_000)}).encode()
-    deep = b"[" * 400_000
+    wide_json = json.dumps({f"k{n}": n for n in range(250_000)}).encode()
+    deep_json = b"[" * 400_000
     path = "/vehicles/101/offboard/setpoint"
     attempts = [
         send_request(host, port, [post(path, f"Content-Length: {len(body)}\r\n"), body])
-        for body in (wide, deep, b"9" * 3_500_000)
+        for body in (wide_json, deep_json, b"9" * 3_500_000)
     ]
     attempts.append(send_request(host, port, [post(path, "Content-Length: 100000000\r\n"), CHUNK], 1500))
     chunk = b"10000\r\n" + CHUNK + b"\r\n"
@@ -71,7 +71,7 @@ async def endless_headers(host: str, port: int) -> Statuses:
 
 
 async def idle_connections(host: str, port: int) -> Statuses:
-    """A thousand connections; half of them send nothing, the others one byte."""
+    """1100 connections; half of them send nothing, the others one byte."""
     writers: list[asyncio.StreamWriter] = []
     for n in range(1100):
         with contextlib.suppress(OSError):
@@ -87,14 +87,14 @@ async def idle_connections(host: str, port: int) -> Statuses:
 
 async def unread_replies(host: str, port: int) -> Statuses:
     """WebSockets that send invalid messages and never read the replies."""
-    key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
-    upgrade = f"Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\n"
-    text = b"\x81\xfe\x00\x80\0\0\0\0" + b"{" * 128
+    websocket_headers = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
+    upgrade = f"Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{websocket_headers}\r\n"
+    invalid_message = b"\x81\xfe\x00\x80\0\0\0\0" + b"{" * 128  # a masked text message
     statuses: Statuses = set()
     for path in ("/telemetry", "/vehicles/101/offboard/stream"):
         for _ in range(4):
             request = f"GET {API}{path} HTTP/1.1\r\n{upgrade}".encode()
-            statuses.add(await send_request(host, port, [request, text * 400], 2000, wait_s=4.0))
+            statuses.add(await send_request(host, port, [request, invalid_message * 400], 2000, wait_s=4.0))
     return statuses
 
 
@@ -102,20 +102,20 @@ async def control_requests(host: str, port: int) -> Statuses:
     """A thousand requests for control and two thousand commands, each from a different client."""
     statuses: Statuses = set()
 
-    async def send_numbered(n: int) -> None:
+    async def send_as_stranger(n: int) -> None:
         body = json.dumps({"reason": "now" * 50}).encode()
         path = ("/vehicles/101/control/request", "/vehicles/101/arm", "/vehicles/101/takeoff")[n % 3]
         request_headers = f"X-Client-Id: stranger-{n}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n"
         statuses.add(await send_request(host, port, [post(path, request_headers, body)]))
 
     for start in range(0, 3000, 20):
-        await asyncio.gather(*(send_numbered(n) for n in range(start, start + 20)))
+        await asyncio.gather(*(send_as_stranger(n) for n in range(start, start + 20)))
     return statuses
 
 
 async def invalid_http(host: str, port: int) -> Statuses:
-    """Bytes that are not HTTP, or almost HTTP."""
-    bad = [
+    """Bytes that are not HTTP, invalid requests, and 500 requests at once."""
+    requests = [
         b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + CHUNK,
         b"GET / HTTP/9.9\r\n\r\n",
         b"\0" * 1000 + b"\r\n\r\n",
@@ -126,7 +126,9 @@ async def invalid_http(host: str, port: int) -> Statuses:
     ]
     statuses: Statuses = set()
     for _ in range(30):
-        statuses |= set(await asyncio.gather(*(send_request(host, port, [each], wait_s=3.0) for each in bad)))
+        statuses |= set(
+            await asyncio.gather(*(send_request(host, port, [request], wait_s=3.0) for request in requests))
+        )
     return statuses
 
 
@@ -145,7 +147,7 @@ ATTACKS: dict[str, Attack] = {
 
 
 def main(name: str, address: str) -> None:
-    """Runs one attack."""
+    """Runs one attack and prints the statuses of its responses."""
     host, _, port = address.rpartition(":")
 
     async def run() -> Statuses:

@@ -12,7 +12,13 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from tests.hostile.attacked_flight import AttackedFlight, attack, attacked_flight, pause, write_recording
+from tests.hostile.attacked_flight import (
+    AttackedFlight,
+    attack,
+    attacked_flight,
+    wait_for_effects,
+    write_recording,
+)
 
 FUZZ_FRAMES = int(os.environ.get("HOSTILE_FRAMES", "500000"))
 OVERLOAD_STATUSES = {503}
@@ -21,8 +27,8 @@ OVERLOAD_STATUSES = {503}
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AttackedFlight]:
-    with attacked_flight(tmp_path_factory.mktemp("hostile")) as flying:
-        yield flying
+    with attacked_flight(tmp_path_factory.mktemp("hostile")) as attacked:
+        yield attacked
 
 
 @pytest.mark.parametrize(
@@ -33,7 +39,7 @@ def test_a_vehicle_with_hostile_messages_affects_no_other_vehicle(
 ) -> None:
     with flight.under_attack():
         assert int(attack("vehicles", name, flight.hostile_port, 1, count)) > 100
-        pause(2)
+        wait_for_effects(2)
 
 
 def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(flight: AttackedFlight) -> None:
@@ -49,7 +55,7 @@ def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(fl
     with flight.under_attack():
         requester = threading.Timer(2.0, request_everything)
         requester.start()
-        attack("vehicles", "files", flight.hostile_port, 1, 25)
+        attack("vehicles", "files", flight.hostile_port, 1, 25)  # seed, seconds
         requester.join()
     assert not {status for status in statuses if status >= 500 and status not in (503, 504)}, statuses
 
@@ -68,25 +74,27 @@ def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(fl
 def test_a_hostile_client_affects_no_vehicle(flight: AttackedFlight, name: str) -> None:
     with flight.under_attack():
         statuses = {int(each) for each in attack("clients", name, flight.url.removeprefix("http://")).split()}
-        pause(3)
+        wait_for_effects(3)
     assert not {status for status in statuses if status >= 500} - OVERLOAD_STATUSES
 
 
 def test_a_recording_with_a_million_senders_affects_no_vehicle(flight: AttackedFlight) -> None:
-    (flight.data / "recordings").mkdir(exist_ok=True)
-    write_recording(flight.data / "recordings" / "endless.tlog", 1_000_000)
+    (flight.data_folder / "recordings").mkdir(exist_ok=True)
+    write_recording(flight.data_folder / "recordings" / "endless.tlog", 1_000_000)
     with flight.under_attack(), httpx.Client(base_url=f"{flight.url}/api/v1", timeout=60) as client:
-        index = client.get("/recordings/endless.tlog/index")
-        opened = client.post("/replays", json={"recording": "endless.tlog", "speed": 50})
-        position = {"position_unix_s": opened.json()["end_unix_s"] - 10}
-        sought = client.post(f"/replays/{opened.json()['name']}", json=position)
-        pause(3)
-        closed = client.delete(f"/replays/{opened.json()['name']}")
-    assert index.json()["left_out"] > 900_000
-    assert [response.status_code for response in (index, opened, sought, closed)] == [200, 201, 200, 204]
+        index_response = client.get("/recordings/endless.tlog/index")
+        open_response = client.post("/replays", json={"recording": "endless.tlog", "speed": 50})
+        position = {"position_unix_s": open_response.json()["end_unix_s"] - 10}
+        seek_response = client.post(f"/replays/{open_response.json()['name']}", json=position)
+        wait_for_effects(3)
+        close_response = client.delete(f"/replays/{open_response.json()['name']}")
+    assert index_response.json()["left_out"] > 900_000
+    assert [
+        response.status_code for response in (index_response, open_response, seek_response, close_response)
+    ] == [200, 201, 200, 204]
 
 
 def test_half_a_million_invalid_frames_affect_no_vehicle(flight: AttackedFlight) -> None:
     with flight.under_attack():
         assert int(attack("vehicles", "fuzz", flight.hostile_port, 7, FUZZ_FRAMES)) >= FUZZ_FRAMES
-        pause(2)
+        wait_for_effects(2)

@@ -34,14 +34,14 @@ INTEGERS = (
     2**63 - 1,
     2**64 - 1,
 )
-HOSTILE = 66
+HOSTILE_ID = 66
 """System id of the hostile vehicle."""
 FRAMES_PER_S = 5000
 REQUEST_MESSAGE, COMPONENT_METADATA = 512, 397
 """The command MAV_CMD_REQUEST_MESSAGE, and the id of COMPONENT_METADATA."""
-FTP_HEAD = struct.Struct("<HBBBBBBI")
-OPEN, READ, BURST, ACK, NAK = 4, 5, 15, 128, 129
-ENDLESS_BYTES = 900_000
+FTP_HEADER = struct.Struct("<HBBBBBBI")
+OPEN, READ, BURST, ACK = 4, 5, 15, 128
+REPORTED_FILE_BYTES = 900_000
 
 
 class Sender:
@@ -52,11 +52,11 @@ class Sender:
         self.socket.bind(("127.0.0.1", 0))
         self.target: Address = ("127.0.0.1", port)
         self._encoders: dict[tuple[int, int], d.MAVLink] = {}
-        self._every_s = 1.0 / frames_per_s
-        self._due_s = time.monotonic()
+        self._period_s = 1.0 / frames_per_s
+        self._next_send_s = time.monotonic()
         self.sent = 0
 
-    def send(self, message: d.MAVLink_message, system: int = HOSTILE, component: int = 1) -> None:
+    def send(self, message: d.MAVLink_message, system: int = HOSTILE_ID, component: int = 1) -> None:
         """Packs and sends a message."""
         encoder = self._encoders.get((system, component))
         if encoder is None:
@@ -67,21 +67,22 @@ class Sender:
 
     def send_raw(self, data: bytes) -> None:
         """Sends a datagram at the limited rate."""
-        self._due_s = max(self._due_s + self._every_s, time.monotonic() - 0.05)
-        wait_s = self._due_s - time.monotonic()
+        # After a delay, at most 50 ms of datagrams are sent without a wait.
+        self._next_send_s = max(self._next_send_s + self._period_s, time.monotonic() - 0.05)
+        wait_s = self._next_send_s - time.monotonic()
         if wait_s > 0.002:
             time.sleep(wait_s)
         self.socket.sendto(data, self.target)
         self.sent += 1
 
-    def heartbeat(self, system: int = HOSTILE, component: int = 1) -> None:
+    def heartbeat(self, system: int = HOSTILE_ID, component: int = 1) -> None:
         """Sends the heartbeat of a PX4 quadrotor in Offboard."""
         mode = 6 << 16
         self.send(d.MAVLink_heartbeat_message(2, 12, 128 | 1, mode, 4, 3), system, component)
 
     def received(self, timeout_s: float) -> Iterator[d.MAVLink_message]:
         """Received messages, until no datagram arrives for this time."""
-        parser = d.MAVLink(None, HOSTILE, 1)
+        parser = d.MAVLink(None, HOSTILE_ID, 1)
         parser.robust_parsing = True
         self.socket.settimeout(timeout_s)
         while True:
@@ -95,11 +96,11 @@ class Sender:
 def payload(kind: type[d.MAVLink_message], pick: Callable[[str], object]) -> bytes:
     """The payload of a message; `pick` returns an element's value for its struct type code."""
     packer = kind.unpacker
-    values = [pick(code) for code in _codes(packer.format)]
+    values = [pick(code) for code in _type_codes(packer.format)]
     return packer.pack(*values)
 
 
-def _codes(layout: str) -> Iterator[str]:
+def _type_codes(layout: str) -> Iterator[str]:
     count = ""
     for letter in layout.lstrip("<"):
         if letter.isdigit():
@@ -112,13 +113,13 @@ def _codes(layout: str) -> Iterator[str]:
             count = ""
 
 
-def _fits(code: str, value: int) -> int:
+def _wrap_integer(code: str, value: int) -> int:
     bits = struct.calcsize("<" + code) * 8
     value &= (1 << bits) - 1
     return value - (1 << bits) if code.islower() and value >= 1 << bits - 1 else value
 
 
-def _text(code: str, rng: random.Random) -> bytes:
+def _random_text(code: str, rng: random.Random) -> bytes:
     size = int(code[:-1])
     return rng.choice(
         (b"\xff" * size, b"\0" * size, b"<a " * size, bytes(rng.randrange(256) for _ in range(size)))
@@ -128,33 +129,33 @@ def _text(code: str, rng: random.Random) -> bytes:
 def frame(kind: type[d.MAVLink_message], body: bytes, seq: int, system: int, component: int) -> bytes:
     """A MAVLink 2 frame with this payload and its checksum."""
     body = body.rstrip(b"\0") or body[:1]
-    number = kind.id
-    head = struct.pack(
-        "<BBBBBBBHB", 0xFD, len(body), 0, 0, seq & 255, system, component, number & 0xFFFF, number >> 16
+    msg_id = kind.id
+    header = struct.pack(
+        "<BBBBBBBHB", 0xFD, len(body), 0, 0, seq & 255, system, component, msg_id & 0xFFFF, msg_id >> 16
     )
-    crc = d.x25crc(head[1:] + body)
+    crc = d.x25crc(header[1:] + body)
     crc.accumulate(bytes((kind.crc_extra,)))
-    return head + body + struct.pack("<H", crc.crc)
+    return header + body + struct.pack("<H", crc.crc)
 
 
 def extremes(sender: Sender, rng: random.Random, count: int) -> None:
-    """Every message of the dialect, with each field at its extreme values in turn."""
+    """Every message of the dialect; in each round all fields have the next extreme value."""
     seq = itertools.count()
     kinds = list(d.mavlink_map.values())
-    for turn in range(count):
-        float_, integer = FLOATS[turn % len(FLOATS)], INTEGERS[turn % len(INTEGERS)]
+    for round_number in range(count):
+        float_, integer = FLOATS[round_number % len(FLOATS)], INTEGERS[round_number % len(INTEGERS)]
 
         def pick(code: str, float_: float = float_, integer: int = integer) -> object:
             if code.endswith("s"):
-                return _text(code, rng)
+                return _random_text(code, rng)
             if code == "c":
                 return b"\xff"
-            return float_ if code in "fd" else _fits(code, integer)
+            return float_ if code in "fd" else _wrap_integer(code, integer)
 
         for kind in kinds:
             if kind.id % 16 == 0:
                 sender.heartbeat()
-            sender.send_raw(frame(kind, payload(kind, pick), next(seq), HOSTILE, 1))
+            sender.send_raw(frame(kind, payload(kind, pick), next(seq), HOSTILE_ID, 1))
 
 
 def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
@@ -164,17 +165,17 @@ def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
 
     def pick(code: str) -> object:
         if code.endswith("s"):
-            return _text(code, rng)
+            return _random_text(code, rng)
         if code == "c":
             return bytes((rng.randrange(256),))
         if code in "fd":
             return rng.choice(FLOATS) if rng.random() < 0.5 else rng.gauss(0.0, 1000.0)
-        return _fits(code, rng.choice(INTEGERS) if rng.random() < 0.5 else rng.getrandbits(64))
+        return _wrap_integer(code, rng.choice(INTEGERS) if rng.random() < 0.5 else rng.getrandbits(64))
 
     while sender.sent < count:
         kind = rng.choice(kinds)
         system, component = (
-            rng.choice((HOSTILE, HOSTILE, HOSTILE + 1, rng.randrange(1, 256))),
+            rng.choice((HOSTILE_ID, HOSTILE_ID, HOSTILE_ID + 1, rng.randrange(1, 256))),
             rng.choice((1, 1, 154, 100)),
         )
         if system == 101:
@@ -187,11 +188,11 @@ def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
 def sources(sender: Sender, rng: random.Random, count: int) -> None:
     """Heartbeats of many vehicles: many system ids and components, from many addresses."""
     for _ in range(count):
-        other = Sender(sender.target[1])
+        source = Sender(sender.target[1])
         for _ in range(20):
-            other.heartbeat(rng.randrange(1, 101), rng.randrange(1, 256))
-        other.socket.close()
-        sender.sent += other.sent
+            source.heartbeat(rng.randrange(1, 101), rng.randrange(1, 256))
+        source.socket.close()
+        sender.sent += source.sent
 
 
 def texts(sender: Sender, rng: random.Random, count: int) -> None:
@@ -222,11 +223,11 @@ def files(sender: Sender, rng: random.Random, count: int) -> None:
 
 
 def _reply(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> None:
-    kind = message.get_type()
-    if kind == "FILE_TRANSFER_PROTOCOL":
-        sequence, session, opcode, _, _, _, _, offset = FTP_HEAD.unpack_from(bytes(message.payload))
+    message_type = message.get_type()
+    if message_type == "FILE_TRANSFER_PROTOCOL":
+        sequence, session, opcode, _, _, _, _, offset = FTP_HEADER.unpack_from(bytes(message.payload))
         if opcode == OPEN:
-            _ftp(sender, sequence + 1, session, opcode, 0, struct.pack("<I", ENDLESS_BYTES))
+            _ftp(sender, sequence + 1, session, opcode, 0, struct.pack("<I", REPORTED_FILE_BYTES))
         elif opcode == BURST:
             for n in range(200):
                 _ftp(sender, sequence + 1 + n, session, opcode, offset + n, b"<")
@@ -234,12 +235,12 @@ def _reply(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> No
             _ftp(sender, sequence + 1, session, opcode, offset, b"<")
         else:
             _ftp(sender, sequence + 1, session, opcode, 0, b"")
-    elif kind == "COMMAND_LONG":
+    elif message_type == "COMMAND_LONG":
         sender.send(d.MAVLink_command_ack_message(message.command, 0))
         if message.command == REQUEST_MESSAGE and int(message.param1) == COMPONENT_METADATA:
             uri = b"mftp://etc/extras/parameters.json.xz"
             sender.send(d.MAVLink_component_metadata_message(0, rng.getrandbits(32), uri))
-    elif kind == "PARAM_REQUEST_LIST":
+    elif message_type == "PARAM_REQUEST_LIST":
         for n in range(3000):
             name = bytes(rng.randrange(1, 256) for _ in range(16))
             sender.send(
@@ -248,15 +249,17 @@ def _reply(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> No
                 )
             )
         sender.send(d.MAVLink_param_value_message(b"_HASH_CHECK", math.nan, 5, 65535, 65535))
-    elif kind == "PARAM_REQUEST_READ":
+    elif message_type == "PARAM_REQUEST_READ":
         sender.send(d.MAVLink_param_value_message(b"COM_OBL_RC_ACT", math.nan, 255, 1, 0))
 
 
 def _ftp(sender: Sender, sequence: int, session: int, request_opcode: int, offset: int, data: bytes) -> None:
-    head = FTP_HEAD.pack(
+    header = FTP_HEADER.pack(
         sequence & 0xFFFF, session, ACK, len(data), request_opcode, 0, 0, offset & 0xFFFFFFFF
     )
-    sender.send(d.MAVLink_file_transfer_protocol_message(0, 255, 190, list((head + data).ljust(251, b"\0"))))
+    sender.send(
+        d.MAVLink_file_transfer_protocol_message(0, 255, 190, list((header + data).ljust(251, b"\0")))
+    )
 
 
 ATTACKS = {f.__name__: f for f in (extremes, fuzz, sources, texts, files)}

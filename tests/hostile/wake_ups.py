@@ -1,5 +1,5 @@
-"""A process that wakes up 50 times a second and does nothing else: its longest gap is the delay of the
-machine."""
+"""A process that wakes up 50 times a second and does nothing else: the longest gap between its
+wake-ups shows the delay that the machine itself causes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import time
 
 from gcs_server.streamer.process.worker import request_priority
 
-PERIOD_S = 0.02
+WAKE_UP_PERIOD_S = 0.02
+"""Equal to the period of the setpoints."""
 
 
 class WakeUpMeter:
@@ -33,7 +34,11 @@ def main() -> None:
     longest_s, next_s, last_s = 0.0, time.monotonic(), time.monotonic()
     while not select.select([sys.stdin], [], [], max(0.0, next_s - time.monotonic()))[0]:
         now_s = time.monotonic()
-        longest_s, last_s, next_s = max(longest_s, now_s - last_s), now_s, max(next_s + PERIOD_S, now_s)
+        longest_s, last_s, next_s = (
+            max(longest_s, now_s - last_s),
+            now_s,
+            max(next_s + WAKE_UP_PERIOD_S, now_s),
+        )
     print(longest_s)
 
 
