@@ -1,5 +1,5 @@
-"""The server detects a web page that connects to a TCP link by its first bytes, and disconnects it before it
-reads a frame."""
+"""The server detects by the first bytes that a web page has connected to a TCP link, and disconnects the page
+before a frame is read."""
 
 import asyncio
 import logging
@@ -110,23 +110,23 @@ def test_mavlink_bytes_pass_unchanged_in_any_pieces(data, cuts):
 @given(st.from_regex(rb"[A-Z]{3,20} .{0,40}", fullmatch=True), st.lists(st.integers(1, 30), max_size=6))
 def test_a_request_line_is_detected_in_any_pieces_and_not_passed_on(data, cuts):
     edges = [0, *sorted({cut for cut in cuts if cut < len(data)}), len(data)]
-    checker, passed = FirstBytes(), b""
+    checker, passed_on = FirstBytes(), b""
     with pytest.raises(ForeignProtocol, match="HTTP"):
         for a, b in pairwise(edges):
-            passed += checker.accept(data[a:b])
-    assert passed == b""
+            passed_on += checker.accept(data[a:b])
+    assert passed_on == b""
 
 
 def test_bytes_from_the_middle_of_a_frame_are_not_taken_for_a_web_client():
-    for first in (b"AB \xfd", b"A" * 24, b"\x16\x04", b"\xfe", b"\x00", b"HTTQ/1"):
-        assert foreign_protocol(first) is None, first
+    for first_bytes in (b"AB \xfd", b"A" * 24, b"\x16\x04", b"\xfe", b"\x00", b"HTTQ/1"):
+        assert foreign_protocol(first_bytes) is None, first_bytes
 
 
 def test_repeated_connections_of_a_page_are_logged_at_a_limited_rate_and_shown_for_a_limited_time(caplog):
     caplog.set_level(logging.WARNING)
-    closed = ClosedConnections("radio")
+    closed_connections = ClosedConnections("radio")
     for n in range(1000):
-        closed.add("127.0.0.1", "HTTP", n * LOG_INTERVAL_S / 500)
+        closed_connections.add("127.0.0.1", "HTTP", n * LOG_INTERVAL_S / 500)
     assert len(caplog.records) == 2
-    assert "1000 connections" in closed.text(2 * LOG_INTERVAL_S)
-    assert closed.text(2 * LOG_INTERVAL_S + SHOWN_FOR_S) == ""
+    assert "1000 connections" in closed_connections.text(2 * LOG_INTERVAL_S)
+    assert closed_connections.text(2 * LOG_INTERVAL_S + SHOWN_FOR_S) == ""

@@ -12,7 +12,7 @@ from gcs_server.links.tcp import TcpServerLink
 from gcs_server.links.udp import UdpLink
 
 HANDLING_S = 0.002
-"""Time that the tests' handler takes for one received piece of data."""
+"""Time that the handler of the test takes for one received piece of data."""
 
 
 def run(scenario):
@@ -21,11 +21,11 @@ def run(scenario):
 
 @pytest.mark.parametrize("kind", ["udp", "tcp"])
 def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
-    iterations_s = [0.0]
+    handler_s_by_iteration = [0.0]
 
     def handle_slowly(data, peer, received_s):
         time.sleep(HANDLING_S)
-        iterations_s[-1] += HANDLING_S
+        handler_s_by_iteration[-1] += HANDLING_S
 
     async def scenario():
         loop = asyncio.get_running_loop()
@@ -43,20 +43,20 @@ def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
             for _ in range(60):
                 sender.send(b"x" * 16_000)
 
-            def next_iteration():
+            def begin_iteration():
                 nonlocal handle
-                iterations_s.append(0.0)
-                handle = loop.call_soon(next_iteration)
+                handler_s_by_iteration.append(0.0)
+                handle = loop.call_soon(begin_iteration)
 
-            handle = loop.call_soon(next_iteration)
+            handle = loop.call_soon(begin_iteration)
             async with asyncio.timeout(10):
-                while sum(iterations_s) < 40 * HANDLING_S:  # noqa: ASYNC110
+                while sum(handler_s_by_iteration) < 40 * HANDLING_S:  # noqa: ASYNC110
                     await asyncio.sleep(0)
             handle.cancel()
         await link.close()
 
     run(scenario)
-    assert max(iterations_s) <= MAX_READ_S + 2 * HANDLING_S
+    assert max(handler_s_by_iteration) <= MAX_READ_S + 2 * HANDLING_S
 
 
 def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
@@ -66,7 +66,7 @@ def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
     async def scenario():
         link = UdpLink("in", "udpin://x", "127.0.0.1", 0, outgoing=False)
         link.start(
-            lambda data, peer, at: received.append(peer.name),
+            lambda data, peer, received_s: received.append(peer.name),
             lambda p: lost_peers.append(p.name),
             lambda: None,
         )

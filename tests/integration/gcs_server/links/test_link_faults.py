@@ -1,4 +1,4 @@
-"""After an exception in the server's own code one received piece of data is lost, and the link stays open."""
+"""After an exception in the server's code, the link stays open; only one piece of received data is lost."""
 
 import asyncio
 import errno
@@ -98,11 +98,13 @@ def test_a_failing_listener_does_not_prevent_reopening_a_link():
         await server.close()  # the peer disconnects, and the sink raises an error
         await until(lambda: router.links()[0].state == "waiting")
         assert router.sink.lost_peers == 1
-        restarted = TcpServerLink("s", "tcpin", "127.0.0.1", int(router.links()[0].url.rpartition(":")[2]))
-        restarted.start(lambda *_: None, lambda _: None, lambda: None)
+        restarted_server = TcpServerLink(
+            "s", "tcpin", "127.0.0.1", int(router.links()[0].url.rpartition(":")[2])
+        )
+        restarted_server.start(lambda *_: None, lambda _: None, lambda: None)
         await until(lambda: router.links()[0].state == "open")
         assert "waiting" in states
-        await restarted.close()
+        await restarted_server.close()
 
     run_with_router(scenario)
 
@@ -110,11 +112,11 @@ def test_a_failing_listener_does_not_prevent_reopening_a_link():
 @pytest.mark.parametrize("kind", ["udpin", "tcp", "tcpin"])
 def test_a_link_without_a_free_file_descriptor_waits_and_opens_later(kind, monkeypatch):
     async def scenario(router):
-        real_socket, refused = socket.socket, []
+        real_socket, failures = socket.socket, []
 
         def fail_once(*arguments, **options):
-            if arguments == (socket.AF_INET, link_socket_type) and len(refused) < 1:
-                refused.append(1)
+            if arguments == (socket.AF_INET, link_socket_type) and len(failures) < 1:
+                failures.append(1)
                 raise OSError(errno.EMFILE, "Too many open files")
             return real_socket(*arguments, **options)
 
@@ -138,44 +140,44 @@ def test_a_tcp_server_link_without_file_descriptors_pauses_and_accepts_clients_l
 
     async def scenario():
         link = TcpServerLink("s", "tcpin", "127.0.0.1", 0)
-        received_data, calls = [], []
+        received_data, accept_calls = [], []
         link.start(lambda data, *_: received_data.append(data), lambda _: None, lambda: None)
-        real = link._socket
+        real_socket = link._socket
 
         class SocketWithoutDescriptors:
             def accept(self):
-                calls.append(1)
-                if len(calls) < 3:
+                accept_calls.append(1)
+                if len(accept_calls) < 3:
                     raise OSError(errno.EMFILE, "Too many open files")
-                return real.accept()
+                return real_socket.accept()
 
             def __getattr__(self, name):
-                return getattr(real, name)
+                return getattr(real_socket, name)
 
         link._socket = SocketWithoutDescriptors()
-        client = socket.create_connection(("127.0.0.1", real.getsockname()[1]))
+        client = socket.create_connection(("127.0.0.1", real_socket.getsockname()[1]))
         client.send(frame_of(1))
         await until(lambda: received_data)
-        assert len(calls) == 3, "accept was called repeatedly during the pause"
+        assert len(accept_calls) == 3, "accept was called repeatedly during the pause"
         client.close()
         await link.close()
 
     asyncio.run(scenario())
 
 
-def test_reading_continues_after_an_error():
+def test_a_udp_link_continues_to_receive_after_an_exception():
     async def scenario():
         link, received_data = make_link("udpin://127.0.0.1:0"), []
         link.start(lambda data, *_: received_data.append(data), lambda _: None, lambda: None)
-        real, faults = UdpLink._new_peer, []
+        real_new_peer, faults = UdpLink._new_peer, []
 
-        def peer(self, address):
+        def new_peer(self, address):
             if not faults:
                 faults.append(1)
                 raise LookupError("once")
-            return real(self, address)
+            return real_new_peer(self, address)
 
-        link._new_peer = peer.__get__(link)
+        link._new_peer = new_peer.__get__(link)
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.connect(("127.0.0.1", link.local_port))
         vehicle.send(b"lost by the fault")
@@ -198,7 +200,7 @@ def test_the_log_of_repeated_faults_is_limited(caplog, monkeypatch):
                 raise ValueError(f"{number} " * 200)
             except ValueError as error:
                 faults.add(error, "handling HEARTBEAT")
-        assert len(caplog.records) == 2, "not one traceback and one line"
+        assert len(caplog.records) == 2, "the log is not one traceback and one line"
         now_s[0] += LOG_PERIOD_S
         for number in range(100):
             try:

@@ -32,7 +32,7 @@ def test_a_busy_link_is_read_less_often_but_at_least_every_20_ms(pieces_per_s, w
     assert max(wait for _, wait in READ_INTERVALS) <= 0.020
 
 
-def test_a_udpin_link_receives_sends_to_its_peer_and_sends_from_any_thread():
+def test_a_udpin_link_receives_and_sends_also_from_another_thread():
     async def scenario():
         recorder = LinkRecorder(make_link("udpin://127.0.0.1:0")).start()
         await recorder.until(lambda: recorder.link.info().state == "open")
@@ -78,31 +78,31 @@ def test_a_udpout_link_can_send_before_it_receives():
     run(scenario)
 
 
-@pytest.mark.parametrize("number", [errno.EAGAIN, errno.ENOBUFS])
-def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_packets_are_dropped(number):
+@pytest.mark.parametrize("error_number", [errno.EAGAIN, errno.ENOBUFS])
+def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_packets_are_dropped(error_number):
     class FullSocket:
         failures_left = 3
 
         def sendto(self, data, address):
             if self.failures_left:
                 self.failures_left -= 1
-                raise OSError(number, "buffer full")
-            return real.sendto(data, address)
+                raise OSError(error_number, "buffer full")
+            return real_socket.sendto(data, address)
 
         def __getattr__(self, name):
-            return getattr(real, name)
+            return getattr(real_socket, name)
 
     async def scenario():
-        nonlocal real
+        nonlocal real_socket
         vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         vehicle.bind(("127.0.0.1", 0))
         vehicle.settimeout(2)
         recorder = LinkRecorder(make_link(f"udpout://127.0.0.1:{vehicle.getsockname()[1]}")).start()
         (peer,) = recorder.link.peers()
         link, full_socket = recorder.link, FullSocket()
-        real = link._socket
+        real_socket = link._socket
         write = link._write
-        link._write = lambda _sock, data, to: write(full_socket, data, to)
+        link._write = lambda _sock, data, address: write(full_socket, data, address)
         for data, priority, valid_for_s in ((b"rest", 4, 9.0), (b"late", 3, 0.001), (b"stop", 0, 9.0)):
             assert link.submit(
                 Packet(
@@ -116,21 +116,21 @@ def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_packets_ar
         await link.close()
         vehicle.close()
 
-    real = None
+    real_socket = None
     run(scenario)
 
 
-def test_a_port_in_use_is_named_and_opened_once_it_is_free():
+def test_a_port_in_use_is_reported_and_the_link_opens_when_the_port_is_free():
     async def scenario():
-        other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        other.bind(("127.0.0.1", 0))
-        port = other.getsockname()[1]
+        other_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        other_socket.bind(("127.0.0.1", 0))
+        port = other_socket.getsockname()[1]
         recorder = LinkRecorder(UdpLink("gcs", "udpin", "127.0.0.1", port, outgoing=False)).start()
         info = recorder.link.info()
         assert info.state == "waiting"
         assert f"UDP port {port}" in info.detail
         assert "taken" in info.detail
-        other.close()
+        other_socket.close()
         await recorder.until(lambda: recorder.link.info().state == "open")
         assert recorder.link.info().detail == ""
         await recorder.link.close()
@@ -146,22 +146,23 @@ def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
         assert f"127.0.0.1:{port}" in client.link.info().detail
         server = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "open")
-        (to_server,) = client.link.peers()
-        big = os.urandom(400_000)  # more than a socket accepts at once, so the rest waits in the send queue
-        assert client.link.send(big, to_server)
-        await server.until(lambda: sum(map(len, server.data)) == len(big))
-        assert b"".join(server.data) == big
-        (to_client,) = server.link.peers()
-        server.link.send(b"back", to_client)
+        (server_peer,) = client.link.peers()
+        # More than a socket accepts at once, so the rest waits in the send queue.
+        large_data = os.urandom(400_000)
+        assert client.link.send(large_data, server_peer)
+        await server.until(lambda: sum(map(len, server.data)) == len(large_data))
+        assert b"".join(server.data) == large_data
+        (client_peer,) = server.link.peers()
+        server.link.send(b"back", client_peer)
         await client.until(lambda: client.data == [b"back"])
         await server.link.close()
         await client.until(lambda: client.link.info().state == "waiting")
-        assert client.lost_peers == [to_server.name]
-        restarted = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
+        assert client.lost_peers == [server_peer.name]
+        restarted_server = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "open")
-        second = LinkRecorder(TcpServerLink("t", "tcpin", "127.0.0.1", port)).start()
-        assert f"TCP port {port}" in second.link.info().detail
-        for link in (client.link, restarted.link, second.link):
+        other_server = LinkRecorder(TcpServerLink("t", "tcpin", "127.0.0.1", port)).start()
+        assert f"TCP port {port}" in other_server.link.info().detail
+        for link in (client.link, restarted_server.link, other_server.link):
             await link.close()
 
     run(scenario)
@@ -175,10 +176,10 @@ def test_a_full_send_queue_drops_whole_frames():
         client = LinkRecorder(TcpLink("c", "tcp", "127.0.0.1", listener.getsockname()[1])).start()
         await client.until(lambda: client.link.info().state == "open")
         (peer,) = client.link.peers()
-        frames = [client.link.send(bytes([n % 251]) * 50_000, peer) for n in range(400)]
-        assert frames[0]
-        assert not frames[-1]
-        assert client.link.info().bytes_dropped == 50_000 * frames.count(False)
+        accepted = [client.link.send(bytes([n % 251]) * 50_000, peer) for n in range(400)]
+        assert accepted[0]
+        assert not accepted[-1]
+        assert client.link.info().bytes_dropped == 50_000 * accepted.count(False)
         listener.close()
         await client.link.close()
 
@@ -205,7 +206,7 @@ def test_a_serial_link_carries_bytes_and_waits_after_the_device_is_unplugged():
     run(scenario)
 
 
-def test_each_error_of_a_serial_port_has_a_fix():
+def test_the_errors_of_a_serial_port_are_explained():
     async def scenario():
         recorder = LinkRecorder(SerialLink("radio", "serial", "/dev/ttyNOTHING", 57600)).start()
         info = recorder.link.info()
@@ -218,13 +219,13 @@ def test_each_error_of_a_serial_port_has_a_fix():
     run(scenario)
 
 
-def test_a_serial_port_without_permission_is_reported_with_its_fix(monkeypatch):
-    real = os.open
+def test_a_missing_permission_for_a_serial_port_is_reported_with_the_command_to_run(monkeypatch):
+    real_open = os.open
 
     def open_without_permission(path, flags, *arguments, **options):
         if path == "/dev/ttyFORBIDDEN":
             raise PermissionError(errno.EACCES, "Permission denied", path)
-        return real(path, flags, *arguments, **options)
+        return real_open(path, flags, *arguments, **options)
 
     async def scenario():
         recorder = LinkRecorder(make_link("serial:///dev/ttyFORBIDDEN:921600")).start()
@@ -247,10 +248,10 @@ def test_a_serial_port_without_permission_is_reported_with_its_fix(monkeypatch):
         ("serial:///dev/serial/by-path/pci-0:1:1.0-port0", "/dev/serial/by-path/pci-0:1:1.0-port0", 57600),
     ],
 )
-def test_a_serial_url_takes_its_rate_as_an_option_or_after_a_colon(url, device, baud):
+def test_the_baud_rate_in_a_serial_url_is_an_option_or_follows_a_colon(url, device, baud):
     link = make_link(url)
-    tail = device.rpartition("/")[2].replace(":", "-")
-    assert (link._device, link._baud, link.name) == (device, baud, f"serial-{tail}")
+    device_name = device.rpartition("/")[2].replace(":", "-")
+    assert (link._device, link._baud, link.name) == (device, baud, f"serial-{device_name}")
 
 
 @pytest.mark.parametrize("compressed", [False, True])
@@ -260,22 +261,22 @@ def test_a_recording_plays_at_the_requested_speed_and_ends(tmp_path, compressed)
     ]
     data = b"".join(struct.pack(">Q", 1_700_000_000_000_000 + n * 10_000) + f for n, f in enumerate(frames))
     path = tmp_path / ("a.tlog.gz" if compressed else "a.tlog")
-    data += b"torn"
+    data += b"torn"  # an incomplete last record
     path.write_bytes(gzip.compress(data) if compressed else data)
 
     async def scenario():
         recorder = LinkRecorder(make_link(f"tlog://{path}?speed=2")).start()
-        began = time.monotonic()
+        began_s = time.monotonic()
         await recorder.until(lambda: recorder.link.info().state == "ended")
         assert recorder.data == frames
-        assert time.monotonic() - began >= 0.09
+        assert time.monotonic() - began_s >= 0.09  # 19 intervals of 10 ms at twice the speed
         assert recorder.link.replay
         assert not recorder.link.send(b"x", recorder.peers[0])
         await recorder.link.close()
-        fast = LinkRecorder(make_link(f"tlog://{path}?speed=0")).start()
-        await fast.until(lambda: fast.link.info().state == "ended")
-        assert fast.data == frames
-        await fast.link.close()
+        fast_recorder = LinkRecorder(make_link(f"tlog://{path}?speed=0")).start()
+        await fast_recorder.until(lambda: fast_recorder.link.info().state == "ended")
+        assert fast_recorder.data == frames
+        await fast_recorder.link.close()
 
     run(scenario)
 
@@ -287,11 +288,11 @@ def test_damage_in_a_recording_is_skipped_and_a_recording_without_mavlink_is_rep
     path = tmp_path / "a.tlog"
     path.write_bytes(record + b"\x99" * 31 + record * 2)
     assert [raw for _, raw in read_tlog(path)] == [record[8:]] * 3
-    empty = tmp_path / "b.tlog"
-    empty.write_bytes(b"not a log at all, but long enough to look")
+    without_mavlink = tmp_path / "b.tlog"
+    without_mavlink.write_bytes(b"not a log at all, but long enough to look")
 
     async def scenario():
-        recorder = LinkRecorder(TlogLink("b", "tlog", empty)).start()
+        recorder = LinkRecorder(TlogLink("b", "tlog", without_mavlink)).start()
         await recorder.until(lambda: recorder.link.info().state == "ended")
         assert "No MAVLink" in recorder.link.info().detail
 
