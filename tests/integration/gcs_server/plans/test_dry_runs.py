@@ -26,7 +26,7 @@ RUN_INFO = {
 }
 
 
-def request(plan, **changes):
+def request_for(plan, **changes):
     return {
         "kind": "waypoint_plan",
         "plan": plan_document.write(plan).decode(),
@@ -47,23 +47,23 @@ def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_de
 
     async def scenario():
         runs = DryRuns()
-        run_request = request(short_plan(6.0), flights=1, spread={})
+        run_request = request_for(short_plan(6.0), flights=1, spread={})
         summary = await runs.run(
-            "1", run_request, RUN_INFO, lambda text, share: reports.append((text, share))
+            "1", run_request, RUN_INFO, lambda text, progress: reports.append((text, progress))
         )
         return summary, runs.get("1")
 
-    summary, found = asyncio.run(scenario())
+    summary, result = asyncio.run(scenario())
     assert summary["dry_run"] == "1"
     assert summary["finished"]
     assert summary["errors"] == 0
-    view = DryRunView.model_validate_json(json.dumps(found))
+    view = DryRunView.model_validate_json(json.dumps(result))
     assert view.monte_carlo is not None
     assert len(view.monte_carlo.flights) == 1
     assert view.nominal.path is not None
     assert view.nominal.path.step_places == ["item 1", "item 2", "item 3"]
     assert reports[0][0].startswith("1 s are simulated; 0 of 2 flights")
-    assert [share for _, share in reports] == sorted(share for _, share in reports)
+    assert [progress for _, progress in reports] == sorted(progress for _, progress in reports)
 
 
 @pytest.mark.story
@@ -71,10 +71,10 @@ def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
     """The plan flies 8 m above home into a hill north of home."""
     south = {"lat_deg": LAT_DEG - 0.006, "lon_deg": LON_DEG}
     north = {"lat_deg": LAT_DEG, "lon_deg": LON_DEG}
-    low = {"altitude": {"value_m": 8, "reference": "home"}}
-    items = [{"kind": "takeoff", **south, **low}, {"kind": "waypoint", **north, **low}]
+    at_8_m = {"altitude": {"value_m": 8, "reference": "home"}}
+    items = [{"kind": "takeoff", **south, **at_8_m}, {"kind": "waypoint", **north, **at_8_m}]
     plan = plan_document.read(json.dumps({"items": items}))
-    run_request = request(plan, elevation=[str(write(tmp_path / "hill.tif", hill(500.0, 80.0)))])
+    run_request = request_for(plan, elevation=[str(write(tmp_path / "hill.tif", hill(500.0, 80.0)))])
     run_request["aircraft"]["home"] = {**south, "alt_amsl_m": 500.0}
 
     async def scenario():
@@ -82,14 +82,14 @@ def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
         await runs.run("1", run_request, {**RUN_INFO, "assumed": ["No wind."]}, lambda *_: None)
         return runs.get("1")
 
-    found = asyncio.run(scenario())
-    assert found["assumed"][0] == "No wind."
-    assert found["assumed"][1].startswith(
+    result = asyncio.run(scenario())
+    assert result["assumed"][0] == "No wind."
+    assert result["assumed"][1].startswith(
         "The dry run flies over the ground of the elevation files, on a grid"
     )
-    (finding,) = [each for each in found["nominal"]["findings"] if each["code"] == "ground_touched"]
+    (finding,) = [each for each in result["nominal"]["findings"] if each["code"] == "ground_touched"]
     assert finding["text"] == "The flight touches the ground at item 2."
-    assert 100.0 < finding["position_ned_m"][0] < 667.0
+    assert 100.0 < finding["position_ned_m"][0] < 667.0  # between home and item 2
 
 
 MISSION_FOR_TWO = """
@@ -102,11 +102,17 @@ roles:
 
 @pytest.mark.story
 def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_description():
-    lead = request(short_plan())["aircraft"]
-    left = {**lead, "home": {**lead["home"], "lat_deg": lead["home"]["lat_deg"] + 3e-4}}
-    roles = {"lead": {"aircraft": lead, "origin": None}, "left": {"aircraft": left, "origin": None}}
+    lead_aircraft = request_for(short_plan())["aircraft"]
+    left_aircraft = {
+        **lead_aircraft,
+        "home": {**lead_aircraft["home"], "lat_deg": lead_aircraft["home"]["lat_deg"] + 3e-4},
+    }
+    roles = {
+        "lead": {"aircraft": lead_aircraft, "origin": None},
+        "left": {"aircraft": left_aircraft, "origin": None},
+    }
     run_request = {
-        **request(short_plan()),
+        **request_for(short_plan()),
         "kind": "offboard_mission",
         "plan": MISSION_FOR_TWO,
         "roles": roles,
@@ -124,12 +130,13 @@ def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_descript
     assert view.monte_carlo is not None
     assert view.monte_carlo.chances["nearer_than_minimum"].count == 0
     assert view.together is not None
-    many = view.together.monte_carlo
-    assert many is not None
-    assert list(many.roles) == ["lead", "left"]
-    assert many.roles["left"].corridor is not None
-    assert many.roles["left"].corridor.position_ned_m[0][0] == pytest.approx(33.4, abs=0.5)
-    assert many.closest[0].distance_m.least == pytest.approx(33.4, abs=3.0)
+    monte_carlo = view.together.monte_carlo
+    assert monte_carlo is not None
+    assert list(monte_carlo.roles) == ["lead", "left"]
+    assert monte_carlo.roles["left"].corridor is not None
+    # The homes are 3e-4 degrees of latitude apart: 33.4 m.
+    assert monte_carlo.roles["left"].corridor.position_ned_m[0][0] == pytest.approx(33.4, abs=0.5)
+    assert monte_carlo.closest[0].distance_m.least == pytest.approx(33.4, abs=3.0)
     assert reports[0] == "1 s are simulated; 0 of 4 vehicles have ended."
 
 
@@ -137,36 +144,36 @@ def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_descript
 def test_a_plan_that_px4_does_not_store_is_refused_with_its_reason():
     async def scenario():
         plan = short_plan().model_copy(update={"items": ()})
-        await DryRuns().run("1", request(plan), RUN_INFO, lambda *_: None)
+        await DryRuns().run("1", request_for(plan), RUN_INFO, lambda *_: None)
 
     with pytest.raises(Refused, match="nothing to fly"):
         asyncio.run(scenario())
 
 
-def test_cancelling_a_dry_run_ends_its_process(monkeypatch):
+def test_running_dry_runs_are_limited_and_cancelled_dry_runs_do_not_count(monkeypatch):
     monkeypatch.setattr(dry_runs, "COMMAND", ("sleep", "600"))
 
     async def scenario():
         runs = DryRuns()
         tasks = [
-            asyncio.ensure_future(runs.run(str(n), request(short_plan()), RUN_INFO, lambda *_: None))
+            asyncio.ensure_future(runs.run(str(n), request_for(short_plan()), RUN_INFO, lambda *_: None))
             for n in range(MAX_RUNNING)
         ]
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already running"):
             runs.next_id()
         with pytest.raises(Refused):
-            await runs.run("more", request(short_plan()), RUN_INFO, lambda *_: None)
+            await runs.run("more", request_for(short_plan()), RUN_INFO, lambda *_: None)
         for task in tasks:
             task.cancel()
-        ended = await asyncio.gather(*tasks, return_exceptions=True)
-        assert all(isinstance(each, asyncio.CancelledError) for each in ended)
+        results = await asyncio.gather(*tasks, return_exceptions=True)
+        assert all(isinstance(each, asyncio.CancelledError) for each in results)
         return runs.next_id()
 
     assert asyncio.run(scenario()) == "1"
 
 
-def test_the_newest_results_are_kept(monkeypatch):
+def test_the_newest_results_are_kept_and_the_oldest_is_removed(monkeypatch):
     nominal = dict.fromkeys(
         ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m"), 1
     )
@@ -177,7 +184,7 @@ def test_the_newest_results_are_kept(monkeypatch):
     async def scenario():
         runs = DryRuns()
         for n in range(MAX_RESULTS + 1):
-            await runs.run(str(n), request(short_plan()), RUN_INFO, lambda *_: None)
+            await runs.run(str(n), request_for(short_plan()), RUN_INFO, lambda *_: None)
         return runs
 
     runs = asyncio.run(scenario())

@@ -75,18 +75,18 @@ def test_the_number_of_waiting_tasks_is_limited(monkeypatch):
     monkeypatch.setattr(work, "COMMAND", (work.COMMAND[0], "-c", program))
 
     async def scenario(plan_work):
-        waiting = [
+        pending = [
             asyncio.ensure_future(plan_work.run("pattern", {"pattern": "{}"}, small=False))
             for _ in range(work.MAX_PENDING)
         ]
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="still waiting"):
             await plan_work.run("pattern", {"pattern": "{}"}, small=False)
-        for each in waiting:
+        for each in pending:
             each.cancel()
-        ended = await asyncio.gather(*waiting, return_exceptions=True)
-        assert all(isinstance(each, asyncio.CancelledError) for each in ended)
-        with pytest.raises(InvalidRequest):  # further work is accepted again
+        results = await asyncio.gather(*pending, return_exceptions=True)
+        assert all(isinstance(each, asyncio.CancelledError) for each in results)
+        with pytest.raises(InvalidRequest):  # the next task is executed; its plan is invalid
             await plan_work.run(
                 "check",
                 {
@@ -104,6 +104,6 @@ def test_the_number_of_waiting_tasks_is_limited(monkeypatch):
     run(scenario)
 
 
-def test_every_task_has_its_function():
+def test_the_worker_knows_exactly_these_tasks():
     names = {"check", "compile", "compile_roles", "convert", "elevation_files", "export", "follow_ground"}
     assert set(tasks.TASKS) == names | {"import", "insert", "pattern", "pattern_on_ground", "table"}
