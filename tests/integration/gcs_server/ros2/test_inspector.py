@@ -24,9 +24,9 @@ SENSORS = "/fmu/out/sensor_combined"
 
 @pytest.fixture(autouse=True)
 def _domain() -> Iterator[None]:
-    shared = open_domain(DOMAIN, None)
+    domain = open_domain(DOMAIN, None)
     yield
-    assert shared
+    assert domain  # this reference keeps the domain open
 
 
 @pytest.fixture
@@ -37,11 +37,11 @@ def inspector() -> Iterator[DomainInspector]:
     assert not domain_inspector.running
 
 
-def until(reached: Callable[[], object], act: Callable[[], None] = lambda: None) -> None:
+def until(condition: Callable[[], object], repeated_work: Callable[[], None] = lambda: None) -> None:
     end_s = time.monotonic() + 15.0
-    while not reached():
+    while not condition():
         assert time.monotonic() < end_s
-        act()
+        repeated_work()
         time.sleep(0.02)
 
 
@@ -72,22 +72,22 @@ def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: Doma
     assert sensors.value is not None
     assert sensors.value["accelerometer_m_s2"] == values["accelerometer_m_s2"]
     assert (sensors.type, sensors.publishers, sensors.subscribers) == ("px4_msgs/msg/SensorCombined", 1, 0)
-    vehicles.clear()
+    vehicles.clear()  # deletes the publisher
     until(lambda: SENSORS not in topics(inspector.inspect(NAMESPACE)))
 
 
 def test_a_flooded_topic_is_shown_as_flooded_and_other_topics_are_read(inspector: DomainInspector) -> None:
-    vehicle, flood = Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
+    vehicle, flooding_publisher = Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
 
     def publish() -> None:
         vehicle.send(STATUS, status())
         for _ in range(200):
-            flood.send(SENSORS, SHOWN["SensorCombined"].encode({}), "SensorCombined")
+            flooding_publisher.send(SENSORS, SHOWN["SensorCombined"].encode({}), "SensorCombined")
 
     def is_shown() -> bool:
         found = topics(inspector.inspect(NAMESPACE))
-        both = {STATUS, SENSORS} <= found.keys()
-        return both and found[SENSORS].rate_is_minimum and found[STATUS].rate_hz is not None
+        has_both_topics = {STATUS, SENSORS} <= found.keys()
+        return has_both_topics and found[SENSORS].rate_is_minimum and found[STATUS].rate_hz is not None
 
     until(is_shown, publish)
 
@@ -108,16 +108,16 @@ def test_a_domain_that_cannot_be_opened_is_reported_and_opened_later(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("gcs_server.ros2.inspector.RETRY_S", 0.1)
-    refused = ["DDS domain 53 cannot be inspected (Out of resources)."]
+    errors = ["DDS domain 53 cannot be inspected (Out of resources)."]
 
     def open_port(domain_id: int, interface: str | None) -> InspectionPort:
-        if refused:
-            raise DdsUnavailable(refused[0])
+        if errors:
+            raise DdsUnavailable(errors[0])
         return InspectionPort(domain_id, interface)
 
     inspector = DomainInspector(DOMAIN, None, open_port)
-    until(lambda: inspector.inspect(NAMESPACE).problem == refused[0])
+    until(lambda: inspector.inspect(NAMESPACE).problem == errors[0])
     assert inspector.inspect(NAMESPACE).state == "failed"
-    refused.clear()
+    errors.clear()
     until(lambda: inspector.inspect(NAMESPACE).state == "open")
     inspector.close()

@@ -37,8 +37,8 @@ def in_event_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..
     """Runs a test in an event loop of its own."""
 
     @functools.wraps(test)
-    def run(**given: Any) -> None:
-        asyncio.run(test(**given))
+    def run(**parameters: Any) -> None:
+        asyncio.run(test(**parameters))
 
     return run
 
@@ -54,29 +54,31 @@ class LinkFrames:
         self.frames: dict[str, list[tuple[int, str]]] = {}
         self.link = Ros2Link("ros2", f"ros2://{DOMAIN}", DOMAIN, namespace, None, DdsPort)
         self._parsers: dict[str, FrameParser] = {}
-        self.link.start(self._take, lambda _peer: None, lambda: None)
+        self.link.start(self._on_data, lambda _peer: None, lambda: None)
 
-    def _take(self, data: bytes, peer: Peer, now_s: float) -> None:
+    def _on_data(self, data: bytes, peer: Peer, now_s: float) -> None:
         parser = self._parsers.setdefault(peer.name, FrameParser())
-        found = [(frame.system_id, NAMES[frame.msg_id]) for frame in parser.feed(data, now_s)]
-        self.frames.setdefault(peer.name, []).extend(found)
+        frames = [(frame.system_id, NAMES[frame.msg_id]) for frame in parser.feed(data, now_s)]
+        self.frames.setdefault(peer.name, []).extend(frames)
 
     def names(self, peer: str = NAMESPACE) -> set[str]:
         return {name for _, name in self.frames.get(peer, ())}
 
-    async def until(self, reached: Callable[[], object], act: Callable[[], None] = lambda: None) -> None:
+    async def until(
+        self, condition: Callable[[], object], repeated_work: Callable[[], None] = lambda: None
+    ) -> None:
         end_s = time.monotonic() + 10.0
-        while not reached():
+        while not condition():
             assert time.monotonic() < end_s, (self.frames, self.link.info())
-            act()
+            repeated_work()
             await asyncio.sleep(0.02)
 
 
 @pytest.fixture(autouse=True)
 def _domain() -> Iterator[None]:
-    shared = open_domain(DOMAIN, None)
+    domain = open_domain(DOMAIN, None)
     yield
-    assert shared
+    assert domain  # this reference keeps the domain open
 
 
 @in_event_loop
@@ -98,34 +100,40 @@ async def test_a_vehicle_is_found_by_its_status_and_its_messages_become_frames()
 
 @in_event_loop
 async def test_each_vehicle_of_the_domain_is_a_separate_peer() -> None:
-    others = [f"{NAMESPACE}_a", f"{NAMESPACE}_b"]
-    link_frames, vehicles = LinkFrames(None), [Publisher(DOMAIN, name) for name in others]
+    namespaces = [f"{NAMESPACE}_a", f"{NAMESPACE}_b"]
+    link_frames, vehicles = LinkFrames(None), [Publisher(DOMAIN, name) for name in namespaces]
 
     def publish() -> None:
         for number, vehicle in enumerate(vehicles, 1):
             vehicle.send(STATUS, status(system_id=number))
 
-    await link_frames.until(lambda: set(others) <= link_frames.frames.keys(), publish)
-    for number, name in enumerate(others, 1):
+    await link_frames.until(lambda: set(namespaces) <= link_frames.frames.keys(), publish)
+    for number, name in enumerate(namespaces, 1):
         assert {system for system, _ in link_frames.frames[name]} == {number}
     await link_frames.link.close()
 
 
 @in_event_loop
 async def test_malformed_and_flooding_samples_affect_only_their_vehicle() -> None:
-    bad, good = f"{NAMESPACE}_bad", f"{NAMESPACE}_good"
-    link_frames, flooding, vehicle = LinkFrames(None), Publisher(DOMAIN, bad), Publisher(DOMAIN, good)
+    bad_namespace, good_namespace = f"{NAMESPACE}_bad", f"{NAMESPACE}_good"
+    link_frames, flooding, vehicle = (
+        LinkFrames(None),
+        Publisher(DOMAIN, bad_namespace),
+        Publisher(DOMAIN, good_namespace),
+    )
 
     def publish() -> None:
         for _ in range(200):
             flooding.send(STATUS, status(system_id=0))
         vehicle.send(STATUS, status())
 
-    def reported() -> bool:
-        return f"/{bad}{STATUS} cannot be used" in link_frames.link.info().detail
+    def is_reported() -> bool:
+        return f"/{bad_namespace}{STATUS} cannot be used" in link_frames.link.info().detail
 
-    await link_frames.until(lambda: "HEARTBEAT" in link_frames.names(good) and reported(), publish)
-    assert not link_frames.names(bad)
+    await link_frames.until(
+        lambda: "HEARTBEAT" in link_frames.names(good_namespace) and is_reported(), publish
+    )
+    assert not link_frames.names(bad_namespace)
     assert link_frames.link.faults.count == 0
     await link_frames.link.close()
 
@@ -133,14 +141,14 @@ async def test_malformed_and_flooding_samples_affect_only_their_vehicle() -> Non
 @in_event_loop
 async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.5)
-    other = replace(MESSAGES["VehicleStatus"], fields=MESSAGES["VehicleStatus"].fields[:3])
-    monkeypatch.setitem(SHOWN, "Other", other)
+    shortened_type = replace(MESSAGES["VehicleStatus"], fields=MESSAGES["VehicleStatus"].fields[:3])
+    monkeypatch.setitem(SHOWN, "Other", shortened_type)
     link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE)
 
-    def reported() -> bool:
+    def is_reported() -> bool:
         return "sends no message of PX4 v1.16's type" in link_frames.link.info().detail
 
-    await link_frames.until(reported, lambda: vehicle.send(STATUS, HEADER + bytes(24), "Other"))
+    await link_frames.until(is_reported, lambda: vehicle.send(STATUS, HEADER + bytes(24), "Other"))
     assert not link_frames.frames
     await link_frames.link.close()
 
@@ -194,12 +202,12 @@ async def test_a_command_topic_of_another_version_is_reported_and_the_vehicle_is
     command_topic = Topic(vehicle.participant, topic, idl_type(SHOWN["VehicleCommand"]))
     reader = DataReader(vehicle.participant, command_topic)
 
-    def reported() -> bool:
+    def is_reported() -> bool:
         text = "has version 1, but this server knows version 0. Not available: commands."
         return text in link_frames.link.info().detail
 
     await link_frames.until(
-        lambda: reported() and "HEARTBEAT" in link_frames.names(), lambda: vehicle.send(STATUS, status())
+        lambda: is_reported() and "HEARTBEAT" in link_frames.names(), lambda: vehicle.send(STATUS, status())
     )
     assert reader
     await link_frames.link.close()
@@ -215,7 +223,7 @@ async def test_without_a_vehicle_the_link_reports_what_is_missing(monkeypatch: p
 
 
 @in_event_loop
-async def test_a_missing_interface_is_named_and_tried_again() -> None:
+async def test_a_link_with_a_missing_interface_waits_and_names_the_interface() -> None:
     link = Ros2Link("ros2", "ros2://50", 50, None, "eth-none", DdsPort)
     link.start(_ignore, _ignore, _ignore)
     end_s = time.monotonic() + 10.0
@@ -231,7 +239,7 @@ def test_a_domain_cannot_be_opened_on_a_second_interface() -> None:
         DdsPort(DOMAIN, "eth0")
 
 
-def test_without_an_interface_nothing_leaves_the_machine() -> None:
+def test_without_an_interface_dds_uses_only_the_loopback_interface() -> None:
     assert '<NetworkInterface name="lo"/>' in configuration(None)
     assert "<AllowMulticast>false</AllowMulticast>" in configuration(None)
     assert '<NetworkInterface name="eth0"/>' in configuration("eth0")

@@ -28,7 +28,7 @@ from gcs_server.streamer.transport.ros2 import CONTROL_MODE, SETPOINT_TOPICS
 from tests.support.dds_publisher import Publisher
 from tests.support.dds_samples import recorded
 
-DOMAIN, MODES_DOMAIN, ENDS_DOMAIN = 51, 54, 55
+DOMAIN, MODES_DOMAIN, ENDED_WRITER_DOMAIN = 51, 54, 55
 NAMESPACE = f"senders_{os.getpid()}"
 
 
@@ -80,8 +80,8 @@ def test_modes_are_registered_over_their_own_topics() -> None:
     domain = open_domain(MODES_DOMAIN, None)
     vehicle = Publisher(MODES_DOMAIN, namespace)
     vehicle.prepare(REGISTER_REPLY, "RegisterExtComponentReply")
-    kind = idl_type(MESSAGES["RegisterExtComponentRequest"])
-    topic = Topic(vehicle.participant, wire_name(REGISTER, namespace), kind)
+    request_type = idl_type(MESSAGES["RegisterExtComponentRequest"])
+    topic = Topic(vehicle.participant, wire_name(REGISTER, namespace), request_type)
     reader = DataReader(vehicle.participant, topic, qos=Qos(Policy.Reliability.BestEffort))
     topics = ModeTopics(DdsAddress(MODES_DOMAIN, None, namespace))
     requests: list[Sample] = []
@@ -103,14 +103,14 @@ def test_modes_are_registered_over_their_own_topics() -> None:
 
 
 def test_a_writer_that_ends_is_not_announced_as_a_publication() -> None:
-    port, topic = DdsPort(ENDS_DOMAIN, None), "/fmu/out/mode_completed"
-    vehicle = Publisher(ENDS_DOMAIN, f"ends_{os.getpid()}")
+    port, topic = DdsPort(ENDED_WRITER_DOMAIN, None), "/fmu/out/mode_completed"
+    vehicle = Publisher(ENDED_WRITER_DOMAIN, f"ends_{os.getpid()}")
     vehicle.prepare(topic, "ModeCompleted")
-    found: list[str] = []
+    discovered: list[str] = []
     end_s = time.monotonic() + 10.0
-    while not any(each.endswith(topic) for each in found):
+    while not any(each.endswith(topic) for each in discovered):
         assert time.monotonic() < end_s
-        found += [each.topic for each in port.discovered()]
+        discovered += [each.topic for each in port.discovered()]
     del vehicle
     gc.collect()
     end_s = time.monotonic() + 1.0

@@ -1,4 +1,4 @@
-"""The server on real DDS: it names vehicles without valid messages, and they do not affect other vehicles."""
+"""The server on real DDS reports vehicles without valid messages; they do not affect other vehicles."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ DOMAIN = 100 + os.getpid() % 100
 
 
 @pytest.fixture
-def periodic() -> Iterator[PeriodicThread]:
-    shared, running = open_domain(DOMAIN, None), PeriodicThread()
-    yield running
-    running.close()
-    assert shared
+def periodic_thread() -> Iterator[PeriodicThread]:
+    domain, thread = open_domain(DOMAIN, None), PeriodicThread()
+    yield thread
+    thread.close()
+    assert domain  # this reference keeps the domain open
 
 
 @pytest.fixture
@@ -48,15 +48,15 @@ def client(tmp_path: Path) -> Iterator[TestClient]:
         yield client
 
 
-def until(reached: Callable[[], object], within_s: float = 20.0) -> None:
+def until(condition: Callable[[], object], within_s: float = 20.0) -> None:
     end_s = time.monotonic() + within_s
-    while not reached():
+    while not condition():
         assert time.monotonic() < end_s
         time.sleep(0.05)
 
 
-def connected(client: TestClient, vehicle: str) -> bool:
-    response = client.get(f"vehicles/{vehicle}")
+def is_connected(client: TestClient, vehicle_id: str) -> bool:
+    response = client.get(f"vehicles/{vehicle_id}")
     return response.status_code == 200 and not response.json()["status"]["link_lost"]
 
 
@@ -69,23 +69,23 @@ def warning_texts(client: TestClient) -> str:
     return " ".join(each["text"] for each in client.get("warnings").json()["warnings"])
 
 
-def invalid_values(publisher: Publisher) -> None:
+def send_invalid_values(publisher: Publisher) -> None:
     publisher.send(STATUS, status(system_id=0))
 
 
-def wrong_type(publisher: Publisher) -> None:
+def send_wrong_type(publisher: Publisher) -> None:
     publisher.send(STATUS, bytes(100), "HomePosition")
 
 
-def unknown_version(publisher: Publisher) -> None:
+def send_unknown_version(publisher: Publisher) -> None:
     publisher.send("/fmu/out/vehicle_status_v7", status())
 
 
-def silent(publisher: Publisher) -> None:
+def send_nothing(publisher: Publisher) -> None:
     publisher.prepare(STATUS)
 
 
-def flooding(publisher: Publisher) -> None:
+def send_flood(publisher: Publisher) -> None:
     for _ in range(200):
         publisher.send(STATUS, status(system_id=7))
         publisher.send(ATTITUDE, recorded()[ATTITUDE], "VehicleAttitude")
@@ -95,35 +95,35 @@ def flooding(publisher: Publisher) -> None:
     ("fault", "text"),
     [
         pytest.param(
-            invalid_values,
+            send_invalid_values,
             "A message on /bad/fmu/out/vehicle_status_v1 cannot be used",
             marks=pytest.mark.broad,
         ),
         pytest.param(
-            wrong_type,
+            send_wrong_type,
             "has the type px4_msgs::msg::dds_::HomePosition_ instead of",
             marks=pytest.mark.broad,
         ),
         pytest.param(
-            unknown_version,
+            send_unknown_version,
             "/bad/fmu/out/vehicle_status_v7 has version 7, but this server knows version 1",
             marks=pytest.mark.broad,
         ),
-        (silent, "bad has a writer of /fmu/out/vehicle_status_v1, but sends no message"),
-        pytest.param(flooding, None, marks=pytest.mark.broad),
+        (send_nothing, "bad has a writer of /fmu/out/vehicle_status_v1, but sends no message"),
+        pytest.param(send_flood, None, marks=pytest.mark.broad),
     ],
 )
-def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(
+def test_a_faulty_vehicle_is_reported_and_another_vehicle_can_be_commanded(
     fault: Callable[[Publisher], None],
     text: str | None,
-    periodic: PeriodicThread,
+    periodic_thread: PeriodicThread,
     client: TestClient,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 1.0)
-    good, bad = AcknowledgingVehicle(DOMAIN, "good", 1), Publisher(DOMAIN, "bad")
-    periodic.callbacks += [lambda: fault(bad), good.step]
-    until(lambda: connected(client, "1"))
+    good_vehicle, bad_publisher = AcknowledgingVehicle(DOMAIN, "good", 1), Publisher(DOMAIN, "bad")
+    periodic_thread.callbacks += [lambda: fault(bad_publisher), good_vehicle.step]
+    until(lambda: is_connected(client, "1"))
     until(lambda: text is None or text in warning_texts(client))
     armed = client.post("vehicles/1/arm", json={})
     assert armed.status_code == 200, armed.text
@@ -132,12 +132,12 @@ def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(
     until(lambda: attitude_unix_s(client, "1") > previous_unix_s, 2.0)
 
 
-def test_the_topics_of_a_vehicle_are_shown_by_request_and_to_a_subscriber_that_names_them(
-    periodic: PeriodicThread, client: TestClient
+def test_topics_are_sent_on_request_and_to_a_telemetry_subscriber(
+    periodic_thread: PeriodicThread, client: TestClient
 ) -> None:
-    good = AcknowledgingVehicle(DOMAIN, "good", 1)
-    periodic.callbacks.append(good.step)
-    until(lambda: connected(client, "1"))
+    good_vehicle = AcknowledgingVehicle(DOMAIN, "good", 1)
+    periodic_thread.callbacks.append(good_vehicle.step)
+    until(lambda: is_connected(client, "1"))
     response = client.get("vehicles/1/ros2/topics").json()
     assert (response["state"], response["domain_id"], response["namespace"]) == ("open", DOMAIN, "good")
     assert {f"/good{topic}" for topic in (STATUS, COMMAND, *MESSAGES_OF_TOPICS)} <= {
@@ -155,7 +155,7 @@ def test_the_topics_of_a_vehicle_are_shown_by_request_and_to_a_subscriber_that_n
     attitude = topics[f"/good{ATTITUDE}"]
     expected = SHOWN["VehicleAttitude"].decode(recorded()[ATTITUDE])
     assert attitude["value"]["q"] == pytest.approx(list(expected["q"]))
-    assert 1.0 < attitude["rate_hz"] < 40.0, "not about 20 Hz, less on a busy machine"
+    assert 1.0 < attitude["rate_hz"] < 40.0, "the rate is not about 20 Hz (less on a busy machine)"
     assert topics[f"/good{COMMAND}"]["publishers"] == 1
 
 
@@ -166,11 +166,11 @@ def test_a_vehicle_without_a_ros_2_link_has_no_topics_to_show(client: TestClient
     frame = encode_frame(d.MAVLINK_MSG_ID_HEARTBEAT, encode_payload(heartbeat), 0, 9, 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
 
-        def connected_now() -> bool:
+        def heartbeat_connects_vehicle() -> bool:
             sender.sendto(frame, ("127.0.0.1", port))
-            return connected(client, "9")
+            return is_connected(client, "9")
 
-        until(connected_now)
+        until(heartbeat_connects_vehicle)
         response = client.get("vehicles/9/ros2/topics")
     assert (response.status_code, response.json()["code"]) == (409, "refused")
     assert response.json()["detail"] == "Vehicle 9 has no ROS 2 link, so it has no topics to show."
