@@ -87,7 +87,7 @@ async def serving(scene_server: SceneServer):
     task = supervisor.spawn("http", server.serve())
     scene_server.address = await scene_server.scene.start()
     supervisor.start("scene", scene_server.draw)
-    while not server.started:  # noqa: ASYNC110 uvicorn has no event for it
+    while not server.started:  # noqa: ASYNC110 uvicorn has no event for its start
         await asyncio.sleep(0.01)
     scene_server.port = server.servers[0].sockets[0].getsockname()[1]
     try:
@@ -101,7 +101,7 @@ async def serving(scene_server: SceneServer):
 
 async def wait_until(condition, seconds: float = 20.0):
     async with asyncio.timeout(seconds):
-        while not condition():  # noqa: ASYNC110 there is no event for it
+        while not condition():  # noqa: ASYNC110 the condition has no event
             await asyncio.sleep(0.02)
 
 

@@ -11,7 +11,7 @@ import pytest
 from tools.ensure_browser import installed_chromium
 
 playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-FLAGS = [
+BROWSER_FLAGS = [
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -20,8 +20,8 @@ FLAGS = [
 
 
 def ground_distance_m(click) -> float:
-    north_m = (click.lat_deg - 47.397742) * 111_177
-    return math.hypot(north_m, (click.lon_deg - 8.545594) * 75_400)
+    north_m = (click.lat_deg - 47.397742) * 111_177  # metres per degree of latitude
+    return math.hypot(north_m, (click.lon_deg - 8.545594) * 75_400)  # of longitude, at this latitude
 
 
 def send_and_wait(page, message) -> None:
@@ -45,13 +45,13 @@ def wait_for(page, condition) -> None:
 @pytest.mark.story
 @pytest.mark.browser
 def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(scene_server):
-    requested: list[str] = []
+    requested_urls: list[str] = []
     errors: list[str] = []
     with playwright.sync_playwright() as p:
-        browser = p.chromium.launch(executable_path=installed_chromium(), args=FLAGS)
+        browser = p.chromium.launch(executable_path=installed_chromium(), args=BROWSER_FLAGS)
         page = browser.new_page(viewport={"width": 372, "height": 250})
-        page.on("request", lambda r: requested.append(r.url))
-        page.on("websocket", lambda w: requested.append(w.url))
+        page.on("request", lambda r: requested_urls.append(r.url))
+        page.on("websocket", lambda w: requested_urls.append(w.url))
         page.on("pageerror", lambda e: errors.append(str(e)))
         page.route(
             scene_server.url.replace("/scene/", "/host"),
@@ -65,27 +65,27 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(scene_server)
         tag = frame.locator(".gcs-tags span", has_text="1 · 10.0 m above home")
         tag.wait_for(state="visible", timeout=15_000)
         assert "simulated" in tag.inner_text()
-        # The tag is in the middle of the frame, where the chased vehicle is.
-        box = tag.bounding_box()
-        assert abs(box["x"] + box["width"] / 2 - (8 + 175)) < 60
+        # The chased vehicle and its tag are in the middle of the frame: 350 px wide, after a margin of 8 px.
+        first_box = tag.bounding_box()
+        assert abs(first_box["x"] + first_box["width"] / 2 - (8 + 175)) < 60
         # Panels cover the left half of the frame: the page sends the middle of the free area, and the vehicle
         # moves there.
         page.evaluate("frames[0].postMessage({ gcsMiddle: [0.25, -0.1] }, location.origin)")
-        wait_for(page, lambda: tag.bounding_box()["x"] - box["x"] > 0.2 * 350)
-        assert box["y"] - tag.bounding_box()["y"] == pytest.approx(23, abs=8)
+        wait_for(page, lambda: tag.bounding_box()["x"] - first_box["x"] > 0.2 * 350)
+        assert first_box["y"] - tag.bounding_box()["y"] == pytest.approx(23, abs=8)
         page.evaluate("frames[0].postMessage({ gcsMiddle: [0, 0] }, location.origin)")
-        wait_for(page, lambda: abs(tag.bounding_box()["x"] - box["x"]) < 0.05 * 350)
+        wait_for(page, lambda: abs(tag.bounding_box()["x"] - first_box["x"]) < 0.05 * 350)
         assert frame.locator(".mantine-Paper-root:visible").count() == 0
         canvas = page.frames[1].locator("canvas").first.bounding_box()
         ground_px = (canvas["x"] + canvas["width"] / 2, canvas["y"] + canvas["height"] * 0.9)
-        position_before = page.frames[1].evaluate("() => [...window.__viserMutable.camera.position]")
+        camera_position = "() => [...window.__viserMutable.camera.position]"
+        position_before = page.frames[1].evaluate(camera_position)
         page.mouse.move(*ground_px)
         page.mouse.down()
         page.mouse.move(ground_px[0] + 60, ground_px[1] - 10, steps=6)
         page.mouse.up()
-        position = "() => [...window.__viserMutable.camera.position]"
         # A drag turns the camera and is not a click.
-        wait_for(page, lambda: math.dist(position_before, page.frames[1].evaluate(position)) > 0.1)
+        wait_for(page, lambda: math.dist(position_before, page.frames[1].evaluate(camera_position)) > 0.1)
         assert scene_server.clicks == []
         page.mouse.click(ground_px[0], canvas["y"] + 3)  # the sky
         page.mouse.click(*ground_px)
@@ -93,9 +93,9 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(scene_server)
         (click,) = scene_server.clicks
         assert (click.view, click.vehicle) == ("frame", "1")
         assert click.alt_amsl_m == pytest.approx(488.0)
-        assert 2.0 < ground_distance_m(click) < 60.0  # the vehicle hovers ten metres over the home
+        assert 2.0 < ground_distance_m(click) < 60.0  # the vehicle hovers ten metres above home
         assert (click.view_x, click.view_y) == pytest.approx((0.5, 0.9), abs=0.01)
-        # While a plan is edited, the page knows the origin of the view and gets the clicks, not the server.
+        # While a plan is edited, the page knows the origin of the view, and the page alone receives clicks.
         root = page.frames[1].locator("html")
         assert root.get_attribute("data-gcs-origin") == "47.397742000,8.545594000,488.000"
         page.evaluate(
@@ -116,8 +116,8 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(scene_server)
         frame.locator('html[data-gcs-theme="light"]').wait_for(state="attached", timeout=8_000)
         browser.close()
     own_address = f"127.0.0.1:{scene_server.port}/"
-    network = [u for u in requested if not u.startswith(("data:", "blob:"))]
-    foreign = [u for u in network if not u.split("://", 1)[1].startswith(own_address)]
-    assert foreign == []
-    assert any(u.startswith("ws://") for u in requested)
+    network_urls = [u for u in requested_urls if not u.startswith(("data:", "blob:"))]
+    foreign_urls = [u for u in network_urls if not u.split("://", 1)[1].startswith(own_address)]
+    assert foreign_urls == []
+    assert any(u.startswith("ws://") for u in requested_urls)
     assert errors == []

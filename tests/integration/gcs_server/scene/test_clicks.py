@@ -24,9 +24,9 @@ def test_a_ray_intersects_the_level_ground():
 @pytest.mark.parametrize(
     ("eye_z_m", "ray"),
     [
-        (10.0, (0.0, 1.0, 0.1)),  # the sky
-        (10.0, (1.0, 0.0, 0.0)),  # the horizon
-        (-1.0, (0.0, 0.0, -1.0)),  # from below
+        (10.0, (0.0, 1.0, 0.1)),  # towards the sky
+        (10.0, (1.0, 0.0, 0.0)),  # parallel to the ground
+        (-1.0, (0.0, 0.0, -1.0)),  # from below the ground
         (10.0, (1.0, 0.0, -9.0 / REACH_M)),  # farther than a click can reach
     ],
 )
@@ -41,7 +41,7 @@ def test_the_ground_is_at_the_altitude_of_the_selected_vehicles_home():
     assert vehicle == "2"
     assert (lat_deg, lon_deg) == pytest.approx((47.397742 + 100.0 / 111177.0, 8.545594), abs=1e-6)
     assert alt_amsl_m == pytest.approx(488.0)
-    assert tracks.ground_position("9", (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))[0] == "1"
+    assert tracks.ground_position("9", (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))[0] == "1"  # no vehicle 9
 
 
 def test_without_a_global_position_a_click_is_refused():
@@ -60,15 +60,15 @@ def test_a_click_is_published_with_the_token_of_its_view(scene_server):
             await wait_until(lambda: scene_server.scene.viewers == 1)
             async with httpx.AsyncClient() as client:
                 response = await client.post(scene_server.url + "view/clicked/click", json=CLICK_NORTH)
-                sky = {**CLICK_NORTH, "ray_enu": [0, 1, 1]}
-                sky_response = await client.post(scene_server.url + "view/clicked/click", json=sky)
+                click_on_sky = {**CLICK_NORTH, "ray_enu": [0, 1, 1]}
+                sky_response = await client.post(scene_server.url + "view/clicked/click", json=click_on_sky)
         return response.json(), sky_response.json()
 
     scene_server.clicks.clear()
     assert asyncio.run(click()) == ({"ground": True}, {"ground": False})
-    (sent,) = scene_server.clicks
-    assert (sent.view, sent.vehicle, sent.view_x, sent.view_y) == ("clicked", "2", 0.5, 0.6)
-    assert sent.lat_deg == pytest.approx(47.397742 + 10.0 / 111177.0, abs=1e-7)
+    (result,) = scene_server.clicks
+    assert (result.view, result.vehicle, result.view_x, result.view_y) == ("clicked", "2", 0.5, 0.6)
+    assert result.lat_deg == pytest.approx(47.397742 + 10.0 / 111177.0, abs=1e-7)
 
 
 @pytest.mark.parametrize(

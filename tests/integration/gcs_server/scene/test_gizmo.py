@@ -25,18 +25,18 @@ PREVIEW = Preview((10.0, 0.0, -5.0), 0.0, handles=True, serial=1)
 
 def test_a_drag_becomes_a_position_in_the_vehicles_local_frame():
     drag = Drag((3.0, 14.0, 7.0), q_from_yaw(0.0), changes_yaw=True)
-    moved = apply_drag(PREVIEW, drag, (1.0, 2.0, 0.0), (0.0, 0.0, 5.0))
-    assert moved.position_ned_m == pytest.approx((12.0, 2.0, -7.0))
-    assert moved.yaw_ned_rad == pytest.approx(math.pi / 2)  # the x axis is east
-    assert moved.serial == PREVIEW.serial
+    dragged = apply_drag(PREVIEW, drag, (1.0, 2.0, 0.0), (0.0, 0.0, 5.0))
+    assert dragged.position_ned_m == pytest.approx((12.0, 2.0, -7.0))
+    assert dragged.yaw_ned_rad == pytest.approx(math.pi / 2)  # the x axis is east
+    assert dragged.serial == PREVIEW.serial
 
 
 def test_the_height_handle_changes_no_yaw_and_an_unknown_yaw_stays_unknown():
-    up = Drag((0.0, 10.0, 9.0), q_from_yaw(1.0), changes_yaw=False)
-    assert apply_drag(PREVIEW, up, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad == 0.0
+    drag_up = Drag((0.0, 10.0, 9.0), q_from_yaw(1.0), changes_yaw=False)
+    assert apply_drag(PREVIEW, drag_up, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad == 0.0
     without_yaw = Preview((0.0, 0.0, 0.0), None, handles=True, serial=1)
-    turn = Drag((0.0, 0.0, 0.0), q_from_yaw(1.0), changes_yaw=True)
-    assert apply_drag(without_yaw, turn, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad is None
+    drag_turn = Drag((0.0, 0.0, 0.0), q_from_yaw(1.0), changes_yaw=True)
+    assert apply_drag(without_yaw, drag_turn, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad is None
 
 
 def test_a_drag_beyond_the_limit_is_ignored():
@@ -78,14 +78,14 @@ def test_the_camera_follows_moved_handles_from_the_same_side(eye_m, handles_m):
     assert math.dist(eye, handles_m) >= HANDLES_DISTANCE_M - 1e-9
     assert eye[0] <= handles_m[0] + 1e-6  # looks to the east, as before
     assert eye[2] > handles_m[2] + 2.0
-    # The vehicle is not behind the camera: vehicle and handles are in the picture, so the camera stays.
+    # Vehicle and handles are both in the picture, so the camera does not move again.
     assert math.dist(eye, handles_m) > 1.5 * math.dist(handles_m, VEHICLE)
     assert camera_for_handles(eye, look_at, handles_m, VEHICLE) == (eye, look_at)
-    beside = tuple(
+    moved_handles_m = tuple(
         h + 0.5 * HANDLES_MAX_OFFSET_RAD * math.dist(eye, handles_m) * (i == 1)
         for i, h in enumerate(handles_m)
     )
-    assert camera_for_handles(eye, look_at, beside, VEHICLE) == (eye, look_at)
+    assert camera_for_handles(eye, look_at, moved_handles_m, VEHICLE) == (eye, look_at)
 
 
 @pytest.mark.parametrize("name", [GROUND_HANDLE, HEIGHT_HANDLE])
@@ -111,11 +111,11 @@ def test_drags_of_both_handles_are_accepted(name):
         {**DRAG_MESSAGE, "name": "x" * 5000},
     ],
 )
-def test_messages_of_other_handles_are_dropped(message):
+def test_invalid_messages_and_messages_of_other_handles_are_dropped(message):
     assert parse_message(pack(message)) is None
 
 
-def handles_in(scene_server) -> int:
+def handle_count(scene_server) -> int:
     client = next(iter(scene_server.host.clients().values()))
     return len(client.scene._handle_from_transform_controls_name)
 
@@ -124,28 +124,28 @@ def test_a_dragged_preview_is_published_with_its_view(scene_server):
     """The drag is published only for its own view and only while the scene does not move with the vehicle;
     viser does not receive the message."""
 
-    async def drag():
+    async def drag_ground_handle():
         async with httpx.AsyncClient() as http, open_stream(scene_server, "?view=hand&vehicle=2") as stream:
             await stream.send(pack(CAMERA))
             await wait_until(lambda: scene_server.scene.viewers == 1)
-            assert handles_in(scene_server) == 0
+            assert handle_count(scene_server) == 0
             preview = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
             await http.post(scene_server.url + "view/hand", json={"preview": preview})
             await stream.send(pack(DRAG_MESSAGE))  # in chase mode the scene moves during the drag
             await http.post(scene_server.url + "view/hand", json={"mode": "free"})
-            await wait_until(lambda: handles_in(scene_server) == 2)
+            await wait_until(lambda: handle_count(scene_server) == 2)
             assert scene_server.gizmos == []
             await stream.send(pack(DRAG_MESSAGE))
             await stream.send(pack(DRAG_END_MESSAGE))
             await wait_until(lambda: len(scene_server.gizmos) == 2)
             await http.post(scene_server.url + "view/hand", json={"preview": None})
-            await wait_until(lambda: handles_in(scene_server) == 0)
+            await wait_until(lambda: handle_count(scene_server) == 0)
             await stream.send(pack(DRAG_MESSAGE))
             await stream.send(pack(CAMERA))
             await asyncio.sleep(0.1)
 
     scene_server.gizmos.clear()
-    asyncio.run(drag())
+    asyncio.run(drag_ground_handle())
     moved, released = scene_server.gizmos
     assert (moved.view, moved.vehicle, moved.released, released.released) == ("hand", "2", False, True)
     assert moved.position_ned_m == released.position_ned_m

@@ -19,7 +19,7 @@ from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import StillClock, flying_vehicle
 
 
-def test_viser_prints_nothing_and_leaves_no_files(capfd):
+def test_viser_prints_nothing_and_its_folder_is_removed(capfd):
     async def run():
         host = ViserHost()
         await host.start()
@@ -42,7 +42,7 @@ def test_folders_of_killed_servers_are_removed_and_other_folders_are_kept(monkey
         listener.bind(str(folder / "s"))
         listeners.append(listener)
         if folder is not starting:
-            os.utime(folder, (1.0, 1.0))
+            os.utime(folder, (1.0, 1.0))  # an old folder
     listeners[1].listen()
 
     async def run():
@@ -65,38 +65,37 @@ def test_a_scene_that_cannot_start_raises_an_error_with_its_reason(monkeypatch, 
 def test_vehicles_are_added_one_by_one_and_the_followed_vehicle_first(scene_server, monkeypatch):
     """A new browser must not delay the pictures of other browsers."""
     more_vehicles = [flying_vehicle(name) for name in ("31", "32", "33", "34")]
-    step, steps, nodes = Scene._step, [], []
+    real_step, step_times_s, created_nodes = Scene._step, [], []
 
     def count_step(self, now_s, dt_s):
-        steps.append(now_s)
-        step(self, now_s, dt_s)
+        step_times_s.append(now_s)
+        real_step(self, now_s, dt_s)
 
     class CountedNode(VehicleNode):
         def __init__(self, client, index, *rest):
-            nodes.append((len(steps), index))
+            created_nodes.append((len(step_times_s), index))
             super().__init__(client, index, *rest)
 
     async def run():
-        for query in ("", "?vehicle=33"):  # in the second round all poses are known
-            await wait_until(
-                lambda: scene_server.scene.viewers == 0
-            )  # a closed view is removed after a moment
-            nodes.clear()
+        for query in ("", "?vehicle=33"):  # in the second round the server knows all poses
+            # A closed view is removed after a moment.
+            await wait_until(lambda: scene_server.scene.viewers == 0)
+            created_nodes.clear()
             async with open_stream(scene_server, query) as stream:
                 await stream.send(msgspec.msgpack.encode(CAMERA))
-                await wait_until(lambda: len(nodes) == len(scene_server.fleet.vehicles))
+                await wait_until(lambda: len(created_nodes) == len(scene_server.fleet.vehicles))
 
     monkeypatch.setattr(Scene, "_step", count_step)
     monkeypatch.setattr("gcs_server.scene.browser_scene.VehicleNode", CountedNode)
     monkeypatch.setattr(scene_server.fleet, "vehicles", [*scene_server.fleet.vehicles, *more_vehicles])
     asyncio.run(run())
-    indices = [index for _, index in nodes]
+    indices = [index for _, index in created_nodes]
     assert indices[0] == [v.id for v in scene_server.fleet.vehicles].index("33")
     assert sorted(indices) == list(range(len(scene_server.fleet.vehicles)))
-    assert len({step for step, _ in nodes}) == len(nodes), "several vehicles in one step"
+    assert len({step for step, _ in created_nodes}) == len(created_nodes), "several vehicles in one step"
 
 
-def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(scene_server, monkeypatch):
+def test_drawing_pauses_for_a_browser_that_does_not_read(scene_server, monkeypatch):
     vehicle = scene_server.fleet.vehicles[0]
 
     async def run():
@@ -106,27 +105,27 @@ def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(
             await wait_until(lambda: scene_server.scene.viewers == 1 and vehicle.topic_reads > 0)
             monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: bridge != "")
             await asyncio.sleep(0.1)
-            before = vehicle.topic_reads
+            reads_before = vehicle.topic_reads
             await asyncio.sleep(0.3)
-            assert vehicle.topic_reads == before
+            assert vehicle.topic_reads == reads_before
             assert scene_server.scene.viewers == 1
             monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: False)
-            await wait_until(lambda: vehicle.topic_reads > before)
+            await wait_until(lambda: vehicle.topic_reads > reads_before)
 
     asyncio.run(run())
 
 
-def test_a_browser_counts_as_stalled_once_a_message_has_waited_for_a_second():
+def test_a_browser_is_stalled_after_a_message_has_waited_for_more_than_a_second():
     clock = StillClock()
     bridges = Bridges(clock)
-    with bridges.open_bridge() as bridge, bridges.open_bridge() as other:
-        assert bridges.names() == {bridge, other}
+    with bridges.open_bridge() as bridge, bridges.open_bridge() as other_bridge:
+        assert bridges.names() == {bridge, other_bridge}
         assert not bridges.is_stalled(bridge)
         with bridges.sending(bridge):
             clock.now_s += STALLED_AFTER_S
             assert not bridges.is_stalled(bridge)
             clock.now_s += 0.1
             assert bridges.stalled_names() == [bridge]
-            assert not bridges.is_stalled(other)
+            assert not bridges.is_stalled(other_bridge)
         assert not bridges.is_stalled(bridge)
     assert not bridges.names()

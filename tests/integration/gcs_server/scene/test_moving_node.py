@@ -52,6 +52,7 @@ CHANGES = {
         _messages.SceneNodeUpdateMessage("/a/b", {"points": POINTS}),
     ),
 }
+"""For each property: a function that changes it, and viser's message for the change."""
 
 
 @pytest.mark.parametrize(("change", "viser_message"), CHANGES.values(), ids=CHANGES)
@@ -73,12 +74,15 @@ def test_visers_handles_queue_the_same_kinds_of_messages(scene_server):
     frame = server.scene.add_frame("/moving", show_axes=False)
     lines = server.scene.add_line_segments("/moving/lines", POINTS, (1, 2, 3))
     api = frame._impl.api
-    queue, api._websock_interface = api._websock_interface, SimpleNamespace(queue_message=sent.append)
+    real_interface, api._websock_interface = (
+        api._websock_interface,
+        SimpleNamespace(queue_message=sent.append),
+    )
     try:
         frame.position, frame.wxyz = (1.0, 2.0, 3.0), Q
         lines.scale, lines.points = (1.0, 1.0, 4.5), POINTS + 1
     finally:
-        api._websock_interface = queue
+        api._websock_interface = real_interface
         frame.remove()
     kinds = [type(viser_message) for _, viser_message in CHANGES.values()]
     assert [type(message) for message in sent] == kinds
@@ -112,14 +116,14 @@ def test_a_browser_gets_a_vehicles_final_position(scene_server, monkeypatch):
     asyncio.run(run())
 
 
-def test_unchanged_values_are_not_sent():
+def test_unchanged_values_are_not_sent_and_a_slow_drift_is_sent_in_steps():
     node, queued = node_and_queue()
     node.place((0.0, 0.0, 0.0))
     node.turn((1.0, 0.0, 0.0, 0.0))
     assert queued == []
     for step in range(1, 11):
         node.place((step * MIN_MOVE_M * 0.3, 0.0, 0.0))
-    assert len(queued) == 2, "a slow drift is not sent exactly when it becomes visible"
+    assert len(queued) == 2, "a slow drift is not sent each time that it exceeds MIN_MOVE_M"
 
 
 def test_numpy_numbers_are_encoded():

@@ -1,4 +1,4 @@
-"""The process of the 3D view: its pictures, its clicks, and the cases that it dies, hangs or cannot start."""
+"""The process of the 3D view: pictures and clicks, and its behaviour when it dies, hangs or cannot start."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ class SceneProcessServer:
     def url(self) -> str:
         return f"http://{self.address}/scene/"
 
-    def open(self, query: str = ""):
+    def open_stream(self, query: str = ""):
         return connect(f"ws://{self.address}/scene/{query}", subprotocols=[PROTOCOL], max_size=None)
 
-    async def wait_until_up(self, http: httpx.AsyncClient, before: int | None = None) -> None:
+    async def wait_until_up(self, http: httpx.AsyncClient, previous_pid: int | None = None) -> None:
         """Waits until the 3D view is available in a process whose id is not `before`."""
         async with asyncio.timeout(60):
-            # There is no event for this.
-            while self.scene.pid == before or (await http.get(self.url)).status_code != 200:  # noqa: ASYNC110
+            # There is no event for a started view.
+            while self.scene.pid == previous_pid or (await http.get(self.url)).status_code != 200:  # noqa: ASYNC110
                 await asyncio.sleep(0.05)
 
 
@@ -90,12 +90,12 @@ def test_a_view_shows_the_fleet_and_handles_clicks_and_drags():
             assert (await http.get(scene_server.url)).status_code == 503
             assert scene_server.scene.warning() is None, "the start is reported as a failure"
             await scene_server.wait_until_up(http)
-            async with scene_server.open("?view=page&vehicle=2") as stream:
+            async with scene_server.open_stream("?view=page&vehicle=2") as stream:
                 await stream.send(pack(CAMERA))
-                kinds: set[str] = set()
+                received_types: set[str] = set()
                 async with asyncio.timeout(30):
-                    while not {"MeshMessage", "LineSegmentsMessage"} <= kinds:
-                        kinds |= set(message_types(await stream.recv()))
+                    while not {"MeshMessage", "LineSegmentsMessage"} <= received_types:
+                        received_types |= set(message_types(await stream.recv()))
                 await wait_until(lambda: scene_server.scene.viewers == 1)
                 response = await http.post(scene_server.url + "view/page/click", json=CLICK_NORTH)
                 assert response.json() == {"ground": True}
@@ -132,21 +132,21 @@ def test_a_killed_process_is_restarted_with_its_views_and_leaves_no_folder():
         async with serving() as (scene_server, http):
             await scene_server.wait_until_up(http)
             await http.post(scene_server.url + "view/page", json={"mode": "top", "vehicle": "2"})
-            first, folder = (
+            first_pid, folder = (
                 scene_server.scene.pid,
                 Path(scene_server.scene._run.address.socket_path).parent,
             )
             assert folder.exists()
-            async with scene_server.open("?view=page") as stream:
+            async with scene_server.open_stream("?view=page") as stream:
                 await stream.send(pack(CAMERA))
-                os.kill(first, signal.SIGKILL)
+                os.kill(first_pid, signal.SIGKILL)
                 async with asyncio.timeout(10):
                     await stream.wait_closed()
             await wait_until(lambda: scene_server.scene.warning() is not None)
             assert "Flying is not affected" in scene_server.scene.warning()
             response = await http.post(scene_server.url + "view/page", json={"theme": "light"})
             assert response.json()["code"] == SceneError.code
-            await scene_server.wait_until_up(http, before=first)
+            await scene_server.wait_until_up(http, previous_pid=first_pid)
             assert scene_server.scene.warning() is None
             assert not folder.exists()
             response = await http.post(scene_server.url + "view/page", json={"theme": "light"})
@@ -163,22 +163,22 @@ def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeyp
     async def run():
         async with serving() as (scene_server, http):
             await scene_server.wait_until_up(http)
-            first = scene_server.scene.pid
-            async with scene_server.open() as stream:
+            first_pid = scene_server.scene.pid
+            async with scene_server.open_stream() as stream:
                 await stream.send(pack(CAMERA))
                 await wait_until(lambda: scene_server.scene.viewers == 1)
-                os.kill(first, signal.SIGSTOP)
-                worst_s = 0.0
-                while scene_server.scene.pid == first:
+                os.kill(first_pid, signal.SIGSTOP)
+                longest_delay_s = 0.0
+                while scene_server.scene.pid == first_pid:
                     began_s = time.monotonic()
                     await asyncio.sleep(0.01)
-                    worst_s = max(worst_s, time.monotonic() - began_s - 0.01)
-            await scene_server.wait_until_up(http, before=first)
-            return first, worst_s
+                    longest_delay_s = max(longest_delay_s, time.monotonic() - began_s - 0.01)
+            await scene_server.wait_until_up(http, previous_pid=first_pid)
+            return first_pid, longest_delay_s
 
-    first, worst_s = asyncio.run(run())
-    assert not Path(f"/proc/{first}").exists()
-    assert worst_s < 0.5, "the event loop was blocked"
+    first_pid, longest_delay_s = asyncio.run(run())
+    assert not Path(f"/proc/{first_pid}").exists()
+    assert longest_delay_s < 0.5, "the event loop was blocked"
 
 
 def test_the_process_ends_with_the_server_and_removes_its_folder():

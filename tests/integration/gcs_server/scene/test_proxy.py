@@ -1,10 +1,9 @@
-"""The proxy to viser accepts only pages of this server, and only camera messages from them."""
+"""The proxy to viser accepts only pages of this server, and from them only camera and handle messages."""
 
 from __future__ import annotations
 
 import asyncio
 import stat
-from contextlib import contextmanager
 from pathlib import Path
 from urllib.request import Request, urlopen
 
@@ -23,7 +22,6 @@ from gcs_server.scene.proxy import parse_message
 from gcs_server.scene.view_request import MAX_VIEWS
 from tests.integration.gcs_server.scene.scene_server import (
     PROTOCOL,
-    SceneServer,
     message_types,
     open_stream,
     wait_until,
@@ -40,7 +38,7 @@ def listening_tcp_ports() -> set[int]:
     ports = set()
     for table in ("/proc/net/tcp", "/proc/net/tcp6"):
         for row in Path(table).read_text().splitlines()[1:]:
-            fields = row.split()
+            fields = row.split()  # the state 0A is LISTEN
             if fields[3] == "0A" and fields[9] in inodes:
                 ports.add(int(fields[1].rsplit(":", 1)[1], 16))
     return ports
@@ -49,7 +47,7 @@ def listening_tcp_ports() -> set[int]:
 # --- access to viser -----------------------------------------------------------------------------
 
 
-def test_viser_opens_no_port(scene_server):
+def test_viser_listens_on_no_tcp_port(scene_server):
     assert listening_tcp_ports() == {scene_server.port}
 
 
@@ -69,7 +67,7 @@ def test_http_without_the_secret_is_refused(scene_server):
 
 @pytest.mark.parametrize("headers", [{}, {SECRET_HEADER: "guess"}, {SECRET_HEADER: "\u00e9"}])
 def test_a_stream_without_the_secret_is_refused(scene_server, headers):
-    async def attempt():
+    async def open_without_secret():
         await unix_connect(
             str(scene_server.host.socket_path),
             "ws://scene/",
@@ -78,17 +76,17 @@ def test_a_stream_without_the_secret_is_refused(scene_server, headers):
         )
 
     with pytest.raises(websockets.exceptions.InvalidStatus) as refused:
-        asyncio.run(attempt())
+        asyncio.run(open_without_secret())
     assert refused.value.response.status_code == 403
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "file://"])
 def test_a_page_of_another_origin_gets_no_stream(scene_server, origin):
-    async def attempt():
+    async def open_from_other_origin():
         await open_stream(scene_server, origin=origin)
 
     with pytest.raises(websockets.exceptions.InvalidStatus) as refused:
-        asyncio.run(attempt())
+        asyncio.run(open_from_other_origin())
     assert refused.value.response.status_code == 403
 
 
@@ -112,7 +110,7 @@ def test_a_page_of_another_origin_may_not_change_a_view(scene_server):
         ("", "", False),
     ],
 )
-def test_same_origin_is_decided_by_host(origin, host, same):
+def test_a_request_has_the_same_origin_if_its_origin_header_names_the_host(origin, host, same):
     headers = {"host": host} | ({"origin": origin} if origin is not None else {})
     assert is_same_origin(Headers(headers)) is same
 
@@ -129,8 +127,8 @@ def test_a_camera_message_passes_without_extra_fields():
     }
     # A map with two "type" keys: parsers differ in which key they use, so the proxy encodes the map again.
     two_types = b"\x8a" + pack("type") + pack("ShareUrlRequest") + pack(CAMERA)[1:]
-    passed = parse_message(two_types)
-    assert passed is None or b"Share" not in passed
+    passed_message = parse_message(two_types)
+    assert passed_message is None or b"Share" not in passed_message
 
 
 @pytest.mark.parametrize(
@@ -150,7 +148,7 @@ def test_a_camera_message_passes_without_extra_fields():
         b"\x93\x01\x02\x03",
     ],
 )
-def test_other_messages_are_dropped(data):
+def test_messages_that_are_no_valid_camera_message_are_dropped(data):
     assert parse_message(data) is None
 
 
@@ -162,13 +160,13 @@ def test_a_request_for_a_public_tunnel_is_dropped(scene_server, monkeypatch):
     monkeypatch.setattr(viser._tunnel.ViserTunnel, "__init__", lambda *a, **k: tunnels.append(a))
     server = scene_server.host._server
     received_types: list[str] = []
-    real = server._websock_server._handle_incoming_message
+    real_handler = server._websock_server._handle_incoming_message
 
-    async def spy(client_id, message):
+    async def record_type(client_id, message):
         received_types.append(type(message).__name__)
-        await real(client_id, message)
+        await real_handler(client_id, message)
 
-    monkeypatch.setattr(server._websock_server, "_handle_incoming_message", spy)
+    monkeypatch.setattr(server._websock_server, "_handle_incoming_message", record_type)
 
     async def request_tunnel():
         async with open_stream(scene_server) as stream:
@@ -184,15 +182,15 @@ def test_a_request_for_a_public_tunnel_is_dropped(scene_server, monkeypatch):
 
 
 def test_a_text_message_ends_only_the_stream_that_sent_it(scene_server):
-    async def exchange():
-        async with open_stream(scene_server) as good, open_stream(scene_server) as bad:
-            await bad.send("hello")
+    async def send_to_both_streams():
+        async with open_stream(scene_server) as good_stream, open_stream(scene_server) as bad_stream:
+            await bad_stream.send("hello")
             async with asyncio.timeout(30):
-                await bad.wait_closed()
-            await good.send(msgspec.msgpack.encode(CAMERA))
-            assert message_types(await good.recv())
+                await bad_stream.wait_closed()
+            await good_stream.send(msgspec.msgpack.encode(CAMERA))
+            assert message_types(await good_stream.recv())
 
-    asyncio.run(exchange())
+    asyncio.run(send_to_both_streams())
 
 
 # --- data for a browser --------------------------------------------------------------------------
@@ -223,7 +221,7 @@ def test_a_hostile_host_header_adds_nothing_to_the_policy(scene_server):
     assert "script-src *" not in response.headers.get("content-security-policy", "")
 
 
-def test_a_browser_gets_its_scene_which_is_removed_afterwards(scene_server):
+def test_a_browser_gets_a_scene_that_is_removed_when_its_stream_ends(scene_server):
     async def run():
         async with open_stream(
             scene_server, "?theme=light", origin=scene_server.url.removesuffix("/scene/")
@@ -247,33 +245,28 @@ def test_an_unchanged_scene_is_not_sent_again(scene_server):
     async def run():
         async with open_stream(scene_server) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            received: list[str] = []
+            received_types: list[str] = []
             try:
                 async with asyncio.timeout(1.5):
                     while True:
-                        received += message_types(await stream.recv())
+                        received_types += message_types(await stream.recv())
             except TimeoutError:
                 pass
-            return received
+            return received_types
 
     for vehicle in scene_server.fleet.vehicles:
         vehicle.values.pop("motors")
-    received = asyncio.run(run())
-    assert received.count("MeshMessage") < 20
-    assert received.count("SetPositionMessage") < 30  # two vehicles at 30 Hz would be 90 for the bodies alone
-
-
-@contextmanager
-def view_of(scene_server: SceneServer, token: str):
-    yield lambda: scene_server.scene._views[token]
+    received_types = asyncio.run(run())
+    assert received_types.count("MeshMessage") < 20
+    assert received_types.count("SetPositionMessage") < 30  # at 30 Hz, two vehicles would send 90 in 1.5 s
 
 
 def test_a_page_changes_its_view(scene_server):
-    with view_of(scene_server, "page1") as view:
-        response = httpx.post(scene_server.url + "view/page1", json={"mode": "top", "vehicle": "2"})
-        assert response.json() == {"mode": "top", "vehicle": "2", "theme": "dark"}
-        httpx.post(scene_server.url + "view/page1", json={"theme": "light"})
-        assert (view().mode, view().vehicle, view().theme) == ("top", "2", "light")
+    response = httpx.post(scene_server.url + "view/page1", json={"mode": "top", "vehicle": "2"})
+    assert response.json() == {"mode": "top", "vehicle": "2", "theme": "dark"}
+    httpx.post(scene_server.url + "view/page1", json={"theme": "light"})
+    view = scene_server.scene._views["page1"]
+    assert (view.mode, view.vehicle, view.theme) == ("top", "2", "light")
 
 
 def test_a_new_theme_rebuilds_the_scene(scene_server):
