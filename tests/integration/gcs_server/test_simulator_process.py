@@ -27,6 +27,7 @@ def free_port():
 
 
 def simulator(folder, port, code=STAND_IN):
+    """A `SimulatorProcess` that starts a stand-in program instead of the simulator."""
     command = [sys.executable, "-c", code, str(port), "vehicle_sim"]
     return SimulatorProcess(SystemClock(), 1, folder, command=command, probe_port=port)
 
@@ -37,7 +38,7 @@ async def until(condition):
             await asyncio.sleep(0.02)
 
 
-def in_use(port):
+def is_in_use(port):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(("127.0.0.1", port))
@@ -52,9 +53,9 @@ def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
         folder.prepare()
         first = simulator(folder, port)
         first.start()
-        await until(lambda: in_use(port))
+        await until(lambda: is_in_use(port))
         assert os.getsid(first.pid) != os.getsid(0), (
-            "the simulator is in the session of the server, whose signals reach it"
+            "the simulator is in the session of the server, so the server's signals reach the simulator"
         )
         second = simulator(folder, port)
         second.start()
@@ -62,13 +63,13 @@ def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
         assert second.pid == first.pid
         await second.stop()
         await until(lambda: first._child.poll() is not None)
-        assert not in_use(port)
+        assert not is_in_use(port)
         assert not folder.simulator_pid.exists()
 
     asyncio.run(scenario())
 
 
-def test_a_simulator_that_ends_is_a_warning(tmp_path):
+def test_a_simulator_that_ends_by_itself_is_reported_as_a_warning(tmp_path):
     async def scenario():
         folder = DataFolder(tmp_path)
         folder.prepare()
@@ -85,7 +86,7 @@ def test_a_simulator_that_ends_is_a_warning(tmp_path):
 
 def test_another_process_is_never_taken_for_the_simulator():
     assert not is_simulator(1)
-    assert not is_simulator(2**22 + 1)
+    assert not is_simulator(2**22 + 1)  # greater than every process id
 
 
 def test_each_start_begins_a_new_log_and_keeps_the_previous_log(tmp_path):
@@ -112,7 +113,7 @@ def test_each_start_begins_a_new_log_and_keeps_the_previous_log(tmp_path):
         ("--gcs-local-port nonsense", 18570),
     ],
 )
-def test_the_probed_port_follows_the_simulators_arguments(arguments, port):
+def test_the_probed_port_is_taken_from_the_simulators_arguments(arguments, port):
     assert first_port(arguments.split()) == port
 
 
@@ -159,23 +160,23 @@ def test_the_server_starts_its_own_simulator_when_another_programs_simulator_end
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
         process = simulator(folder, port)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-            other.bind(("127.0.0.1", port))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other_socket:
+            other_socket.bind(("127.0.0.1", port))
             process.start()
             assert (process.uses_running_simulator, process.pid) == (True, None)
             async with watching(process) as watch:
                 await asyncio.sleep(0.2)
                 assert process.pid is None
                 assert not watch.done()
-                other.close()
-                await until(lambda: process.pid is not None and in_use(port))
+                other_socket.close()
+                await until(lambda: process.pid is not None and is_in_use(port))
                 assert (process.uses_running_simulator, process.warnings()) == (False, [])
-        assert not in_use(port)
+        assert not is_in_use(port)
 
     asyncio.run(scenario())
 
 
-def without_descriptors(*_arguments, **_options):
+def raise_too_many_files(*_arguments, **_options):
     raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
 
@@ -185,13 +186,13 @@ def test_a_start_without_descriptors_is_reported_and_repeated(tmp_path, monkeypa
         folder.prepare()
         process = simulator(folder, port)
         with monkeypatch.context() as patched:
-            patched.setattr(simulator_process.subprocess, "Popen", without_descriptors)
+            patched.setattr(simulator_process.subprocess, "Popen", raise_too_many_files)
             process.start()
             (notice,) = process.warnings()
             reason = "Too many open files"
             assert notice.text == f"The simulator could not be started: {reason}. The server tries again."
         async with watching(process):
-            await until(lambda: in_use(port))
+            await until(lambda: is_in_use(port))
             assert process.warnings() == []
 
     asyncio.run(scenario())
@@ -206,7 +207,7 @@ def test_missing_file_descriptors_are_not_mistaken_for_the_simulators_end(
         folder.prepare()
         process = first = simulator(folder, port)
         first.start()
-        await until(lambda: in_use(port))
+        await until(lambda: is_in_use(port))
         if simulator_kind == "found":
             process = simulator(folder, port)
             process.start()
@@ -214,7 +215,7 @@ def test_missing_file_descriptors_are_not_mistaken_for_the_simulators_end(
         async with watching(process) as watch:
             with monkeypatch.context() as patched:
                 for name in ("read_bytes", "read_text"):
-                    patched.setattr(simulator_process.Path, name, without_descriptors)
+                    patched.setattr(simulator_process.Path, name, raise_too_many_files)
                 await asyncio.sleep(0.2)
                 assert not watch.done()
                 assert process.warnings() == []

@@ -37,8 +37,8 @@ class Vehicle:
         self.receiver.bind(("127.0.0.1", 0))
         self.frames, self.recorded, self.relayed = [], [], []
         self.link_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.datagrams = True
-        link = SimpleNamespace(datagram_socket=lambda: self.link_socket if self.datagrams else None)
+        self.has_datagram_socket = True
+        link = SimpleNamespace(datagram_socket=lambda: self.link_socket if self.has_datagram_socket else None)
         self.path = SimpleNamespace(
             connection=SimpleNamespace(link=link, count_sent_elsewhere=self._record, signing=None),
             peer=Peer("peer", self.receiver.getsockname()),
@@ -114,7 +114,7 @@ def has_ended(pid):
 
 
 def type_mask(raw):
-    """The type_mask in a frame of SET_POSITION_TARGET_LOCAL_NED."""
+    """The type_mask in a frame of SET_POSITION_TARGET_LOCAL_NED, after a header of 10 bytes."""
     return struct.unpack_from("<H", raw, 10 + 48)[0]
 
 
@@ -124,9 +124,9 @@ def stall(seconds):
 
 
 async def until(condition, within_s=3.0):
-    until_s = time.monotonic() + within_s
+    deadline_s = time.monotonic() + within_s
     while not condition():
-        assert time.monotonic() < until_s
+        assert time.monotonic() < deadline_s
         await asyncio.sleep(0.005)
 
 

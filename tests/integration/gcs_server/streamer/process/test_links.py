@@ -45,24 +45,24 @@ async def test_sent_frames_are_signed_and_the_key_is_not_in_the_process_argument
     vehicle.path.connection.signing = SimpleNamespace(signer=signer)
     await begin(streams, "1", vehicle)
     await until(lambda: len(vehicle.frames) >= 10)
-    signer.clock.adopt(signer.clock.now() + 100 * TICKS_PER_S)  # a vehicle's clock is ahead
+    signer.clock.adopt(signer.clock.now() + 100 * TICKS_PER_S)  # the clock of a vehicle is 100 s ahead
     count = len(vehicle.frames)
     for _ in range(25):
         streams.update_snapshots({"1": snapshot()})
         await asyncio.sleep(0.02)
     await until(lambda: len(vehicle.frames) >= count + 10)
     frames = [raw for _, raw in vehicle.frames]
-    other = common.MAVLink(None)
-    other.signing.secret_key = key
-    messages = [other.decode(bytearray(raw)) for raw in frames]
+    decoder = common.MAVLink(None)
+    decoder.signing.secret_key = key
+    messages = [decoder.decode(bytearray(raw)) for raw in frames]
     assert all(message.get_signed() for message in messages)
     assert {message.get_link_id() for message in messages} == {5}
-    first, last = (int.from_bytes(raw[-12:-6], "little") for raw in (frames[0], frames[-1]))
-    assert 99 < (last - first) / TICKS_PER_S < 110
-    visible = visible_to_other_users(streams.pid)
-    assert b"gcs_server.streamer.process.worker" in visible
-    assert key not in visible
-    assert key.hex().encode() not in visible
+    first_ticks, last_ticks = (int.from_bytes(raw[-12:-6], "little") for raw in (frames[0], frames[-1]))
+    assert 99 < (last_ticks - first_ticks) / TICKS_PER_S < 110
+    visible_bytes = visible_to_other_users(streams.pid)
+    assert b"gcs_server.streamer.process.worker" in visible_bytes
+    assert key not in visible_bytes
+    assert key.hex().encode() not in visible_bytes
 
 
 def visible_to_other_users(pid):
@@ -71,33 +71,33 @@ def visible_to_other_users(pid):
 
 @with_stream_process
 async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams, vehicle):
-    vehicle.datagrams = False
+    vehicle.has_datagram_socket = False
     await begin(streams, "1", vehicle)
     stall(0.4)
     assert len(vehicle.relayed) >= 10
     assert {msg_id for _, msg_id, _ in vehicle.relayed} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
     assert vehicle.frames == []
-    at_s, created_s = vehicle.relayed[-1][0], vehicle.created_s
-    assert 0 <= at_s - created_s < 0.5, (
-        "without a recent time of creation the link cannot drop late setpoints"
+    sent_s, created_s = vehicle.relayed[-1][0], vehicle.created_s
+    assert 0 <= sent_s - created_s < 0.5, (
+        "the time of creation is not recent, so the link cannot drop late setpoints"
     )
 
 
 @with_stream_process
-async def test_a_new_route_is_used_from_the_next_update(streams, vehicle):
+async def test_a_new_send_path_is_used_from_the_next_update(streams, vehicle):
     await begin(streams, "1", vehicle)
     await until(lambda: vehicle.frames)
-    other = Vehicle()
-    vehicle.path = other.path
+    other_vehicle = Vehicle()
+    vehicle.path = other_vehicle.path
     streams.update_snapshots({"1": snapshot()})
-    await until(lambda: len(other.frames) >= 3)
+    await until(lambda: len(other_vehicle.frames) >= 3)
     count = len(vehicle.frames)
     await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
     vehicle.path = None
     streams.update_snapshots({"1": snapshot()})
     await until(lambda: len(vehicle.relayed) >= 3)
-    other.close()
+    other_vehicle.close()
 
 
 @with_stream_process
@@ -111,21 +111,21 @@ async def test_a_closed_links_port_is_free_after_the_process_used_its_socket(str
     vehicle.link_socket.close()
     streams.update_snapshots({})
     await until(lambda: is_port_free(address), 1.0)
-    await begin(streams, "2", second := Vehicle())  # the process still accepts sockets
-    await until(lambda: len(second.frames) >= 2)
-    second.close()
+    await begin(streams, "2", second_vehicle := Vehicle())  # the process still accepts sockets
+    await until(lambda: len(second_vehicle.frames) >= 2)
+    second_vehicle.close()
 
 
 @with_stream_process
 async def test_a_relay_error_loses_one_setpoint_and_the_stream_continues(streams, vehicle):
-    vehicle.datagrams = False
-    real, faults = vehicle.send_payload, []
+    vehicle.has_datagram_socket = False
+    real_send, faults = vehicle.send_payload, []
 
     def send_payload(msg_id, payload, *, created_s):
         if len(faults) < 3:
             faults.append(1)
             raise TypeError("a fault of the link")
-        return real(msg_id, payload, created_s=created_s)
+        return real_send(msg_id, payload, created_s=created_s)
 
     vehicle.send_payload = send_payload
     await begin(streams, "1", vehicle)
@@ -134,10 +134,10 @@ async def test_a_relay_error_loses_one_setpoint_and_the_stream_continues(streams
 
 @with_stream_process
 async def test_streams_to_vehicles_of_different_links_can_alternate(streams, vehicle):
-    other = Vehicle()
-    streams.attach("2", other, (8, 1))
+    other_vehicle = Vehicle()
+    streams.attach("2", other_vehicle, (8, 1))
     await begin(streams, "1", vehicle)
-    for name, receiver in (("2", other), ("1", vehicle), ("2", other), ("1", vehicle)):
+    for name, receiver in (("2", other_vehicle), ("1", vehicle), ("2", other_vehicle), ("1", vehicle)):
         streams.end("1" if name == "2" else "2", "stopped", "")
         streams.take_reports()
         assert len(streams.active()) <= 1
@@ -146,25 +146,25 @@ async def test_streams_to_vehicles_of_different_links_can_alternate(streams, veh
         streams.update_snapshots({name: snapshot()})
         await until(lambda receiver=receiver, count=count: len(receiver.frames) >= count + 3)
         await until(lambda receiver=receiver, recorded=recorded: len(receiver.recorded) >= recorded + 3)
-    assert vehicle.relayed == other.relayed == []
-    other.close()
+    assert vehicle.relayed == other_vehicle.relayed == []
+    other_vehicle.close()
 
 
 @with_stream_process
 async def test_a_closed_links_port_is_free_at_once_while_another_vehicle_is_streamed_to(streams, vehicle):
     """If the stream process kept its copy of the descriptor, the port could not be opened again."""
-    other = Vehicle()
-    other.link_socket.bind(("127.0.0.1", 0))
+    other_vehicle = Vehicle()
+    other_vehicle.link_socket.bind(("127.0.0.1", 0))
     await begin(streams, "1", vehicle)
-    await begin(streams, "2", other)
-    await until(lambda: other.frames)
-    address = other.link_socket.getsockname()
-    other.link_socket.close()
-    other.path = None
+    await begin(streams, "2", other_vehicle)
+    await until(lambda: other_vehicle.frames)
+    address = other_vehicle.link_socket.getsockname()
+    other_vehicle.link_socket.close()
+    other_vehicle.path = None
     streams.links_changed()  # without update_snapshots
     await until(lambda: is_port_free(address), 1.0)
     assert streams.state("1").phase == "streaming"
-    other.close()
+    other_vehicle.close()
 
 
 @with_stream_process

@@ -62,7 +62,7 @@ async def test_the_modes_of_a_killed_process_are_lost(streams, vehicle):
 
 
 @with_stream_process
-async def test_a_hanging_process_is_killed(streams, vehicle, monkeypatch):
+async def test_a_hanging_process_is_killed_when_a_request_times_out(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.2)
     await begin(streams, "1", vehicle)
     pid = streams.pid
@@ -75,7 +75,7 @@ async def test_a_hanging_process_is_killed(streams, vehicle, monkeypatch):
 
 
 @with_stream_process
-async def test_a_hanging_process_is_killed_without_pending_requests(streams, vehicle, monkeypatch):
+async def test_a_hanging_process_is_killed_even_without_a_pending_request(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
     await begin(streams, "1", vehicle)
     pid = streams.pid
@@ -91,7 +91,7 @@ async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, veh
     await begin(streams, "1", vehicle)
     pid = streams.pid
     streams.update_snapshots({"1": snapshot()})
-    os.kill(pid, signal.SIGSTOP)  # both are stopped, as on a suspended machine
+    os.kill(pid, signal.SIGSTOP)  # process and event loop both stop, as on a suspended machine
     streams.update_snapshots({"1": snapshot()})
     stall(0.6)
     streams.update_snapshots({"1": snapshot()})
@@ -137,16 +137,16 @@ async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
     )
     changing = asyncio.ensure_future(streams.change("1", StreamRequest(HOVER), snapshot()))
     await asyncio.sleep(0)
-    slowest_s, until_s = 0.0, time.thread_time() + 60
+    slowest_s, cpu_limit_s = 0.0, time.thread_time() + 60
     while not changing.done():
         for call in calls:
             began_s = time.thread_time()
             call()
             slowest_s = max(slowest_s, time.thread_time() - began_s)
-        iteration_s = time.monotonic()
+        iteration_began_s = time.monotonic()
         await asyncio.sleep(0.01)
-        assert time.monotonic() - iteration_s < 1.0, "the loop was blocked"
-        assert time.thread_time() < until_s
+        assert time.monotonic() - iteration_began_s < 1.0, "the loop was blocked"
+        assert time.thread_time() < cpu_limit_s
     assert not await changing
     assert slowest_s < 0.1
     assert streams.active() == []
@@ -164,7 +164,7 @@ async def test_a_process_that_reads_nothing_is_killed_when_too_many_bytes_wait_f
     began_s = time.monotonic()
     for _ in range(12):
         streams.update_snapshots({"1": large_snapshot})
-    assert time.monotonic() - began_s < 1.0, "the calls waited"
+    assert time.monotonic() - began_s < 1.0, "the calls waited for the process"
     await until(lambda: has_ended(pid))
     assert [(vehicle_id, report.code) for vehicle_id, report in streams.take_reports()] == [("1", "fault")]
 
@@ -179,10 +179,10 @@ async def test_signals_for_the_server_do_not_stop_the_streams(streams, vehicle, 
     await until(lambda: len(vehicle.frames) >= count + 3)
 
 
-def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):
+def test_overloaded_streams_leave_processor_time_for_other_processes(monkeypatch):
     waits = []
 
-    class AlwaysLate:
+    class OverdueScheduler:
         """A clock, and a scheduler whose next setpoint is always overdue."""
 
         def __init__(self):
@@ -220,11 +220,12 @@ def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):
 
     def select(read, _write, _errors, timeout_s):
         waits.append(timeout_s)
-        always_late.now_s += timeout_s
+        overdue_scheduler.now_s += timeout_s
         return (read if len(waits) == 1000 else [], [], [])
 
-    always_late = AlwaysLate()
+    overdue_scheduler = OverdueScheduler()
     monkeypatch.setattr("gcs_server.streamer.process.worker.select.select", select)
     with socket.socket() as sender:
-        Worker(Messages(), sender, OWN_IDS, always_late, always_late).run()
+        Worker(Messages(), sender, OWN_IDS, overdue_scheduler, overdue_scheduler).run()
+    # A pause of PAUSE_S (5 ms) after each MAX_BUSY_S (50 ms).
     assert 8 <= sum(wait_s >= 0.005 for wait_s in waits) <= 20

@@ -1,5 +1,5 @@
 """The stream process executes and confirms the server's requests at once; a stalled event loop does not delay
-it."""
+the process."""
 
 import asyncio
 import os
@@ -38,7 +38,7 @@ async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_a
     streams.update_snapshots({"1": snapshot()})
     stall(0.8)
     await until(lambda: streams.active() == [])
-    assert 15 <= len(vehicle.frames) <= 40, "not half a second at 50 Hz and the setpoints of the start"
+    assert 15 <= len(vehicle.frames) <= 40, "not about half a second at 50 Hz plus the setpoints of the start"
     count = len(vehicle.frames)
     await asyncio.sleep(0.2)
     assert len(vehicle.frames) == count
@@ -61,17 +61,17 @@ async def test_a_change_is_sent_at_once(streams, vehicle):
 
 @with_stream_process
 async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(streams, vehicle):
-    other = Vehicle()
+    other_vehicle = Vehicle()
     await begin(streams, "1", vehicle)
-    await begin(streams, "2", other)
+    await begin(streams, "2", other_vehicle)
     for _ in range(8):  # longer than the limit for a silent server
-        bad = replace(snapshot(), mode_requested_by=lambda: "cannot be pickled")
-        streams.update_snapshots({"1": bad, "2": snapshot()})
+        unpicklable = replace(snapshot(), mode_requested_by=lambda: "cannot be pickled")
+        streams.update_snapshots({"1": unpicklable, "2": snapshot()})
         await asyncio.sleep(0.1)
-    count = len(other.frames)
-    await until(lambda: len(other.frames) > count)
+    count = len(other_vehicle.frames)
+    await until(lambda: len(other_vehicle.frames) > count)
     assert streams.state("2").phase == "streaming"
-    other.close()
+    other_vehicle.close()
 
 
 @with_stream_process
@@ -88,7 +88,7 @@ async def test_a_start_that_is_cancelled_while_the_process_replies_leaves_no_str
     count = len(vehicle.frames)
     await asyncio.sleep(0.1)
     assert (len(vehicle.frames), streams.active()) == (count, [])
-    assert await begin(streams, "1", vehicle, attach=False) == 2
+    assert await begin(streams, "1", vehicle, attach=False) == 2  # the cancelled start was number 1
 
 
 @with_stream_process
@@ -96,14 +96,18 @@ async def test_a_renewal_of_a_whole_group_is_visible_directly_after_the_call(str
     await begin(streams, "1", vehicle)
     request, now_s = StreamRequest(HOVER, 5.0), time.monotonic()
 
-    def located():
+    def snapshot_with_origin():
         return replace(snapshot(), bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
 
-    assert await streams.change("1", request, located())
+    assert await streams.change("1", request, snapshot_with_origin())
     streams.watch(
         GroupGuard("g", {"1": request}, {"1": request}, minimum_m=3.0, start_s=now_s + 0.1, duration_s=5.0)
     )
-    await until(lambda: streams.update_snapshots({"1": located()}) or streams.guard("g").phase == "flying")
+    await until(
+        lambda: (
+            streams.update_snapshots({"1": snapshot_with_origin()}) or streams.guard("g").phase == "flying"
+        )
+    )
     assert streams.state("1").valid_left_s < 5.2
     assert await streams.change_together("g", {}, {}, time.monotonic() + 50.0)
     assert streams.state("1").valid_left_s > 45.0
@@ -117,8 +121,8 @@ async def test_an_ended_stream_is_idle_before_the_process_reports_it(streams, ve
     state = streams.state("1")
     assert (state.phase, state.last_end.code, state.number) == ("idle", "stopped", number)
     assert not streams.starting("1", number)
-    second = await streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, snapshot())
-    assert (second, streams.state("1").phase) == (number + 1, "starting")
+    second_number = await streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, snapshot())
+    assert (second_number, streams.state("1").phase) == (number + 1, "starting")
 
 
 @with_stream_process
@@ -192,12 +196,14 @@ async def test_the_guard_of_a_mission_watches_vehicles_that_have_no_stream_yet(s
     streams.attach("2", vehicle, (8, 1))
     await streams.ready()
 
-    def located():
+    def armed_snapshots():
         armed = replace(snapshot(), armed=True, bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
         return {"1": armed, "2": armed}
 
     streams.watch(MissionGuard("mission 1", ("1", "2"), minimum_m=3.0, now_s=time.monotonic()))
     assert streams.watched() == {"1": None, "2": None}
-    await until(lambda: streams.update_snapshots(located()) or streams.guard("mission 1").held == {"1", "2"})
+    await until(
+        lambda: streams.update_snapshots(armed_snapshots()) or streams.guard("mission 1").held == {"1", "2"}
+    )
     name, finding = streams.take_findings()[0]
     assert (name, finding.code) == ("mission 1", "separation")
