@@ -9,12 +9,12 @@ def check(name, program):
     return Check(name, (sys.executable, "-c", program))
 
 
-GOOD = check("good", "print('nothing to say')")
-BAD = check("bad", "print('line 3: unused'); raise SystemExit(1)")
+PASSING_CHECK = check("good", "print('nothing to say')")
+FAILING_CHECK = check("bad", "print('line 3: unused'); raise SystemExit(1)")
 
 
-def test_a_failed_check_is_a_failure_and_its_output_is_shown(capsys):
-    assert not run_all([BAD, GOOD])
+def test_a_failed_check_fails_the_run_and_its_output_is_shown(capsys):
+    assert not run_all([FAILING_CHECK, PASSING_CHECK])
     output = capsys.readouterr().out
     assert "line 3: unused" in output
     assert "bad: FAILED" in output
@@ -22,7 +22,7 @@ def test_a_failed_check_is_a_failure_and_its_output_is_shown(capsys):
 
 
 def test_passed_checks_show_only_their_duration(capsys):
-    assert run_all([GOOD])
+    assert run_all([PASSING_CHECK])
     assert "nothing to say" not in capsys.readouterr().out
 
 

@@ -9,7 +9,7 @@ import pytest
 from vehicle_sim.mavlink.framing import FrameParser
 
 
-def run(*arguments: str) -> subprocess.Popen[str]:
+def start_simulator(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "vehicle_sim", *arguments],
         stdout=subprocess.PIPE,
@@ -23,7 +23,9 @@ def test_the_process_streams_and_ends_on_sigterm() -> None:
         station.bind(("127.0.0.1", 0))
         station.settimeout(30)
         port = station.getsockname()[1]
-        process = run("--gcs-local-port", "0", "--gcs-remote-port", str(port), "--no-api", "--tcp-port", "0")
+        process = start_simulator(
+            "--gcs-local-port", "0", "--gcs-remote-port", str(port), "--no-api", "--tcp-port", "0"
+        )
         try:
             parser = FrameParser()
             names: set[str] = set()
@@ -38,11 +40,11 @@ def test_the_process_streams_and_ends_on_sigterm() -> None:
 
 @pytest.mark.story
 def test_the_process_names_a_port_in_use_and_ends_if_no_other_port_is_open() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen(1)
-        port = taken.getsockname()[1]
-        process = run("--gcs-remote-port", "0", "--no-api", "--tcp-port", str(port))
+    with socket.socket() as other_socket:
+        other_socket.bind(("127.0.0.1", 0))
+        other_socket.listen(1)
+        port = other_socket.getsockname()[1]
+        process = start_simulator("--gcs-remote-port", "0", "--no-api", "--tcp-port", str(port))
         _, err = process.communicate(timeout=30)
     assert process.returncode == 1
     assert f"TCP port {port} on 127.0.0.1" in err

@@ -27,7 +27,8 @@ class LockstepClient:
         self.socket.sendall(frame_v2(layout, payload, self.sequence & 0xFF, 255, 190))
         self.sequence += 1
 
-    def until(self, time_ms: int) -> None:
+    def advance_to(self, time_ms: int) -> None:
+        """Sets the time, and receives until the simulator has reached it."""
         self.send("SYSTEM_TIME", time_boot_ms=time_ms)
         while True:
             data = self.socket.recv(65536)
@@ -55,7 +56,7 @@ def digest_of_lockstep_flight() -> str:
                     client.send(
                         "COMMAND_LONG", target_system=1, target_component=1, command=ARM_DISARM, param1=1.0
                     )
-                client.until(time_ms)
+                client.advance_to(time_ms)
             return client.digest.hexdigest()
         finally:
             process.terminate()

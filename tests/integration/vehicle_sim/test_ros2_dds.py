@@ -118,7 +118,7 @@ def test_a_vehicle_keeps_its_domain_open():
     assert port.take() == []
 
 
-def test_the_end_of_a_program_does_not_affect_the_vehicle(vehicle):
+def test_a_vehicle_executes_the_last_command_of_a_program_that_has_ended(vehicle):
     participant = DomainParticipant(DOMAIN)
     topic = Topic(participant, dds_name("/fmu/in/vehicle_command", NAMESPACE), VehicleCommand)
     writer = DataWriter(participant, topic, qos=RELIABLE)
@@ -129,16 +129,16 @@ def test_the_end_of_a_program_does_not_affect_the_vehicle(vehicle):
     assert vehicle.autopilots[0].commander.armed
 
 
-def test_without_an_interface_nothing_leaves_the_machine(monkeypatch):
+def test_without_an_interface_dds_uses_only_the_loopback_interface(monkeypatch):
     monkeypatch.setenv("CYCLONEDDS_URI", "<CycloneDDS><Domain id='any'/></CycloneDDS>")
-    loopback, named = configuration(None), configuration("eth0")
-    assert 'name="lo"' in loopback
-    assert "<AllowMulticast>false</AllowMulticast>" in loopback
-    assert 'name="eth0"' in named
-    assert "AllowMulticast" not in named
-    assert 'name="lo"' not in named
+    default_configuration, eth0_configuration = configuration(None), configuration("eth0")
+    assert 'name="lo"' in default_configuration
+    assert "<AllowMulticast>false</AllowMulticast>" in default_configuration
+    assert 'name="eth0"' in eth0_configuration
+    assert "AllowMulticast" not in eth0_configuration
+    assert 'name="lo"' not in eth0_configuration
 
 
-def test_the_error_about_a_missing_interface_names_it():
+def test_the_error_about_a_missing_interface_names_the_interface():
     with pytest.raises(DdsUnavailable, match="no-such-interface"):
         DdsDomain(DOMAIN + 1, "no-such-interface")

@@ -34,12 +34,11 @@ def server(tcp_port: int) -> Iterator[SimServer]:
     server.close()
 
 
-def client(port: int) -> socket.socket:
+def connect_client(port: int) -> socket.socket:
     return socket.create_connection(("127.0.0.1", port), timeout=2.0)
 
 
 def received_names(connection: socket.socket) -> set[str]:
-    """Names of the received messages."""
     parser, names = FrameParser(), set[str]()
     connection.setblocking(False)
     try:
@@ -50,11 +49,13 @@ def received_names(connection: socket.socket) -> set[str]:
     return names
 
 
-def test_the_next_tcp_client_is_served_after_the_previous_client(server: SimServer, tcp_port: int) -> None:
-    first = client(tcp_port)
+def test_the_next_tcp_client_is_served_after_the_previous_client_disconnects(
+    server: SimServer, tcp_port: int
+) -> None:
+    first = connect_client(tcp_port)
     server.run(MAX_SPEED, 1.2)
     assert {"HEARTBEAT", "ATTITUDE"} <= received_names(first)
-    second = client(tcp_port)
+    second = connect_client(tcp_port)
     server.run(MAX_SPEED, 1.2)
     assert received_names(second) == set()
     first.close()
@@ -64,13 +65,13 @@ def test_the_next_tcp_client_is_served_after_the_previous_client(server: SimServ
 
 
 def test_after_a_connection_reset_the_next_tcp_client_is_served(server: SimServer, tcp_port: int) -> None:
-    first = client(tcp_port)
+    first = connect_client(tcp_port)
     server.run(MAX_SPEED, 0.2)
-    # A reset instead of an orderly close; the server may detect it while sending or while receiving.
+    # A reset, not an orderly close: the server detects it while it sends or while it receives.
     first.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     first.close()
     server.run(MAX_SPEED, 0.2)
-    second = client(tcp_port)
+    second = connect_client(tcp_port)
     server.run(MAX_SPEED, 1.2)
     assert "HEARTBEAT" in received_names(second)
     second.close()
@@ -85,9 +86,9 @@ def test_udp_messages_go_to_the_first_sender(server: SimServer) -> None:
         assert {"HEARTBEAT", "ATTITUDE"} <= received_names(station)
 
 
-@pytest.mark.parametrize(("speed", "connected"), [(1.0, False), (3.0, True)])
-def test_the_timeout_of_a_ground_station_is_longer_at_faster_than_real_time(
-    server: SimServer, speed: float, connected: bool
+@pytest.mark.parametrize(("speed", "stays_connected"), [(1.0, False), (3.0, True)])
+def test_the_timeout_of_a_ground_station_is_longer_in_a_fast_simulation(
+    server: SimServer, speed: float, stays_connected: bool
 ) -> None:
     """At three times real time, a ground station's heartbeats arrive every three seconds of simulated
     time."""
@@ -97,7 +98,7 @@ def test_the_timeout_of_a_ground_station_is_longer_at_faster_than_real_time(
     link.gcs_heartbeat_at_s = context.view.time_s
     assert context.gcs_connected(link)
     server.run(speed, 3.2)
-    assert context.gcs_connected(link) is connected
+    assert context.gcs_connected(link) is stays_connected
 
 
 WEB_CLIENTS = {
@@ -117,7 +118,7 @@ def test_a_web_page_cannot_command_the_vehicle_over_its_tcp_port(
     server.run(MAX_SPEED, 2.0)
     heartbeat = frame_v2(*pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3), 0, 255, 190)
     for _ in range(2):
-        page = client(tcp_port)
+        page = connect_client(tcp_port)
         page.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for piece in [*pieces, heartbeat]:
             with contextlib.suppress(ConnectionError):  # closed before everything was sent
@@ -128,7 +129,7 @@ def test_a_web_page_cannot_command_the_vehicle_over_its_tcp_port(
     assert len([r for r in caplog.records if "web browser" in r.message]) == 1
     assert all(not link.parser.counts.frames for link in server.fleet.nodes[0].context.links)
     # Afterwards the port accepts a ground station, even if its first frame comes in pieces.
-    station = client(tcp_port)
+    station = connect_client(tcp_port)
     server.run(MAX_SPEED, 0.2)
     for piece in (heartbeat[:1], heartbeat[1:]):
         station.sendall(piece)

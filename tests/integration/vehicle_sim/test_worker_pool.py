@@ -39,8 +39,8 @@ def fleet_in_two_processes(*options: str) -> Iterator[tuple[subprocess.Popen[str
 class ProcessTree:
     """A process and its descendants, which need not be children of this process."""
 
-    def __init__(self, first: int) -> None:
-        self.pids = process_tree(first)
+    def __init__(self, root_pid: int) -> None:
+        self.pids = process_tree(root_pid)
         self._pidfds = [os.pidfd_open(pid) for pid in self.pids]
 
     def all_end(self) -> bool:
@@ -63,7 +63,7 @@ def test_sigterm_ends_all_processes() -> None:
         assert processes.all_end()
 
 
-def test_killing_the_first_process_ends_the_others() -> None:
+def test_killing_the_first_process_ends_its_workers() -> None:
     with fleet_in_two_processes() as (process, _):
         processes = ProcessTree(process.pid)
         process.kill()
@@ -71,7 +71,7 @@ def test_killing_the_first_process_ends_the_others() -> None:
 
 
 @pytest.mark.story
-def test_a_killed_worker_ends_the_others_and_is_reported() -> None:
+def test_a_killed_worker_is_reported_and_ends_all_other_processes() -> None:
     with fleet_in_two_processes() as (process, _):
         processes = ProcessTree(process.pid)
         workers = [p for p in processes.pids if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
