@@ -10,7 +10,7 @@ def count_lines_run(work: Callable[[], object], max_lines: int = 10_000_000) -> 
     """Number of lines of Python that `work` executes, including the functions that it calls.
 
     Raises:
-        AssertionError: more than `max_lines` lines; also ends work that would never end.
+        AssertionError: more than `max_lines` lines; this also stops work that would not end.
     """
     count = 0
 
@@ -22,10 +22,10 @@ def count_lines_run(work: Callable[[], object], max_lines: int = 10_000_000) -> 
                 raise AssertionError(f"more than {max_lines} lines")
         return trace
 
-    before = sys.gettrace()
+    previous_trace = sys.gettrace()
     sys.settrace(trace)
     try:
         work()
     finally:
-        sys.settrace(before)
+        sys.settrace(previous_trace)
     return count

@@ -13,7 +13,7 @@ from gcs_server.streamer.values.stream_request import StreamRequest
 
 
 class InLoopScheduler(StreamScheduler):
-    """The scheduler with the methods of the stream process; calls return at once instead of within 0.1 ms."""
+    """The scheduler with the methods of `StreamProcess`, without a process."""
 
     async def ready(self) -> None:
         """Returns at once: there is no process to wait for."""

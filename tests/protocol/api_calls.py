@@ -40,8 +40,8 @@ class InlinePlanWork:
 
 
 def station_of(testbed, progress=None):
-    """A `Station` for the routes. `progress`: the store of interrupted flights; None: a store without a
-    folder."""
+    """A `Station` for the routes. `progress`: the store of interrupted flights; None: a new store without
+    files."""
     journal = Journal(testbed.clock, None)
     streams = testbed.streamer._streams
     missions = OffboardMissions(testbed.clock, testbed.streamer, streams, testbed.supervisor)
@@ -49,7 +49,7 @@ def station_of(testbed, progress=None):
     async def prepare(vehicle_id, mode):
         return await prepare_mode(station, vehicle_id, mode)
 
-    def inputs(vehicle_id):
+    def compile_inputs(vehicle_id):
         return compile_inputs_of(station, vehicle_id)
 
     waypoint_flights = WaypointFlights(testbed.clock, testbed.supervisor, progress or ProgressStore())
@@ -68,7 +68,7 @@ def station_of(testbed, progress=None):
         missions=missions,
         waypoint_flights=waypoint_flights,
         mission_modes=MissionModes(
-            testbed.clock, testbed.streamer, streams, missions, testbed.supervisor, prepare, inputs
+            testbed.clock, testbed.streamer, streams, missions, testbed.supervisor, prepare, compile_inputs
         ),
         operations=Operations(testbed.clock, testbed.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), testbed.clock),

@@ -20,6 +20,8 @@ MANUAL, OFFBOARD = 1 << 16, 6 << 16
 ON_GROUND, IN_AIR = sim.MAV_LANDED_STATE_ON_GROUND, sim.MAV_LANDED_STATE_IN_AIR
 TAKING_OFF = sim.MAV_LANDED_STATE_TAKEOFF
 LATENCY_S = 0.005
+COMMANDER_DELAY_S = 0.008
+"""Time until PX4's commander changes the mode after a command."""
 
 
 class FakeAutopilot:
@@ -101,9 +103,9 @@ class FakeAutopilot:
         return int((self.loop.time() - self.boot_s) * 1000)
 
     def heartbeat(self) -> None:
-        base = 29 | (128 if self.armed else 0)
+        base_mode = 29 | (128 if self.armed else 0)
         self.send(
-            sim.MAVLink_heartbeat_message(self.vehicle_type, self.autopilot_type, base, self.mode, 4, 3)
+            sim.MAVLink_heartbeat_message(self.vehicle_type, self.autopilot_type, base_mode, self.mode, 4, 3)
         )
 
     def current_mode(self) -> None:
@@ -195,63 +197,72 @@ class FakeAutopilot:
             self.gimbal_q = list(message.q)
 
     def decoded_value(self, message: Any) -> float:
-        if message.param_type == 6:
+        if message.param_type == sim.MAV_PARAM_TYPE_INT32:
             return struct.unpack("<i", bytes(message.get_msgbuf())[10:14])[0]
         return message.param_value
 
     def param_value(self, name: str) -> None:
         if name not in self.params:
             return
-        kind, value = self.params[name]
-        bits = struct.pack("<i", int(value)) if kind == 6 else struct.pack("<f", value)
-        payload = bits + struct.pack("<HH16sB", 929, 1, name.encode(), kind)
-        self.send_raw(encode_frame(22, payload, self.mav.seq, self.system, 1))
-
-    def command(self, m: Any) -> None:
-        p = [m.param1, m.param2, m.param3, m.param4]
-        position = (
-            (m.x / 1e7, m.y / 1e7, m.z) if m.get_type() == "COMMAND_INT" else (m.param5, m.param6, m.param7)
+        param_type, value = self.params[name]
+        bits = (
+            struct.pack("<i", int(value))
+            if param_type == sim.MAV_PARAM_TYPE_INT32
+            else struct.pack("<f", value)
         )
-        c = m.command
-        if c in self.silent_commands:
+        payload = bits + struct.pack("<HH16sB", 929, 1, name.encode(), param_type)
+        self.send_raw(encode_frame(sim.MAVLINK_MSG_ID_PARAM_VALUE, payload, self.mav.seq, self.system, 1))
+
+    def command(self, message: Any) -> None:
+        params = [message.param1, message.param2, message.param3, message.param4]
+        position = (
+            (message.x / 1e7, message.y / 1e7, message.z)
+            if message.get_type() == "COMMAND_INT"
+            else (message.param5, message.param6, message.param7)
+        )
+        command = message.command
+        if command in self.silent_commands:
             return
-        if c == sim.MAV_CMD_REQUEST_MESSAGE:
-            self.send_requested(int(p[0]))
-        elif c in self.refusals:
-            self.ack(c, self.refusals[c])
-        elif c == sim.MAV_CMD_COMPONENT_ARM_DISARM:
-            self.arm(p)
-        elif c == sim.MAV_CMD_DO_SET_MODE:
-            self.set_mode(p)
-        elif c == sim.MAV_CMD_NAV_TAKEOFF:
+        if command == sim.MAV_CMD_REQUEST_MESSAGE:
+            self.send_requested_message(int(params[0]))
+        elif command in self.refusals:
+            self.ack(command, self.refusals[command])
+        elif command == sim.MAV_CMD_COMPONENT_ARM_DISARM:
+            self.arm(params)
+        elif command == sim.MAV_CMD_DO_SET_MODE:
+            self.set_mode(params)
+        elif command == sim.MAV_CMD_NAV_TAKEOFF:
             self.mode, self.target = TAKEOFF, (self.position[0], self.position[1], position[2])
-            self.ack(c, 0)
-        elif c == sim.MAV_CMD_DO_REPOSITION:
+            self.ack(command, 0)
+        elif command == sim.MAV_CMD_DO_REPOSITION:
             self.mode, self.target = HOLD, position
-            self.ack(c, 0)
-        elif c == sim.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE and self.has_gimbal:
-            if p[0] == -3.0:
+            self.ack(command, 0)
+        elif command == sim.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE and self.has_gimbal:
+            if params[0] == -3.0:
                 self.gimbal_control = (0, 0) if self.gimbal_control == (255, 190) else self.gimbal_control
             else:
-                self.gimbal_control = (int(p[0]), int(p[1]))
-            self.ack(c, 0)
-        elif c == sim.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW and self.has_gimbal:
-            self.ack(c, 0 if self.gimbal_control == (m.get_srcSystem(), m.get_srcComponent()) else 2)
-        elif c in (sim.MAV_CMD_DO_SET_ROI_LOCATION, sim.MAV_CMD_DO_SET_ROI_NONE):
-            self.ack(c, 0)
+                self.gimbal_control = (int(params[0]), int(params[1]))
+            self.ack(command, 0)
+        elif command == sim.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW and self.has_gimbal:
+            self.ack(
+                command,
+                0 if self.gimbal_control == (message.get_srcSystem(), message.get_srcComponent()) else 2,
+            )
+        elif command in (sim.MAV_CMD_DO_SET_ROI_LOCATION, sim.MAV_CMD_DO_SET_ROI_NONE):
+            self.ack(command, 0)
 
-    def arm(self, p: list[float]) -> None:
-        if p[0] == 1 and self.arm_denied:
+    def arm(self, params: list[float]) -> None:
+        if params[0] == 1 and self.arm_denied:
             self.ack(sim.MAV_CMD_COMPONENT_ARM_DISARM, 1)
             self.text("Arming denied: Resolve system health failures first\t", 2, 7)
             self.event(16910493, 0x22)
             return
-        if p[0] == 0 and self.landed_state != ON_GROUND and p[1] != FORCE:
+        if params[0] == 0 and self.landed_state != ON_GROUND and params[1] != FORCE:
             self.ack(sim.MAV_CMD_COMPONENT_ARM_DISARM, 1)
             self.text("Disarming denied: not landed\t", 2)
             self.event(25868725, 0x22)
             return
-        self.armed = p[0] == 1
+        self.armed = params[0] == 1
         self.ack(sim.MAV_CMD_COMPONENT_ARM_DISARM, 0)
         if self.armed and self.mode == TAKEOFF:
             # PX4 discards the altitude of an earlier command.
@@ -262,8 +273,8 @@ class FakeAutopilot:
         if self.armed and self.mode == TAKEOFF:
             self.landed_state = TAKING_OFF
 
-    def set_mode(self, p: list[float]) -> None:
-        mode = int(p[1]) << 16 | int(p[2]) << 24
+    def set_mode(self, params: list[float]) -> None:
+        mode = int(params[1]) << 16 | int(params[2]) << 24
         self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
         refused = self.armed and mode == MANUAL
 
@@ -275,10 +286,10 @@ class FakeAutopilot:
             else:
                 self.mode = mode
 
-        self.loop.call_later(0.008, reply_of_commander)
+        self.loop.call_later(COMMANDER_DELAY_S, reply_of_commander)
 
-    def send_requested(self, msg_id: int) -> None:
-        work = {
+    def send_requested_message(self, msg_id: int) -> None:
+        send_message = {
             sim.MAVLINK_MSG_ID_HEARTBEAT: self.heartbeat,
             sim.MAVLINK_MSG_ID_CURRENT_MODE: self.current_mode,
             sim.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.extended_sys_state,
@@ -287,10 +298,10 @@ class FakeAutopilot:
             sim.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: self.gimbal_attitude,
             sim.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self.autopilot_version,
         }.get(msg_id)
-        if work is None:
-            self.ack(sim.MAV_CMD_REQUEST_MESSAGE, 2)
+        if send_message is None:
+            self.ack(sim.MAV_CMD_REQUEST_MESSAGE, sim.MAV_RESULT_DENIED)
             return
-        work()
+        send_message()
         self.ack(sim.MAV_CMD_REQUEST_MESSAGE, 0)
 
     def autopilot_version(self) -> None:

@@ -96,7 +96,7 @@ def first_setpoint_s(autopilot, north_m):
 
 def assert_no_vehicle_moved(rig):
     """Checks that no vehicle received a setpoint north or south of its start position."""
-    assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x) > 0.01]
+    assert not [m for autopilot in rig.autopilots.values() for _, m in autopilot.setpoints if abs(m.x) > 0.01]
 
 
 ALL_NORTH = {"1": position(4), "2": position(4), "3": position(4)}

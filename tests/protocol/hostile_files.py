@@ -1,4 +1,4 @@
-"""A vehicle's FTP server with valid frames and invalid replies: one byte, a wrong offset, no end."""
+"""A vehicle's FTP server with invalid replies in valid frames: single bytes, wrong offsets, endless data."""
 
 import struct
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from gcs_server.mavlink.codec import encode_frame
 
 FTP_ID = 110
-HEAD = struct.Struct("<HBBBBBBI")
+FTP_HEADER = struct.Struct("<HBBBBBBI")
 OPEN, READ, BURST, LIST, ACK, NAK = 4, 5, 15, 3, 128, 129
 RESET, TERMINATE = 2, 1
 Replies = Callable[[int, int], list[tuple[int, bytes]]]
@@ -14,7 +14,8 @@ Replies = Callable[[int, int], list[tuple[int, bytes]]]
 
 
 class HostileFiles:
-    """The FTP server of a FakeAutopilot; it counts the requests."""
+    """The FTP server of a `FakeAutopilot`. `requests`: number of requests by opcode; `every_s`: time between
+    replies."""
 
     def __init__(
         self,
@@ -33,12 +34,12 @@ class HostileFiles:
         if message.get_type() != "FILE_TRANSFER_PROTOCOL":
             return False
         raw = bytes(message.payload)
-        sequence, _, opcode, size, _, _, _, offset = HEAD.unpack_from(raw)
+        sequence, _, opcode, size, _, _, _, offset = FTP_HEADER.unpack_from(raw)
         self.requests[opcode] = self.requests.get(opcode, 0) + 1
         if opcode == OPEN:
             self.reply(sequence + 1, opcode, 0, struct.pack("<I", self.size))
         elif opcode == BURST and self.burst is None:
-            self.reply(sequence + 1, opcode, 0, b"\x07", NAK)
+            self.reply(sequence + 1, opcode, 0, b"\x07", NAK)  # unknown command
         elif opcode == BURST:
             for n, (reply_offset, data) in enumerate(self.burst(offset, size)):
                 self.autopilot.loop.call_later(
@@ -54,6 +55,6 @@ class HostileFiles:
         return True
 
     def reply(self, sequence: int, request_opcode: int, offset: int, data: bytes, kind: int = ACK) -> None:
-        payload = HEAD.pack(sequence & 0xFFFF, 0, kind, len(data), request_opcode, 0, 0, offset) + data
+        payload = FTP_HEADER.pack(sequence & 0xFFFF, 0, kind, len(data), request_opcode, 0, 0, offset) + data
         body = struct.pack("<BBB", 0, 255, 190) + payload.ljust(251, b"\0")
         self.autopilot.send_raw(encode_frame(FTP_ID, body, self.autopilot.mav.seq, self.autopilot.system, 1))

@@ -18,7 +18,7 @@ class MemoryTestbed:
     def __init__(self, **settings: Any) -> None:
         self.loop = asyncio.get_running_loop()
         self.may_have_faults = False
-        """Whether frames may fail to be handled; otherwise such a frame fails the test."""
+        """Whether the server may fail to handle a frame; otherwise `close` fails the test."""
         self.clock = LoopClock(self.loop)
         self.supervisor = Supervisor(self.clock)
         self.router = Router(self.clock, self.supervisor, RouterSettings(**settings))
@@ -94,8 +94,8 @@ def run_with_vehicle(
 ) -> Any:
     """Runs a scenario with a new testbed, a connected autopilot, and the server's object for the vehicle."""
 
-    async def connected(testbed: MemoryTestbed) -> None:
+    async def scenario_with_vehicle(testbed: MemoryTestbed) -> None:
         autopilot = testbed.autopilot(testbed.link())
         await scenario(testbed, autopilot, await testbed.ready())
 
-    return run_test(run_simulated, connected, new_testbed)
+    return run_test(run_simulated, scenario_with_vehicle, new_testbed)

@@ -1,4 +1,4 @@
-"""The simulator's mission service without the rest of the vehicle: fast for thousands of items."""
+"""The simulator's mission service without a simulated flight, so that thousands of items take little time."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class MissionAutopilot(FakeAutopilot):
                 return loop.time()
 
         self.texts: list[str] = []
-        self.received_at_s = 0.0
+        self.last_delivery_s = 0.0
         self.flight = NavigatorMission()
         self.station_link = SimpleNamespace(name="gcs", send=self.send_named)
         announcer = SimpleNamespace(announce=lambda _severity, text, _event: self.texts.append(text))
@@ -60,11 +60,11 @@ class MissionAutopilot(FakeAutopilot):
         self.send(getattr(sim, f"MAVLink_{name.lower()}_message")(**fields))
 
     def receive(self, data: bytes) -> None:
-        """Receives packets in order."""
+        """Delivers the messages of a packet after the latency, in the order of the packets."""
         if self.random.random() >= self.loss:
             for message in self.parser.parse_buffer(data) or []:
-                self.received_at_s = max(self.loop.time() + LATENCY_S, self.received_at_s + 1e-6)
-                self.loop.call_at(self.received_at_s, self.handle, message)
+                self.last_delivery_s = max(self.loop.time() + LATENCY_S, self.last_delivery_s + 1e-6)
+                self.loop.call_at(self.last_delivery_s, self.handle, message)
 
     def handle(self, message: Any) -> None:
         name = message.get_type()
@@ -79,7 +79,7 @@ class MissionAutopilot(FakeAutopilot):
             super().handle(message)
 
     def handle_mission_message(self, message: Any, sender: tuple[int, int]) -> None:
-        """Handles a mission message from any station."""
+        """Passes a mission message of any station to the mission service."""
         fields = {name: getattr(message, name) for name in message.fieldnames}
         name = message.get_type()
         parsed = SimpleNamespace(
@@ -99,9 +99,11 @@ class UploadingStation:
         self._autopilot.handle_mission_message(
             sim.MAVLink_mission_count_message(1, 1, len(items), 0), (254, 190)
         )
-        for i in items:
+        for item in items:
             await asyncio.sleep(pause_s)
-            values = (i.param1, i.param2, i.param3, i.param4, i.x, i.y, i.z)
-            message = sim.MAVLink_mission_item_int_message(1, 1, i.seq, i.frame, i.command, 0, 1, *values, 0)
+            values = (item.param1, item.param2, item.param3, item.param4, item.x, item.y, item.z)
+            message = sim.MAVLink_mission_item_int_message(
+                1, 1, item.seq, item.frame, item.command, 0, 1, *values, 0
+            )
             self._autopilot.handle_mission_message(message, (254, 190))
         await asyncio.sleep(pause_s)

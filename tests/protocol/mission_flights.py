@@ -60,7 +60,7 @@ class Missions:
         timeline = compile_mission(mission, start=start, role=role)
         name = MissionName(mission.name, None, None)
         self.flight = self.offboard.begin(
-            vehicle.id, Start(name, timeline, MotionLimits(speed_m_s=5.0), "Alice", 0.15)
+            vehicle.id, Start(name, timeline, MotionLimits(speed_m_s=5.0), "Alice", low_battery_share=0.15)
         )
         return self.flight
 

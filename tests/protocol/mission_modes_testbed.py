@@ -27,14 +27,14 @@ class OtherStation:
         self._pack = sim.MAVLink(None, srcSystem=254, srcComponent=190)
 
     def command(self, command: int, *params: float) -> None:
-        filled = (*params, *(0.0,) * (7 - len(params)))
-        message = sim.MAVLink_command_long_message(1, 1, command, 0, *filled)
+        seven_params = (*params, *(0.0,) * (7 - len(params)))
+        message = sim.MAVLink_command_long_message(1, 1, command, 0, *seven_params)
         self._sim.feed(0, "gcs", message.pack(self._pack))
 
-    async def heartbeats(self, seconds_: float) -> None:
+    async def heartbeats(self, duration_s: float) -> None:
         """Sends the heartbeats of a ground station; when they end, PX4 detects a lost connection."""
         heartbeat = sim.MAVLink_heartbeat_message(sim.MAV_TYPE_GCS, sim.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
-        for _ in range(round(seconds_)):
+        for _ in range(round(duration_s)):
             self._sim.feed(0, "gcs", heartbeat.pack(self._pack))
             await seconds(1.0)
 
@@ -114,6 +114,8 @@ Scenario = Callable[[Modes], Awaitable[None]]
 
 
 def run_with_modes(run_simulated: Any, scenario: Scenario, *, in_air: bool = True) -> None:
+    """Runs a test with a simulated vehicle whose MAVLink link is connected only to the other station."""
+
     async def run() -> None:
         testbed = Ros2Testbed(mavlink=True)
         testbed.mavlink_on = False

@@ -51,7 +51,8 @@ FLOWN_BY_PX4 = ("take_off", "land")
 FLOWN_BY_SETPOINTS = tuple(kind for kind in STEPS if kind not in FLOWN_BY_PX4)
 ALTITUDE_M, APART_M = 12.0, 40.0
 """Altitude above home at which the vehicles hover, and the distance between neighbours."""
-ON_GROUND = "take_off"
+KIND_ON_GROUND = "take_off"
+"""The kind of step whose vehicle is still on the ground."""
 BOOT_TIMEOUT_S, CLIMB_TIMEOUT_S = 30.0, 30.0
 
 
@@ -61,7 +62,7 @@ def _hovering_vehicles(kinds: tuple[str, ...]) -> VehicleSim:
     start_ned_m = np.zeros((len(kinds), 3))
     start_ned_m[:, 1] = APART_M * np.arange(len(kinds))
     sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=start_ned_m, camera=True)
-    airborne_rows = [row for row, kind in enumerate(kinds) if kind != ON_GROUND]
+    airborne_rows = [row for row, kind in enumerate(kinds) if kind != KIND_ON_GROUND]
     commanders = [autopilot.commander for autopilot in sim.autopilots]
     _step_until(sim, BOOT_TIMEOUT_S, lambda: all(c.report.armable(NavState.TAKEOFF) for c in commanders))
     for row in airborne_rows:
@@ -101,7 +102,7 @@ def kinds_flown() -> set[str]:
 
 
 class Squadron:
-    """Vehicles by the kind of step that each is flying."""
+    """The vehicles, each named by the kind of step that it flies."""
 
     def __init__(self, testbed: SimulatedTestbed, missions: Missions, kinds: tuple[str, ...]) -> None:
         self.testbed, self.sim, self.missions, self.kinds = testbed, testbed.sim, missions, kinds
@@ -118,7 +119,7 @@ class Squadron:
             all_actions = document.actions.model_copy(update=actions)
             document = document.model_copy(update={"actions": all_actions})
             role = "lead" if document.roles else None
-            flight = self.missions.begin(vehicle, document, in_air=kind != ON_GROUND, role=role)
+            flight = self.missions.begin(vehicle, document, in_air=kind != KIND_ON_GROUND, role=role)
             self.flights[kind] = flight
         started_states = ("flying", "waiting", "taking_off", "landing")
         await self.reach({kind: started_states for kind in self.kinds}, within_s=15)
@@ -142,12 +143,14 @@ class Squadron:
 
     async def reach(self, states: dict[str, Iterable[str]], within_s: float = 30.0) -> None:
         """Waits until each vehicle's mission is in one of the given states."""
-        for kind, expected in states.items():
-            allowed = {expected} if isinstance(expected, str) else set(expected)
+        for kind, states_of_kind in states.items():
+            expected_states = {states_of_kind} if isinstance(states_of_kind, str) else set(states_of_kind)
             try:
-                await until(lambda k=kind, a=allowed: self.state(k) in a, within_s)
+                await until(lambda k=kind, a=expected_states: self.state(k) in a, within_s)
             except AssertionError:
-                raise AssertionError(f"{kind}: {self.flights[kind].status()}, not {allowed}") from None
+                raise AssertionError(
+                    f"{kind}: {self.flights[kind].status()}, not {expected_states}"
+                ) from None
 
     def reasons(self) -> dict[str, str]:
         return {kind: str(flight.status().reason) for kind, flight in self.flights.items()}
@@ -165,10 +168,12 @@ class Squadron:
 
     async def check_hover(self, kinds: Iterable[str], for_s: float = 3.0, within_m: float = 2.0) -> None:
         """Checks that these vehicles keep their positions within the accuracy of their estimates."""
-        before = {kind: self.position(kind) for kind in kinds}
+        positions_before = {kind: self.position(kind) for kind in kinds}
         await asyncio.sleep(for_s)
-        moved = {kind: math.dist(self.position(kind), position) for kind, position in before.items()}
-        assert max(moved.values()) < within_m, moved
+        distances_m = {
+            kind: math.dist(self.position(kind), position) for kind, position in positions_before.items()
+        }
+        assert max(distances_m.values()) < within_m, distances_m
 
     def move_sticks(self, forward: int) -> None:
         """Sends the stick positions of another station's joystick to each vehicle."""
@@ -194,9 +199,9 @@ def run_with_squadron(
     """Runs a test with vehicles that are in the middle of their steps."""
 
     async def run() -> None:
-        chosen = tuple(kinds)
-        testbed = SimulatedTestbed(len(chosen), sim=snapshot(_hovering_vehicles(chosen)))
-        squadron = Squadron(testbed, Missions(testbed, tmp_path), chosen)
+        chosen_kinds = tuple(kinds)
+        testbed = SimulatedTestbed(len(chosen_kinds), sim=snapshot(_hovering_vehicles(chosen_kinds)))
+        squadron = Squadron(testbed, Missions(testbed, tmp_path), chosen_kinds)
         try:
             await squadron.begin(**actions)
             await scenario(squadron)

@@ -14,7 +14,7 @@ from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
 from tests.in_loop_scheduler import InLoopScheduler
-from tests.protocol.fake_autopilot import IN_AIR, OFFBOARD, ON_GROUND, FakeAutopilot
+from tests.protocol.fake_autopilot import COMMANDER_DELAY_S, IN_AIR, OFFBOARD, ON_GROUND, FakeAutopilot
 from tests.protocol.memory_testbed import MemoryTestbed
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -36,7 +36,7 @@ class OffboardAutopilot(FakeAutopilot):
         self.ned = [0.0, 0.0, 0.0]
         self.velocity = (0.0, 0.0, 0.0)
         self.has_estimates = True
-        self.offboard_delay_s = 0.008
+        self.offboard_delay_s = COMMANDER_DELAY_S
         self.requested_mode = self.mode
         self.failsafes = 0
         self.next_mode_s = 0.0
@@ -68,16 +68,15 @@ class OffboardAutopilot(FakeAutopilot):
         super().handle(message)
 
     def has_stream(self) -> bool:
-        received = [targets[-1][0] for targets in (self.setpoints, self.other_targets) if targets]
-        return bool(received) and self.loop.time() - max(received) <= OFFBOARD_LOSS_S
+        last_times_s = [targets[-1][0] for targets in (self.setpoints, self.other_targets) if targets]
+        return bool(last_times_s) and self.loop.time() - max(last_times_s) <= OFFBOARD_LOSS_S
 
-    def set_mode(self, p: list[float]) -> None:
-        mode = int(p[1]) << 16 | int(p[2]) << 24
+    def set_mode(self, params: list[float]) -> None:
+        mode = int(params[1]) << 16 | int(params[2]) << 24
         self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
-        delay_s = self.offboard_delay_s if mode == OFFBOARD else 0.008
-        self.next_mode_s = max(
-            self.loop.time() + delay_s, self.next_mode_s + 0.001
-        )  # replies keep their order
+        delay_s = self.offboard_delay_s if mode == OFFBOARD else COMMANDER_DELAY_S
+        # Replies keep their order.
+        self.next_mode_s = max(self.loop.time() + delay_s, self.next_mode_s + 0.001)
 
         def reply_of_commander() -> None:
             if mode != OFFBOARD:

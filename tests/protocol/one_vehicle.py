@@ -1,4 +1,4 @@
-"""A scripted vehicle on a link that loses packets, for the duration of a test."""
+"""One scripted vehicle on a link that may lose packets."""
 
 import struct
 

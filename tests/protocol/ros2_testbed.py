@@ -21,7 +21,7 @@ from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.simulated_testbed import TICK_S, SimulatedVehicles
 from vehicle_sim.fleet import VehicleSim
 
-PARAMETERS = {"UXRCE_DDS_SYNCT": 0}
+NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
 """Without time synchronization, the vehicle publishes on ROS 2 from 1.3 s after its boot instead of 6.4 s."""
 
 
@@ -38,31 +38,31 @@ class Topics:
         self._next_s = dict.fromkeys(self._unread, 0.0)
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Called by the vehicle."""
+        """Publishes a message of the vehicle."""
         if topic in self._unread:
             self._unread[topic].append(data)
         if topic in READ_TYPES:
             self.mode_messages.append((topic, data))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
-        """Called by the vehicle: the messages that the server has sent."""
+        """The messages that the server has sent and the vehicle has not taken yet."""
         messages, self._to_vehicle = self._to_vehicle, []
         return messages
 
     def send(self, topic: str, data: bytes) -> None:
-        """Called by the server."""
+        """Sends a message of the server to the vehicle."""
         self.sent.append((topic, data))
         self._to_vehicle.append((topic, data))
 
     def received(self, now_s: float) -> list[tuple[str, bytes]]:
         """The vehicle's messages that the server reads now."""
-        read: list[tuple[str, bytes]] = []
+        messages: list[tuple[str, bytes]] = []
         for each in SUBSCRIPTIONS:
             if now_s >= self._next_s[each.name]:
                 self._next_s[each.name] = now_s + each.every_s * 0.9
                 unread = self._unread[each.name]
-                read += [(each.name, unread.popleft()) for _ in range(len(unread))]
-        return read
+                messages += [(each.name, unread.popleft()) for _ in range(len(unread))]
+        return messages
 
 
 class SetpointTopics:
@@ -77,7 +77,7 @@ class SetpointTopics:
 
 
 class ModeTopics:
-    """A `ModePort` on `Topics`; `working` False: the process that replies to PX4 has ended."""
+    """A `ModePort` on `Topics`. If `working` is False, the process that replies to PX4 has ended."""
 
     def __init__(self, topics: Topics) -> None:
         self._topics, self.working = topics, True
@@ -134,13 +134,13 @@ class Ros2Testbed(SimulatedVehicles):
 
     Args:
         count: number of vehicles.
-        mavlink: whether vehicle 1 has a MAVLink link, too.
+        mavlink: whether vehicle 1 also has a MAVLink link.
     """
 
     def __init__(self, count: int = 1, *, mavlink: bool = False) -> None:
         super().__init__()
         links = (("gcs", "gcs"),) if mavlink else ()
-        self.sim = VehicleSim(count, links=links, parameters=PARAMETERS, seed=3)
+        self.sim = VehicleSim(count, links=links, parameters=NO_TIME_SYNC, seed=3)
         self.topics = [Topics() for _ in range(count)]
         self.ros2 = MemoryRos2Link(self._command)
         self._vehicles = [VehicleLink(f"px4_{row}", topics, 255) for row, topics in enumerate(self.topics)]

@@ -1,4 +1,4 @@
-"""The whole simulated PX4 on a lossy link and on simulated time: its FTP, parameters and events."""
+"""A complete simulated PX4, with FTP, parameters and events, on a lossy link and on simulated time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class SimulatedAutopilot:
     """A simulated PX4 in place of a `FakeAutopilot`, as one peer of a memory link.
 
     Args:
-        loss: share of packets lost in each direction; may be changed while it runs.
+        loss: share of packets lost in each direction; may be changed in flight.
     """
 
     def __init__(self, link: Any, *, peer: str = "peer", loss: float = 0.0, seed: int = 0, **options: Any):
@@ -26,9 +26,9 @@ class SimulatedAutopilot:
         self.received: list[bytes] = []
         self.alive = True
         link.autopilots[peer] = self
-        self.loop.call_later(STEP_S, self.run)
+        self.loop.call_later(STEP_S, self.step)
 
-    def run(self) -> None:
+    def step(self) -> None:
         """Steps the simulation, and delivers the frames of the vehicle to the server."""
         if not self.alive:
             return
@@ -36,7 +36,7 @@ class SimulatedAutopilot:
         for frame in self.sim.frames(0, "gcs"):
             if self.random.random() >= self.loss:
                 self.link.inject(frame, self.peer)
-        self.loop.call_later(STEP_S, self.run)
+        self.loop.call_later(STEP_S, self.step)
 
     def receive(self, data: bytes) -> None:
         """Delivers a frame of the server to the vehicle."""

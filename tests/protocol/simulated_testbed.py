@@ -38,8 +38,8 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
     Args:
         count: number of vehicles.
         parameters: parameters of all vehicles, set before boot.
-        seed: seed of sensor noise and gusts.
-        sim: a fleet that is already flying, with a link "gcs"; only `count` is used with it.
+        seed: seed of packet losses, and of sensor noise and gusts.
+        sim: a fleet that is already flying, with a link "gcs"; `parameters` and `camera` are then not used.
         camera: whether each vehicle has a camera.
     """
 
@@ -65,12 +65,12 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
 
     def _feed_function(self, row: int) -> Any:
         def feed(data: bytes, _peer: Any) -> None:
-            if self._arrives():
+            if self._packet_arrives():
                 self.sim.feed(row, "gcs", data)
 
         return feed
 
-    def _arrives(self) -> bool:
+    def _packet_arrives(self) -> bool:
         return not self.loss or self._random.random() >= self.loss
 
     async def _run_scheduler(self) -> None:
@@ -83,7 +83,7 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
         while True:
             self.sim.step(TICK_S)
             for row, link in enumerate(self._links):
-                if frames := [frame for frame in self.sim.frames(row, "gcs") if self._arrives()]:
+                if frames := [frame for frame in self.sim.frames(row, "gcs") if self._packet_arrives()]:
                     link.inject(b"".join(frames), "vehicle")
             await self.clock.sleep(TICK_S)
 

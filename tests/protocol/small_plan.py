@@ -12,10 +12,10 @@ GROUND = Altitude(value_m=0.0, reference="home")
 
 def plan_about(lat_deg: float, lon_deg: float) -> Plan:
     """A plan that flies ten metres to the north, back, and lands."""
-    north = lat_deg + 10 / 111_320
+    north_lat_deg = lat_deg + 10 / 111_320
     items = (
         Takeoff(lat_deg=lat_deg, lon_deg=lon_deg, altitude=ALTITUDE),
-        Waypoint(lat_deg=north, lon_deg=lon_deg, altitude=ALTITUDE),
+        Waypoint(lat_deg=north_lat_deg, lon_deg=lon_deg, altitude=ALTITUDE),
         Waypoint(lat_deg=lat_deg, lon_deg=lon_deg, altitude=ALTITUDE),
         Land(lat_deg=lat_deg, lon_deg=lon_deg, altitude=GROUND),
     )
