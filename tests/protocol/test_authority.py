@@ -43,8 +43,8 @@ def control_changes(vehicle):
 def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client_in_control(run_simulated):
     async def scenario(rig):
         await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
-        received = len(rig.autopilot.commands(DO_SET_MODE))
-        for work in (
+        count = len(rig.autopilot.commands(DO_SET_MODE))
+        for send_command in (
             lambda: vehicle_routes.rtl("1", rig.station, BOB),
             lambda: vehicle_routes.disarm("1", rig.station, BOB),
             lambda: vehicle_routes.land("1", rig.station, BOB),
@@ -54,9 +54,9 @@ def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client
             with pytest.raises(
                 NotInControl, match="anna has control of vehicle 1, not you: nothing was sent"
             ):
-                await work()
+                await send_command()
         await seconds(2)
-        assert len(rig.autopilot.commands(DO_SET_MODE)) == received
+        assert len(rig.autopilot.commands(DO_SET_MODE)) == count
         assert not rig.autopilot.commands(ARM_DISARM)
         assert journal_lines(rig.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
 
@@ -91,10 +91,10 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
 
 def test_land_now_without_confirmation_sends_nothing(run_simulated):
     async def scenario(rig):
-        for body in ("yes", "vehicle 2 lands now", ""):
+        for confirm in ("yes", "vehicle 2 lands now", ""):
             with pytest.raises(InvalidRequest, match="is not the required text"):
                 await vehicle_routes.land_now(
-                    "1", control_models.LandNowRequest(confirm=body), rig.station, BOB
+                    "1", control_models.LandNowRequest(confirm=confirm), rig.station, BOB
                 )
         assert not mode_requests(rig.autopilot, LAND)
         assert control_changes(rig.vehicle) == []
@@ -126,7 +126,7 @@ def test_control_is_granted_while_the_vehicle_keeps_flying(run_simulated):
     run_with_routes(run_simulated, scenario)
 
 
-def test_control_taken_by_force_is_journaled_and_the_other_client_informed(run_simulated):
+def test_control_taken_by_force_is_journaled_and_reported_to_the_previous_client(run_simulated):
     async def scenario(rig):
         with rig.station.authority.connected(ANNA):
             await control_routes.take("1", rig.station, ANNA)
@@ -144,7 +144,7 @@ def test_control_taken_by_force_is_journaled_and_the_other_client_informed(run_s
     run_with_routes(run_simulated, scenario)
 
 
-def test_any_request_renews_control_and_disconnecting_releases_it(run_simulated):
+def test_any_request_renews_control_and_leaving_releases_control(run_simulated):
     async def scenario(rig):
         await control_routes.take("1", rig.station, ANNA)
         for _ in range(5):
@@ -185,11 +185,11 @@ def test_the_action_on_expiry_is_executed_except_in_a_pilots_mode_or_offboard(
     run_simulated, on_expiry, mode, mode_after
 ):
     async def scenario(rig):
-        rig.autopilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
+        rig.autopilot.has_stream = lambda: True  # another program's setpoints keep the vehicle in Offboard
         rig.autopilot.mode = mode
         await seconds(2.5)
-        take = control_models.TakeControl(on_expiry=on_expiry)
-        await control_routes.take("1", rig.station, ANNA, take)
+        body = control_models.TakeControl(on_expiry=on_expiry)
+        await control_routes.take("1", rig.station, ANNA, body)
         await seconds(29)
         assert not rig.autopilot.commands(DO_SET_MODE)
         await seconds(5)
@@ -220,15 +220,19 @@ def mode_changes(vehicle):
     return [(e.text, e.severity, e.data["cause"]) for e in vehicle.events.since() if e.kind == "mode_changed"]
 
 
-def transmitter(autopilot):
+def report_transmitter(autopilot):
     """Reports in SYS_STATUS that an RC transmitter is connected."""
-    rc = 1 << 16
-    autopilot.send(sim.MAVLink_sys_status_message(rc, rc, rc, 0, 12000, 0, 50, 0, 0, 0, 0, 0, 0))
+    rc_receiver = sim.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    autopilot.send(
+        sim.MAVLink_sys_status_message(
+            rc_receiver, rc_receiver, rc_receiver, 0, 12000, 0, 50, 0, 0, 0, 0, 0, 0
+        )
+    )
 
 
 def test_a_pilots_switch_to_position_is_reported_and_never_reversed(run_simulated):
     async def scenario(rig):
-        transmitter(rig.autopilot)
+        report_transmitter(rig.autopilot)
         await offboard_routes.start("1", START, rig.station, ANNA)
         assert mode_changes(rig.vehicle)[-1] == ("Mode Offboard", 5, "command")
         rig.autopilot.mode = rig.autopilot.requested_mode = POSITION
@@ -259,7 +263,7 @@ def test_another_stations_command_is_detected_by_its_acknowledgement(run_simulat
     run_with_routes(run_simulated, scenario)
 
 
-def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control(run_simulated):
+def test_the_servers_commands_and_the_vehicles_mode_changes_are_not_external_control(run_simulated):
     async def scenario(rig):
         await vehicle_routes.rtl("1", rig.station, ANNA)
         await seconds(1)
@@ -284,7 +288,7 @@ def test_a_failsafe_is_reported_as_failsafe(run_simulated):
     run_with_routes(run_simulated, scenario)
 
 
-def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(run_simulated):
+def test_a_mode_change_first_seen_in_a_heartbeat_is_reclassified_as_failsafe(run_simulated):
     async def scenario(rig):
         await seconds(10)
         rig.autopilot.mode = RTL
@@ -350,15 +354,18 @@ def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_co
 
 
 def test_a_stream_reports_its_clients_key(run_simulated):
-    first, second = Principal.from_identity("anna", "one tab"), Principal.from_identity("anna", "another tab")
+    first_tab, second_tab = (
+        Principal.from_identity("anna", "one tab"),
+        Principal.from_identity("anna", "another tab"),
+    )
 
     async def scenario(rig):
-        await offboard_routes.start("1", START, rig.station, first)
-        status = rig.vehicle.offboard.status()  # as the stream process reports it: a name without a key
-        assert (status.client, status.client_key) == ("anna", first.key)
-        await control_routes.release("1", rig.station, first)
-        await offboard_routes.setpoint("1", SETPOINT, rig.station, second)
+        await offboard_routes.start("1", START, rig.station, first_tab)
+        status = rig.vehicle.offboard.status()  # the stream process reports only the name
+        assert (status.client, status.client_key) == ("anna", first_tab.key)
+        await control_routes.release("1", rig.station, first_tab)
+        await offboard_routes.setpoint("1", SETPOINT, rig.station, second_tab)
         await seconds(0.5)
-        assert rig.vehicle.offboard.status().client_key == second.key != first.key
+        assert rig.vehicle.offboard.status().client_key == second_tab.key != first_tab.key
 
     run_with_routes(run_simulated, scenario)

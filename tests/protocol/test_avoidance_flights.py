@@ -19,7 +19,7 @@ from vehicle_sim.world.files import load_world
 
 GOAL_NED_M = (10.0, 0.0, -2.0)
 BOX_NORTH_M = (4.25, 5.75)
-INTERVALS = (d.MAVLINK_MSG_ID_DISTANCE_SENSOR, d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE)
+SENSOR_MESSAGE_IDS = (d.MAVLINK_MSG_ID_DISTANCE_SENSOR, d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE)
 
 
 def request_to(position_ned_m, valid_for_s=120.0):
@@ -33,19 +33,20 @@ class Flight:
         self.testbed, self.vehicle, self.offboard = testbed, vehicle, vehicle.offboard
         self.truth = testbed.sim.simulation.truth
         self.track = []
-        self.recorder = None
+        """North, east and down [m], and whether a collision is reported, ten times a second."""
+        self.recording_task = None
 
     async def begin(self):
         await self.offboard.start(request_to((0.0, 0.0, -2.0)))
         await until(lambda: abs(self.position_ned_m[2] + 2.0) < 0.2 and abs(self.position_ned_m[0]) < 0.3, 20)
-        self.recorder = asyncio.ensure_future(self.record())
+        self.recording_task = asyncio.ensure_future(self.record_track())
 
-    async def record(self):
+    async def record_track(self):
         while True:
-            self.track.append((*self.position_ned_m, self.has_collided()))
+            self.track.append((*self.position_ned_m, self.collision_is_reported()))
             await asyncio.sleep(0.1)
 
-    def has_collided(self):
+    def collision_is_reported(self):
         return any("Collision" in event.text for event in self.vehicle.events.since())
 
     @property
@@ -59,14 +60,15 @@ class Flight:
     def is_near(self, position_ned_m, within_m=0.5):
         return all(abs(a - b) < within_m for a, b in zip(self.position_ned_m, position_ned_m, strict=True))
 
-    def highest_over_the_box(self):
+    def max_height_over_box_m(self):
         return max(-down for north, _, down, _ in self.track if BOX_NORTH_M[0] <= north <= BOX_NORTH_M[1])
 
     def has_never_collided(self):
         return not any(collided for *_, collided in self.track)
 
     def set_sensor_interval(self, interval_us=-1.0):
-        for msg_id in INTERVALS:
+        """Requests the messages of the obstacle sensors at this interval; -1: no messages."""
+        for msg_id in SENSOR_MESSAGE_IDS:
             self.vehicle.send(
                 d.MAVLink_command_long_message(
                     1, 1, SET_MESSAGE_INTERVAL, 0, float(msg_id), interval_us, 0, 0, 0, 0, 0
@@ -85,7 +87,7 @@ def run_at_the_box(run_simulated, scenario):
             try:
                 await scenario(flight)
             finally:
-                flight.recorder.cancel()
+                flight.recording_task.cancel()
         finally:
             await testbed.close()
 
@@ -118,7 +120,7 @@ def test_the_brake_stops_before_the_box_and_avoidance_enabled_in_flight_flies_ov
         assert "climbing over" in flight.avoidance.text
         await until(lambda: flight.avoidance.state == "clear" and flight.is_near(GOAL_NED_M), 60)
         assert flight.has_never_collided()
-        assert 4.4 < flight.highest_over_the_box() < 7.0
+        assert 4.4 < flight.max_height_over_box_m() < 7.0
         assert offboard_event_codes(flight.vehicle).count("avoidance") >= 2
         offboard.avoidance.switch_off()
         await until(lambda: flight.avoidance.state is None, 2)
@@ -173,7 +175,7 @@ def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(run_simulate
                 await vehicle.offboard.avoidance.switch_on("over")
             assert "DISTANCE_SENSOR" in refused.value.remedy
             assert not vehicle.offboard.status().avoidance.on
-            vehicle.offboard.avoidance.way = "over"  # as if the sensor failed after avoidance was enabled
+            vehicle.offboard.avoidance.way = "over"  # as if the sensor had failed after avoidance was enabled
             with pytest.raises(Refused, match="no obstacle sensor"):
                 await vehicle.offboard.start(request_to((0.0, 0.0, -10.0)))
             assert vehicle.status.mode == "hold"

@@ -10,6 +10,7 @@ import pytest
 from gcs_server.api.authorized import progress_reporter
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
+from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_REPOSITION,
@@ -23,35 +24,35 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_a_flight_from_arming_to_kill(run_simulated, loss, seed):
+def test_each_command_of_a_flight_reaches_its_state_in_time(run_simulated, loss, seed):
     async def scenario(testbed, vehicle, autopilot):
-        async def within(seconds, call):
-            began = testbed.loop.time()
+        async def finish_within(limit_s, call):
+            began_s = testbed.loop.time()
             await call
-            assert testbed.loop.time() - began <= seconds
+            assert testbed.loop.time() - began_s <= limit_s
 
-        await within(6, vehicle.command.arm())
+        await finish_within(6, vehicle.command.arm())
         assert vehicle.status.armed
-        await within(6, vehicle.command.disarm())
+        await finish_within(6, vehicle.command.disarm())
         assert not vehicle.status.armed
-        await within(20, vehicle.command.takeoff(10))
+        await finish_within(20, vehicle.command.takeoff(10))
         assert vehicle.status.armed
         assert vehicle.status.mode == "takeoff"
         assert autopilot.target[2] == pytest.approx(499.0, abs=0.01)
         assert len([m for m in autopilot.commands(ARM_DISARM) if m.param1 == 1]) >= 2
         autopilot.landed_state, autopilot.position[2] = IN_AIR, 499.0
-        await within(6, vehicle.command.hold())
+        await finish_within(6, vehicle.command.hold())
         assert vehicle.status.mode == "hold"
-        await within(6, vehicle.command.goto(47.398, 8.546, alt_home_m=12, yaw_ned_deg=90))
+        await finish_within(6, vehicle.command.goto(47.398, 8.546, alt_home_m=12, yaw_ned_deg=90))
         assert autopilot.target == pytest.approx((47.398, 8.546, 501.0))
-        sent = autopilot.commands(DO_REPOSITION)[-1]
-        assert sent.get_type() == "COMMAND_INT"
-        assert sent.param4 == pytest.approx(math.pi / 2)
-        await within(6, vehicle.command.rtl())
+        command = autopilot.commands(DO_REPOSITION)[-1]
+        assert command.get_type() == "COMMAND_INT"
+        assert command.param4 == pytest.approx(math.pi / 2)
+        await finish_within(6, vehicle.command.rtl())
         assert vehicle.status.mode == "rtl"
-        await within(6, vehicle.command.land())
+        await finish_within(6, vehicle.command.land())
         assert vehicle.status.mode == "land"
-        await within(6, vehicle.command.kill())
+        await finish_within(6, vehicle.command.kill())
         assert not vehicle.status.armed
         assert autopilot.commands(ARM_DISARM)[-1].param2 == FORCE
 
@@ -73,14 +74,14 @@ def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(run_simulat
 def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         dropped = []
-        autopilot.handlers.append(
-            lambda m: (
-                m.get_type() == "COMMAND_LONG"
-                and m.command == ARM_DISARM
-                and len(dropped) < 2
-                and not dropped.append(m)
-            )
-        )
+
+        def drop_first_two(m):
+            if m.get_type() != "COMMAND_LONG" or m.command != ARM_DISARM or len(dropped) == 2:
+                return False
+            dropped.append(m)
+            return True
+
+        autopilot.handlers.append(drop_first_two)
         await vehicle.command.arm()
         assert [m.confirmation for m in autopilot.commands(ARM_DISARM)] == [0, 1, 2]
         await asyncio.sleep(10)
@@ -107,12 +108,13 @@ def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(ru
 def test_a_refusal_to_arm_lists_the_failed_checks(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         autopilot.arm_denied = True
+        # The events of an arming report with failed checks.
         summary = struct.pack("<BIIII", 0, 1048576, 128, 0, 0)
-        autopilot.event(27825120, 0x88, summary)
+        autopilot.event(ARMING_SUMMARY_ID, 0x88, summary)
         autopilot.event(30612409, 0x33, struct.pack("<IB", 8257660, 17))
         autopilot.event(19865031, 0x33, struct.pack("<IB", 16384, 20))
         autopilot.event(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
-        autopilot.event(18691879, 0x88)
+        autopilot.event(HEALTH_SUMMARY_ID, 0x88)
         await asyncio.sleep(1)
         with pytest.raises(Rejected) as caught:
             await vehicle.command.arm()
@@ -139,22 +141,22 @@ def test_disarming_in_flight_is_refused(run_simulated):
     run_scenario(run_simulated, scenario)
 
 
-def test_an_acknowledgement_without_the_state_is_not_a_success(run_simulated):
+def test_an_acknowledgement_without_the_commanded_state_is_not_a_success(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
-        autopilot.handlers.append(
-            lambda m: (
-                m.get_type() == "COMMAND_LONG"
-                and m.command == ARM_DISARM
-                and not autopilot.ack(ARM_DISARM, 0)
-            )
-        )
+        def only_acknowledge(m):
+            if m.get_type() != "COMMAND_LONG" or m.command != ARM_DISARM:
+                return False
+            autopilot.ack(ARM_DISARM, 0)
+            return True
+
+        autopilot.handlers.append(only_acknowledge)
         with pytest.raises(Rejected, match="accepted the request to arm"):
             await vehicle.command.arm()
 
     run_scenario(run_simulated, scenario)
 
 
-def test_the_state_without_an_acknowledgement_is_a_success(run_simulated):
+def test_the_commanded_state_without_an_acknowledgement_is_a_success(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         autopilot.ack = lambda *_: None
         await vehicle.command.arm()
@@ -167,10 +169,10 @@ def test_the_state_without_an_acknowledgement_is_a_success(run_simulated):
 def test_a_command_without_a_reply_fails_at_its_deadline(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         autopilot.silent_commands.add(ARM_DISARM)
-        began = testbed.loop.time()
+        began_s = testbed.loop.time()
         with pytest.raises(NoReply) as caught:
             await vehicle.command.arm()
-        assert testbed.loop.time() - began == pytest.approx(caught.value.deadline_s, abs=0.1)
+        assert testbed.loop.time() - began_s == pytest.approx(caught.value.deadline_s, abs=0.1)
 
     run_scenario(run_simulated, scenario)
 
@@ -190,7 +192,7 @@ def test_acknowledgements_to_other_stations_are_ignored(run_simulated):
     run_scenario(run_simulated, scenario)
 
 
-def test_progress_extends_the_deadline(run_simulated):
+def test_a_progress_report_extends_the_deadline_and_is_published(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         fractions = []
 
@@ -208,9 +210,9 @@ def test_progress_extends_the_deadline(run_simulated):
 
         client = Principal.from_identity("page-1", "a tab")
 
-        def progress(what, fraction):
+        def progress(text, fraction):
             fractions.append(fraction)
-            progress_reporter(vehicle, client, "arm")(what, fraction)
+            progress_reporter(vehicle, client, "arm")(text, fraction)
 
         await vehicle.command.arm(progress=progress)
         assert vehicle.status.armed
@@ -227,11 +229,10 @@ def test_progress_extends_the_deadline(run_simulated):
 def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         def refuse_command_long(m):
-            return (
-                m.get_type() == "COMMAND_LONG"
-                and m.command == ARM_DISARM
-                and not autopilot.ack(ARM_DISARM, 8)
-            )
+            if m.get_type() != "COMMAND_LONG" or m.command != ARM_DISARM:
+                return False
+            autopilot.ack(ARM_DISARM, sim.MAV_RESULT_COMMAND_INT_ONLY)
+            return True
 
         autopilot.handlers.append(refuse_command_long)
         await vehicle.command.arm()
@@ -256,13 +257,13 @@ def test_a_newer_command_ends_an_older_command(run_simulated):
 def test_a_lost_link_fails_pending_commands_at_once(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         autopilot.silent_commands.add(ARM_DISARM)
-        waiting = asyncio.ensure_future(vehicle.command.arm())
+        arming = asyncio.ensure_future(vehicle.command.arm())
         await asyncio.sleep(0.5)
-        began = testbed.loop.time()
+        began_s = testbed.loop.time()
         await testbed.router.remove_link("memory")
         with pytest.raises(Disconnected):
-            await waiting
-        assert testbed.loop.time() - began < 0.1
+            await arming
+        assert testbed.loop.time() - began_s < 0.1
         await asyncio.sleep(5)
         assert vehicle.status.link_lost
         with pytest.raises(Disconnected):
@@ -292,16 +293,16 @@ def test_a_lost_link_fails_pending_commands_at_once(run_simulated):
 )
 def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(run_simulated, call, field):
     async def scenario(testbed, vehicle, autopilot):
-        before = len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")])
+        count = len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")])
         with pytest.raises(InvalidRequest) as caught:
             await call(vehicle.command)
         assert caught.value.field == field
-        assert len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")]) == before
+        assert len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")]) == count
 
     run_scenario(run_simulated, scenario)
 
 
-def test_the_server_refuses_values_that_px4_would_accept(run_simulated):
+def test_the_server_refuses_commands_that_px4_would_accept(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         with pytest.raises(Refused, match="is not flying"):
             await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
@@ -338,15 +339,15 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_a
     run_scenario(run_simulated, scenario)
 
 
-@pytest.mark.parametrize(("autopilot_type", "kind"), [(3, 2), (12, 1), (12, 10)])
-def test_unverified_vehicles_are_shown_and_commands_to_them_refused(run_simulated, autopilot_type, kind):
+@pytest.mark.parametrize(("autopilot_type", "vehicle_type"), [(3, 2), (12, 1), (12, 10)])
+def test_commands_to_unverified_vehicles_are_refused(run_simulated, autopilot_type, vehicle_type):
     async def scenario(testbed, vehicle, autopilot):
-        autopilot.autopilot_type, autopilot.vehicle_type = autopilot_type, kind
+        autopilot.autopilot_type, autopilot.vehicle_type = autopilot_type, vehicle_type
         await asyncio.sleep(2)
-        before = len(autopilot.commands(ARM_DISARM))
+        count = len(autopilot.commands(ARM_DISARM))
         for call in (vehicle.command.arm, vehicle.command.kill, vehicle.gimbal.take_control):
             with pytest.raises(NotVerified):
                 await call()
-        assert len(autopilot.commands(ARM_DISARM)) == before
+        assert len(autopilot.commands(ARM_DISARM)) == count
 
     run_scenario(run_simulated, scenario)

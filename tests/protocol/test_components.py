@@ -18,18 +18,22 @@ from tests.protocol.memory_testbed import MemoryTestbed, run_with_vehicle
 from tests.protocol.offboard_testbed import OffboardTestbed
 from vehicle_sim.mavlink import generated_dialect as sim
 
-LEVEL, DOWN, HALF = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0], [0.9238795, 0.0, -0.3826834, 0.0]
-DOWN_RAD = pytest.approx(-1.5708, abs=1e-2)
+Q_LEVEL, Q_DOWN, Q_HALF_DOWN = (
+    [1.0, 0.0, 0.0, 0.0],
+    [0.7071068, 0.0, -0.7071068, 0.0],
+    [0.9238795, 0.0, -0.3826834, 0.0],
+)
+CAMERA, COMPANION, GIMBAL = sim.MAV_TYPE_CAMERA, sim.MAV_TYPE_ONBOARD_CONTROLLER, sim.MAV_TYPE_GIMBAL
+PITCH_DOWN_RAD = pytest.approx(-1.5708, abs=1e-2)
 
 
 class OtherComponent:
-    """Another component on the vehicle's link, with a gimbal manager or a camera that acknowledges
-    commands."""
+    """Another component of the vehicle: a gimbal manager or a camera; it acknowledges every command."""
 
     def __init__(self, autopilot, component_id, mav_type):
         self.autopilot, self.id, self.mav_type = autopilot, component_id, mav_type
         self.mav = sim.MAVLink(None, srcSystem=1, srcComponent=component_id)
-        self.received, self.control = [], {}
+        self.received, self.control_by_device = [], {}
         autopilot.handlers.append(self.handle)
 
     def send(self, message):
@@ -47,7 +51,7 @@ class OtherComponent:
         )
 
     def status(self, device):
-        primary = self.control.get(device, (0, 0))
+        primary = self.control_by_device.get(device, (0, 0))
         self.send(
             sim.MAVLink_gimbal_manager_status_message(self.autopilot.boot_ms(), 0, device, *primary, 0, 0)
         )
@@ -66,10 +70,13 @@ class OtherComponent:
         if message.get_type() != "COMMAND_LONG":
             return True
         if message.command == REQUEST_MESSAGE:
-            for device in self.control or {self.id: None}:
+            for device in self.control_by_device or {self.id: None}:
                 self.status(device)
         if message.command == GIMBAL_CONFIGURE:
-            self.control[int(message.param7) or self.id] = (int(message.param1), int(message.param2))
+            self.control_by_device[int(message.param7) or self.id] = (
+                int(message.param1),
+                int(message.param2),
+            )
         self.send(sim.MAVLink_command_ack_message(message.command, 0, 0, 0, 255, 190))
         return True
 
@@ -77,7 +84,7 @@ class OtherComponent:
         return [m for m in self.received if getattr(m, "command", None) == command]
 
 
-async def repeated(seconds, *work):
+async def call_repeatedly(seconds, *work):
     """Calls each function ten times a second."""
     for _ in range(round(seconds * 10)):
         for each in work:
@@ -85,24 +92,24 @@ async def repeated(seconds, *work):
         await asyncio.sleep(0.1)
 
 
-def kinds(vehicle):
+def component_states(vehicle):
     return [(c.component_id, c.kind, c.lost) for c in vehicle.components.all()]
 
 
 def test_components_are_known_by_their_heartbeats_until_they_are_lost(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
-        camera, companion = OtherComponent(autopilot, 101, 30), OtherComponent(autopilot, 191, 18)
-        gimbal, other = OtherComponent(autopilot, 154, 26), OtherComponent(autopilot, 68, 0)
-        await repeated(3, camera.heartbeat, companion.heartbeat, gimbal.heartbeat, other.heartbeat)
-        found = [(1, "autopilot", False), (68, "other", False), (101, "camera", False)]
-        assert kinds(vehicle) == [*found, (154, "gimbal", False), (191, "companion", False)]
+        camera, companion = OtherComponent(autopilot, 101, CAMERA), OtherComponent(autopilot, 191, COMPANION)
+        gimbal, other = OtherComponent(autopilot, 154, GIMBAL), OtherComponent(autopilot, 68, 0)
+        await call_repeatedly(3, camera.heartbeat, companion.heartbeat, gimbal.heartbeat, other.heartbeat)
+        expected = [(1, "autopilot", False), (68, "other", False), (101, "camera", False)]
+        assert component_states(vehicle) == [*expected, (154, "gimbal", False), (191, "companion", False)]
         assert all(c.last_heard_unix_s is None for c in vehicle.components.all())
         await asyncio.sleep(1)
         lost_since_unix_s = testbed.clock.unix_s() - 1
-        await repeated(LOST_AFTER_S, camera.heartbeat, companion.heartbeat, other.heartbeat)
+        await call_repeatedly(LOST_AFTER_S, camera.heartbeat, companion.heartbeat, other.heartbeat)
         (lost,) = [c for c in vehicle.components.all() if c.lost]
         assert (lost.component_id, lost.last_heard_unix_s) == (154, pytest.approx(lost_since_unix_s, abs=0.3))
-        await repeated(1, gimbal.heartbeat)
+        await call_repeatedly(1, gimbal.heartbeat)
         texts = [e.text for e in vehicle.events.since() if e.kind == "component"]
         assert sorted(texts[:4]) == [
             "Camera 101 connected",
@@ -125,7 +132,7 @@ def test_the_number_of_components_is_limited(run_simulated):
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.1)
         assert len(vehicle.components.all()) == MAX_COMPONENTS
-        assert kinds(vehicle)[0] == (1, "autopilot", False)
+        assert component_states(vehicle)[0] == (1, "autopilot", False)
         assert not vehicle.status.link_lost
 
     run_with_vehicle(run_simulated, scenario)
@@ -137,31 +144,34 @@ def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle
         try:
             autopilot = testbed.autopilot(testbed.link())
             autopilot.alive = False
-            impostor, camera = OtherComponent(autopilot, 191, 2), OtherComponent(autopilot, 7, 30)
+            impostor, camera = (
+                OtherComponent(autopilot, 191, sim.MAV_TYPE_QUADROTOR),
+                OtherComponent(autopilot, 7, CAMERA),
+            )
             autopilot.alive = True
             impostor.heartbeat(autopilot=12)
             camera.heartbeat(autopilot=12)
             vehicle = await testbed.ready()
-            await repeated(
+            await call_repeatedly(
                 2, lambda: impostor.heartbeat(autopilot=12), lambda: camera.heartbeat(autopilot=12)
             )
             assert [v.id for v in testbed.fleet.all()] == ["1"]
             assert vehicle.identity.component_id == 1
-            assert kinds(vehicle)[0] == (1, "autopilot", False)
+            assert component_states(vehicle)[0] == (1, "autopilot", False)
         finally:
             await testbed.close()
 
     run_simulated(run)
 
 
-def test_batteries_and_distances_of_another_component_do_not_replace_the_autopilots(run_simulated):
+def test_batteries_and_distances_of_another_component_do_not_replace_those_of_the_autopilot(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
-        battery = OtherComponent(autopilot, 180, 36)
+        battery = OtherComponent(autopilot, 180, sim.MAV_TYPE_BATTERY)
         cells = [16000, *[65535] * 9]
         autopilot.send(sim.MAVLink_battery_status_message(0, 0, 0, 0, cells, 100, 0, 0, 80))
         for sensor_id, distance_cm in ((0, 300), (1, 400)):
             autopilot.send(sim.MAVLink_distance_sensor_message(0, 10, 900, distance_cm, 0, sensor_id, 0, 0))
-        await repeated(
+        await call_repeatedly(
             2,
             lambda: battery.send(sim.MAVLink_battery_status_message(0, 0, 0, 0, cells, 100, 0, 0, 3)),
             lambda: battery.send(sim.MAVLink_distance_sensor_message(0, 10, 900, 50, 0, 0, 0, 0)),
@@ -176,32 +186,32 @@ def test_batteries_and_distances_of_another_component_do_not_replace_the_autopil
 def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
         station = station_of(testbed)
-        second = OtherComponent(autopilot, 171, 26)
-        second.control[171] = (0, 0)
+        second = OtherComponent(autopilot, 171, GIMBAL)
+        second.control_by_device[171] = (0, 0)
 
         def send_both_attitudes():
             autopilot.gimbal_attitude()
-            second.attitude(DOWN)
+            second.attitude(Q_DOWN)
 
         second.limits(171, 0.5)
-        await repeated(4, send_both_attitudes, lambda: second.status(171))
+        await call_repeatedly(4, send_both_attitudes, lambda: second.status(171))
         value = vehicle.topic("gimbal").value
         assert [(g.component_id, g.gimbal_device_id, g.pitch_rad) for g in value.gimbals] == [
             (1, 1, pytest.approx(0.0, abs=1e-3)),
-            (171, 171, DOWN_RAD),
+            (171, 171, PITCH_DOWN_RAD),
         ]
         assert (value.component_id, value.pitch_max_rad, value.gimbals[1].pitch_max_rad) == (1, None, 0.5)
 
-        async def call(work):
-            sending = asyncio.ensure_future(repeated(6, send_both_attitudes))
+        async def call(request):
+            sending = asyncio.ensure_future(call_repeatedly(6, send_both_attitudes))
             try:
-                return json_of(await work)
+                return json_of(await request)
             finally:
                 sending.cancel()
 
         await call(gimbal_routes.take("1", station, ANNA, (171, None)))
         assert autopilot.gimbal_control == (0, 0), "control of the autopilot's gimbal was taken"
-        assert second.control[171] == (255, 190)
+        assert second.control_by_device[171] == (255, 190)
         angles = models.GimbalAngles(pitch_deg=-20, yaw_deg=5, wait=False)
         await call(gimbal_routes.angles("1", angles, station, ANNA, (171, 171)))
         (command,) = second.commands(GIMBAL_PITCHYAW)
@@ -215,7 +225,7 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
         assert "component 1, device 1; component 171, device 171" in refused.value.remedy
         assert [line[1] for line in journal_lines(station)][-1] == "gimbal/take"
 
-        await repeated(4, lambda: second.attitude(DOWN))
+        await call_repeatedly(4, lambda: second.attitude(Q_DOWN))
         value = vehicle.topic("gimbal").value
         assert (value.component_id, value.gimbals) == (171, ()), (
             "the first gimbal is still used after 3 s without its attitude"
@@ -230,14 +240,14 @@ def test_two_devices_of_one_manager_are_distinguished(run_simulated):
         autopilot.handlers.clear()
 
         def send_both_devices():
-            for device, q in ((1, LEVEL), (2, HALF)):
+            for device, q in ((1, Q_LEVEL), (2, Q_HALF_DOWN)):
                 gimbals.attitude(q, device)
                 gimbals.status(device)
 
-        gimbals.control = {1: (255, 190), 2: (255, 190)}
+        gimbals.control_by_device = {1: (255, 190), 2: (255, 190)}
         autopilot.has_gimbal = False
-        await repeated(2, send_both_devices)
-        sending = asyncio.ensure_future(repeated(6, send_both_devices))
+        await call_repeatedly(2, send_both_devices)
+        sending = asyncio.ensure_future(call_repeatedly(6, send_both_devices))
         autopilot.gimbal_control, autopilot.has_gimbal = (255, 190), True
         await vehicle.gimbals.service_for(1, 2).set_rates(1, 2)
         await vehicle.gimbal.set_rates(3, 4)
@@ -250,23 +260,23 @@ def test_two_devices_of_one_manager_are_distinguished(run_simulated):
 
 def test_no_component_replaces_the_autopilots_gimbal(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
-        impostor = OtherComponent(autopilot, 171, 26)
-        impostor.control = {1: (42, 1)}
+        impostor = OtherComponent(autopilot, 171, GIMBAL)
+        impostor.control_by_device = {1: (42, 1)}
 
         def send_as_other_devices():
             for device in range(256):
-                impostor.attitude(DOWN, device)
+                impostor.attitude(Q_DOWN, device)
                 impostor.status(device)
 
         autopilot.gimbal_status()
-        await repeated(1, send_as_other_devices)
-        await repeated(1, autopilot.gimbal_attitude, autopilot.gimbal_status, send_as_other_devices)
+        await call_repeatedly(1, send_as_other_devices)
+        await call_repeatedly(1, autopilot.gimbal_attitude, autopilot.gimbal_status, send_as_other_devices)
         value = vehicle.topic("gimbal").value
         assert (value.component_id, value.gimbal_device_id, value.primary_control) == (1, 1, None)
         assert value.pitch_rad == pytest.approx(0.0, abs=1e-3)
         assert len(value.gimbals) <= 9
         taking = asyncio.ensure_future(vehicle.gimbal.take_control())
-        await repeated(1, send_as_other_devices, autopilot.gimbal_attitude)
+        await call_repeatedly(1, send_as_other_devices, autopilot.gimbal_attitude)
         await taking
         assert autopilot.gimbal_control == (255, 190)
         assert impostor.commands(GIMBAL_CONFIGURE) == []
@@ -276,14 +286,14 @@ def test_no_component_replaces_the_autopilots_gimbal(run_simulated):
 
 def test_a_picture_is_taken_by_the_connected_camera(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
-        first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
-        await repeated(1, second.heartbeat)
+        first, second = OtherComponent(autopilot, 100, CAMERA), OtherComponent(autopilot, 102, CAMERA)
+        await call_repeatedly(1, second.heartbeat)
         await vehicle.camera.take_picture()
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (0, 1)
-        await repeated(1, first.heartbeat, second.heartbeat)
+        await call_repeatedly(1, first.heartbeat, second.heartbeat)
         await vehicle.camera.take_picture()
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
-        await repeated(LOST_AFTER_S + 1, second.heartbeat)
+        await call_repeatedly(LOST_AFTER_S + 1, second.heartbeat)
         await vehicle.camera.take_picture()
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 2)
 
@@ -292,16 +302,16 @@ def test_a_picture_is_taken_by_the_connected_camera(run_simulated):
 
 def test_a_request_chooses_the_camera_by_its_component(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
-        first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
-        await repeated(1, first.heartbeat, second.heartbeat)
+        first, second = OtherComponent(autopilot, 100, CAMERA), OtherComponent(autopilot, 102, CAMERA)
+        await call_repeatedly(1, first.heartbeat, second.heartbeat)
         station = station_of(testbed)
         assert json_of(await camera_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
         await camera_routes.picture("1", station, ANNA)
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
-        for wrong in (101, 1):  # no component, and the autopilot
-            with pytest.raises(InvalidRequest, match=f"no connected camera with component id {wrong}"):
-                await camera_routes.picture("1", station, ANNA, wrong)
-        await repeated(LOST_AFTER_S + 1, first.heartbeat)
+        for wrong_id in (101, 1):  # no component has this id; the autopilot
+            with pytest.raises(InvalidRequest, match=f"no connected camera with component id {wrong_id}"):
+                await camera_routes.picture("1", station, ANNA, wrong_id)
+        await call_repeatedly(LOST_AFTER_S + 1, first.heartbeat)
         with pytest.raises(InvalidRequest, match="no connected camera with component id 102"):
             await camera_routes.picture("1", station, ANNA, 102)
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)

@@ -23,7 +23,7 @@ def setpoint_request(setpoint, **fields):
     return SetpointRequest.model_validate({"setpoint": setpoint, **fields})
 
 
-def run_with_two_equal_ids(run_simulated, scenario):
+def run_with_equal_system_ids(run_simulated, scenario):
     async def run():
         testbed = OffboardTestbed()
         autopilots = {}
@@ -66,7 +66,7 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id,
             assert not autopilot.commands(ARM_DISARM)
         assert journal_lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
 
-    run_with_two_equal_ids(run_simulated, scenario)
+    run_with_equal_system_ids(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("vehicle_id", ["1", "1~2"])
@@ -79,10 +79,10 @@ def test_kill_is_sent_only_to_the_named_vehicle(run_simulated, vehicle_id):
         assert other.armed
         assert not other.commands(ARM_DISARM)
 
-    run_with_two_equal_ids(run_simulated, scenario)
+    run_with_equal_system_ids(run_simulated, scenario)
 
 
-def test_kill_is_sent_to_a_lost_vehicle(run_simulated):
+def test_kill_is_sent_to_a_vehicle_without_connection(run_simulated):
     async def scenario(testbed, station, first, second):
         first.send_raw = lambda raw: None
         await seconds(4)
@@ -94,20 +94,20 @@ def test_kill_is_sent_to_a_lost_vehicle(run_simulated):
         assert not first.armed
         assert second.armed
 
-    run_with_two_equal_ids(run_simulated, scenario)
+    run_with_equal_system_ids(run_simulated, scenario)
 
 
-def test_kill_of_an_unknown_vehicle_is_404(run_simulated):
+def test_kill_of_an_unknown_vehicle_is_refused_and_journaled(run_simulated):
     async def scenario(testbed, station, first, second):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
             await vehicle_routes.kill("3", body, station, ME)
         assert journal_lines(station) == [("me", "kill", "3", "unknown_vehicle")]
 
-    run_with_two_equal_ids(run_simulated, scenario)
+    run_with_equal_system_ids(run_simulated, scenario)
 
 
-def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(run_simulated):
+def test_a_vehicle_identified_as_another_vehicle_loses_its_stream_and_reports_it(run_simulated):
     """Vehicle `1~2` has a setpoint stream when the server identifies it as vehicle `1` on another link. The
     id `1~2` is then removed and may be used again."""
 
@@ -115,9 +115,9 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(run_simu
         merged, kept = testbed.fleet.get("1~2"), testbed.fleet.get("1")
         await merged.offboard.start(stream_request())
         testbed.fleet._merge(kept, merged)
-        sent = len(second.setpoints)
+        count = len(second.setpoints)
         await seconds(6)
-        assert len(second.setpoints) == sent
+        assert len(second.setpoints) == count
         assert not first.setpoints
         assert not merged.offboard.status().streaming
         assert [e.data["code"] for e in merged.events.since() if e.data.get("source")] == [
@@ -125,7 +125,7 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(run_simu
             "not_confirmed",
         ]
 
-    run_with_two_equal_ids(run_simulated, scenario)
+    run_with_equal_system_ids(run_simulated, scenario)
 
 
 def test_a_handover_of_control_journals_both_clients(run_simulated):
@@ -164,7 +164,7 @@ def test_a_handover_of_control_journals_both_clients(run_simulated):
         ]
         assert not second.setpoints
 
-    run_with_two_equal_ids(run_simulated, scenario)
+    run_with_equal_system_ids(run_simulated, scenario)
 
 
 def test_hold_by_another_client_ends_the_stream(run_simulated):
@@ -174,15 +174,15 @@ def test_hold_by_another_client_ends_the_stream(run_simulated):
         assert first.mode == OFFBOARD
         await vehicle_routes.hold("1", station, BERT)
         await seconds(0.15)
-        sent = len(first.setpoints)
+        count = len(first.setpoints)
         await seconds(3)
-        assert len(first.setpoints) == sent
+        assert len(first.setpoints) == count
         assert "bert" in testbed.fleet.get("1").offboard.status().ended
 
-    run_with_two_equal_ids(run_simulated, scenario)
+    run_with_equal_system_ids(run_simulated, scenario)
 
 
-BAD = [
+INVALID_FIELDS = [
     {"position_ned_m": [0, 0, math.nan]},
     {"position_ned_m": [0, 0, math.inf]},
     {"position_ned_m": [1e30, 0, 0]},
@@ -206,33 +206,35 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("bad", BAD)
-def test_invalid_setpoints_are_refused_before_the_stream(bad):
+@pytest.mark.parametrize("invalid_fields", INVALID_FIELDS)
+def test_invalid_setpoints_are_refused_before_the_stream(invalid_fields):
     with pytest.raises(ValidationError):
-        SetpointRequest.model_validate({"setpoint": HOVER} | bad)
+        SetpointRequest.model_validate({"setpoint": HOVER} | invalid_fields)
 
 
-@pytest.mark.parametrize("bad", [{"rate_hz": r} for r in (0, -5, 1.9, 101, 1e30, math.nan)])
-def test_invalid_rates_are_refused_before_the_stream(bad):
+@pytest.mark.parametrize("invalid_fields", [{"rate_hz": r} for r in (0, -5, 1.9, 101, 1e30, math.nan)])
+def test_invalid_rates_are_refused_before_the_stream(invalid_fields):
     with pytest.raises(ValidationError):
-        StartRequest.model_validate({"setpoint": HOVER} | bad)
+        StartRequest.model_validate({"setpoint": HOVER} | invalid_fields)
 
 
 @pytest.mark.parametrize(
     "position_ned_m", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5], [0, 0, 1100]]
 )
-def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(run_simulated, position_ned_m):
+def test_targets_more_than_a_kilometre_away_are_refused_at_the_start_and_in_flight(
+    run_simulated, position_ned_m
+):
     async def scenario(testbed, station, first, second):
-        far = {"type": "position", "position_ned_m": position_ned_m}
+        far_setpoint = {"type": "position", "position_ned_m": position_ned_m}
         with pytest.raises(Refused, match="at most 1000 m"):
-            body = StartRequest.model_validate({"setpoint": far})
+            body = StartRequest.model_validate({"setpoint": far_setpoint})
             await offboard_routes.start("1", body, station, ME)
         assert not first.setpoints
         start = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", start, station, ME)
         with pytest.raises(Refused, match="at most 1000 m"):
-            await offboard_routes.setpoint("1", setpoint_request(far), station, ME)
+            await offboard_routes.setpoint("1", setpoint_request(far_setpoint), station, ME)
         await seconds(0.2)
         assert first.setpoints[-1][1].z == -5.0
 
-    run_with_two_equal_ids(run_simulated, scenario)
+    run_with_equal_system_ids(run_simulated, scenario)

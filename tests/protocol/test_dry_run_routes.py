@@ -1,4 +1,4 @@
-"""Dry runs for a vehicle by the server's routes: the server uses its data about the vehicle and sends
+"""Dry runs for a vehicle by the server's routes: the server uses what it knows about the vehicle, and sends
 nothing to the vehicle."""
 
 import json
@@ -15,7 +15,7 @@ PLAN = {"items": [{"kind": "takeoff", **POSITION}, {"kind": "return_home"}]}
 MESSAGE_REQUESTS = (RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE)
 
 
-class RecordedDryRuns:
+class DryRunRecorder:
     """Records the requests for dry runs, and starts no process."""
 
     def __init__(self) -> None:
@@ -30,15 +30,15 @@ class RecordedDryRuns:
         return {"dry_run": dry_run_id}
 
 
-async def request_by(rig, by=ANNA, **fields):
-    rig.station.dry_runs = RecordedDryRuns()
+async def request_dry_run(rig, client=ANNA, **fields):
+    rig.station.dry_runs = DryRunRecorder()
     body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **fields})
-    operation = json_of(await dry_run_routes.start_dry_run(body, rig.station, by))
+    operation = json_of(await dry_run_routes.start_dry_run(body, rig.station, client))
     await rig.station.operations.wait(operation["id"])
     return rig.station.dry_runs.requests[-1]
 
 
-def commands(autopilot):
+def commands_with_effect(autopilot):
     """Received commands without the server's requests for messages, which change nothing."""
     kinds = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET")
     received = [
@@ -51,7 +51,7 @@ def commands(autopilot):
 
 def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(run_simulated):
     async def scenario(rig):
-        request, run_info = await request_by(rig)
+        request, run_info = await request_dry_run(rig)
         aircraft = request["aircraft"]
         position = rig.vehicle.topic("global_position").value
         assert aircraft["home"] == {
@@ -69,7 +69,7 @@ def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(run_si
 
 def test_a_dry_run_of_a_vehicle_in_flight_starts_at_its_home(run_simulated):
     async def scenario(rig):
-        request, run_info = await request_by(rig)
+        request, run_info = await request_dry_run(rig)
         home = rig.vehicle.topic("home").value
         assert request["aircraft"]["home"]["lat_deg"] == home.lat_deg
         assert any("starts on the ground at its home" in text for text in run_info["assumed"])
@@ -81,10 +81,10 @@ def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(run_simulat
     async def scenario(rig):
         await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE)
         await seconds(1.0)
-        before = len(commands(rig.autopilot))
-        await request_by(rig, ANNA, flights=50)
+        count_before = len(commands_with_effect(rig.autopilot))
+        await request_dry_run(rig, ANNA, flights=50)
         await seconds(1.0)
-        assert [str(m) for m in commands(rig.autopilot)[before:]] == []
+        assert [str(m) for m in commands_with_effect(rig.autopilot)[count_before:]] == []
         assert rig.station.authority.control("1").status().holder_key == BOB.key
 
     run_with_routes(run_simulated, scenario)

@@ -1,8 +1,8 @@
 """Every message of the dialect with each field at extreme values, from the link to every output.
 
 The test checks all outputs: REST, history, telemetry, the streams' snapshots, the 3D view. Nothing may fail
-(a message that is isolated and skipped counts as a failure), every output must be JSON, and the values of a
-second vehicle must not change.
+(a message that the server skips after an error counts as a failure), every output must be JSON, and the
+values of a second vehicle must not change.
 """
 
 import itertools
@@ -31,6 +31,8 @@ from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_testbed import OffboardTestbed, stream_request
 from tests.simulated_time import run_in_simulated_time
 
+PEERS = ("a", "b")
+"""The peers of vehicles 1 and 2."""
 FLOATS = [math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38, 1e15, 0.0, 1e-45, -1.0]
 DECODED = sorted(
     {
@@ -51,7 +53,7 @@ DECODED = sorted(
 BITS = {"b": 8, "B": 8, "h": 16, "H": 16, "i": 32, "I": 32, "q": 64, "Q": 64}
 
 
-def values_of(code: str) -> list[Any]:
+def extreme_values(code: str) -> list[Any]:
     """Test values of a field of this type."""
     if code in "fd":
         return FLOATS
@@ -63,28 +65,28 @@ def values_of(code: str) -> list[Any]:
     return [0, -1, 2 ** (bits - 1) - 1, -(2 ** (bits - 1))]
 
 
-def codes_of(msg_id: int) -> list[str]:
+def type_codes(msg_id: int) -> list[str]:
     """The type of each element of a payload, in wire order; texts are bytes."""
-    found: list[str] = []
+    codes: list[str] = []
     for count, code in re.findall(r"(\d*)([a-zA-Z])", LAYOUTS[msg_id].unpacker.format):
-        found += ["s" + (count or "1")] if code == "s" else [code] * int(count or 1)
-    return found
+        codes += ["s" + (count or "1")] if code == "s" else [code] * int(count or 1)
+    return codes
 
 
 def payloads_of(msg_id: int, valid_payload: bytes, *, each_field: bool) -> list[bytes]:
     """Payloads with all fields at extreme values; `each_field`: also the valid payload with one field at a
     time at each of its extreme values."""
-    packer, codes = LAYOUTS[msg_id].unpacker, codes_of(msg_id)
-    base = list(packer.unpack(valid_payload))
+    packer, codes = LAYOUTS[msg_id].unpacker, type_codes(msg_id)
+    valid_values = list(packer.unpack(valid_payload))
     texts = [b"", b"\xff\xfe\xc3(\xed\xa0\x80", b"<script>", b"\x1b[2J"]
-    values_of_fields = [texts if code[0] == "s" else values_of(code) for code in codes]
+    values_of_fields = [texts if code[0] == "s" else extreme_values(code) for code in codes]
     payloads = [
         packer.pack(*(values[n % len(values)] for values in values_of_fields)) for n in range(len(FLOATS))
     ]
     if each_field:
         for index, values in enumerate(values_of_fields):
             for value in values:
-                payloads.append(packer.pack(*base[:index], value, *base[index + 1 :]))
+                payloads.append(packer.pack(*valid_values[:index], value, *valid_values[index + 1 :]))
     return payloads
 
 
@@ -93,26 +95,28 @@ class OutputChecker:
 
     def __init__(self, testbed: OffboardTestbed, link: Any) -> None:
         self.testbed, self.link = testbed, link
-        self.invalid, self.other = (testbed.fleet.get(v) for v in ("1", "2"))
+        self.invalid_vehicle, self.other_vehicle = (testbed.fleet.get(v) for v in ("1", "2"))
         """The vehicle that sends extreme values, and a vehicle that these values must not affect."""
-        self.encoded = EncodedSamples(testbed.clock, testbed.fleet)
+        self.sample_encoder = EncodedSamples(testbed.clock, testbed.fleet)
         self.tracks = Tracks(testbed.fleet, None, testbed.clock)
         self.seq = itertools.count()
-        latest = self.other._state.latest.values()
+        latest = self.other_vehicle._state.latest.values()
         self.valid_messages = [(f.msg_id, full_payload(f)) for f in latest if f.msg_id in decoders.FORMATS]
-        self.valid_messages.append((d.MAVLINK_MSG_ID_HEARTBEAT, full_payload(self.other._state.latest[0])))
-        self.expected = self.values()
+        self.valid_messages.append(
+            (d.MAVLINK_MSG_ID_HEARTBEAT, full_payload(self.other_vehicle._state.latest[0]))
+        )
+        self.expected = self.other_vehicle_values()
 
     def inject(self, msg_id: int, payload: bytes, system: int = 1, component: int = 1) -> None:
         raw = encode_frame(msg_id, payload, next(self.seq) & 0xFF, system, component)
-        self.link.inject(raw, "ab"[system - 1])
+        self.link.inject(raw, PEERS[system - 1])
 
     def send_valid_messages(self) -> None:
         self.testbed.loop.now_s += 0.02
         for system, (msg_id, payload) in itertools.product((2, 1), self.valid_messages):
             self.inject(msg_id, payload, system)
 
-    def values(self) -> dict[str, Any]:
+    def other_vehicle_values(self) -> dict[str, Any]:
         topics = self.views()[1]["topics"]
         return {name: sample["value"] for name, sample in topics.items() if name != "status"}
 
@@ -126,10 +130,11 @@ class OutputChecker:
 
     def check_all(self) -> None:
         testbed, streams = self.testbed, self.testbed.streamer._streams
-        assert self.values() == self.expected
-        for vehicle in (self.invalid, self.other):
+        assert self.other_vehicle_values() == self.expected
+        for vehicle in (self.invalid_vehicle, self.other_vehicle):
             assert all(
-                b"NaN" not in sample for sample in self.encoded.new_samples(vehicle, sorted(ALL_TOPICS), {})
+                b"NaN" not in sample
+                for sample in self.sample_encoder.new_samples(vehicle, sorted(ALL_TOPICS), {})
             )
             vehicle.offboard.available()
         testbed.streamer.update_once()
@@ -145,18 +150,18 @@ class OutputChecker:
         self.check_no_faults()
 
     def check_no_faults(self) -> None:
-        for vehicle in (self.invalid, self.other):
+        for vehicle in (self.invalid_vehicle, self.other_vehicle):
             assert vehicle.isolation.faults == []
             assert not [reason for reason in vehicle.unusable().values() if "could not be decoded" in reason]
         assert self.tracks.isolation.faults == []
         assert self.testbed.streamer.faults() == []
-        assert self.other.unusable() == {}
+        assert self.other_vehicle.unusable() == {}
 
     def ensure_streams(self) -> None:
         """Starts the streams to both vehicles that are idle: invalid messages can end the first vehicle's
         stream by another mode or heartbeat."""
         streams = self.testbed.streamer._streams
-        for vehicle in (self.invalid, self.other):
+        for vehicle in (self.invalid_vehicle, self.other_vehicle):
             if streams.state(vehicle.id).phase == "idle":
                 snapshot = vehicle.offboard.snapshot()
                 number = StreamScheduler.begin(
@@ -170,7 +175,7 @@ def run_with_outputs(scenario: Any) -> None:
         testbed = OffboardTestbed()
         try:
             link = testbed.link()
-            autopilots = [testbed.offboard_autopilot(link, peer="ab"[n], system=n + 1) for n in range(2)]
+            autopilots = [testbed.offboard_autopilot(link, peer=PEERS[n], system=n + 1) for n in range(2)]
             for autopilot in autopilots:
                 autopilot.fly()
             await testbed.ready("1")
@@ -195,7 +200,7 @@ def run_with_outputs(scenario: Any) -> None:
             ]
             for system, message in itertools.product((1, 2), messages):
                 raw = encode_frame(message.get_msgId(), encode_payload(message), 0, system, 1)
-                link.inject(raw, "ab"[system - 1])
+                link.inject(raw, PEERS[system - 1])
             assert [v.status.mode for v in testbed.fleet.all()] == ["offboard", "offboard"]
             outputs = OutputChecker(testbed, link)
             outputs.ensure_streams()
@@ -220,7 +225,7 @@ def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
             if n % 25 == 0:
                 outputs.testbed.fleet.tick()
         outputs.testbed.fleet.tick()
-        for vehicle in (outputs.invalid, outputs.other):
+        for vehicle in (outputs.invalid_vehicle, outputs.other_vehicle):
             pieces = list(history_pieces(vehicle, vehicle.history(tuple(TOPICS), 0.0)))
             history_body = json_response(history_view(pieces)).body
             assert len(json.loads(history_body)["samples"]) > 10
@@ -250,11 +255,11 @@ def test_invalid_parameters_of_limits_and_failsafes_affect_no_other_vehicle():
         for name, value in itertools.product((*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS), FLOATS):
             outputs.send_valid_messages()
             outputs.ensure_streams()
-            for kind in (9, 6, 0, 255):
-                payload = name_and_type.pack(value, 1, 0, name.encode(), kind)
+            for param_type in (9, 6, 0, 255):  # float, int32 and two unknown types
+                payload = name_and_type.pack(value, 1, 0, name.encode(), param_type)
                 outputs.inject(d.MAVLINK_MSG_ID_PARAM_VALUE, payload)
-            outputs.invalid.offboard._configuration._read_values[name] = value
-            outputs.invalid.offboard.limits()
+            outputs.invalid_vehicle.offboard._configuration._read_values[name] = value
+            outputs.invalid_vehicle.offboard.limits()
             outputs.check_all()
 
     run_with_outputs(scenario)
