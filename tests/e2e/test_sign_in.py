@@ -37,7 +37,7 @@ def sign_in_link(tmp_path: Path) -> Iterator[str]:
         yield output_file.read_text().partition("Ready: ")[2].split()[0]
 
 
-def visit(browser: Browser, sign_in_link: str) -> tuple[Page, PageMonitor]:
+def new_page(browser: Browser, sign_in_link: str) -> tuple[Page, PageMonitor]:
     """A new page, in a browser without a cookie of this server, and its monitor."""
     page = browser.new_context(color_scheme="dark").new_page()
     page.set_default_timeout(TIMEOUT_MS)
@@ -46,19 +46,19 @@ def visit(browser: Browser, sign_in_link: str) -> tuple[Page, PageMonitor]:
     return page, PageMonitor(page, sign_in_link)
 
 
-def check(page: Page, monitor: PageMonitor, foreign: list[str]) -> None:
+def check_and_close(page: Page, monitor: PageMonitor, expected_foreign_requests: list[str]) -> None:
     assert [text for text in monitor.console_errors if "status of 401" not in text] == []
-    assert monitor.foreign_requests == foreign
+    assert monitor.foreign_requests == expected_foreign_requests
     page.context.close()
 
 
 @pytest.mark.story
 def test_a_user_signs_in_by_the_form_and_by_the_link(sign_in_link: str) -> None:
     token = sign_in_link.partition("token=")[2]
-    home = f"http://{urlsplit(sign_in_link).netloc}"
+    server_url = f"http://{urlsplit(sign_in_link).netloc}"
     with chromium() as browser:
-        page, monitor = visit(browser, sign_in_link)
-        page.goto(f"{home}/docs?a=1")
+        page, monitor = new_page(browser, sign_in_link)
+        page.goto(f"{server_url}/docs?a=1")
         field = page.get_by_label("Token")
         expect(field).to_be_focused()
         assert violations_in_both_themes(page) == []
@@ -68,31 +68,40 @@ def test_a_user_signs_in_by_the_form_and_by_the_link(sign_in_link: str) -> None:
         assert violations_in_both_themes(page) == []
         field.fill(token)
         field.press("Enter")
-        page.wait_for_url(f"{home}/docs?a=1")
+        page.wait_for_url(f"{server_url}/docs?a=1")
         expect(page.get_by_role("heading", name="API")).to_be_visible()
-        check(page, monitor, [])
+        check_and_close(page, monitor, [])
 
-        page, monitor = visit(browser, sign_in_link)
+        page, monitor = new_page(browser, sign_in_link)
         page.goto(sign_in_link)
-        assert page.url == f"{home}/", "the token is in the address, and so in the history and in screenshots"
+        assert page.url == f"{server_url}/", (
+            "the token is in the address, and so in the history and in screenshots"
+        )
         assert page.evaluate(FIRST_MESSAGE_TYPE) == "hello"
         assert page.evaluate("() => document.cookie") == "", "a script can read the cookie"
         expect(page.get_by_role("button", name="Recorded flights")).to_be_visible()
         page.wait_for_load_state("networkidle")
-        page.context.clear_cookies()  # as after a restart with another token
-        page.evaluate(CLICK_ON_FLIGHTS)  # the page may have sent a request by itself before
+        page.context.clear_cookies()  # as if the server had restarted with another token
+        page.evaluate(CLICK_ON_FLIGHTS)  # no button if the page itself has already sent a request
         expect(page.get_by_label("Token")).to_be_visible()
-        check(page, monitor, [])
+        check_and_close(page, monitor, [])
 
         # A browser does not send a SameSite=Strict cookie when a page of another site opens the address.
         # The server's page then repeats the request once, with the cookie.
-        page, monitor = visit(browser, sign_in_link)
-        links_html = f'<a id="link" href="{sign_in_link}">fly</a><a id="docs" href="{home}/docs">read</a>'
+        page, monitor = new_page(browser, sign_in_link)
+        links_html = (
+            f'<a id="link" href="{sign_in_link}">fly</a><a id="docs" href="{server_url}/docs">read</a>'
+        )
         page.route(f"{OTHER_SITE}**", lambda route: route.fulfill(content_type="text/html", body=links_html))
-        cases = (("link", f"{home}/", "Offboard GCS"), ("docs", f"{home}/docs", "Offboard GCS: API"))
-        for name, address, title in cases:
+        cases = (
+            ("link", f"{server_url}/", "Offboard GCS"),
+            ("docs", f"{server_url}/docs", "Offboard GCS: API"),
+        )
+        for link_id, address, title in cases:
             page.goto(OTHER_SITE)
-            page.locator(f"#{name}").click()
+            page.locator(f"#{link_id}").click()
             page.wait_for_url(address)
             expect(page).to_have_title(title)
-        check(page, monitor, [url for url in monitor.foreign_requests if url.startswith(OTHER_SITE)])
+        check_and_close(
+            page, monitor, [url for url in monitor.foreign_requests if url.startswith(OTHER_SITE)]
+        )

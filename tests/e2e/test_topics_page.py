@@ -33,9 +33,9 @@ def browser() -> Iterator[Browser]:
 
 
 def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: Browser) -> None:
-    domain, periodic = open_domain(DOMAIN, None), PeriodicThread()
+    domain, vehicle_thread = open_domain(DOMAIN, None), PeriodicThread()
     vehicle = AcknowledgingVehicle(DOMAIN, NAMESPACE, 1)
-    periodic.callbacks.append(vehicle.step)
+    vehicle_thread.callbacks.append(vehicle.step)
     try:
         with (
             station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
@@ -43,7 +43,7 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
         ):
             rail = page.get_by_role("navigation", name="Views")
             expect(rail.get_by_role("button", name="Topics")).to_be_visible()
-            page.keyboard.press("x")
+            page.keyboard.press("x")  # opens the panel
             panel = page.get_by_role("region", name="ROS 2 topics")
             panel.get_by_label("Search topics").fill("attitude")
             row = panel.get_by_role("button", name=f"/{NAMESPACE}{ATTITUDE}")
@@ -57,5 +57,5 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
             page.keyboard.press("Escape")
             expect(panel).to_have_count(0)
     finally:
-        periodic.close()
+        vehicle_thread.close()
     assert domain  # this reference has kept the domain open

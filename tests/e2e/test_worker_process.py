@@ -9,11 +9,11 @@ import pytest
 
 from gcs_server.operations.process import WorkerFailed, run_process
 
-HEAD = "import os, signal, sys, time\nfrom gcs_server.operations.process import serve\n"
+IMPORTS = "import os, signal, sys, time\nfrom gcs_server.operations.process import serve\n"
 
 
-def program(body):
-    return [sys.executable, "-c", HEAD + textwrap.dedent(body)]
+def command_for(body):
+    return [sys.executable, "-c", IMPORTS + textwrap.dedent(body)]
 
 
 def has_ended(pid):
@@ -33,13 +33,15 @@ def test_progress_and_result_are_received():
         return {"flights": 3}
     serve(work)
     """
-    result = asyncio.run(run_process(program(body), lambda text, progress: reports.append((text, progress))))
+    result = asyncio.run(
+        run_process(command_for(body), lambda text, progress: reports.append((text, progress)))
+    )
     assert result == {"flights": 3}
     assert reports == [("flight 0", 0.0), ("flight 1", 1 / 3), ("flight 2", 2 / 3)]
 
 
 @pytest.mark.parametrize(
-    ("body", "text"),
+    ("body", "reason"),
     [
         ("def work(report): raise ValueError('no home')\nserve(work)", "no home"),
         ("os.kill(os.getpid(), signal.SIGKILL)", "exit status -9"),
@@ -48,9 +50,9 @@ def test_progress_and_result_are_received():
         ("print('[1]', flush=True); time.sleep(60)", "cannot be read"),
     ],
 )
-def test_an_end_without_a_result_is_an_error_with_a_reason(body, text):
-    with pytest.raises(WorkerFailed, match=text):
-        asyncio.run(run_process(program(body), lambda *_: None))
+def test_a_process_without_a_valid_result_raises_an_error_with_the_reason(body, reason):
+    with pytest.raises(WorkerFailed, match=reason):
+        asyncio.run(run_process(command_for(body), lambda *_: None))
 
 
 @pytest.mark.parametrize("ignores_sigterm", [False, True])
@@ -64,21 +66,23 @@ def test_cancelling_ends_the_process_even_if_it_ignores_sigterm(ignores_sigterm)
     serve(work)
     """
 
-    async def run():
-        printed = asyncio.get_running_loop().create_future()
+    async def cancelled_pid():
+        reported_pid = asyncio.get_running_loop().create_future()
         task = asyncio.ensure_future(
-            run_process(program(body), lambda text, _: printed.done() or printed.set_result(int(text)))
+            run_process(
+                command_for(body), lambda text, _: reported_pid.done() or reported_pid.set_result(int(text))
+            )
         )
-        pid = await printed
+        pid = await reported_pid
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
         return pid
 
-    assert has_ended(asyncio.run(run()))
+    assert has_ended(asyncio.run(cancelled_pid()))
 
 
-def test_the_process_ends_when_its_server_does():
+def test_the_process_ends_when_its_server_ends():
     body = """
     def work(report):
         report("started", None)
@@ -86,12 +90,12 @@ def test_the_process_ends_when_its_server_does():
     serve(work)
     """
 
-    async def run():
+    async def exit_status():
         process = await asyncio.create_subprocess_exec(
-            *program(body), stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+            *command_for(body), stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
         )
         await process.stdout.readline()
         process.stdin.close()
         return await process.wait()
 
-    assert asyncio.run(run()) == 1
+    assert asyncio.run(exit_status()) == 1
