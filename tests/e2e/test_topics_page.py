@@ -41,8 +41,8 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
             station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
             open_page(browser, url, scene=False) as page,
         ):
-            rail = page.get_by_role("navigation", name="Views")
-            expect(rail.get_by_role("button", name="Topics")).to_be_visible()
+            navigation = page.get_by_role("navigation", name="Views")
+            expect(navigation.get_by_role("button", name="Topics")).to_be_visible()
             page.keyboard.press("x")  # opens the panel
             panel = page.get_by_role("region", name="ROS 2 topics")
             panel.get_by_label("Search topics").fill("attitude")

@@ -28,6 +28,7 @@ MAX_DELAY_S = 0.02
 MAX_GROWTH_MB = 100.0
 CHECK_PERIOD_S = 0.2
 VALID_FOR_S = 600
+"""Longer than all attacks, so that no setpoint expires."""
 
 
 @dataclass
@@ -40,7 +41,7 @@ class AttackedFlight:
     log_path: Path
     hostile_port: int
     relay: Relay
-    drone: SyncVehicle
+    flying_vehicle: SyncVehicle
     statuses: set[int] = field(default_factory=set)
     """HTTP statuses of the responses to this flight's own client during the attack."""
     growth_mb: float = 0.0
@@ -84,7 +85,7 @@ class AttackedFlight:
         assert max(gaps) <= max(WAKE_UP_PERIOD_S, idle_gap_s) + MAX_DELAY_S, summary
         assert self.statuses == {200}
         assert self.growth_mb < MAX_GROWTH_MB, f"the memory of the server grew by {self.growth_mb:.0f} MB"
-        status = self.drone.show()["status"]
+        status = self.flying_vehicle.show()["status"]
         assert (status["mode"], status["armed"]) == ("offboard", True), self._failure_details()
         new_log = self.log_path.read_bytes()[log_size_before:]
         assert b"Traceback" not in new_log, new_log[-4000:].decode("utf-8", "replace")
@@ -92,8 +93,8 @@ class AttackedFlight:
 
     def _failure_details(self) -> str:
         """The flight's events and the state of its stream, for the message of a failed test."""
-        messages = self.drone.request("GET", "/messages")["messages"][-12:]
-        stream = self.drone.request("GET", "/offboard")
+        messages = self.flying_vehicle.request("GET", "/messages")["messages"][-12:]
+        stream = self.flying_vehicle.request("GET", "/offboard")
         return "\n".join(
             [
                 *(str(message["text"]) for message in messages),
@@ -123,13 +124,13 @@ def attacked_flight(folder: Path) -> Generator[AttackedFlight]:
         relay = stack.enter_context(Relay(flight_port))
         stack.enter_context(vehicle(relay.vehicle_port, arguments=["--no-log"]))
         gcs = stack.enter_context(SyncGcs(url, client="pilot", client_id="pilot"))
-        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-        stack.enter_context(drone.offboard(position_ned_m=(0, 0, -5), valid_for_s=VALID_FOR_S))
-        drone.arm()
-        drone.until(
+        flying_vehicle = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+        stack.enter_context(flying_vehicle.offboard(position_ned_m=(0, 0, -5), valid_for_s=VALID_FOR_S))
+        flying_vehicle.arm()
+        flying_vehicle.until(
             lambda v: v["topics"]["local_position"]["value"]["position_ned_m"][2] < -4.5, what="the hover"
         )
-        yield AttackedFlight(url, process, data_folder, log_path, hostile_port, relay, drone)
+        yield AttackedFlight(url, process, data_folder, log_path, hostile_port, relay, flying_vehicle)
 
 
 def attack(module: str, *arguments: object, timeout_s: float = 240.0) -> str:

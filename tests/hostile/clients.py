@@ -12,6 +12,7 @@ from collections.abc import Awaitable, Callable
 API = "/api/v1"
 CHUNK = b"x" * 65536
 IDLE_S = 8.0
+"""How long the idle connections stay open."""
 Statuses = set[int]
 
 

@@ -54,7 +54,7 @@ class Sender:
         self._encoders: dict[tuple[int, int], d.MAVLink] = {}
         self._period_s = 1.0 / frames_per_s
         self._next_send_s = time.monotonic()
-        self.sent = 0
+        self.sent_count = 0
 
     def send(self, message: d.MAVLink_message, system: int = HOSTILE_ID, component: int = 1) -> None:
         """Packs and sends a message."""
@@ -73,7 +73,7 @@ class Sender:
         if wait_s > 0.002:
             time.sleep(wait_s)
         self.socket.sendto(data, self.target)
-        self.sent += 1
+        self.sent_count += 1
 
     def heartbeat(self, system: int = HOSTILE_ID, component: int = 1) -> None:
         """Sends the heartbeat of a PX4 quadrotor in Offboard."""
@@ -93,10 +93,10 @@ class Sender:
             yield from parser.parse_buffer(data) or ()
 
 
-def payload(kind: type[d.MAVLink_message], pick: Callable[[str], object]) -> bytes:
-    """The payload of a message; `pick` returns an element's value for its struct type code."""
-    packer = kind.unpacker
-    values = [pick(code) for code in _type_codes(packer.format)]
+def payload(message_class: type[d.MAVLink_message], value_for: Callable[[str], object]) -> bytes:
+    """The payload of a message; `value_for` returns a value for the struct type code of an element."""
+    packer = message_class.unpacker
+    values = [value_for(code) for code in _type_codes(packer.format)]
     return packer.pack(*values)
 
 
@@ -126,44 +126,46 @@ def _random_text(code: str, rng: random.Random) -> bytes:
     )[:size]
 
 
-def frame(kind: type[d.MAVLink_message], body: bytes, seq: int, system: int, component: int) -> bytes:
+def frame(
+    message_class: type[d.MAVLink_message], body: bytes, seq: int, system: int, component: int
+) -> bytes:
     """A MAVLink 2 frame with this payload and its checksum."""
     body = body.rstrip(b"\0") or body[:1]
-    msg_id = kind.id
+    msg_id = message_class.id
     header = struct.pack(
         "<BBBBBBBHB", 0xFD, len(body), 0, 0, seq & 255, system, component, msg_id & 0xFFFF, msg_id >> 16
     )
     crc = d.x25crc(header[1:] + body)
-    crc.accumulate(bytes((kind.crc_extra,)))
+    crc.accumulate(bytes((message_class.crc_extra,)))
     return header + body + struct.pack("<H", crc.crc)
 
 
 def extremes(sender: Sender, rng: random.Random, count: int) -> None:
     """Every message of the dialect; in each round all fields have the next extreme value."""
     seq = itertools.count()
-    kinds = list(d.mavlink_map.values())
+    message_classes = list(d.mavlink_map.values())
     for round_number in range(count):
         float_, integer = FLOATS[round_number % len(FLOATS)], INTEGERS[round_number % len(INTEGERS)]
 
-        def pick(code: str, float_: float = float_, integer: int = integer) -> object:
+        def value_for(code: str, float_: float = float_, integer: int = integer) -> object:
             if code.endswith("s"):
                 return _random_text(code, rng)
             if code == "c":
                 return b"\xff"
             return float_ if code in "fd" else _wrap_integer(code, integer)
 
-        for kind in kinds:
-            if kind.id % 16 == 0:
+        for message_class in message_classes:
+            if message_class.id % 16 == 0:
                 sender.heartbeat()
-            sender.send_raw(frame(kind, payload(kind, pick), next(seq), HOSTILE_ID, 1))
+            sender.send_raw(frame(message_class, payload(message_class, value_for), next(seq), HOSTILE_ID, 1))
 
 
 def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
     """Random messages with random contents from a few systems and components."""
     seq = itertools.count()
-    kinds = list(d.mavlink_map.values())
+    message_classes = list(d.mavlink_map.values())
 
-    def pick(code: str) -> object:
+    def value_for(code: str) -> object:
         if code.endswith("s"):
             return _random_text(code, rng)
         if code == "c":
@@ -172,8 +174,8 @@ def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
             return rng.choice(FLOATS) if rng.random() < 0.5 else rng.gauss(0.0, 1000.0)
         return _wrap_integer(code, rng.choice(INTEGERS) if rng.random() < 0.5 else rng.getrandbits(64))
 
-    while sender.sent < count:
-        kind = rng.choice(kinds)
+    while sender.sent_count < count:
+        message_class = rng.choice(message_classes)
         system, component = (
             rng.choice((HOSTILE_ID, HOSTILE_ID, HOSTILE_ID + 1, rng.randrange(1, 256))),
             rng.choice((1, 1, 154, 100)),
@@ -182,7 +184,7 @@ def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
             continue  # the system id of the attacked flight: another test covers it
         if rng.random() < 0.02:
             sender.heartbeat(system, component)
-        sender.send_raw(frame(kind, payload(kind, pick), next(seq), system, component))
+        sender.send_raw(frame(message_class, payload(message_class, value_for), next(seq), system, component))
 
 
 def sources(sender: Sender, rng: random.Random, count: int) -> None:
@@ -192,7 +194,7 @@ def sources(sender: Sender, rng: random.Random, count: int) -> None:
         for _ in range(20):
             source.heartbeat(rng.randrange(1, 101), rng.randrange(1, 256))
         source.socket.close()
-        sender.sent += source.sent
+        sender.sent_count += source.sent_count
 
 
 def texts(sender: Sender, rng: random.Random, count: int) -> None:
@@ -270,7 +272,7 @@ def main(name: str, port: str, seed: str = "0", count: str = "1000") -> None:
     sender = Sender(int(port))
     sender.heartbeat()
     ATTACKS[name](sender, random.Random(int(seed)), int(count))
-    print(sender.sent)
+    print(sender.sent_count)
 
 
 if __name__ == "__main__":
