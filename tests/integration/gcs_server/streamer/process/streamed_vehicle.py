@@ -97,7 +97,8 @@ def snapshot():
     return Snapshot(time.monotonic(), "offboard", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
 
 
-async def begin(streams, name, vehicle, rate_hz=50.0, request=None, attach=True):
+async def start_stream(streams, name, vehicle, rate_hz=50.0, request=None, attach=True):
+    """Starts a stream to the vehicle and engages it; returns the number of the stream."""
     if attach:
         streams.attach(name, vehicle, (7, 1))
     number = await streams.begin(name, request or StreamRequest(HOVER, 60.0), rate_hz, snapshot())
@@ -118,7 +119,7 @@ def type_mask(raw):
     return struct.unpack_from("<H", raw, 10 + 48)[0]
 
 
-def stall(seconds):
+def block_event_loop(seconds):
     """Blocks the event loop of the test."""
     time.sleep(seconds)
 

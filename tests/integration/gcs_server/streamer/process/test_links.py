@@ -14,10 +14,10 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     MSG_SET_POSITION_TARGET_LOCAL_NED,
     OWN_IDS,
     Vehicle,
-    begin,
+    block_event_loop,
     is_port_free,
     snapshot,
-    stall,
+    start_stream,
     until,
     with_stream_process,
 )
@@ -25,7 +25,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 
 @with_stream_process
 async def test_sent_frames_have_own_ids_and_continuous_sequence_numbers_and_are_recorded(streams, vehicle):
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     await until(lambda: len(vehicle.frames) >= 10)
     streams.end("1", "stopped", "")
     await until(lambda: len(vehicle.recorded) == len(vehicle.frames))
@@ -43,7 +43,7 @@ async def test_sent_frames_are_signed_and_the_key_is_not_in_the_process_argument
     key = bytes(range(32))
     signer = FrameSigner(SecretKey(key), 5, SigningClock(SystemClock().unix_s))
     vehicle.path.connection.signing = SimpleNamespace(signer=signer)
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     await until(lambda: len(vehicle.frames) >= 10)
     signer.clock.adopt(signer.clock.now() + 100 * TICKS_PER_S)  # the clock of a vehicle is 100 s ahead
     count = len(vehicle.frames)
@@ -72,8 +72,8 @@ def visible_to_other_users(pid):
 @with_stream_process
 async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams, vehicle):
     vehicle.has_datagram_socket = False
-    await begin(streams, "1", vehicle)
-    stall(0.4)
+    await start_stream(streams, "1", vehicle)
+    block_event_loop(0.4)
     assert len(vehicle.relayed) >= 10
     assert {msg_id for _, msg_id, _ in vehicle.relayed} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
     assert vehicle.frames == []
@@ -85,7 +85,7 @@ async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams
 
 @with_stream_process
 async def test_a_new_send_path_is_used_from_the_next_update(streams, vehicle):
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     await until(lambda: vehicle.frames)
     other_vehicle = Vehicle()
     vehicle.path = other_vehicle.path
@@ -104,14 +104,14 @@ async def test_a_new_send_path_is_used_from_the_next_update(streams, vehicle):
 async def test_a_closed_links_port_is_free_after_the_process_used_its_socket(streams, vehicle):
     vehicle.link_socket.bind(("127.0.0.1", 0))
     address = vehicle.link_socket.getsockname()
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     await until(lambda: len(vehicle.frames) >= 2)
     streams.end("1", "stopped", "Test end.")
     assert streams.active() == []
     vehicle.link_socket.close()
     streams.update_snapshots({})
     await until(lambda: is_port_free(address), 1.0)
-    await begin(streams, "2", second_vehicle := Vehicle())  # the process still accepts sockets
+    await start_stream(streams, "2", second_vehicle := Vehicle())  # the process still accepts sockets
     await until(lambda: len(second_vehicle.frames) >= 2)
     second_vehicle.close()
 
@@ -128,7 +128,7 @@ async def test_a_relay_error_loses_one_setpoint_and_the_stream_continues(streams
         return real_send(msg_id, payload, created_s=created_s)
 
     vehicle.send_payload = send_payload
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     await until(lambda: len(vehicle.relayed) >= 5)
 
 
@@ -136,13 +136,13 @@ async def test_a_relay_error_loses_one_setpoint_and_the_stream_continues(streams
 async def test_streams_to_vehicles_of_different_links_can_alternate(streams, vehicle):
     other_vehicle = Vehicle()
     streams.attach("2", other_vehicle, (8, 1))
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     for name, receiver in (("2", other_vehicle), ("1", vehicle), ("2", other_vehicle), ("1", vehicle)):
         streams.end("1" if name == "2" else "2", "stopped", "")
         streams.take_reports()
         assert len(streams.active()) <= 1
         count, recorded = len(receiver.frames), len(receiver.recorded)
-        await begin(streams, name, receiver, attach=False)
+        await start_stream(streams, name, receiver, attach=False)
         streams.update_snapshots({name: snapshot()})
         await until(lambda receiver=receiver, count=count: len(receiver.frames) >= count + 3)
         await until(lambda receiver=receiver, recorded=recorded: len(receiver.recorded) >= recorded + 3)
@@ -155,8 +155,8 @@ async def test_a_closed_links_port_is_free_at_once_while_another_vehicle_is_stre
     """If the stream process kept its copy of the descriptor, the port could not be opened again."""
     other_vehicle = Vehicle()
     other_vehicle.link_socket.bind(("127.0.0.1", 0))
-    await begin(streams, "1", vehicle)
-    await begin(streams, "2", other_vehicle)
+    await start_stream(streams, "1", vehicle)
+    await start_stream(streams, "2", other_vehicle)
     await until(lambda: other_vehicle.frames)
     address = other_vehicle.link_socket.getsockname()
     other_vehicle.link_socket.close()
@@ -171,7 +171,7 @@ async def test_a_closed_links_port_is_free_at_once_while_another_vehicle_is_stre
 async def test_a_link_closed_after_its_stream_has_ended_leaves_its_port_free(streams, vehicle):
     vehicle.link_socket.bind(("127.0.0.1", 0))
     address = vehicle.link_socket.getsockname()
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     streams.end("1", "stopped", "")
     vehicle.link_socket.close()
     streams.links_changed()

@@ -18,10 +18,10 @@ from gcs_server.streamer.values.stream_request import StreamRequest
 from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     HOVER,
     OWN_IDS,
-    begin,
+    block_event_loop,
     has_ended,
     snapshot,
-    stall,
+    start_stream,
     until,
     with_stream_process,
 )
@@ -29,7 +29,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 
 @with_stream_process
 async def test_a_killed_process_is_reported_and_restarted_without_its_streams(streams, vehicle):
-    number = await begin(streams, "1", vehicle)
+    number = await start_stream(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGKILL)
     await until(lambda: streams.pid != pid)
@@ -43,13 +43,13 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
     streams.update_snapshots({})
     await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
-    assert await begin(streams, "1", vehicle, attach=False) > number
+    assert await start_stream(streams, "1", vehicle, attach=False) > number
     await until(lambda: len(vehicle.frames) > count)
 
 
 @with_stream_process
 async def test_the_modes_of_a_killed_process_are_lost(streams, vehicle):
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     await streams.register_mode("1", DdsAddress(0, None, "none"), ModeDeclaration("Survey", frozenset()))
     await until(lambda: streams.modes().get("1"))
     pid = streams.pid
@@ -64,7 +64,7 @@ async def test_the_modes_of_a_killed_process_are_lost(streams, vehicle):
 @with_stream_process
 async def test_a_hanging_process_is_killed_when_a_request_times_out(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.2)
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)
     streams.attach("2", vehicle, (8, 1))
@@ -77,7 +77,7 @@ async def test_a_hanging_process_is_killed_when_a_request_times_out(streams, veh
 @with_stream_process
 async def test_a_hanging_process_is_killed_even_without_a_pending_request(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)
     await until(lambda: streams.update_snapshots({"1": snapshot()}) or streams.pid != pid)
@@ -88,12 +88,12 @@ async def test_a_hanging_process_is_killed_even_without_a_pending_request(stream
 @with_stream_process
 async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, vehicle, monkeypatch):
     monkeypatch.setattr("gcs_server.streamer.process.calls.ANSWER_TIMEOUT_S", 0.3)
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     pid = streams.pid
     streams.update_snapshots({"1": snapshot()})
     os.kill(pid, signal.SIGSTOP)  # process and event loop both stop, as on a suspended machine
     streams.update_snapshots({"1": snapshot()})
-    stall(0.6)
+    block_event_loop(0.6)
     streams.update_snapshots({"1": snapshot()})
     os.kill(pid, signal.SIGCONT)
     for _ in range(5):
@@ -105,7 +105,7 @@ async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, veh
 @with_stream_process
 async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
     """While the process hangs, plain calls return at once, and the loop runs while a coroutine waits."""
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     os.kill(streams.pid, signal.SIGSTOP)
     guard = GroupGuard(
         "g",
@@ -157,7 +157,7 @@ async def test_a_process_that_reads_nothing_is_killed_when_too_many_bytes_wait_f
     streams, vehicle, monkeypatch
 ):
     monkeypatch.setattr("gcs_server.streamer.process.handle.MAX_WAITING_BYTES", 2_000_000)
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)
     large_snapshot = replace(snapshot(), mode="x" * 300_000)
@@ -172,7 +172,7 @@ async def test_a_process_that_reads_nothing_is_killed_when_too_many_bytes_wait_f
 @pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
 @with_stream_process
 async def test_signals_for_the_server_do_not_stop_the_streams(streams, vehicle, signal_number):
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     os.kill(streams.pid, signal_number)
     await asyncio.sleep(0.1)
     count = len(vehicle.frames)
@@ -180,7 +180,7 @@ async def test_signals_for_the_server_do_not_stop_the_streams(streams, vehicle, 
 
 
 def test_overloaded_streams_leave_processor_time_for_other_processes(monkeypatch):
-    waits = []
+    waits_s = []
 
     class OverdueScheduler:
         """A clock, and a scheduler whose next setpoint is always overdue."""
@@ -209,7 +209,7 @@ def test_overloaded_streams_leave_processor_time_for_other_processes(monkeypatch
 
         has_pending_reports = False
 
-    class Messages:
+    class ClosedPipe:
         has_unsent_data = False
 
         def fileno(self):
@@ -219,13 +219,13 @@ def test_overloaded_streams_leave_processor_time_for_other_processes(monkeypatch
             raise EOFError
 
     def select(read, _write, _errors, timeout_s):
-        waits.append(timeout_s)
+        waits_s.append(timeout_s)
         overdue_scheduler.now_s += timeout_s
-        return (read if len(waits) == 1000 else [], [], [])
+        return (read if len(waits_s) == 1000 else [], [], [])
 
     overdue_scheduler = OverdueScheduler()
     monkeypatch.setattr("gcs_server.streamer.process.worker.select.select", select)
     with socket.socket() as sender:
-        Worker(Messages(), sender, OWN_IDS, overdue_scheduler, overdue_scheduler).run()
+        Worker(ClosedPipe(), sender, OWN_IDS, overdue_scheduler, overdue_scheduler).run()
     # A pause of PAUSE_S (5 ms) after each MAX_BUSY_S (50 ms).
-    assert 8 <= sum(wait_s >= 0.005 for wait_s in waits) <= 20
+    assert 8 <= sum(wait_s >= 0.005 for wait_s in waits_s) <= 20

@@ -20,10 +20,10 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     HOVER,
     VELOCITY_ONLY,
     Vehicle,
-    begin,
+    block_event_loop,
     has_ended,
     snapshot,
-    stall,
+    start_stream,
     type_mask,
     until,
     with_stream_process,
@@ -34,9 +34,9 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_after_a_long_stall(
     streams, vehicle
 ):
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     streams.update_snapshots({"1": snapshot()})
-    stall(0.8)
+    block_event_loop(0.8)
     await until(lambda: streams.active() == [])
     assert 15 <= len(vehicle.frames) <= 40, "not about half a second at 50 Hz plus the setpoints of the start"
     count = len(vehicle.frames)
@@ -48,7 +48,7 @@ async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_a
 
 @with_stream_process
 async def test_a_change_is_sent_at_once(streams, vehicle):
-    await begin(streams, "1", vehicle, rate_hz=2.0)
+    await start_stream(streams, "1", vehicle, rate_hz=2.0)
     await until(lambda: vehicle.recorded)
     count = len(vehicle.recorded)
     assert await streams.change("1", StreamRequest(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
@@ -62,8 +62,8 @@ async def test_a_change_is_sent_at_once(streams, vehicle):
 @with_stream_process
 async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(streams, vehicle):
     other_vehicle = Vehicle()
-    await begin(streams, "1", vehicle)
-    await begin(streams, "2", other_vehicle)
+    await start_stream(streams, "1", vehicle)
+    await start_stream(streams, "2", other_vehicle)
     for _ in range(8):  # longer than the limit for a silent server
         unpicklable = replace(snapshot(), mode_requested_by=lambda: "cannot be pickled")
         streams.update_snapshots({"1": unpicklable, "2": snapshot()})
@@ -88,12 +88,12 @@ async def test_a_start_that_is_cancelled_while_the_process_replies_leaves_no_str
     count = len(vehicle.frames)
     await asyncio.sleep(0.1)
     assert (len(vehicle.frames), streams.active()) == (count, [])
-    assert await begin(streams, "1", vehicle, attach=False) == 2  # the cancelled start was number 1
+    assert await start_stream(streams, "1", vehicle, attach=False) == 2  # the cancelled start was number 1
 
 
 @with_stream_process
 async def test_a_renewal_of_a_whole_group_is_visible_directly_after_the_call(streams, vehicle):
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     request, now_s = StreamRequest(HOVER, 5.0), time.monotonic()
 
     def snapshot_with_origin():
@@ -116,7 +116,7 @@ async def test_a_renewal_of_a_whole_group_is_visible_directly_after_the_call(str
 
 @with_stream_process
 async def test_an_ended_stream_is_idle_before_the_process_reports_it(streams, vehicle):
-    number = await begin(streams, "1", vehicle)
+    number = await start_stream(streams, "1", vehicle)
     streams.end("1", "stopped", "The stream was stopped.", number)
     state = streams.state("1")
     assert (state.phase, state.last_end.code, state.number) == ("idle", "stopped", number)
@@ -156,13 +156,13 @@ async def test_the_event_loop_continues_while_the_process_starts(streams, vehicl
     os.kill(streams.pid, signal.SIGCONT)
     monkeypatch.setattr("gcs_server.streamer.process.stream_process.START_TIMEOUT_S", 10.0)
     await streams.ready()
-    assert await begin(streams, "1", vehicle, attach=False)
+    assert await start_stream(streams, "1", vehicle, attach=False)
     counting.cancel()
 
 
 @with_stream_process
 async def test_an_invalid_setpoint_is_an_error_and_ends_no_stream(streams, vehicle):
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     with pytest.raises(ValueError, match="vehicle 2 sends no position"):
         await streams.change("1", StreamRequest(Follow("2"), 60.0), snapshot())
     assert streams.active() == ["1"]
@@ -170,14 +170,14 @@ async def test_an_invalid_setpoint_is_an_error_and_ends_no_stream(streams, vehic
 
 @with_stream_process
 async def test_the_process_executes_and_reports_an_expiry(streams, vehicle):
-    await begin(streams, "1", vehicle, request=StreamRequest(HOVER, 0.1, OnExpiry("stop_stream")))
+    await start_stream(streams, "1", vehicle, request=StreamRequest(HOVER, 0.1, OnExpiry("stop_stream")))
     await until(lambda: streams.update_snapshots({"1": snapshot()}) or not streams.active())
     assert "expired" in [report.code for _, report in streams.take_reports()]
 
 
 @with_stream_process
 async def test_a_second_start_is_refused_and_close_ends_stream_and_process(streams, vehicle):
-    await begin(streams, "1", vehicle)
+    await start_stream(streams, "1", vehicle)
     assert not await streams.begin("1", StreamRequest(HOVER), 50.0, snapshot())
     pid = streams.pid
     streams.close()
