@@ -15,7 +15,7 @@ from gcs_server.clock import SystemClock
 from gcs_server.simulator_process import SimulatorProcess, first_port, is_simulator
 from gcs_server.storage.folder import DataFolder
 
-STAND_IN = (
+STAND_IN_PROGRAM = (
     "import socket,sys,time; s=socket.socket(2,2); s.bind(('127.0.0.1',int(sys.argv[1]))); time.sleep(60)"
 )
 
@@ -26,7 +26,7 @@ def free_port():
         return probe.getsockname()[1]
 
 
-def simulator(folder, port, code=STAND_IN):
+def simulator(folder, port, code=STAND_IN_PROGRAM):
     """A `SimulatorProcess` that starts a stand-in program instead of the simulator."""
     command = [sys.executable, "-c", code, str(port), "vehicle_sim"]
     return SimulatorProcess(SystemClock(), 1, folder, command=command, probe_port=port)

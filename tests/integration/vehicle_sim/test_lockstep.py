@@ -51,7 +51,7 @@ def digest_of_lockstep_flight() -> str:
             assert "ready" in process.stdout.readline()
             client = LockstepClient(port)
             for time_ms in range(500, 9_001, 500):
-                client.send("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
+                client.send("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)  # a ground station
                 if time_ms == 8_000:
                     client.send(
                         "COMMAND_LONG", target_system=1, target_component=1, command=ARM_DISARM, param1=1.0

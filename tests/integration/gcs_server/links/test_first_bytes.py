@@ -32,6 +32,7 @@ WEB_CLIENTS = {
     "http 2": [b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + HEARTBEAT],
     "tls": [b"\x16", b"\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + HEARTBEAT],
 }
+"""For each web client: the pieces of data that it sends."""
 
 
 async def until(condition, timeout_s=10.0):

@@ -40,7 +40,7 @@ def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
         sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
         with sender:
             sender.connect(("127.0.0.1", link.local_port))
-            for _ in range(60):
+            for _ in range(60):  # more than the 40 pieces that are awaited
                 sender.send(b"x" * 16_000)
 
             def begin_iteration():

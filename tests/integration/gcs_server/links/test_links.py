@@ -49,7 +49,8 @@ def test_a_udpin_link_receives_and_sends_also_from_another_thread():
         sender.join()
         assert vehicle.recv(100) == b"from a thread"
         info = recorder.link.info()
-        assert (info.bytes_received, info.bytes_sent, info.peers) == (50, 13, (peer.name,))
+        assert (info.bytes_received, info.bytes_sent) == (50, len(b"from a thread"))
+        assert info.peers == (peer.name,)
         vehicle.close()
         await recorder.link.close()
         assert recorder.lost_peers == [peer.name]

@@ -20,8 +20,9 @@ def test_the_recording_of_a_killed_server_has_all_flushed_records(tmp_path):
     program = (
         "import sys,time;from pathlib import Path\n"
         "from gcs_server.mavlink.tlog_writer import TlogRecorder,stamp\n"
-        "t=TlogRecorder(Path(sys.argv[1]),max_bytes=10**9,keep_free_bytes=0);t.start();c=t.channel('a')\n"
-        f"[c.append(stamp({FIRST_UNIX_US}+n),bytes.fromhex('{FRAME.hex()}')) for n in range(500)]\n"
+        "recorder=TlogRecorder(Path(sys.argv[1]),max_bytes=10**9,keep_free_bytes=0);recorder.start()\n"
+        "channel=recorder.channel('a')\n"
+        f"[channel.append(stamp({FIRST_UNIX_US}+n),bytes.fromhex('{FRAME.hex()}')) for n in range(500)]\n"
         "print('ready',flush=True);time.sleep(60)"
     )
     process = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE)

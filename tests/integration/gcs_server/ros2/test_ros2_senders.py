@@ -98,7 +98,7 @@ def test_modes_are_registered_over_their_own_topics() -> None:
     request = MESSAGES["RegisterExtComponentRequest"]
     assert request.decode(requests[0].cdr) == request.decode(recorded()[REGISTER])
     assert replies[0][0] == REGISTER_REPLY
-    assert MESSAGES["RegisterExtComponentReply"].decode(replies[0][1])["mode_id"] == 23
+    assert MESSAGES["RegisterExtComponentReply"].decode(replies[0][1])["mode_id"] == 23  # as recorded
     assert domain  # this reference keeps the domain open
 
 

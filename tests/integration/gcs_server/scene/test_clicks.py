@@ -16,6 +16,8 @@ from tests.integration.gcs_server.scene.scene_server import CLICK_NORTH, open_st
 from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, flying_vehicle
 
+METRES_PER_DEGREE = 111177.0
+
 
 def test_a_ray_intersects_the_level_ground():
     assert ground_point((1.0, 2.0, 12.0), (0.0, 2.0, -1.0), 2.0) == (1.0, 22.0, 2.0)
@@ -39,7 +41,7 @@ def test_the_ground_is_at_the_altitude_of_the_selected_vehicles_home():
     tracks.update(1000.0, 0.03)
     vehicle, lat_deg, lon_deg, alt_amsl_m = tracks.ground_position("2", (0.0, 0.0, 10.0), (0.0, 1.0, -0.1))
     assert vehicle == "2"
-    assert (lat_deg, lon_deg) == pytest.approx((47.397742 + 100.0 / 111177.0, 8.545594), abs=1e-6)
+    assert (lat_deg, lon_deg) == pytest.approx((47.397742 + 100.0 / METRES_PER_DEGREE, 8.545594), abs=1e-6)
     assert alt_amsl_m == pytest.approx(488.0)
     assert tracks.ground_position("9", (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))[0] == "1"  # no vehicle 9
 
@@ -68,7 +70,7 @@ def test_a_click_is_published_with_the_token_of_its_view(scene_server):
     assert asyncio.run(click()) == ({"ground": True}, {"ground": False})
     (result,) = scene_server.clicks
     assert (result.view, result.vehicle, result.view_x, result.view_y) == ("clicked", "2", 0.5, 0.6)
-    assert result.lat_deg == pytest.approx(47.397742 + 10.0 / 111177.0, abs=1e-7)
+    assert result.lat_deg == pytest.approx(47.397742 + 10.0 / METRES_PER_DEGREE, abs=1e-7)
 
 
 @pytest.mark.parametrize(

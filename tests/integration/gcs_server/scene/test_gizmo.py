@@ -44,7 +44,7 @@ def test_a_drag_beyond_the_limit_is_ignored():
     assert apply_drag(PREVIEW, drag, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)) is None
 
 
-def test_a_release_keeps_the_position():
+def test_the_end_of_a_drag_keeps_the_preview():
     assert apply_drag(PREVIEW, Drag(None, None, changes_yaw=True), (0, 0, 0), (0, 0, 5)) is PREVIEW
 
 

@@ -43,7 +43,7 @@ def test_folders_of_killed_servers_are_removed_and_other_folders_are_kept(monkey
         listeners.append(listener)
         if folder is not starting:
             os.utime(folder, (1.0, 1.0))  # an old folder
-    listeners[1].listen()
+    listeners[1].listen()  # only the running server listens
 
     async def run():
         host = ViserHost()

@@ -96,7 +96,7 @@ def test_a_page_of_another_origin_may_not_change_a_view(scene_server):
 
 
 @pytest.mark.parametrize(
-    ("origin", "host", "same"),
+    ("origin", "host", "is_same"),
     [
         (None, "gcs:8080", True),
         ("http://gcs:8080", "gcs:8080", True),
@@ -110,9 +110,9 @@ def test_a_page_of_another_origin_may_not_change_a_view(scene_server):
         ("", "", False),
     ],
 )
-def test_a_request_has_the_same_origin_if_its_origin_header_names_the_host(origin, host, same):
+def test_a_request_has_the_same_origin_if_its_origin_header_names_the_host(origin, host, is_same):
     headers = {"host": host} | ({"origin": origin} if origin is not None else {})
-    assert is_same_origin(Headers(headers)) is same
+    assert is_same_origin(Headers(headers)) is is_same
 
 
 # --- messages from a browser ---------------------------------------------------------------------
