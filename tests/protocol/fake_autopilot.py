@@ -35,8 +35,8 @@ class FakeAutopilot:
         loss: float = 0.0,
         seed: int = 0,
         peer: str = "peer",
-        uid: int = 0x4954414C44494E4F,
-        boot_s: float = 900.0,
+        uid: int = 0x4954414C44494E4F,  # of every PX4 in SITL
+        boot_s: float = 900.0,  # time of the event loop, which starts at 1000 s
     ) -> None:
         self.link, self.peer, self.system, self.uid, self.boot_s = link, peer, system, uid, boot_s
         self.loss, self.random = loss, random.Random(seed)

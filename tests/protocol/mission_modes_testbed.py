@@ -16,7 +16,9 @@ from tests.support.line_mission import MISSION, MODE_NAME
 from vehicle_sim.mavlink import generated_dialect as sim
 
 DEFERRAL_S = 6
+"""How long a mission mode defers failsafes."""
 LOITER: dict[str, Any] = {**MISSION, "steps": [{"step": "hold", "duration_s": 60}]}
+"""A mission that holds for a minute."""
 
 
 class OtherStation:

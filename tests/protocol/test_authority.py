@@ -133,7 +133,7 @@ def test_control_taken_by_force_is_journaled_and_reported_to_the_previous_client
             with pytest.raises(Refused, match="has not been asked"):
                 await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE)
             await control_routes.request("1", rig.station, BOB)
-            await seconds(15.1)
+            await seconds(15.1)  # longer than `control_answer_s`
             assert json_of(await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE))["yours"]
         action, text = control_changes(rig.vehicle)[-1]
         assert (action, text) == ("forced", "bob has taken control of vehicle 1 from anna by force.")
@@ -190,7 +190,7 @@ def test_the_action_on_expiry_is_executed_except_in_a_pilots_mode_or_offboard(
         await seconds(2.5)
         body = control_models.TakeControl(on_expiry=on_expiry)
         await control_routes.take("1", rig.station, ANNA, body)
-        await seconds(29)
+        await seconds(29)  # control expires after 30 s
         assert not rig.autopilot.commands(DO_SET_MODE)
         await seconds(5)
         assert rig.autopilot.mode == mode_after

@@ -181,7 +181,9 @@ def test_acknowledgements_to_other_stations_are_ignored(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         def acknowledge_to_another_station(m):
             if m.get_type() == "COMMAND_LONG" and m.command == ARM_DISARM:
-                autopilot.send(sim.MAVLink_command_ack_message(ARM_DISARM, 2, 0, 0, 42, 1))
+                autopilot.send(
+                    sim.MAVLink_command_ack_message(ARM_DISARM, sim.MAV_RESULT_DENIED, 0, 0, 42, 1)
+                )
                 return True
             return False
 
@@ -200,7 +202,9 @@ def test_a_progress_report_extends_the_deadline_and_is_published(run_simulated):
             if m.get_type() != "COMMAND_LONG" or m.command != ARM_DISARM:
                 return False
             for second in range(1, 15):
-                testbed.loop.call_later(second, autopilot.ack, ARM_DISARM, 5, second * 6)
+                testbed.loop.call_later(
+                    second, autopilot.ack, ARM_DISARM, sim.MAV_RESULT_IN_PROGRESS, second * 6
+                )
             testbed.loop.call_later(15, lambda: setattr(autopilot, "armed", True))
             return True
 
@@ -216,7 +220,7 @@ def test_a_progress_report_extends_the_deadline_and_is_published(run_simulated):
 
         await vehicle.command.arm(progress=progress)
         assert vehicle.status.armed
-        assert 0.84 in fractions
+        assert 0.84 in fractions  # of the last report
         progress_events = [e for e in received if e.kind == "progress"]
         assert progress_events[0].text == f"Commanding vehicle {vehicle.id} to arm"
         expected = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
@@ -339,6 +343,7 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_a
     run_scenario(run_simulated, scenario)
 
 
+# ArduPilot; PX4 in a fixed wing and in a rover.
 @pytest.mark.parametrize(("autopilot_type", "vehicle_type"), [(3, 2), (12, 1), (12, 10)])
 def test_commands_to_unverified_vehicles_are_refused(run_simulated, autopilot_type, vehicle_type):
     async def scenario(testbed, vehicle, autopilot):

@@ -92,6 +92,11 @@ async def call_repeatedly(seconds, *work):
         await asyncio.sleep(0.1)
 
 
+def picture_counts(*cameras):
+    """How many pictures each camera was commanded to take."""
+    return tuple(len(camera.commands(IMAGE_START_CAPTURE)) for camera in cameras)
+
+
 def component_states(vehicle):
     return [(c.component_id, c.kind, c.lost) for c in vehicle.components.all()]
 
@@ -186,15 +191,15 @@ def test_batteries_and_distances_of_another_component_do_not_replace_those_of_th
 def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
         station = station_of(testbed)
-        second = OtherComponent(autopilot, 171, GIMBAL)
-        second.control_by_device[171] = (0, 0)
+        second_gimbal = OtherComponent(autopilot, 171, GIMBAL)
+        second_gimbal.control_by_device[171] = (0, 0)
 
         def send_both_attitudes():
             autopilot.gimbal_attitude()
-            second.attitude(Q_DOWN)
+            second_gimbal.attitude(Q_DOWN)
 
-        second.limits(171, 0.5)
-        await call_repeatedly(4, send_both_attitudes, lambda: second.status(171))
+        second_gimbal.limits(171, 0.5)
+        await call_repeatedly(4, send_both_attitudes, lambda: second_gimbal.status(171))
         value = vehicle.topic("gimbal").value
         assert [(g.component_id, g.gimbal_device_id, g.pitch_rad) for g in value.gimbals] == [
             (1, 1, pytest.approx(0.0, abs=1e-3)),
@@ -211,10 +216,10 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
 
         await call(gimbal_routes.take("1", station, ANNA, (171, None)))
         assert autopilot.gimbal_control == (0, 0), "control of the autopilot's gimbal was taken"
-        assert second.control_by_device[171] == (255, 190)
+        assert second_gimbal.control_by_device[171] == (255, 190)
         angles = models.GimbalAngles(pitch_deg=-20, yaw_deg=5, wait=False)
         await call(gimbal_routes.angles("1", angles, station, ANNA, (171, 171)))
-        (command,) = second.commands(GIMBAL_PITCHYAW)
+        (command,) = second_gimbal.commands(GIMBAL_PITCHYAW)
         assert (command.param1, command.param7) == (-20, 171)
         assert {m.target_component for m in autopilot.commands(GIMBAL_PITCHYAW)} == {171}
         gimbal_view = await call(gimbal_routes.show(vehicle, station, (171, None)))
@@ -225,7 +230,7 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
         assert "component 1, device 1; component 171, device 171" in refused.value.remedy
         assert [line[1] for line in journal_lines(station)][-1] == "gimbal/take"
 
-        await call_repeatedly(4, lambda: second.attitude(Q_DOWN))
+        await call_repeatedly(4, lambda: second_gimbal.attitude(Q_DOWN))
         value = vehicle.topic("gimbal").value
         assert (value.component_id, value.gimbals) == (171, ()), (
             "the first gimbal is still used after 3 s without its attitude"
@@ -286,35 +291,41 @@ def test_no_component_replaces_the_autopilots_gimbal(run_simulated):
 
 def test_a_picture_is_taken_by_the_connected_camera(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
-        first, second = OtherComponent(autopilot, 100, CAMERA), OtherComponent(autopilot, 102, CAMERA)
-        await call_repeatedly(1, second.heartbeat)
+        first_camera, second_camera = (
+            OtherComponent(autopilot, 100, CAMERA),
+            OtherComponent(autopilot, 102, CAMERA),
+        )
+        await call_repeatedly(1, second_camera.heartbeat)
         await vehicle.camera.take_picture()
-        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (0, 1)
-        await call_repeatedly(1, first.heartbeat, second.heartbeat)
+        assert picture_counts(first_camera, second_camera) == (0, 1)
+        await call_repeatedly(1, first_camera.heartbeat, second_camera.heartbeat)
         await vehicle.camera.take_picture()
-        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
-        await call_repeatedly(LOST_AFTER_S + 1, second.heartbeat)
+        assert picture_counts(first_camera, second_camera) == (1, 1)
+        await call_repeatedly(LOST_AFTER_S + 1, second_camera.heartbeat)
         await vehicle.camera.take_picture()
-        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 2)
+        assert picture_counts(first_camera, second_camera) == (1, 2)
 
     run_with_vehicle(run_simulated, scenario)
 
 
 def test_a_request_chooses_the_camera_by_its_component(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
-        first, second = OtherComponent(autopilot, 100, CAMERA), OtherComponent(autopilot, 102, CAMERA)
-        await call_repeatedly(1, first.heartbeat, second.heartbeat)
+        first_camera, second_camera = (
+            OtherComponent(autopilot, 100, CAMERA),
+            OtherComponent(autopilot, 102, CAMERA),
+        )
+        await call_repeatedly(1, first_camera.heartbeat, second_camera.heartbeat)
         station = station_of(testbed)
         assert json_of(await camera_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
         await camera_routes.picture("1", station, ANNA)
-        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
+        assert picture_counts(first_camera, second_camera) == (1, 1)
         for wrong_id in (101, 1):  # no component has this id; the autopilot
             with pytest.raises(InvalidRequest, match=f"no connected camera with component id {wrong_id}"):
                 await camera_routes.picture("1", station, ANNA, wrong_id)
-        await call_repeatedly(LOST_AFTER_S + 1, first.heartbeat)
+        await call_repeatedly(LOST_AFTER_S + 1, first_camera.heartbeat)
         with pytest.raises(InvalidRequest, match="no connected camera with component id 102"):
             await camera_routes.picture("1", station, ANNA, 102)
-        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
+        assert picture_counts(first_camera, second_camera) == (1, 1)
 
     run_with_vehicle(run_simulated, scenario, OffboardTestbed)
 

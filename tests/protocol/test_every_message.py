@@ -215,7 +215,7 @@ def run_with_outputs(scenario: Any) -> None:
 def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
     def scenario(outputs: OutputChecker) -> None:
         valid_payload = dict(outputs.valid_messages).get(msg_id, bytes(LAYOUTS[msg_id].unpacker.size))
-        component = 154 if msg_id in gimbal_decoder.IDS else 1
+        component = 154 if msg_id in gimbal_decoder.IDS else 1  # 154: a gimbal
         for n, payload in enumerate(payloads_of(msg_id, valid_payload, each_field=True)):
             outputs.send_valid_messages()
             outputs.ensure_streams()

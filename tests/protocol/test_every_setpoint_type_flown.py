@@ -76,8 +76,8 @@ def distance_m(vehicle, position_ned_m):
 @pytest.mark.story
 def test_position_velocity_and_acceleration_setpoints_are_flown(run_simulated):
     async def scenario(testbed, vehicle):
-        started = await vehicle.offboard.start(stream_request(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
-        assert started.ordered_type == "position"
+        status = await vehicle.offboard.start(stream_request(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
+        assert status.ordered_type == "position"
         await seconds(6)
         assert distance_m(vehicle, (3.0, 2.0, -8.0)) < 0.6
         assert attitude(vehicle).yaw_ned_rad == pytest.approx(1.0, abs=0.1)
@@ -195,8 +195,8 @@ def test_a_path_is_flown_to_its_end_without_further_messages_of_the_client(run_s
             PathPoint(4.0 * index, (begin_ned_m[0] + n, begin_ned_m[1] + e, begin_ned_m[2]))
             for index, (n, e) in enumerate(corners)
         )
-        started = await vehicle.offboard.start(stream_request(Path(points), valid_for_s=1.0, hold_for_s=1.0))
-        assert started.valid_left_s == pytest.approx(17.0, abs=0.1)
+        status = await vehicle.offboard.start(stream_request(Path(points), valid_for_s=1.0, hold_for_s=1.0))
+        assert status.valid_left_s == pytest.approx(17.0, abs=0.1)
         max_distance_m = 0.0
         for index in range(1, 5):
             await seconds(4)
