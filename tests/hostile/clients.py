@@ -60,13 +60,13 @@ async def large_bodies(host: str, port: int) -> Statuses:
 
 async def endless_headers(host: str, port: int) -> Statuses:
     """A very long header, a very large number of headers, and a very long address."""
-    start = f"GET {API}/vehicles".encode()
-    end = b" HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+    request_start = f"GET {API}/vehicles".encode()
+    request_end = b" HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     return set(
         await asyncio.gather(
-            send_request(host, port, [start + end + b"X-Long: ", CHUNK], 3000),
-            send_request(host, port, [start + end, b"X-Many: 1\r\n" * 6000], 500),
-            send_request(host, port, [start + b"?", CHUNK], 3000),
+            send_request(host, port, [request_start + request_end + b"X-Long: ", CHUNK], 3000),
+            send_request(host, port, [request_start + request_end, b"X-Many: 1\r\n" * 6000], 500),
+            send_request(host, port, [request_start + b"?", CHUNK], 3000),
         )
     )
 

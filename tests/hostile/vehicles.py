@@ -80,7 +80,7 @@ class Sender:
         mode = 6 << 16
         self.send(d.MAVLink_heartbeat_message(2, 12, 128 | 1, mode, 4, 3), system, component)
 
-    def received(self, timeout_s: float) -> Iterator[d.MAVLink_message]:
+    def receive(self, timeout_s: float) -> Iterator[d.MAVLink_message]:
         """Received messages, until no datagram arrives for this time."""
         parser = d.MAVLink(None, HOSTILE_ID, 1)
         parser.robust_parsing = True
@@ -218,7 +218,7 @@ def files(sender: Sender, rng: random.Random, count: int) -> None:
     end_s = time.monotonic() + count
     while time.monotonic() < end_s:
         sender.heartbeat()
-        for message in sender.received(0.2):
+        for message in sender.receive(0.2):
             _reply(sender, rng, message)
             if time.monotonic() > end_s:
                 break
@@ -229,14 +229,14 @@ def _reply(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> No
     if message_type == "FILE_TRANSFER_PROTOCOL":
         sequence, session, opcode, _, _, _, _, offset = FTP_HEADER.unpack_from(bytes(message.payload))
         if opcode == OPEN:
-            _ftp(sender, sequence + 1, session, opcode, 0, struct.pack("<I", REPORTED_FILE_BYTES))
+            _send_ftp_reply(sender, sequence + 1, session, opcode, 0, struct.pack("<I", REPORTED_FILE_BYTES))
         elif opcode == BURST:
             for n in range(200):
-                _ftp(sender, sequence + 1 + n, session, opcode, offset + n, b"<")
+                _send_ftp_reply(sender, sequence + 1 + n, session, opcode, offset + n, b"<")
         elif opcode == READ:
-            _ftp(sender, sequence + 1, session, opcode, offset, b"<")
+            _send_ftp_reply(sender, sequence + 1, session, opcode, offset, b"<")
         else:
-            _ftp(sender, sequence + 1, session, opcode, 0, b"")
+            _send_ftp_reply(sender, sequence + 1, session, opcode, 0, b"")
     elif message_type == "COMMAND_LONG":
         sender.send(d.MAVLink_command_ack_message(message.command, 0))
         if message.command == REQUEST_MESSAGE and int(message.param1) == COMPONENT_METADATA:
@@ -255,7 +255,9 @@ def _reply(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> No
         sender.send(d.MAVLink_param_value_message(b"COM_OBL_RC_ACT", math.nan, 255, 1, 0))
 
 
-def _ftp(sender: Sender, sequence: int, session: int, request_opcode: int, offset: int, data: bytes) -> None:
+def _send_ftp_reply(
+    sender: Sender, sequence: int, session: int, request_opcode: int, offset: int, data: bytes
+) -> None:
     header = FTP_HEADER.pack(
         sequence & 0xFFFF, session, ACK, len(data), request_opcode, 0, 0, offset & 0xFFFFFFFF
     )

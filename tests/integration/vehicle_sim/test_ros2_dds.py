@@ -77,21 +77,21 @@ def _reader(name: str, message: str, qos: Qos = BEST_EFFORT) -> Any:
 def test_a_command_of_a_plain_dds_program_arms_the_vehicle(vehicle, qos):
     participant = DomainParticipant(DOMAIN)
     topic = Topic(participant, dds_name("/fmu/in/vehicle_command", NAMESPACE), VehicleCommand)
-    acks = _reader("/fmu/out/vehicle_command_ack", "VehicleCommandAck")
-    status = _reader("/fmu/out/vehicle_status_v1", "VehicleStatus")
+    ack_reader = _reader("/fmu/out/vehicle_command_ack", "VehicleCommandAck")
+    status_reader = _reader("/fmu/out/vehicle_status_v1", "VehicleStatus")
     DataWriter(participant, topic, qos=qos).write(VehicleCommand(command=ARM_DISARM, param1=1.0))
     vehicle.step(0.04)
-    (ack,) = acks.take(5)
+    (ack,) = ack_reader.take(5)
     assert (ack.command, ack.result, ack.target_system) == (ARM_DISARM, 0, 1)
-    assert status.take(5)[-1].arming_state == MESSAGES["VehicleStatus"].constants["ARMING_STATE_ARMED"]
+    assert status_reader.take(5)[-1].arming_state == MESSAGES["VehicleStatus"].constants["ARMING_STATE_ARMED"]
 
 
 def test_a_reliable_reader_receives_nothing_and_a_best_effort_reader_every_attitude(vehicle):
-    reliable = _reader("/fmu/out/vehicle_attitude", "VehicleAttitude", RELIABLE)
-    best_effort = _reader("/fmu/out/vehicle_attitude", "VehicleAttitude")
+    reliable_reader = _reader("/fmu/out/vehicle_attitude", "VehicleAttitude", RELIABLE)
+    best_effort_reader = _reader("/fmu/out/vehicle_attitude", "VehicleAttitude")
     vehicle.step(0.05)
-    assert reliable.take(9) == []
-    assert len(best_effort.take(9)) >= 4
+    assert reliable_reader.take(9) == []
+    assert len(best_effort_reader.take(9)) >= 4
 
 
 def test_there_is_a_writer_or_reader_for_each_topic(vehicle):

@@ -52,29 +52,29 @@ def received_names(connection: socket.socket) -> set[str]:
 def test_the_next_tcp_client_is_served_after_the_previous_client_disconnects(
     server: SimServer, tcp_port: int
 ) -> None:
-    first = connect_client(tcp_port)
+    first_client = connect_client(tcp_port)
     server.run(MAX_SPEED, 1.2)
-    assert {"HEARTBEAT", "ATTITUDE"} <= received_names(first)
-    second = connect_client(tcp_port)
+    assert {"HEARTBEAT", "ATTITUDE"} <= received_names(first_client)
+    second_client = connect_client(tcp_port)
     server.run(MAX_SPEED, 1.2)
-    assert received_names(second) == set()
-    first.close()
+    assert received_names(second_client) == set()
+    first_client.close()
     server.run(MAX_SPEED, 1.2)
-    assert {"HEARTBEAT", "ATTITUDE"} <= received_names(second)
-    second.close()
+    assert {"HEARTBEAT", "ATTITUDE"} <= received_names(second_client)
+    second_client.close()
 
 
 def test_after_a_connection_reset_the_next_tcp_client_is_served(server: SimServer, tcp_port: int) -> None:
-    first = connect_client(tcp_port)
+    first_client = connect_client(tcp_port)
     server.run(MAX_SPEED, 0.2)
     # A reset, not an orderly close: the server detects it while it sends or while it receives.
-    first.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-    first.close()
+    first_client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    first_client.close()
     server.run(MAX_SPEED, 0.2)
-    second = connect_client(tcp_port)
+    second_client = connect_client(tcp_port)
     server.run(MAX_SPEED, 1.2)
-    assert "HEARTBEAT" in received_names(second)
-    second.close()
+    assert "HEARTBEAT" in received_names(second_client)
+    second_client.close()
 
 
 def test_udp_messages_go_to_the_first_sender(server: SimServer) -> None:

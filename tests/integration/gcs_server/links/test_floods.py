@@ -61,12 +61,12 @@ def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
 
 def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
     monkeypatch.setattr(udp, "MAX_PEERS", 3)
-    lost_peers, received = [], []
+    lost_peers, sender_names = [], []
 
     async def scenario():
         link = UdpLink("in", "udpin://x", "127.0.0.1", 0, outgoing=False)
         link.start(
-            lambda data, peer, received_s: received.append(peer.name),
+            lambda data, peer, received_s: sender_names.append(peer.name),
             lambda p: lost_peers.append(p.name),
             lambda: None,
         )
@@ -81,7 +81,7 @@ def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
                 while not link.info().detail:  # noqa: ASYNC110
                     await asyncio.sleep(0.005)
             assert lost_peers == []
-            assert len(set(received)) == len(link.info().peers) == 3
+            assert len(set(sender_names)) == len(link.info().peers) == 3
             assert "further addresses are ignored" in link.info().detail
             monkeypatch.setattr(udp, "EVICT_AFTER_S", 0.0)
             await asyncio.sleep(udp.EVICT_RETRY_S)

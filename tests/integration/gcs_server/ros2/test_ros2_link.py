@@ -116,7 +116,7 @@ async def test_each_vehicle_of_the_domain_is_a_separate_peer() -> None:
 @in_event_loop
 async def test_malformed_and_flooding_samples_affect_only_their_vehicle() -> None:
     bad_namespace, good_namespace = f"{NAMESPACE}_bad", f"{NAMESPACE}_good"
-    link_frames, flooding, vehicle = (
+    link_frames, flooding_publisher, vehicle = (
         LinkFrames(None),
         Publisher(DOMAIN, bad_namespace),
         Publisher(DOMAIN, good_namespace),
@@ -124,7 +124,7 @@ async def test_malformed_and_flooding_samples_affect_only_their_vehicle() -> Non
 
     def publish() -> None:
         for _ in range(200):
-            flooding.send(STATUS, status(system_id=0))
+            flooding_publisher.send(STATUS, status(system_id=0))
         vehicle.send(STATUS, status())
 
     def is_reported() -> bool:
@@ -155,14 +155,18 @@ async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch
 
 @in_event_loop
 async def test_only_the_first_of_two_vehicles_in_one_namespace_is_read() -> None:
-    link_frames, first, second = LinkFrames(), Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
+    link_frames, first_vehicle, second_vehicle = (
+        LinkFrames(),
+        Publisher(DOMAIN, NAMESPACE),
+        Publisher(DOMAIN, NAMESPACE),
+    )
     await link_frames.until(
-        lambda: "HEARTBEAT" in link_frames.names(), lambda: first.send(STATUS, status(system_id=1))
+        lambda: "HEARTBEAT" in link_frames.names(), lambda: first_vehicle.send(STATUS, status(system_id=1))
     )
 
     def publish() -> None:
-        first.send(STATUS, status(system_id=1))
-        second.send(STATUS, status(system_id=2))
+        first_vehicle.send(STATUS, status(system_id=1))
+        second_vehicle.send(STATUS, status(system_id=2))
 
     await link_frames.until(lambda: "Several vehicles publish" in link_frames.link.info().detail, publish)
     assert {system for system, _ in link_frames.frames[NAMESPACE]} == {1}

@@ -125,8 +125,8 @@ def test_a_faulty_vehicle_is_reported_and_another_vehicle_can_be_commanded(
     periodic_thread.callbacks += [lambda: fault(bad_publisher), good_vehicle.step]
     until(lambda: is_connected(client, "1"))
     until(lambda: text is None or text in warning_texts(client))
-    armed = client.post("vehicles/1/arm", json={})
-    assert armed.status_code == 200, armed.text
+    arm_response = client.post("vehicles/1/arm", json={})
+    assert arm_response.status_code == 200, arm_response.text
     assert client.get("vehicles/1").json()["status"]["armed"]
     previous_unix_s = attitude_unix_s(client, "1")
     until(lambda: attitude_unix_s(client, "1") > previous_unix_s, 2.0)

@@ -56,7 +56,7 @@ def test_without_a_global_position_a_click_is_refused():
 
 
 def test_a_click_is_published_with_the_token_of_its_view(scene_server):
-    async def click():
+    async def send_clicks():
         async with open_stream(scene_server, "?view=clicked&vehicle=2") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             await wait_until(lambda: scene_server.scene.viewers == 1)
@@ -67,7 +67,7 @@ def test_a_click_is_published_with_the_token_of_its_view(scene_server):
         return response.json(), sky_response.json()
 
     scene_server.clicks.clear()
-    assert asyncio.run(click()) == ({"ground": True}, {"ground": False})
+    assert asyncio.run(send_clicks()) == ({"ground": True}, {"ground": False})
     (result,) = scene_server.clicks
     assert (result.view, result.vehicle, result.view_x, result.view_y) == ("clicked", "2", 0.5, 0.6)
     assert result.lat_deg == pytest.approx(47.397742 + 10.0 / METRES_PER_DEGREE, abs=1e-7)

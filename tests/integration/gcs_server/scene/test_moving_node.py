@@ -27,7 +27,7 @@ def node_and_queue() -> tuple[MovingNode, list[Any]]:
     return MovingNode(SimpleNamespace(client_id=7, _websock_connection=connection), "/a/b"), queued
 
 
-def encoded(message: Any) -> tuple[Any, list[bytes]]:
+def encode_as_viser(message: Any) -> tuple[Any, list[bytes]]:
     """A message and its arrays, encoded like viser's `_message_producer`."""
     buffers: list[memoryview] = []
     packed = msgspec.msgpack.encode(message.as_serializable_dict(buffers))
@@ -61,7 +61,7 @@ def test_a_change_is_encoded_as_viser_encodes_it(change, viser_message):
     change(node)
     (message,) = queued
     viser_message.owner = "7"
-    assert encoded(message) == encoded(viser_message)
+    assert encode_as_viser(message) == encode_as_viser(viser_message)
     assert message.redundancy_key() == viser_message.redundancy_key(), (
         "the messages do not replace each other in the queue"
     )
@@ -70,13 +70,13 @@ def test_a_change_is_encoded_as_viser_encodes_it(change, viser_message):
 def test_visers_handles_queue_the_same_kinds_of_messages(scene_server):
     """This test fails if a new version of viser uses other messages."""
     server = scene_server.host._server
-    sent: list[Any] = []
+    sent_messages: list[Any] = []
     frame = server.scene.add_frame("/moving", show_axes=False)
     lines = server.scene.add_line_segments("/moving/lines", POINTS, (1, 2, 3))
     api = frame._impl.api
     real_interface, api._websock_interface = (
         api._websock_interface,
-        SimpleNamespace(queue_message=sent.append),
+        SimpleNamespace(queue_message=sent_messages.append),
     )
     try:
         frame.position, frame.wxyz = (1.0, 2.0, 3.0), Q
@@ -85,12 +85,12 @@ def test_visers_handles_queue_the_same_kinds_of_messages(scene_server):
         api._websock_interface = real_interface
         frame.remove()
     kinds = [type(viser_message) for _, viser_message in CHANGES.values()]
-    assert [type(message) for message in sent] == kinds
-    assert [list(m.updates) for m in sent if isinstance(m, _messages.SceneNodeUpdateMessage)] == [
+    assert [type(message) for message in sent_messages] == kinds
+    assert [list(m.updates) for m in sent_messages if isinstance(m, _messages.SceneNodeUpdateMessage)] == [
         ["scale"],
         ["points"],
     ]
-    assert sent[-1].updates["points"].dtype == POINTS.dtype
+    assert sent_messages[-1].updates["points"].dtype == POINTS.dtype
 
 
 def test_a_browser_gets_a_vehicles_final_position(scene_server, monkeypatch):
@@ -130,4 +130,4 @@ def test_numpy_numbers_are_encoded():
     node, queued = node_and_queue()
     node.place(tuple(np.array([1.0, 2.0, 3.0])))
     node.scale(*np.array([1.0, 1.0, 3.0]))
-    assert [encoded(message)[0]["name"] for message in queued] == ["/a/b", "/a/b"]
+    assert [encode_as_viser(message)[0]["name"] for message in queued] == ["/a/b", "/a/b"]

@@ -202,10 +202,10 @@ def test_visers_page_is_served_completely(scene_server):
     assert response.headers["content-type"].startswith("text/html")
     assert response.headers["content-encoding"] == "gzip"
     assert response.text.encode() == page().plain
-    again = httpx.get(scene_server.url, headers={"If-None-Match": response.headers["etag"]})
-    assert again.status_code == 304
-    with urlopen(Request(scene_server.url)) as plain:  # requests no compression
-        assert plain.read() == page().plain
+    second_response = httpx.get(scene_server.url, headers={"If-None-Match": response.headers["etag"]})
+    assert second_response.status_code == 304
+    with urlopen(Request(scene_server.url)) as uncompressed_response:  # requests no compression
+        assert uncompressed_response.read() == page().plain
 
 
 def test_visers_page_may_connect_only_to_this_server():
