@@ -49,7 +49,7 @@ with a step that has a duration: the event occurs in the orbit after the gimbal 
 branch or call."""
 FLOWN_BY_PX4 = ("take_off", "land")
 FLOWN_BY_SETPOINTS = tuple(kind for kind in STEPS if kind not in FLOWN_BY_PX4)
-ALTITUDE_M, APART_M = 12.0, 40.0
+ALTITUDE_M, SPACING_M = 12.0, 40.0
 """Altitude above home at which the vehicles hover, and the distance between neighbours."""
 KIND_ON_GROUND = "take_off"
 """The kind of step whose vehicle is still on the ground."""
@@ -60,7 +60,7 @@ BOOT_TIMEOUT_S, CLIMB_TIMEOUT_S = 30.0, 30.0
 def _hovering_vehicles(kinds: tuple[str, ...]) -> VehicleSim:
     """Vehicles that hover, except the vehicle whose step is the take-off."""
     start_ned_m = np.zeros((len(kinds), 3))
-    start_ned_m[:, 1] = APART_M * np.arange(len(kinds))
+    start_ned_m[:, 1] = SPACING_M * np.arange(len(kinds))
     sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=start_ned_m, camera=True)
     airborne_rows = [row for row, kind in enumerate(kinds) if kind != KIND_ON_GROUND]
     commanders = [autopilot.commander for autopilot in sim.autopilots]

@@ -107,12 +107,16 @@ def test_control_is_granted_while_the_vehicle_keeps_flying(run_simulated):
         with rig.station.authority.connected(ANNA), rig.station.authority.connected(BOB):
             await offboard_routes.start("1", START, rig.station, ANNA)
             reason = control_models.RequestControl(reason="I see it")
-            requested = json_of(await control_routes.request("1", rig.station, BOB, reason))
-            assert (requested["holder"], requested["yours"]) == ("anna", False)
-            assert [(r["client"], r["reason"]) for r in requested["requests"]] == [("bob", "I see it")]
+            request_response = json_of(await control_routes.request("1", rig.station, BOB, reason))
+            assert (request_response["holder"], request_response["yours"]) == ("anna", False)
+            assert [(r["client"], r["reason"]) for r in request_response["requests"]] == [("bob", "I see it")]
             receiver = control_models.AnswerControl(client=BOB.key)
-            granted = json_of(await control_routes.grant("1", receiver, rig.station, ANNA))
-            assert (granted["holder"], granted["holder_key"], granted["yours"]) == ("bob", BOB.key, False)
+            grant_response = json_of(await control_routes.grant("1", receiver, rig.station, ANNA))
+            assert (grant_response["holder"], grant_response["holder_key"], grant_response["yours"]) == (
+                "bob",
+                BOB.key,
+                False,
+            )
             await seconds(0.5)
             assert rig.autopilot.mode == OFFBOARD
             assert rig.vehicle.offboard.status().client == "anna"

@@ -209,8 +209,8 @@ def test_a_progress_report_extends_the_deadline_and_is_published(run_simulated):
             return True
 
         autopilot.handlers.append(report_progress)
-        received = []
-        vehicle.events.subscribe(received.append)
+        received_events = []
+        vehicle.events.subscribe(received_events.append)
 
         client = Principal.from_identity("page-1", "a tab")
 
@@ -221,7 +221,7 @@ def test_a_progress_report_extends_the_deadline_and_is_published(run_simulated):
         await vehicle.command.arm(progress=progress)
         assert vehicle.status.armed
         assert 0.84 in fractions  # of the last report
-        progress_events = [e for e in received if e.kind == "progress"]
+        progress_events = [e for e in received_events if e.kind == "progress"]
         assert progress_events[0].text == f"Commanding vehicle {vehicle.id} to arm"
         expected = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
         assert expected in [dict(e.data) for e in progress_events]

@@ -112,8 +112,11 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(run_simula
         await asyncio.sleep(1)
         lost_since_unix_s = testbed.clock.unix_s() - 1
         await call_repeatedly(LOST_AFTER_S, camera.heartbeat, companion.heartbeat, other.heartbeat)
-        (lost,) = [c for c in vehicle.components.all() if c.lost]
-        assert (lost.component_id, lost.last_heard_unix_s) == (154, pytest.approx(lost_since_unix_s, abs=0.3))
+        (lost_component,) = [c for c in vehicle.components.all() if c.lost]
+        assert (lost_component.component_id, lost_component.last_heard_unix_s) == (
+            154,
+            pytest.approx(lost_since_unix_s, abs=0.3),
+        )
         await call_repeatedly(1, gimbal.heartbeat)
         texts = [e.text for e in vehicle.events.since() if e.kind == "component"]
         assert sorted(texts[:4]) == [

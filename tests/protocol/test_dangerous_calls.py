@@ -36,8 +36,10 @@ def run_with_equal_system_ids(run_simulated, scenario):
             for vehicle_id in ("1", "1~2"):
                 await testbed.ready(vehicle_id)
             await seconds(1.5)
-            first, second = (autopilots[testbed.fleet.get(i).links[0]] for i in ("1", "1~2"))
-            await scenario(testbed, station_of(testbed), first, second)
+            first_autopilot, second_autopilot = (
+                autopilots[testbed.fleet.get(i).links[0]] for i in ("1", "1~2")
+            )
+            await scenario(testbed, station_of(testbed), first_autopilot, second_autopilot)
         finally:
             await testbed.close()
 
@@ -57,11 +59,11 @@ def run_with_equal_system_ids(run_simulated, scenario):
     ],
 )
 def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id, confirm):
-    async def scenario(testbed, station, first, second):
+    async def scenario(testbed, station, first_autopilot, second_autopilot):
         with pytest.raises(InvalidRequest, match="nothing was sent"):
             await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         await seconds(1)
-        for autopilot in (first, second):
+        for autopilot in (first_autopilot, second_autopilot):
             assert autopilot.armed
             assert not autopilot.commands(ARM_DISARM)
         assert journal_lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
@@ -71,34 +73,36 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id,
 
 @pytest.mark.parametrize("vehicle_id", ["1", "1~2"])
 def test_kill_is_sent_only_to_the_named_vehicle(run_simulated, vehicle_id):
-    async def scenario(testbed, station, first, second):
+    async def scenario(testbed, station, first_autopilot, second_autopilot):
         confirm = f"motors stop, vehicle {vehicle_id} falls"
         await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
-        named, other = (first, second) if vehicle_id == "1" else (second, first)
-        assert not named.armed
-        assert other.armed
-        assert not other.commands(ARM_DISARM)
+        named_autopilot, other_autopilot = (
+            (first_autopilot, second_autopilot) if vehicle_id == "1" else (second_autopilot, first_autopilot)
+        )
+        assert not named_autopilot.armed
+        assert other_autopilot.armed
+        assert not other_autopilot.commands(ARM_DISARM)
 
     run_with_equal_system_ids(run_simulated, scenario)
 
 
 def test_kill_is_sent_to_a_vehicle_without_connection(run_simulated):
-    async def scenario(testbed, station, first, second):
-        first.send_raw = lambda raw: None
+    async def scenario(testbed, station, first_autopilot, second_autopilot):
+        first_autopilot.send_raw = lambda raw: None
         await seconds(4)
         with pytest.raises(Disconnected):
             await vehicle_routes.land("1", station, ME)
         with pytest.raises((NoReply, Disconnected)):
             confirm = "motors stop, vehicle 1 falls"
             await vehicle_routes.kill("1", models.KillRequest(confirm=confirm), station, ME)
-        assert not first.armed
-        assert second.armed
+        assert not first_autopilot.armed
+        assert second_autopilot.armed
 
     run_with_equal_system_ids(run_simulated, scenario)
 
 
 def test_kill_of_an_unknown_vehicle_is_refused_and_journaled(run_simulated):
-    async def scenario(testbed, station, first, second):
+    async def scenario(testbed, station, first_autopilot, second_autopilot):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
             await vehicle_routes.kill("3", body, station, ME)
@@ -111,14 +115,14 @@ def test_a_vehicle_identified_as_another_vehicle_loses_its_stream_and_reports_it
     """Vehicle `1~2` has a setpoint stream when the server identifies it as vehicle `1` on another link. The
     id `1~2` is then removed and may be used again."""
 
-    async def scenario(testbed, station, first, second):
+    async def scenario(testbed, station, first_autopilot, second_autopilot):
         merged, kept = testbed.fleet.get("1~2"), testbed.fleet.get("1")
         await merged.offboard.start(stream_request())
         testbed.fleet._merge(kept, merged)
-        count = len(second.setpoints)
+        count = len(second_autopilot.setpoints)
         await seconds(6)
-        assert len(second.setpoints) == count
-        assert not first.setpoints
+        assert len(second_autopilot.setpoints) == count
+        assert not first_autopilot.setpoints
         assert not merged.offboard.status().streaming
         assert [e.data["code"] for e in merged.events.since() if e.data.get("source")] == [
             "lost",
@@ -129,12 +133,12 @@ def test_a_vehicle_identified_as_another_vehicle_loses_its_stream_and_reports_it
 
 
 def test_a_handover_of_control_journals_both_clients(run_simulated):
-    async def scenario(testbed, station, first, second):
+    async def scenario(testbed, station, first_autopilot, second_autopilot):
         body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         for number in range(30):
             target = setpoint_request({"type": "position", "position_ned_m": [number, 0, -5]}, valid_for_s=60)
-            client, other = (ANNA, BERT) if number < 15 else (BERT, ANNA)
+            client, other_client = (ANNA, BERT) if number < 15 else (BERT, ANNA)
             if number == 15:
                 lease = station.authority.control("1").lease
                 lease.request(BERT)
@@ -142,7 +146,7 @@ def test_a_handover_of_control_journals_both_clients(run_simulated):
             response = await offboard_routes.setpoint("1", target, station, client)
             assert json.loads(response.body)["client"] == client.name
             with pytest.raises(NotInControl, match=f"{client} has control"):
-                await offboard_routes.setpoint("1", target, station, other)
+                await offboard_routes.setpoint("1", target, station, other_client)
             await seconds(0.1)
         with pytest.raises(NotInControl, match="bert has control"):
             await offboard_routes.stop("1", station, CARLA)
@@ -162,21 +166,21 @@ def test_a_handover_of_control_journals_both_clients(run_simulated):
             ("bert", "offboard/stop", "1", "ok"),
             ("bert", "offboard/setpoint", "1", "refused"),
         ]
-        assert not second.setpoints
+        assert not second_autopilot.setpoints
 
     run_with_equal_system_ids(run_simulated, scenario)
 
 
 def test_hold_by_another_client_ends_the_stream(run_simulated):
-    async def scenario(testbed, station, first, second):
+    async def scenario(testbed, station, first_autopilot, second_autopilot):
         body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
-        assert first.mode == OFFBOARD
+        assert first_autopilot.mode == OFFBOARD
         await vehicle_routes.hold("1", station, BERT)
         await seconds(0.15)
-        count = len(first.setpoints)
+        count = len(first_autopilot.setpoints)
         await seconds(3)
-        assert len(first.setpoints) == count
+        assert len(first_autopilot.setpoints) == count
         assert "bert" in testbed.fleet.get("1").offboard.status().ended
 
     run_with_equal_system_ids(run_simulated, scenario)
@@ -224,17 +228,17 @@ def test_invalid_rates_are_refused_before_the_stream(invalid_fields):
 def test_targets_more_than_a_kilometre_away_are_refused_at_the_start_and_in_flight(
     run_simulated, position_ned_m
 ):
-    async def scenario(testbed, station, first, second):
+    async def scenario(testbed, station, first_autopilot, second_autopilot):
         far_setpoint = {"type": "position", "position_ned_m": position_ned_m}
         with pytest.raises(Refused, match="at most 1000 m"):
             body = StartRequest.model_validate({"setpoint": far_setpoint})
             await offboard_routes.start("1", body, station, ME)
-        assert not first.setpoints
-        start = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
-        await offboard_routes.start("1", start, station, ME)
+        assert not first_autopilot.setpoints
+        start_request = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
+        await offboard_routes.start("1", start_request, station, ME)
         with pytest.raises(Refused, match="at most 1000 m"):
             await offboard_routes.setpoint("1", setpoint_request(far_setpoint), station, ME)
         await seconds(0.2)
-        assert first.setpoints[-1][1].z == -5.0
+        assert first_autopilot.setpoints[-1][1].z == -5.0
 
     run_with_equal_system_ids(run_simulated, scenario)

@@ -40,11 +40,11 @@ async def request_dry_run(rig, client=ANNA, **fields):
 
 def commands_with_effect(autopilot):
     """Received commands without the server's requests for messages, which change nothing."""
-    kinds = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET")
+    types = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET")
     received = [
         m
         for m in autopilot.received
-        if m.get_type() in kinds or m.get_type().startswith(("MISSION_", "SET_"))
+        if m.get_type() in types or m.get_type().startswith(("MISSION_", "SET_"))
     ]
     return [m for m in received if getattr(m, "command", 0) not in MESSAGE_REQUESTS]
 

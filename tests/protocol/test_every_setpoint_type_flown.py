@@ -269,11 +269,11 @@ def test_one_vehicle_follows_another_until_the_other_is_lost(run_simulated):
     async def run():
         testbed = SimulatedTestbed(2)
         try:
-            await follow(testbed)
+            await fly_beside_leader(testbed)
         finally:
             await testbed.close()
 
-    async def follow(testbed):
+    async def fly_beside_leader(testbed):
         leader, follower = await testbed.take_off("1", 8), await testbed.take_off("2", 11)
         await leader.offboard.start(stream_request(Velocity((0.0, 0.0, 0.0), yaw_ned_rad=0.0)))
         beside_leader = Follow("1", offset_ned_m=(0.0, 4.0, -3.0), yaw="same")
