@@ -1,5 +1,5 @@
-"""Faults in flight: the vehicle's events from the first command until long after the fault, and its final
-state."""
+"""Faults in flight: the vehicle's events from the first command until minutes after the fault, and the
+vehicle's final mode."""
 
 import pytest
 
@@ -12,12 +12,13 @@ from tests.protocol.offboard_testbed import POSITION, assert_silent, mode_reques
 from vehicle_sim.mavlink import generated_dialect as sim
 
 HOVER = {"type": "position", "position_ned_m": [0, 0, -5]}
-SHORT_START = StartRequest.model_validate(
+START_VALID_1_S = StartRequest.model_validate(
     {"setpoint": HOVER, "valid_for_s": 1.0, "on_expiry": {"action": "hold", "hold_for_s": 2.0}}
 )
-LONG_START = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 3600.0})
+START_VALID_1_H = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 3600.0})
 NEXT_SETPOINT = SetpointRequest.model_validate({"setpoint": HOVER, "valid_for_s": 1.0})
 LOSSES = [(0.0, 0), (0.05, 1), (0.2, 2)]
+"""The share of packets lost in each direction, and the seed of the losses."""
 
 
 def event_summary(vehicle):
@@ -45,7 +46,7 @@ async def send_setpoints(rig, client, duration_s, every_s=0.3):
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
 def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(run_simulated, loss, seed):
     async def scenario(rig):
-        await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
+        await offboard_routes.start("1", START_VALID_1_S, rig.station, ANNA)
         await send_setpoints(rig, ANNA, 3.0)
         # 1 s of validity, 2 s of position hold, and up to 6 s of repeated requests for Hold.
         await seconds(1.0 + 2.0 + 6.0)
@@ -70,7 +71,7 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(run_simulated)
     async def scenario(rig):
         # The browser keeps its socket open; the page does not run.
         with rig.station.authority.connected(ANNA):
-            await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
+            await offboard_routes.start("1", START_VALID_1_S, rig.station, ANNA)
             await send_setpoints(rig, ANNA, 3.0)
             await seconds(8.0)
             assert rig.autopilot.mode == HOLD
@@ -78,7 +79,7 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(run_simulated)
             with pytest.raises(Refused, match="no setpoint stream"):
                 await offboard_routes.setpoint("1", NEXT_SETPOINT, rig.station, ANNA)
             with pytest.raises(NotInControl):
-                await offboard_routes.start("1", SHORT_START, rig.station, BOB)
+                await offboard_routes.start("1", START_VALID_1_S, rig.station, BOB)
         assert event_summary(rig.vehicle) == [
             "control taken",
             "mode offboard by command",
@@ -91,13 +92,13 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(run_simulated)
 
 
 @pytest.mark.parametrize("on_expiry", [pytest.param("nothing", marks=pytest.mark.broad), "hold"])
-def test_without_network_the_vehicle_executes_its_configured_action(run_simulated, on_expiry):
+def test_when_control_expires_the_server_executes_the_action_that_the_client_chose(run_simulated, on_expiry):
     async def scenario(rig):
         with rig.station.authority.connected(ANNA):
             await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry=on_expiry))
             await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA)
             await seconds(100)
-        await seconds(29)  # the socket is closed: the control lease of 30 s runs
+        await seconds(29)  # the socket is closed; 1 s before the 30 s control lease expires
         assert rig.autopilot.mode == MISSION_MODE
         await seconds(4)
         await assert_silent(rig.autopilot, None, seconds_=60.0)
@@ -114,7 +115,7 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_the
     run_simulated,
 ):
     async def scenario(rig):
-        await offboard_routes.start("1", LONG_START, rig.station, ANNA)
+        await offboard_routes.start("1", START_VALID_1_H, rig.station, ANNA)
         rig.autopilot.loss = 1.0
         await seconds(15)
         assert not rig.vehicle.offboard.status().streaming
@@ -138,23 +139,23 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_the
 def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_the_vehicle(run_simulated):
     async def scenario(rig):
         with rig.station.authority.connected(ANNA), rig.station.authority.connected(BOB):
-            await offboard_routes.start("1", LONG_START, rig.station, ANNA)
+            await offboard_routes.start("1", START_VALID_1_H, rig.station, ANNA)
             await control_routes.request("1", rig.station, BOB)
             await seconds(15.5)
             await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE)
             assert rig.autopilot.mode == OFFBOARD, "the flight mode changed"
-            sent = rig.autopilot.setpoints[-1][1].z
-            target = {"type": "position", "position_ned_m": [9, 0, -9]}
-            moved = SetpointRequest.model_validate({"setpoint": target})
-            for work in (
-                lambda: offboard_routes.setpoint("1", moved, rig.station, ANNA),
+            sent_down_m = rig.autopilot.setpoints[-1][1].z
+            setpoint = {"type": "position", "position_ned_m": [9, 0, -9]}
+            new_request = SetpointRequest.model_validate({"setpoint": setpoint})
+            for call in (
+                lambda: offboard_routes.setpoint("1", new_request, rig.station, ANNA),
                 lambda: offboard_routes.stop("1", rig.station, ANNA),
             ):
                 with pytest.raises(NotInControl, match="bob has control"):
-                    await work()
+                    await call()
             await seconds(1)
-            assert rig.autopilot.setpoints[-1][1].z == sent
-            await offboard_routes.setpoint("1", moved, rig.station, BOB)
+            assert rig.autopilot.setpoints[-1][1].z == sent_down_m
+            await offboard_routes.setpoint("1", new_request, rig.station, BOB)
             await seconds(0.1)
             assert rig.autopilot.setpoints[-1][1].z == -9
             await offboard_routes.stop("1", rig.station, BOB)
@@ -172,9 +173,9 @@ def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_t
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
-def test_a_pilot_takes_over_the_vehicle_with_position_mode(run_simulated, loss, seed):
+def test_after_a_pilot_switches_to_position_mode_the_server_sends_nothing(run_simulated, loss, seed):
     async def scenario(rig):
-        await offboard_routes.start("1", LONG_START, rig.station, ANNA)
+        await offboard_routes.start("1", START_VALID_1_H, rig.station, ANNA)
         requests_before = len(mode_requests(rig.autopilot, HOLD)) + len(
             mode_requests(rig.autopilot, OFFBOARD)
         )
@@ -196,9 +197,9 @@ def test_a_pilot_takes_over_the_vehicle_with_position_mode(run_simulated, loss, 
     run_with_routes(run_simulated, scenario, loss=loss, seed=seed)
 
 
-def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(run_simulated):
+def test_after_the_vehicles_failsafe_for_a_lost_estimate_the_server_sends_nothing(run_simulated):
     async def scenario(rig):
-        await offboard_routes.start("1", LONG_START, rig.station, ANNA)
+        await offboard_routes.start("1", START_VALID_1_H, rig.station, ANNA)
         rig.autopilot.has_estimates = False
         await seconds(2.0)
         rig.autopilot.mode = LAND
@@ -206,7 +207,7 @@ def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(run_simulated):
         await assert_silent(rig.autopilot, None, seconds_=20.0, settle_s=0.1)
         assert rig.autopilot.mode == LAND
         with pytest.raises(Refused):
-            await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
+            await offboard_routes.start("1", START_VALID_1_S, rig.station, ANNA)
         events = event_summary(rig.vehicle)
         assert sorted(events[2:]) == ["mode land by failsafe", "stream left_offboard"]
 

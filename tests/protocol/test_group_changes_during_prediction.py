@@ -25,22 +25,22 @@ from tests.protocol.group_testbed import (
 from tests.protocol.offboard_testbed import POSITION, mode_requests, seconds
 
 
-def during_prediction(monkeypatch, number, work):
-    """Runs `work` during the prediction with this number (from 1)."""
+def call_during_prediction(monkeypatch, number, callback):
+    """Calls `callback` during the prediction with this number (from 1)."""
     in_pieces, count = GroupChecks._in_pieces, 0
 
-    async def with_work(self, plan):
+    async def in_pieces_with_call(self, plan):
         nonlocal count
         count += 1
         if count == number:
-            await work()
+            await callback()
         return await in_pieces(self, plan)
 
-    monkeypatch.setattr(GroupChecks, "_in_pieces", with_work)
+    monkeypatch.setattr(GroupChecks, "_in_pieces", in_pieces_with_call)
 
 
-def pilot_takes_over(rig, vehicle_id):
-    """The pilot of this vehicle switches to Position mode."""
+def switch_to_position_by_pilot(rig, vehicle_id):
+    """Switches this vehicle to Position mode, as its pilot does."""
     autopilot = rig.autopilots[vehicle_id]
     autopilot.mode = autopilot.requested_mode = POSITION
     autopilot.current_mode()
@@ -48,13 +48,13 @@ def pilot_takes_over(rig, vehicle_id):
 
 def test_a_member_that_leaves_during_the_prediction_cancels_the_start(run_simulated, monkeypatch):
     async def scenario(rig):
-        async def pilot_switches():
+        async def take_over_by_pilot():
             assert set(modes(rig).values()) == {OFFBOARD}
-            await seconds(6)  # the server waits for a mode that it has just requested
-            pilot_takes_over(rig, "2")
+            await seconds(6)  # after a mode request the server tolerates another mode for some seconds
+            switch_to_position_by_pilot(rig, "2")
             await seconds(6)
 
-        during_prediction(monkeypatch, 2, pilot_switches)
+        call_during_prediction(monkeypatch, 2, take_over_by_pilot)
         with pytest.raises(NotTogether, match="Vehicle 2 left before the common start") as refused:
             await start_group(rig, ALL_NORTH, others_go_on=True)
         assert refused.value.vehicles == ("2",)
@@ -71,7 +71,7 @@ def test_hold_during_the_prediction_cancels_the_start(run_simulated, monkeypatch
         async def hold():
             await group_routes.hold("1", rig.station, BOB)
 
-        during_prediction(monkeypatch, 2, hold)
+        call_during_prediction(monkeypatch, 2, hold)
         with pytest.raises(NotTogether, match="left before the common start, so none moves"):
             await start_group(rig, ALL_NORTH)
         await seconds(3)
@@ -85,10 +85,10 @@ def test_hold_during_the_prediction_cancels_the_start(run_simulated, monkeypatch
 def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(run_simulated, monkeypatch):
     async def scenario(rig):
         async def start_stream():
-            alone = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
-            await offboard_routes.start("3", alone, rig.station, ANNA)
+            single_start = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
+            await offboard_routes.start("3", single_start, rig.station, ANNA)
 
-        during_prediction(monkeypatch, 1, start_stream)
+        call_during_prediction(monkeypatch, 1, start_stream)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await start_group(rig, ALL_NORTH)
         assert rig.vehicles["3"].offboard.status().state == "streaming"
@@ -99,11 +99,11 @@ def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(run_simula
 
 def test_one_of_two_starts_with_a_common_vehicle_is_refused(run_simulated):
     async def scenario(rig):
-        both = (
+        starts = (
             start_group(rig, {"1": position(4), "2": position(4)}),
             start_group(rig, {"2": position(4), "3": position(4)}),
         )
-        results = await asyncio.gather(*both, return_exceptions=True)
+        results = await asyncio.gather(*starts, return_exceptions=True)
         refused = [result for result in results if isinstance(result, NotTogether)]
         assert len(refused) == 1
         assert "Vehicle 2 is already in group 1" in str(refused[0])
@@ -116,13 +116,13 @@ def test_vehicles_that_approach_during_the_prediction_are_refused(run_simulated,
     async def scenario(rig):
         async def move_vehicle_2():
             north_m, _, down_m = rig.autopilots["2"].ned
-            rig.autopilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
+            rig.autopilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m east of vehicle 1's
             await seconds(1)
 
-        during_prediction(monkeypatch, 1, move_vehicle_2)
+        call_during_prediction(monkeypatch, 1, move_vehicle_2)
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 3\.0 m apart now"):
             await start_group(rig, ALL_NORTH)
-        assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
+        assert not any(mode_requests(autopilot, OFFBOARD) for autopilot in rig.autopilots.values())
 
     run_with_vehicles(run_simulated, scenario)
 
@@ -132,21 +132,21 @@ def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_gets_no_set
     run_simulated, monkeypatch, others_go_on
 ):
     async def scenario(rig):
-        async def pilot_switches():
-            pilot_takes_over(rig, "2")
+        async def take_over_by_pilot():
+            switch_to_position_by_pilot(rig, "2")
             await seconds(6)
 
         await start_group(rig, ALL_NORTH, others_go_on=others_go_on)
         await seconds(7)
-        during_prediction(monkeypatch, 1, pilot_switches)
+        call_during_prediction(monkeypatch, 1, take_over_by_pilot)
         with pytest.raises(Refused, match=r"Vehicle 2 is held|is ended: it accepts no setpoints"):
             await group_routes.setpoints(
                 "1", setpoints_request({"1": position(7), "2": position(7)}), rig.station, ANNA
             )
         await seconds(3)
-        others = OFFBOARD if others_go_on else HOLD
-        assert modes(rig) == {"1": others, "2": POSITION, "3": others}
-        assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
+        others_mode = OFFBOARD if others_go_on else HOLD
+        assert modes(rig) == {"1": others_mode, "2": POSITION, "3": others_mode}
+        assert not [m for a in rig.autopilots.values() for _, m in a.setpoints if abs(m.x - 7.0) < 0.01]
 
     run_with_vehicles(run_simulated, scenario)
 
@@ -154,23 +154,23 @@ def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_gets_no_set
 def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group(run_simulated, monkeypatch):
     async def scenario(rig):
         async def disconnect_during(call):
-            reached = asyncio.Event()
+            in_prediction = asyncio.Event()
 
-            async def stay_in_prediction():
-                reached.set()
+            async def wait_in_prediction():
+                in_prediction.set()
                 await seconds(60)
 
             with monkeypatch.context() as patch:
-                during_prediction(patch, 1, stay_in_prediction)
-                waiting = asyncio.ensure_future(call)
-                await reached.wait()
-                waiting.cancel()
+                call_during_prediction(patch, 1, wait_in_prediction)
+                request = asyncio.ensure_future(call)
+                await in_prediction.wait()
+                request.cancel()
                 with pytest.raises(asyncio.CancelledError):
-                    await waiting
+                    await request
 
         await disconnect_during(start_group(rig, ALL_NORTH))
         assert json_of(await group_routes.show_all(rig.station))["groups"] == []
-        assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
+        assert not any(mode_requests(autopilot, OFFBOARD) for autopilot in rig.autopilots.values())
         await start_group(rig, ALL_NORTH)
         await seconds(1)
         await disconnect_during(
@@ -181,7 +181,7 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
         group = json_of(await group_routes.show("1", rig.station))
         assert (group["state"], group["findings"]) == ("flying", [])
         assert group["valid_left_s"] > 50
-        assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
+        assert not [m for a in rig.autopilots.values() for _, m in a.setpoints if abs(m.x - 7.0) < 0.01]
         await group_routes.setpoints("1", setpoints_request({"1": position(6)}), rig.station, ANNA)
         await seconds(0.1)
         assert rig.autopilots["1"].setpoints[-1][1].x == pytest.approx(6.0)

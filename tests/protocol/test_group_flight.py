@@ -38,31 +38,31 @@ def test_setpoints_of_several_vehicles_change_together_and_expire_together(run_s
             rig, {"1": position(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": position(4)}
         )
         await seconds(1)
-        changed = setpoints_request({"1": position(7), "3": position(7)}, valid_for_s=2.0)
-        group = json_of(await group_routes.setpoints("1", changed, rig.station, ANNA))
+        new_setpoints = setpoints_request({"1": position(7), "3": position(7)}, valid_for_s=2.0)
+        group = json_of(await group_routes.setpoints("1", new_setpoints, rig.station, ANNA))
         assert (group["client"], group["client_key"]) == ("anna", ANNA.key)
         assert group["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path continues to its end
         await seconds(0.1)
         start_times_s = [first_setpoint_s(rig.autopilots[v], 7.0) for v in "13"]
         assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
         with pytest.raises(NotTogether, match="would come within"):
-            closer = setpoints_request({"1": position(0, 8)})
-            await group_routes.setpoints("1", closer, rig.station, ANNA)
+            too_near = setpoints_request({"1": position(0, 8)})
+            await group_routes.setpoints("1", too_near, rig.station, ANNA)
         with pytest.raises(InvalidRequest, match="vehicle 9 is not in group 1"):
             await group_routes.setpoints("1", setpoints_request({"9": position()}), rig.station, ANNA)
         await seconds(6.0)
         assert json_of(await group_routes.show("1", rig.station))["state"] == "flying"
         await seconds(8.5)
         assert set(modes(rig).values()) == {HOLD}
-        ended = json_of(await group_routes.show("1", rig.station))
-        assert (ended["ended"], ended["findings"]) == ("The setpoints expired.", [])
+        ended_group = json_of(await group_routes.show("1", rig.station))
+        assert (ended_group["ended"], ended_group["findings"]) == ("The setpoints expired.", [])
         with pytest.raises(Refused, match="is ended: it accepts no setpoints"):
-            await group_routes.setpoints("1", changed, rig.station, ANNA)
+            await group_routes.setpoints("1", new_setpoints, rig.station, ANNA)
 
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_an_empty_list_renews_the_setpoints_of_all(run_simulated):
+def test_a_request_without_setpoints_renews_the_setpoints_of_all_members(run_simulated):
     async def scenario(rig):
         await start_group(rig, ALL_NORTH, valid_for_s=3.0)
         for _ in range(3):
@@ -73,8 +73,8 @@ def test_an_empty_list_renews_the_setpoints_of_all(run_simulated):
             assert group["valid_left_s"] == pytest.approx(3.0, abs=0.1)
         assert json_of(await group_routes.show("1", rig.station))["state"] == "flying"
         await seconds(12.0)
-        ended = json_of(await group_routes.show("1", rig.station))
-        assert (ended["ended"], ended["findings"]) == ("The setpoints expired.", [])
+        ended_group = json_of(await group_routes.show("1", rig.station))
+        assert (ended_group["ended"], ended_group["findings"]) == ("The setpoints expired.", [])
 
     run_with_vehicles(run_simulated, scenario)
 
@@ -88,9 +88,9 @@ def test_a_member_that_leaves_offboard_puts_the_others_into_hold_unless_others_g
         await seconds(1)
         rig.autopilots["2"].mode = rig.autopilots["2"].requested_mode = POSITION  # by its pilot
         rig.autopilots["2"].current_mode()
-        await seconds(7.5)  # the server waits for a mode that it has just requested
-        others = OFFBOARD if others_go_on else HOLD
-        assert modes(rig) == {"1": others, "2": POSITION, "3": others}
+        await seconds(7.5)  # after a mode request the server tolerates another mode
+        others_mode = OFFBOARD if others_go_on else HOLD
+        assert modes(rig) == {"1": others_mode, "2": POSITION, "3": others_mode}
         group = json_of(await group_routes.show("1", rig.station))
         assert group["state"] == ("flying" if others_go_on else "ended")
         finding = group["findings"][0]
@@ -118,27 +118,28 @@ def test_a_lost_member_puts_the_others_into_hold_within_two_seconds(run_simulate
         group = json_of(await group_routes.show("1", rig.station))
         assert group["findings"][0]["code"] == "place_unknown"
         assert "The position of vehicle 3 is not known" in group["findings"][0]["text"]
-        last = {v: rig.autopilots[v].setpoints[-1][1] for v in "12"}
-        assert all(m.type_mask & 7 == 0 for m in last.values())  # position setpoints: the vehicles stop
+        last_setpoints = {v: rig.autopilots[v].setpoints[-1][1] for v in "12"}
+        # Position setpoints: the vehicles stop.
+        assert all(m.type_mask & 7 == 0 for m in last_setpoints.values())
         await seconds(8)
         assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
 
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_a_member_can_follow_another_of_the_group(run_simulated):
+def test_a_member_can_follow_another_member_of_the_group(run_simulated):
     async def scenario(rig):
-        beside = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 10, 0]}
-        await start_group(rig, {"1": position(4), "2": beside})
+        follow_10_m_east = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 10, 0]}
+        await start_group(rig, {"1": position(4), "2": follow_10_m_east})
         await seconds(2)
         group = json_of(await group_routes.show("1", rig.station))
         assert [m["ordered_type"] for m in group["members"]] == ["position", "follow"]
         assert group["state"] == "flying"
-        last = rig.autopilots["2"].setpoints[-1][1]
-        assert (last.x, last.y) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=0.2))
-        nearer = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 3, 0]}
+        last_setpoint = rig.autopilots["2"].setpoints[-1][1]
+        assert (last_setpoint.x, last_setpoint.y) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=0.2))
+        follow_3_m_east = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 3, 0]}
         with pytest.raises(NotTogether, match="would come within"):
-            await group_routes.setpoints("1", setpoints_request({"2": nearer}), rig.station, ANNA)
+            await group_routes.setpoints("1", setpoints_request({"2": follow_3_m_east}), rig.station, ANNA)
 
     run_with_vehicles(run_simulated, scenario, count=2)
 
@@ -157,19 +158,18 @@ def test_a_server_shutdown_puts_a_group_into_hold_without_findings(run_simulated
     run_with_vehicles(run_simulated, scenario)
 
 
-# Not seed 0: it loses the first three heartbeats of vehicle 1, one per second. After 3.5 s without a
+# Seed 0 is not used: it loses the first three heartbeats of vehicle 1, one per second. After 3.5 s without a
 # heartbeat the server regards a vehicle as lost, and no vehicle of the group moves.
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_group_starts_changes_and_is_put_into_hold_at_20_percent_loss(run_simulated, seed):
+def test_a_group_starts_gets_new_setpoints_and_is_put_into_hold_at_20_percent_loss(run_simulated, seed):
     async def scenario(rig):
         for index, autopilot in enumerate(rig.autopilots.values()):
             autopilot.loss, autopilot.random = 0.2, random.Random(seed * 10 + index)
         await start_group(rig, ALL_NORTH)
         await seconds(2)
-        start_times_s = [next(t for t, m in p.setpoints if m.x > 1) for p in rig.autopilots.values()]
-        assert (
-            max(start_times_s) - min(start_times_s) < 10 * STREAM_PERIOD_S
-        )  # the first setpoint may have been lost
+        start_times_s = [next(t for t, m in a.setpoints if m.x > 1) for a in rig.autopilots.values()]
+        # The first setpoints may have been lost.
+        assert max(start_times_s) - min(start_times_s) < 10 * STREAM_PERIOD_S
         await group_routes.setpoints("1", setpoints_request({"1": position(6)}), rig.station, ANNA)
         group = json_of(await group_routes.hold("1", rig.station, ANNA))
         assert (group["state"], group["findings"]) == ("ended", [])
@@ -180,7 +180,7 @@ def test_a_group_starts_changes_and_is_put_into_hold_at_20_percent_loss(run_simu
 
 
 @pytest.mark.parametrize(("stall_s", "code"), [(0.4, None), (1.2, "place_unknown")])
-def test_the_guard_works_while_the_event_loop_stalls_and_puts_all_into_hold_after_a_second(
+def test_the_guard_puts_all_into_hold_if_the_event_loop_stalls_for_more_than_a_second(
     run_simulated, stall_s, code
 ):
     async def scenario(rig):
@@ -198,7 +198,7 @@ def test_the_guard_works_while_the_event_loop_stalls_and_puts_all_into_hold_afte
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_a_killed_client_leaves_all_in_hold(run_simulated):
+def test_the_group_of_a_killed_client_is_in_hold_after_its_setpoints_expire(run_simulated):
     async def scenario(rig):
         await start_group(rig, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
         await seconds(9)
@@ -211,18 +211,20 @@ def test_a_killed_client_leaves_all_in_hold(run_simulated):
 # --- simulated PX4s -------------------------------------------------------------------------------
 
 
-def position_m(vehicle):
-    """North, east and down, from the origin of latitude, longitude and AMSL altitude."""
-    position = vehicle.topic("global_position").value
+def position_ned_m(vehicle):
+    """Position relative to latitude 0 and longitude 0 at sea level."""
+    global_position = vehicle.topic("global_position").value
     return (
-        position.lat_deg * METRES_PER_DEGREE,
-        position.lon_deg * METRES_PER_DEGREE * math.cos(math.radians(position.lat_deg)),
-        -position.alt_amsl_m,
+        global_position.lat_deg * METRES_PER_DEGREE,
+        global_position.lon_deg * METRES_PER_DEGREE * math.cos(math.radians(global_position.lat_deg)),
+        -global_position.alt_amsl_m,
     )
 
 
 def smallest_distance_m(vehicles):
-    return min(math.dist(position_m(a), position_m(b)) for a, b in itertools.combinations(vehicles, 2))
+    return min(
+        math.dist(position_ned_m(a), position_ned_m(b)) for a, b in itertools.combinations(vehicles, 2)
+    )
 
 
 def run_with_simulated_vehicles(run_simulated, scenario, count=2):
@@ -231,9 +233,9 @@ def run_with_simulated_vehicles(run_simulated, scenario, count=2):
         try:
             ids = [str(i + 1) for i in range(count)]
             async with asyncio.TaskGroup() as tasks:
-                flying = [tasks.create_task(testbed.take_off(v, 8.0)) for v in ids]
+                take_offs = [tasks.create_task(testbed.take_off(v, 8.0)) for v in ids]
             await scenario(
-                SimpleNamespace(testbed=testbed, station=station_of(testbed)), [f.result() for f in flying]
+                SimpleNamespace(testbed=testbed, station=station_of(testbed)), [f.result() for f in take_offs]
             )
         finally:
             await testbed.close()
@@ -250,12 +252,12 @@ def test_the_guard_puts_simulated_vehicles_into_hold_before_they_reach_the_minim
         assert (group["state"], group["findings"]) == ("ended", [])
         assert {v.status.mode for v in vehicles} == {"hold"}
 
-        stay = {"type": "position_body", "offset_frd_m": [0, 0, 0]}
-        await start_group(rig, {"1": stay, "2": stay}, minimum_separation_m=5)
+        stay_setpoint = {"type": "position_body", "offset_frd_m": [0, 0, 0]}
+        await start_group(rig, {"1": stay_setpoint, "2": stay_setpoint}, minimum_separation_m=5)
         await seconds(1)
-        for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
+        for vehicle, east_m_s in zip(vehicles, (5.0, -5.0), strict=True):
             # Sent as the group's own setpoints, without the prediction: only the guard detects the approach.
-            request = SetpointRequest.model_validate({"setpoint": velocity(0, towards), "valid_for_s": 60})
+            request = SetpointRequest.model_validate({"setpoint": velocity(0, east_m_s), "valid_for_s": 60})
             await vehicle.offboard.setpoint(replace(request.to_stream_request(ANNA), owner="group"))
         nearest_m, fastest_m_s = math.inf, 0.0
         for _ in range(120):

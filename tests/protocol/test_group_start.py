@@ -35,14 +35,14 @@ def test_all_vehicles_are_switched_to_offboard_first_and_start_within_one_period
         started = await start_group(rig, ALL_NORTH)
         assert started["state"] == "waiting"
         assert set(modes(rig).values()) == {OFFBOARD}
-        assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if m.x != 0]
+        assert not [m for a in rig.autopilots.values() for _, m in a.setpoints if m.x != 0]
         ahead_s = started["start_unix_s"] - rig.testbed.clock.unix_s()
         assert 0.3 < ahead_s <= 0.5
-        instant_s = rig.testbed.loop.time() + ahead_s
+        expected_start_s = rig.testbed.loop.time() + ahead_s
         await seconds(2.0)
         start_times_s = [first_setpoint_s(autopilot, 4.0) for autopilot in rig.autopilots.values()]
         assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
-        assert min(start_times_s) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
+        assert min(start_times_s) == pytest.approx(expected_start_s, abs=STREAM_PERIOD_S)
         group = json_of(await group_routes.show("1", rig.station))
         assert (group["state"], [m["mode"] for m in group["members"]]) == ("flying", ["offboard"] * 3)
         assert group["nearest"]["distance_m"] == pytest.approx(10.0, abs=0.1)
@@ -57,7 +57,7 @@ def test_the_start_returns_each_members_limits(run_simulated):
     async def scenario(rig):
         await rig.vehicles["2"].offboard.operator_limits.set(OperatorLimits(speed_max_m_s=4.0), by="bob")
         limits = (await start_group(rig, ALL_NORTH))["limits"]
-        assert {v: each["operator"]["speed_max_m_s"] for v, each in limits.items()} == {
+        assert {v: member["operator"]["speed_max_m_s"] for v, member in limits.items()} == {
             "1": None,
             "2": 4.0,
             "3": None,
@@ -67,16 +67,16 @@ def test_the_start_returns_each_members_limits(run_simulated):
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_the_start_time_can_be_given(run_simulated):
+def test_a_group_starts_at_the_start_time_of_the_request(run_simulated):
     async def scenario(rig):
         unix_s = rig.testbed.clock.unix_s()
-        instant_s = rig.testbed.loop.time() + 8.0
+        expected_start_s = rig.testbed.loop.time() + 8.0
         started = await start_group(rig, ALL_NORTH, start_at_unix_s=unix_s + 8.0)
         assert started["start_unix_s"] == pytest.approx(unix_s + 8.0, abs=1e-3)
         await seconds(10.0)
         start_times_s = [first_setpoint_s(autopilot, 4.0) for autopilot in rig.autopilots.values()]
         assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
-        assert min(start_times_s) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
+        assert min(start_times_s) == pytest.approx(expected_start_s, abs=STREAM_PERIOD_S)
 
     run_with_vehicles(run_simulated, scenario)
 
@@ -87,12 +87,12 @@ def test_an_impossible_start_time_is_refused(run_simulated, ahead_s):
         with pytest.raises(InvalidRequest, match="must be 3 to 300 s ahead") as refused:
             await start_group(rig, ALL_NORTH, start_at_unix_s=rig.testbed.clock.unix_s() + ahead_s)
         assert refused.value.field == "start_at_unix_s"
-        assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
+        assert not any(mode_requests(autopilot, OFFBOARD) for autopilot in rig.autopilots.values())
 
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_with_a_start_time_before_all_are_in_offboard_none_moves(run_simulated):
+def test_no_vehicle_moves_if_the_start_time_is_before_all_vehicles_are_in_offboard(run_simulated):
     async def scenario(rig):
         rig.autopilots["3"].offboard_delay_s = 3.0
         with pytest.raises(InvalidRequest, match="still ahead when all vehicles are in Offboard"):
@@ -104,7 +104,7 @@ def test_with_a_start_time_before_all_are_in_offboard_none_moves(run_simulated):
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(run_simulated):
+def test_a_vehicle_that_refuses_offboard_cancels_the_start_and_is_named_with_its_reason(run_simulated):
     async def scenario(rig):
         rig.autopilots["2"].has_stream = lambda: False  # the vehicle refuses Offboard
         with pytest.raises(NotTogether, match=r"so none moves\. Vehicle 2: ") as refused:
@@ -114,15 +114,15 @@ def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(run_simul
         assert set(modes(rig).values()) == {HOLD}
         assert_no_vehicle_moved(rig)
         assert not any(v.offboard.status().streaming for v in rig.vehicles.values())
-        ended = json_of(await group_routes.show("1", rig.station))
-        assert ended["state"] == "ended"
-        assert "Vehicle 2" in ended["ended"]
+        ended_group = json_of(await group_routes.show("1", rig.station))
+        assert ended_group["state"] == "ended"
+        assert "Vehicle 2" in ended_group["ended"]
         assert journal_lines(rig.station)[-1][1:] == ("group/start", "1", "not_together")
 
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_a_vehicle_that_never_confirms_stops_all(run_simulated):
+def test_a_vehicle_that_never_confirms_offboard_cancels_the_start(run_simulated):
     async def scenario(rig):
         rig.autopilots["3"].offboard_delay_s = 30.0
         with pytest.raises(NotTogether, match="Vehicle 3: "):
@@ -137,8 +137,8 @@ def test_a_vehicle_that_never_confirms_stops_all(run_simulated):
 def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_sent(run_simulated):
     async def scenario(rig):
         with pytest.raises(NotTogether, match=r"Vehicle 2: The path begins 30\.0 m away"):
-            far = path((0, [30, 0, -5]), (5, [35, 0, -5]))
-            await start_group(rig, {"1": position(4), "2": far})
+            far_path = path((0, [30, 0, -5]), (5, [35, 0, -5]))
+            await start_group(rig, {"1": position(4), "2": far_path})
         rig.autopilots["1"].has_estimates = False
         await seconds(1.5)
         with pytest.raises(NotTogether, match="Vehicle 1: "):
@@ -152,15 +152,15 @@ def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_se
             await start_group(rig, {"1": position(), "9": position()})
         with pytest.raises(UnknownGroup, match="no group '7'"):
             await group_routes.show("7", rig.station)
-        assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
+        assert not any(mode_requests(autopilot, OFFBOARD) for autopilot in rig.autopilots.values())
 
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(run_simulated):
+def test_a_vehicle_that_already_has_a_stream_or_a_group_is_refused_and_continues_its_flight(run_simulated):
     async def scenario(rig):
-        alone = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
-        await offboard_routes.start("3", alone, rig.station, ANNA)
+        single_start = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
+        await offboard_routes.start("3", single_start, rig.station, ANNA)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await start_group(rig, ALL_NORTH)
         assert rig.vehicles["3"].offboard.status().state == "streaming"
@@ -173,14 +173,14 @@ def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(ru
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_another_clients_control_of_one_member_refuses_the_group(run_simulated):
+def test_a_group_is_refused_if_another_client_has_control_of_a_member(run_simulated):
     async def scenario(rig):
         await vehicle_routes.hold("2", rig.station, BOB)  # Hold needs no control, and takes no control
         rig.station.authority.control("2").lease.take(BOB)
         with pytest.raises(NotInControl, match="bob has control of vehicle 2, not you"):
             await start_group(rig, ALL_NORTH)
         assert not rig.station.authority.controlled_by(ANNA)
-        assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
+        assert not any(mode_requests(autopilot, OFFBOARD) for autopilot in rig.autopilots.values())
         assert journal_lines(rig.station)[-3:] == [
             ("anna", "group/start", v, "not_in_control") for v in "123"
         ]
@@ -197,36 +197,36 @@ def test_another_clients_control_of_one_member_refuses_the_group(run_simulated):
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distance(run_simulated):
+def test_vehicles_that_are_too_near_or_would_come_too_near_are_refused_with_their_distance(run_simulated):
     async def scenario(rig):
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 10.0 m apart now") as refused:
             await start_group(rig, ALL_NORTH, minimum_separation_m=12)
         assert refused.value.distance_m == pytest.approx(10.0, abs=0.1)
         with pytest.raises(NotTogether, match=r"vehicles 1 and 2 would come within .* m of each other"):
             await start_group(rig, {"1": position(0, 9), "2": position(0, 0)})
-        crossing = {  # vehicle 2 flies to where vehicle 1 will be at the same time
+        crossing = {  # both vehicles arrive at the same point at the same time
             "1": path((0, [0, 0, -5]), (10, [20, 10, -5])),
             "2": path((0, [0, 0, -5]), (10, [20, 0, -5])),
         }
         with pytest.raises(NotTogether, match="vehicles 1 and 2 would come within") as refused:
             await start_group(rig, crossing, minimum_separation_m=4)
         assert refused.value.vehicles == ("1", "2")
-        assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
+        assert not any(mode_requests(autopilot, OFFBOARD) for autopilot in rig.autopilots.values())
         await start_group(rig, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": position(20)})
 
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_a_problem_before_the_common_start_prevents_all_motion(run_simulated):
+def test_a_pilot_who_takes_over_a_member_before_the_common_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
-        started = asyncio.ensure_future(
+        starting = asyncio.ensure_future(
             group_routes.start(
                 start_request(ALL_NORTH, start_at_unix_s=rig.testbed.clock.unix_s() + 6.0, others_go_on=True),
                 rig.station,
                 ANNA,
             )
         )
-        await started
+        await starting
         rig.autopilots["1"].mode = rig.autopilots["1"].requested_mode = POSITION
         rig.autopilots["1"].current_mode()
         await seconds(12)
@@ -253,16 +253,16 @@ def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(run_s
         await start_group(rig, ALL_NORTH)
         await seconds(1)
         member = rig.vehicles["1"].offboard
-        alone = SetpointRequest.model_validate({"setpoint": position(0, 0, -6), "valid_for_s": 60})
+        single_request = SetpointRequest.model_validate({"setpoint": position(0, 0, -6), "valid_for_s": 60})
         with pytest.raises(Refused, match="Vehicle 1 is already in a group") as refused:
-            await member.setpoint(alone.to_stream_request(ANNA))
+            await member.setpoint(single_request.to_stream_request(ANNA))
         assert "hold the group first" in refused.value.remedy
         assert member.status().owner == "group"
         await seconds(1)
         assert json_of(await group_routes.show("1", rig.station))["findings"] == []
         await group_routes.hold("1", rig.station, ANNA)
         assert member.status().owner is None
-        await member.start(alone.to_stream_request(ANNA))
+        await member.start(single_request.to_stream_request(ANNA))
         assert member.status().owner == "operator"
 
     run_with_vehicles(run_simulated, scenario)

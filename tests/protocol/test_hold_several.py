@@ -15,7 +15,7 @@ async def hold(rig, vehicles, client=BOB):
     return json_of(await hold_routes.hold_several(body, rig.station, client))["results"]
 
 
-def test_all_hold_at_once_without_control_and_their_streams_end(run_simulated):
+def test_a_client_without_control_puts_all_vehicles_into_hold_at_once_and_their_streams_end(run_simulated):
     async def scenario(rig):
         await start_group(rig, ALL_NORTH, ANNA)
         began_s = rig.testbed.clock.monotonic_s()
@@ -23,21 +23,20 @@ def test_all_hold_at_once_without_control_and_their_streams_end(run_simulated):
         assert [(r["vehicle"], r["held"], r["problem"]) for r in results] == [
             (v, True, None) for v in ("3", "1", "2")
         ]
-        assert (
-            rig.testbed.clock.monotonic_s() - began_s < 1.5
-        )  # Hold takes one heartbeat interval for all, not one for each
+        # All confirmations take one heartbeat interval together, not one for each vehicle.
+        assert rig.testbed.clock.monotonic_s() - began_s < 1.5
         assert set(modes(rig).values()) == {HOLD}
         assert [len(mode_requests(autopilot, HOLD)) for autopilot in rig.autopilots.values()] == [1, 1, 1]
         assert sorted(journal_lines(rig.station)[-3:]) == [("bob", "hold", v, "ok") for v in "123"]
         await seconds(0.5)
-        before = {v: len(autopilot.setpoints) for v, autopilot in rig.autopilots.items()}
+        setpoint_counts = {v: len(autopilot.setpoints) for v, autopilot in rig.autopilots.items()}
         await seconds(2)
-        assert {v: len(autopilot.setpoints) for v, autopilot in rig.autopilots.items()} == before
+        assert {v: len(autopilot.setpoints) for v, autopilot in rig.autopilots.items()} == setpoint_counts
 
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_a_vehicle_that_does_not_reply_or_is_unknown_does_not_keep_the_others_from_hold(run_simulated):
+def test_a_vehicle_that_does_not_reply_or_is_unknown_does_not_prevent_hold_of_the_others(run_simulated):
     async def scenario(rig):
         for autopilot in rig.autopilots.values():
             autopilot.mode = MANUAL
@@ -52,7 +51,7 @@ def test_a_vehicle_that_does_not_reply_or_is_unknown_does_not_keep_the_others_fr
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_without_ids_all_armed_vehicles_hold(run_simulated):
+def test_a_request_without_vehicle_ids_puts_all_armed_vehicles_into_hold(run_simulated):
     async def scenario(rig):
         rig.autopilots["1"].armed = False
         await seconds(2)
@@ -68,10 +67,10 @@ def test_an_error_for_one_vehicle_is_raised_after_the_others_are_in_hold(run_sim
             autopilot.mode = MANUAL
         await seconds(2)
 
-        async def broken(**_):
+        async def failing_hold(**_):
             raise RuntimeError("broken")
 
-        rig.vehicles["1"].command.hold = broken
+        rig.vehicles["1"].command.hold = failing_hold
         with pytest.raises(RuntimeError, match="broken"):
             await hold(rig, ("1", "2", "3"))
         assert modes(rig) == {"1": MANUAL, "2": HOLD, "3": HOLD}

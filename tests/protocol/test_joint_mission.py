@@ -30,12 +30,12 @@ def fly_step(north_m, east_m, up_m):
     return f"{{step: fly, points: [{{offset_ned_m: [{north_m}, {east_m}, {-up_m}]}}]}}"
 
 
-def crossing_mission(lead_m=3, left_m=11):
+def crossing_mission(lead_altitude_m=3, left_altitude_m=11):
     """A mission in which each vehicle flies to the other vehicle's start position, at these altitudes above
     the start."""
     return read(
-        f"name: Show\nroles:\n  lead:\n    steps: {role_steps(lead_m, APART_M)}\n"
-        f"  left:\n    steps: {role_steps(left_m, -APART_M)}\n"
+        f"name: Show\nroles:\n  lead:\n    steps: {role_steps(lead_altitude_m, APART_M)}\n"
+        f"  left:\n    steps: {role_steps(left_altitude_m, -APART_M)}\n"
     )
 
 
@@ -66,9 +66,9 @@ async def reach(rig, *expected, within_s=60):
 
 async def start_crossing(rig, **altitudes):
     """Starts the mission; waits until both vehicles fly towards each other's start position."""
-    started = await start(rig, crossing_mission(**altitudes), despite=["separation"])
-    assert [start["mission"]["role"] for start in started] == ["lead", "left"]
-    assert started[0]["mission"]["others"] == ["2"]
+    views = await start(rig, crossing_mission(**altitudes), despite=["separation"])
+    assert [view["mission"]["role"] for view in views] == ["lead", "left"]
+    assert views[0]["mission"]["others"] == ["2"]
     await until(lambda: rig.vehicles[0].status.armed, 5)
     assert rig.vehicles[1].status.armed  # both vehicles arm at the same time
     await reach(rig, "flying", "flying")
@@ -80,19 +80,19 @@ def test_two_vehicles_cross_at_different_altitudes_and_each_lands_at_the_start_o
         await start(rig, crossing_mission())
         await reach(rig, "done", "done", within_s=120)
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
-        east = rig.testbed.sim.simulation.truth.position_ned_m[:, 1]
-        assert east == pytest.approx([APART_M, 0.0], abs=4)
+        east_m = rig.testbed.sim.simulation.truth.position_ned_m[:, 1]
+        assert east_m == pytest.approx([APART_M, 0.0], abs=4)
         assert rig.station.groups.all() == []
         assert rig.station.missions.others_on_mission("1") == ()
 
     run_with_two_vehicles(run_simulated, scenario)
 
 
-def dry_run_of(rig, **roles):
-    """A Monte Carlo dry run for these roles, with a corridor of 1 m around each start."""
+def dry_run_of(rig, **start_east_m):
+    """A Monte Carlo dry run for these roles, with a corridor of 1 m above each role's start position."""
     origin = asdict(VehicleEstimates(rig.vehicles[0]).origin())
     band = {name: [0.0, 0.0] for name in ("p5", "p50", "p95")} | {"greatest": [1.0, 1.0]}
-    many = {
+    role_results = {
         role: {
             "corridor": {
                 "position_ned_m": [[0.0, east_m, 0.0], [0.0, east_m, -15.0]],
@@ -100,14 +100,14 @@ def dry_run_of(rig, **roles):
                 "vertical_m": band,
             }
         }
-        for role, east_m in roles.items()
+        for role, east_m in start_east_m.items()
     }
-    together = {"monte_carlo": {"roles": many}}
-    result = {"nominal": {"origin": origin}, "monte_carlo": many["lead"], "together": together}
+    together = {"monte_carlo": {"roles": role_results}}
+    result = {"nominal": {"origin": origin}, "monte_carlo": role_results["lead"], "together": together}
     return {"id": "7", "kind": "offboard_mission", **result}
 
 
-def outside_m(rig):
+def outside_corridor_m(rig):
     return [vehicle.offboard_mission.status().outside_corridor_m for vehicle in rig.vehicles]
 
 
@@ -115,11 +115,11 @@ def outside_m(rig):
 def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(run_simulated):
     async def scenario(rig):
         rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0, left=APART_M))
-        started = await start(rig, crossing_mission(), dry_run="7")
-        assert [start["mission"]["dry_run"] for start in started] == ["7", "7"]
+        views = await start(rig, crossing_mission(), dry_run="7")
+        assert [view["mission"]["dry_run"] for view in views] == ["7", "7"]
         await reach(rig, "flying", "flying")
-        assert max(outside_m(rig)) < 3.0, "a vehicle is not above its own start"
-        await until(lambda: min(outside_m(rig)) > 5.0, 20)
+        assert max(outside_corridor_m(rig)) < 3.0, "a vehicle is not above its own start"
+        await until(lambda: min(outside_corridor_m(rig)) > 5.0, 20)
 
     run_with_two_vehicles(run_simulated, scenario)
 
@@ -137,7 +137,7 @@ def test_no_vehicle_starts_if_the_dry_run_has_no_corridor_of_a_role(run_simulate
 
 def test_two_vehicles_that_come_too_near_are_put_into_hold_by_the_guard_and_their_mission_ends(run_simulated):
     async def scenario(rig):
-        await start_crossing(rig, lead_m=10, left_m=13)
+        await start_crossing(rig, lead_altitude_m=10, left_altitude_m=13)
         min_distance_m = APART_M
         truth = rig.testbed.sim.simulation.truth.position_ned_m
         while "flying" in states(rig):
@@ -199,11 +199,11 @@ def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(run_
     run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_a_joint_mission_starts_only_if_all_vehicles_can(run_simulated):
+def test_a_joint_mission_with_an_error_in_plan_roles_vehicles_or_control_is_refused(run_simulated):
     async def scenario(rig):
-        with pytest.raises(PlanFindings) as unsafe:
+        with pytest.raises(PlanFindings) as refused:
             await start(rig, crossing_mission(10, 12))
-        assert unsafe.value.codes == ("separation",)
+        assert refused.value.codes == ("separation",)
         with pytest.raises(InvalidRequest, match="role 'left' has no vehicle"):
             await start(rig, crossing_mission(), vehicles={"lead": "1", "right": "2"})
         with pytest.raises(InvalidRequest, match="no roles"):

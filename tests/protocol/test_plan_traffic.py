@@ -36,18 +36,18 @@ def item_at(kind, east_m, alt_m, **fields):
 
 TAKE_OFF_AND_LAND = {"items": [item_at("takeoff", 0, 2.5), item_at("land", 0, 0)]}
 """Vehicle 1 takes off and lands."""
-OVER_VEHICLE_1 = [
+ITEMS_OVER_VEHICLE_1 = [
     item_at("takeoff", APART_M, 6),
     item_at("waypoint", -APART_M, 6),
     item_at("land", -APART_M, 0),
 ]
-ZONE = {
+EXCLUDED_AREA = {
     "shape": "circle",
     "inclusion": False,
     "center": {key: item_at("waypoint", 20, 0)[key] for key in ("lat_deg", "lon_deg")},
     "radius_m": 5,
 }
-THROUGH_FENCE = {"items": OVER_VEHICLE_1, "fence": [ZONE]}
+THROUGH_EXCLUDED_AREA = {"items": ITEMS_OVER_VEHICLE_1, "fence": [EXCLUDED_AREA]}
 """Vehicle 2 flies over the position of vehicle 1, and through an area that is excluded."""
 
 
@@ -74,20 +74,22 @@ async def refusal_of_start(rig, *despite):
     return caught.value
 
 
-async def warnings_of_check(rig, plan=THROUGH_FENCE):
+async def separation_warnings(rig, plan=THROUGH_EXCLUDED_AREA):
     body = plan_models.PlanToCheck.model_validate({"plan": plan, "vehicle": "2"})
     response = json_of(await plan_routes.check_plan(body, rig.station))
     plan_models.PlanCheck.model_validate(response)
-    found = [finding for finding in response["findings"] if finding["code"].startswith("separation")]
-    assert {finding["severity"] for finding in found} <= {"warning"}
-    return [(finding["code"], finding["place"]["row"]) for finding in found]
+    separations = [finding for finding in response["findings"] if finding["code"].startswith("separation")]
+    assert {finding["severity"] for finding in separations} <= {"warning"}
+    return [(finding["code"], finding["place"]["row"]) for finding in separations]
 
 
-def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_other_has_landed(run_simulated):
+def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_other_vehicle_has_landed(
+    run_simulated,
+):
     async def scenario(rig):
         await upload(rig, "1", TAKE_OFF_AND_LAND)
-        await upload(rig, "2", THROUGH_FENCE)
-        assert await warnings_of_check(rig) == []
+        await upload(rig, "2", THROUGH_EXCLUDED_AREA)
+        assert await separation_warnings(rig) == []
         await start(rig, "1")
         refusal = await refusal_of_start(rig)
         assert refusal.codes == ("fence_crossed", "separation")
@@ -99,7 +101,7 @@ def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_othe
         assert "m along its path" in text
         assert "of vehicle 1 (item " in text
         assert "Required: 5 m plus 1.9 m of margin." in text
-        assert await warnings_of_check(rig) == [("separation", 1)]
+        assert await separation_warnings(rig) == [("separation", 1)]
         await until(lambda: not rig.first.status.armed, 60)
         await start(rig, "2", "fence_crossed")
         assert rig.second.status.armed
@@ -107,10 +109,12 @@ def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_othe
     run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_the_second_of_two_simultaneous_starts_is_compared_with_the_first_and_can_be_accepted(run_simulated):
+def test_the_second_of_two_simultaneous_starts_is_refused_because_of_the_first_and_can_be_accepted(
+    run_simulated,
+):
     async def scenario(rig):
         await upload(rig, "1", TAKE_OFF_AND_LAND)
-        await upload(rig, "2", {"items": OVER_VEHICLE_1})
+        await upload(rig, "2", {"items": ITEMS_OVER_VEHICLE_1})
         results = await asyncio.gather(start(rig, "1"), start(rig, "2"), return_exceptions=True)
         assert results[0] is None
         assert results[1].codes == ("separation",)
@@ -124,7 +128,7 @@ def test_the_second_of_two_simultaneous_starts_is_compared_with_the_first_and_ca
 def test_later_starts_are_not_compared_with_a_failed_start(run_simulated):
     async def scenario(rig):
         await upload(rig, "1", TAKE_OFF_AND_LAND)
-        await upload(rig, "2", {"items": OVER_VEHICLE_1})
+        await upload(rig, "2", {"items": ITEMS_OVER_VEHICLE_1})
         rig.first.command.start_mission = None  # its call raises TypeError
         with pytest.raises(TypeError):
             await start(rig, "1")
@@ -135,12 +139,16 @@ def test_later_starts_are_not_compared_with_a_failed_start(run_simulated):
 
 
 @pytest.mark.story
-def test_a_start_over_a_hovering_vehicle_is_refused_and_near_an_unknown_path_gives_a_warning(run_simulated):
+def test_a_check_near_an_unknown_path_gives_a_warning_and_a_start_over_a_hovering_vehicle_is_refused(
+    run_simulated,
+):
     async def scenario(rig):
-        await upload(rig, "2", {"items": OVER_VEHICLE_1})
+        await upload(rig, "2", {"items": ITEMS_OVER_VEHICLE_1})
         await rig.first.command.takeoff(6.0)
         await seconds(4)
-        assert await warnings_of_check(rig, {"items": OVER_VEHICLE_1}) == [("separation_unknown", None)]
+        assert await separation_warnings(rig, {"items": ITEMS_OVER_VEHICLE_1}) == [
+            ("separation_unknown", None)
+        ]
         await until(lambda: rig.first.status.mode == "hold", 40)
         await seconds(2)
         refusal = await refusal_of_start(rig)
@@ -151,7 +159,7 @@ def test_a_start_over_a_hovering_vehicle_is_refused_and_near_an_unknown_path_giv
 
 
 HOLD_STEP = "- {step: hold, duration_s: 30}\n"
-FLY_TO_VEHICLE_1 = "- {step: fly, points: [{offset_ned_m: [0, -80, -6]}]}\n"
+FLY_OVER_VEHICLE_1 = "- {step: fly, points: [{offset_ned_m: [0, -80, -6]}]}\n"
 
 
 async def start_mission(rig, vehicle_id, steps, *despite):
@@ -166,24 +174,24 @@ def test_an_offboard_mission_that_comes_too_near_is_refused_and_can_be_accepted(
         await upload(rig, "1", TAKE_OFF_AND_LAND)
         await start(rig, "1")
         with pytest.raises(PlanFindings) as caught:
-            await start_mission(rig, "2", FLY_TO_VEHICLE_1)
+            await start_mission(rig, "2", FLY_OVER_VEHICLE_1)
         assert caught.value.codes == ("separation",)
         (text,) = caught.value.reasons
         assert text.startswith("step 2: ")
         assert "of vehicle 1 (item " in text
         await seconds(1.0)
         assert not rig.second.status.armed
-        await start_mission(rig, "2", FLY_TO_VEHICLE_1, "separation")
+        await start_mission(rig, "2", FLY_OVER_VEHICLE_1, "separation")
         await until(lambda: rig.second.status.armed, 10)
 
     run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_the_second_of_two_offboard_missions_started_at_the_same_time_is_compared_with_the_first(
+def test_the_second_of_two_offboard_missions_started_at_the_same_time_is_refused_because_of_the_first(
     run_simulated,
 ):
     async def scenario(rig):
-        missions = (start_mission(rig, "1", HOLD_STEP), start_mission(rig, "2", FLY_TO_VEHICLE_1))
+        missions = (start_mission(rig, "1", HOLD_STEP), start_mission(rig, "2", FLY_OVER_VEHICLE_1))
         results = await asyncio.gather(*missions, return_exceptions=True)
         assert results[0] is None
         assert results[1].codes == ("separation",)
@@ -195,7 +203,7 @@ def test_the_second_of_two_offboard_missions_started_at_the_same_time_is_compare
 
 def test_an_offboard_mission_in_flight_is_compared_along_its_steps(run_simulated):
     async def scenario(rig):
-        await upload(rig, "2", {"items": OVER_VEHICLE_1})
+        await upload(rig, "2", {"items": ITEMS_OVER_VEHICLE_1})
         await start_mission(rig, "1", HOLD_STEP)
         refusal = await refusal_of_start(rig)
         assert refusal.codes == ("separation",)

@@ -50,33 +50,33 @@ def other_commands(autopilot):
 
 
 def ignore_kill(autopilot, for_s):
-    """The autopilot ignores stop motors for this time; returns the times at which it receives it."""
+    """Makes the autopilot ignore stop motors for this time; returns the times of its arrival."""
     until_s = autopilot.loop.time() + for_s
-    times = []
+    kill_times_s = []
 
     def ignore(message):
         if is_kill(message):
-            times.append(autopilot.loop.time())
+            kill_times_s.append(autopilot.loop.time())
         return is_kill(message) and autopilot.loop.time() < until_s
 
     autopilot.handlers.append(ignore)
-    return times
+    return kill_times_s
 
 
-@pytest.mark.parametrize("name", list(CALLS))
-def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(run_simulated, name):
+@pytest.mark.parametrize("command", list(CALLS))
+def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(run_simulated, command):
     async def scenario(testbed, vehicle, autopilot, link):
-        times = ignore_kill(autopilot, 3.0)
+        kill_times_s = ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill(by="anna"))
         await seconds(1.0)
-        before = len(other_commands(autopilot))
+        command_count = len(other_commands(autopilot))
         with pytest.raises(Refused, match="Stop motors was commanded by anna") as caught:
-            await CALLS[name](vehicle)
+            await CALLS[command](vehicle)
         assert "disarmed" in caught.value.remedy
         await kill
         assert not autopilot.armed
-        assert len(other_commands(autopilot)) == before
-        assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
+        assert len(other_commands(autopilot)) == command_count
+        assert all(b - a < 0.3 for a, b in itertools.pairwise(kill_times_s))
         await CALLS["hold"](vehicle)  # after stop motors, commands are accepted again
 
     run_offboard(run_simulated, scenario)
@@ -91,9 +91,9 @@ def test_stop_motors_ends_pending_commands(run_simulated):
         kill = asyncio.ensure_future(vehicle.command.kill())
         with pytest.raises(Refused, match="stop motors"):
             await hold
-        sent = len(autopilot.commands(DO_SET_MODE))
+        mode_request_count = len(autopilot.commands(DO_SET_MODE))
         await kill
-        assert len(autopilot.commands(DO_SET_MODE)) == sent
+        assert len(autopilot.commands(DO_SET_MODE)) == mode_request_count
 
     run_offboard(run_simulated, scenario)
 
@@ -102,11 +102,11 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=2.0, hold_for_s=0.5))
         ignore_kill(autopilot, 5.0)
-        mode_requests = len(autopilot.commands(DO_SET_MODE))
+        mode_request_count = len(autopilot.commands(DO_SET_MODE))
         await vehicle.command.kill()  # 2.5 s later the stream would request Hold
         assert not autopilot.armed
         await seconds(0.3)
-        assert len(autopilot.commands(DO_SET_MODE)) == mode_requests
+        assert len(autopilot.commands(DO_SET_MODE)) == mode_request_count
         assert not vehicle.offboard.status().streaming
 
     run_offboard(run_simulated, scenario)
@@ -115,14 +115,14 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(run_simulated):
 def test_a_stop_of_the_stream_waits_for_stop_motors(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
-        mode_requests = len(autopilot.commands(DO_SET_MODE))
+        mode_request_count = len(autopilot.commands(DO_SET_MODE))
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.5)
         stop = asyncio.ensure_future(vehicle.offboard.stop())
         await seconds(1.0)
         assert not stop.done()
-        assert len(autopilot.commands(DO_SET_MODE)) == mode_requests
+        assert len(autopilot.commands(DO_SET_MODE)) == mode_request_count
         await kill
         await stop
         assert not vehicle.offboard.status().streaming
@@ -134,26 +134,26 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(run_simula
     async def scenario(rig):
         await start_group(rig, {"1": position(), "2": position()})
         await seconds(2.0)
-        times = ignore_kill(rig.autopilots["1"], 3.0)
-        mode_requests = len(rig.autopilots["1"].commands(DO_SET_MODE))
+        kill_times_s = ignore_kill(rig.autopilots["1"], 3.0)
+        mode_request_count = len(rig.autopilots["1"].commands(DO_SET_MODE))
         kill = asyncio.ensure_future(rig.vehicles["1"].command.kill())
         await seconds(0.3)
         rig.testbed.streamer._streams.force_hold("1", "the guard's finding")
         await rig.testbed.streamer.groups.hold("1", ANNA)
         await kill
         assert not rig.autopilots["1"].armed
-        assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
+        assert all(b - a < 0.3 for a, b in itertools.pairwise(kill_times_s))
         # Hold follows when stop motors has ended.
-        assert len(rig.autopilots["1"].commands(DO_SET_MODE)) - mode_requests <= 1
+        assert len(rig.autopilots["1"].commands(DO_SET_MODE)) - mode_request_count <= 1
         assert rig.vehicles["2"].status.mode == "hold"
         assert rig.autopilots["2"].armed
 
     run_with_vehicles(run_simulated, scenario, count=2)
 
 
-def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(run_simulated):
+def test_neither_a_refusal_nor_an_acceptance_without_effect_ends_stop_motors(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
-        results = itertools.cycle([2, 0, 4, 5])
+        results = itertools.cycle([2, 0, 4, 5])  # denied, accepted, failed, in progress
         began_s = testbed.loop.time()
 
         def acknowledge(message):
@@ -194,14 +194,14 @@ def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(run_simulated)
     async def scenario(testbed, vehicle, autopilot, link):
         send_raw = autopilot.send_raw
         autopilot.send_raw = lambda raw: None
-        times = ignore_kill(autopilot, 100.0)
+        kill_times_s = ignore_kill(autopilot, 100.0)
         await seconds(1.0)  # no messages for 3.5 s, so it is lost during the command
         began_s = testbed.loop.time()
         with pytest.raises(NoReply):
             await vehicle.command.kill()
         assert vehicle.status.link_lost
         assert testbed.loop.time() - began_s == pytest.approx(6.0, abs=0.1)
-        assert times[-1] - times[0] > 5.5
+        assert kill_times_s[-1] - kill_times_s[0] > 5.5
         autopilot.send_raw = send_raw
 
     run_offboard(run_simulated, scenario)
@@ -211,17 +211,17 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         autopilot.armed, autopilot.landed_state = False, ON_GROUND
         await seconds(2.0)
-        late = []
+        delayed = []
 
-        def slow_arm(message):
+        def delay_first_arm(message):
             # The arm command is executed half a second late, after a heartbeat that shows disarmed.
-            if getattr(message, "command", None) == ARM_DISARM and message.param1 == 1.0 and not late:
-                late.append(message)
+            if getattr(message, "command", None) == ARM_DISARM and message.param1 == 1.0 and not delayed:
+                delayed.append(message)
                 testbed.loop.call_later(0.5, lambda: setattr(autopilot, "armed", True))
                 return True
             return is_kill(message) and not autopilot.armed
 
-        autopilot.handlers.append(slow_arm)
+        autopilot.handlers.append(delay_first_arm)
         arm = asyncio.ensure_future(vehicle.command.arm())
         await seconds(0.05)
         await vehicle.command.kill()
@@ -235,7 +235,7 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
 
 
 @pytest.mark.parametrize(("ignored_s", "mode_after"), [(2.0, None), (20.0, HOLD)])
-def test_on_expiry_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
+def test_the_action_at_the_expiry_of_control_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
     async def scenario(rig):
         rig.autopilot.mode = MISSION_MODE
         await seconds(2.5)
@@ -243,7 +243,7 @@ def test_on_expiry_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
         await seconds(28.5)
         ignore_kill(rig.autopilot, ignored_s)
         kill = asyncio.ensure_future(rig.vehicle.command.kill())
-        await seconds(3.0)  # control expires during the command
+        await seconds(3.0)  # the 30 s control lease expires during stop motors
         assert not rig.autopilot.commands(DO_SET_MODE)
         await asyncio.gather(kill, return_exceptions=True)
         await seconds(3.0)
@@ -271,9 +271,9 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simul
         rng = random.Random(seed)
         if rng.random() < 0.5:
             await vehicle.offboard.start(stream_request(valid_for_s=rng.uniform(0.5, 4.0), hold_for_s=0.2))
-        running = []
+        other_calls = []
 
-        async def later(call, after_s):
+        async def call_after(call, after_s):
             await asyncio.sleep(after_s)
             try:
                 await call(vehicle)
@@ -282,8 +282,10 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simul
 
         calls = [call for name, call in CALLS.items() if name != "arm"]  # "arm" would arm the vehicle again
         for _ in range(8):
-            running.append(asyncio.ensure_future(later(rng.choice(calls), rng.uniform(0.0, 4.0))))
-        running.append(asyncio.ensure_future(later(lambda v: v.offboard.stop(), rng.uniform(0.0, 4.0))))
+            other_calls.append(asyncio.ensure_future(call_after(rng.choice(calls), rng.uniform(0.0, 4.0))))
+        other_calls.append(
+            asyncio.ensure_future(call_after(lambda v: v.offboard.stop(), rng.uniform(0.0, 4.0)))
+        )
         await seconds(rng.uniform(0.0, 2.0))
         ignore_kill(autopilot, rng.uniform(0.0, 3.0))
         received_before = len(autopilot.received)
@@ -291,10 +293,10 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simul
         await asyncio.gather(*kills)
         assert not autopilot.armed
         received = autopilot.received[received_before:]
-        last = max(i for i, m in enumerate(received) if is_kill(m))
-        first = next(i for i, m in enumerate(received) if is_kill(m))
-        between = [m for m in received[first : last + 1] if m in other_commands(autopilot)]
-        assert not between
-        await asyncio.gather(*running)
+        last_kill = max(i for i, m in enumerate(received) if is_kill(m))
+        first_kill = next(i for i, m in enumerate(received) if is_kill(m))
+        commands_between = [m for m in received[first_kill : last_kill + 1] if m in other_commands(autopilot)]
+        assert not commands_between
+        await asyncio.gather(*other_calls)
 
     run_offboard(run_simulated, scenario, loss=loss, seed=seed)

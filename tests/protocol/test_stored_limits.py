@@ -20,7 +20,7 @@ from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from missions.fence import CircleFence, PolygonFence
 from tests.in_loop_scheduler import InLoopScheduler
-from tests.protocol.api_calls import station_of
+from tests.protocol.api_calls import json_of, station_of
 from tests.protocol.offboard_testbed import OffboardTestbed, offboard_event_codes, seconds, stream_request
 
 SITL_UID = 0x4954414C44494E4F
@@ -28,22 +28,22 @@ START = StartRequest.model_validate({"setpoint": {"type": "velocity", "velocity_
 LIMITS = OperatorLimits(speed_max_m_s=4.0, height_max_m=30.0, fence=CircleFence(47.397742, 8.545594, 60.0))
 
 
-def parse(stored):
+def parse_limits(stored):
     return LimitsRequest.model_validate(stored).to_limits()
 
 
-def run_server(run_simulated, folder, scenario, *, uid=7, version=True, twin_uid=None):
+def run_server(run_simulated, folder, scenario, *, uid=7, sends_version=True, second_uid=None):
     """Runs a server once with this data folder and a vehicle in flight with system id 1.
 
     Args:
         uid: uid of the vehicle; 0: the vehicle has none.
-        version: whether the vehicle sends AUTOPILOT_VERSION, which has the uid.
-        twin_uid: uid of a second vehicle with the same system id; None: no second vehicle.
+        sends_version: whether the vehicle sends AUTOPILOT_VERSION, which has the uid.
+        second_uid: uid of a second vehicle with the same system id; None: no second vehicle.
     """
 
     async def run():
         testbed = OffboardTestbed()
-        store = LimitStore(Records(folder), parse)
+        store = LimitStore(Records(folder), parse_limits)
         await store.load()
         await testbed.supervisor.close()  # ends the testbed's streamer, which does not use this store
         testbed.streamer = Streamer(testbed.clock, InLoopScheduler(testbed.clock), store)
@@ -54,11 +54,11 @@ def run_server(run_simulated, folder, scenario, *, uid=7, version=True, twin_uid
         testbed.router.start()
         testbed.fleet.start()
         autopilot = testbed.offboard_autopilot(testbed.link(), uid=uid)
-        autopilot.sends_version = version
+        autopilot.sends_version = sends_version
         autopilot.fly()
-        if twin_uid is not None:
-            twin = testbed.offboard_autopilot(testbed.link("two"), uid=twin_uid, boot_s=500.0)
-            twin.fly()
+        if second_uid is not None:
+            second_autopilot = testbed.offboard_autopilot(testbed.link("two"), uid=second_uid, boot_s=500.0)
+            second_autopilot.fly()
         try:
             vehicle = await testbed.ready()
             await seconds(1.5)
@@ -78,23 +78,20 @@ def set_limits(run_simulated, folder, **options):
     run_server(run_simulated, folder, scenario, **options)
 
 
-@pytest.mark.parametrize(("uid", "known_by"), [(7, "uid"), (SITL_UID, "system_id"), (0, "system_id")])
-def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_path, uid, known_by):
+@pytest.mark.parametrize(("uid", "recognised_by"), [(7, "uid"), (SITL_UID, "system_id"), (0, "system_id")])
+def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_path, uid, recognised_by):
     set_limits(run_simulated, tmp_path, uid=uid)
 
-    async def check(testbed, vehicle, store):
+    async def check_restored(testbed, vehicle, store):
         origin = vehicle.offboard.status().limits_origin
         assert vehicle.offboard.limits().operator == LIMITS
         assert (origin.active, origin.restored, origin.kept) == (True, True, True)
-        assert (origin.set_by, origin.recognised_by, origin.warning) == ("anna", known_by, None)
+        assert (origin.set_by, origin.recognised_by, origin.warning) == ("anna", recognised_by, None)
         assert origin.set_unix_s > 0
         assert "restored after a restart, set by anna" in origin.text
         assert offboard_event_codes(vehicle) == ["limits_restored"]
-        response = json.loads(
-            (
-                await offboard_routes.start("1", START, station_of(testbed), Principal.from_identity("bob"))
-            ).body
-        )
+        bob = Principal.from_identity("bob")
+        response = json_of(await offboard_routes.start("1", START, station_of(testbed), bob))
         assert response["limits"]["operator"]["speed_max_m_s"] == 4.0
         origin_view = response["limits"]["origin"]
         assert (origin_view["restored"], origin_view["set_by"], origin_view["set_unix_s"]) == (
@@ -102,53 +99,52 @@ def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_pat
             "anna",
             origin.set_unix_s,
         )
-        assert (
-            offboard_event_codes(vehicle).count("limits_restored") == 2
-        )  # also to the client that starts a stream
+        # Reported again to the client that starts a stream.
+        assert offboard_event_codes(vehicle).count("limits_restored") == 2
         await seconds(0.3)
         assert vehicle.offboard.status().setpoint["velocity_ned_m_s"][0] == pytest.approx(4.0)
 
-    run_server(run_simulated, tmp_path, check, uid=uid)
+    run_server(run_simulated, tmp_path, check_restored, uid=uid)
 
 
-@pytest.mark.parametrize(("before", "after"), [(7, 8), (7, SITL_UID), (SITL_UID, 7)])
+@pytest.mark.parametrize(("uid_before", "uid_after"), [(7, 8), (7, SITL_UID), (SITL_UID, 7)])
 def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(
-    run_simulated, tmp_path, before, after
+    run_simulated, tmp_path, uid_before, uid_after
 ):
-    set_limits(run_simulated, tmp_path, uid=before)
+    set_limits(run_simulated, tmp_path, uid=uid_before)
 
     async def scenario(testbed, vehicle, store):
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert not vehicle.offboard.status().limits_origin.active
         assert offboard_event_codes(vehicle) == []
 
-    run_server(run_simulated, tmp_path, scenario, uid=after)
+    run_server(run_simulated, tmp_path, scenario, uid=uid_after)
 
 
-def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(run_simulated, tmp_path):
+def test_two_vehicles_with_the_same_system_id_do_not_share_stored_limits(run_simulated, tmp_path):
     set_limits(run_simulated, tmp_path, uid=7)
 
-    async def different_uids(testbed, vehicle, store):
-        twins = {v.identity.uid: v for v in testbed.fleet.all()}
-        assert len(twins) == 2
-        assert twins[f"{7:016x}"].offboard.limits().operator == LIMITS
-        assert twins[f"{8:016x}"].offboard.limits().operator == OperatorLimits()
+    async def check_different_uids(testbed, vehicle, store):
+        vehicle_by_uid = {v.identity.uid: v for v in testbed.fleet.all()}
+        assert len(vehicle_by_uid) == 2
+        assert vehicle_by_uid[f"{7:016x}"].offboard.limits().operator == LIMITS
+        assert vehicle_by_uid[f"{8:016x}"].offboard.limits().operator == OperatorLimits()
 
-    run_server(run_simulated, tmp_path, different_uids, uid=7, twin_uid=8)
+    run_server(run_simulated, tmp_path, check_different_uids, uid=7, second_uid=8)
 
-    async def equal_uids(testbed, vehicle, store):
+    async def check_equal_uids(testbed, vehicle, store):
         first, second = testbed.fleet.all()
         await first.offboard.operator_limits.set(LIMITS, by="anna")
         await second.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
         assert first.offboard.operator_limits.origin().kept
         assert not second.offboard.operator_limits.origin().kept
         assert "not stored" in second.offboard.operator_limits.origin().warning
-        assert second.offboard.limits().operator.speed_max_m_s == 1.0  # still applied
+        assert second.offboard.limits().operator.speed_max_m_s == 1.0  # applied, not stored
 
-    run_server(run_simulated, tmp_path / "other", equal_uids, uid=SITL_UID, twin_uid=SITL_UID)
+    run_server(run_simulated, tmp_path / "other", check_equal_uids, uid=SITL_UID, second_uid=SITL_UID)
 
 
-def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(run_simulated, tmp_path):
+def test_limits_are_removed_when_the_vehicle_sends_another_uid(run_simulated, tmp_path):
     set_limits(run_simulated, tmp_path, uid=7)
 
     async def scenario(testbed, vehicle, store):
@@ -174,16 +170,16 @@ def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing
         await vehicle.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
         assert "once the vehicle is identified" in vehicle.offboard.operator_limits.origin().warning
 
-    run_server(run_simulated, tmp_path, scenario, version=False)
+    run_server(run_simulated, tmp_path, scenario, sends_version=False)
 
 
 def test_removed_limits_are_not_restored_after_a_restart(run_simulated, tmp_path):
     set_limits(run_simulated, tmp_path)
 
-    async def clear(testbed, vehicle, store):
+    async def remove_limits(testbed, vehicle, store):
         await vehicle.offboard.operator_limits.set(OperatorLimits(), by="bob")
 
-    run_server(run_simulated, tmp_path, clear)
+    run_server(run_simulated, tmp_path, remove_limits)
 
     async def scenario(testbed, vehicle, store):
         assert not vehicle.offboard.status().limits_origin.active
@@ -268,7 +264,7 @@ def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
         fsync(descriptor)
 
     async def run():
-        store = LimitStore(Records(tmp_path), parse)
+        store = LimitStore(Records(tmp_path), parse_limits)
         await store.save(key, LimitRecord(OperatorLimits(speed_max_m_s=1.0), 1.0, "a"))
         monkeypatch.setattr(os, "fsync", slow_fsync)
         saving = asyncio.ensure_future(store.save(key, LimitRecord(LIMITS, 2.0, "b")))
@@ -315,12 +311,12 @@ def test_stored_limits_are_read_back_unchanged(tmp_path_factory, limits):
     key = VehicleKey(3, None)
 
     async def run():
-        store = LimitStore(Records(folder), parse)
+        store = LimitStore(Records(folder), parse_limits)
         assert await store.save(key, LimitRecord(limits, 12.5, "anna")) is None
         store.close()
-        reopened = LimitStore(Records(folder), parse)
+        reopened = LimitStore(Records(folder), parse_limits)
         await reopened.load()
         return reopened.find(key)
 
-    found = asyncio.run(run())
-    assert found == (None if limits == OperatorLimits() else LimitRecord(limits, 12.5, "anna"))
+    restored = asyncio.run(run())
+    assert restored == (None if limits == OperatorLimits() else LimitRecord(limits, 12.5, "anna"))

@@ -8,14 +8,14 @@ from tests.protocol.simulated_testbed import SimulatedTestbed
 from tests.support.ready_fleet import ready_in_a_row
 from tests.support.snapshot import snapshot
 
-ready = functools.cache(ready_in_a_row)
+cached_ready_fleet = functools.cache(ready_in_a_row)
 
 
 def run_with_two_vehicles(run_simulated, scenario, apart_m):
     """Runs a test with vehicle 2 this far east of vehicle 1; both can be armed."""
 
     async def run():
-        testbed = SimulatedTestbed(2, sim=snapshot(ready(2, apart_m)))
+        testbed = SimulatedTestbed(2, sim=snapshot(cached_ready_fleet(2, apart_m)))
         try:
             vehicles = [await testbed.ready_to_arm(vehicle_id) for vehicle_id in ("1", "2")]
             station = station_of(testbed)
