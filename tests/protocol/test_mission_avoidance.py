@@ -17,11 +17,16 @@ pytestmark = pytest.mark.flight
 
 BOX_NORTH_M = (4.25, 5.75)
 BOX_HALF_WIDTH_M = 2.0
+MIN_ALTITUDE_OVER_THE_BOX_M = 4.4
 BEHIND_THE_BOX_NE_M = (10.0, 0.0)
 
 
 def run_towards_the_box(run_simulated, tmp_path, scenario, avoidance):
-    """Runs a test with a vehicle that flies a mission straight north, towards the middle of the box."""
+    """Runs a test with a vehicle that flies a mission straight north, towards the middle of the box.
+
+    `avoidance`: the step enables "plan" (over the box) and "around"; "off" leaves only the obstacle brake,
+    and "no brake" leaves neither.
+    """
 
     async def run():
         station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
@@ -71,13 +76,14 @@ def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_s
     async def scenario(missions, vehicle, position_ned_m):
         assert vehicle.offboard.status().avoidance.on
         start_down_m = estimated_down_m(vehicle)
-        assert 4.4 < await highest_over_the_box_m(missions, position_ned_m) < 7.0
+        highest_m = await highest_over_the_box_m(missions, position_ned_m)
+        assert MIN_ALTITUDE_OVER_THE_BOX_M < highest_m < 7.0
         assert missions.state == "done"
         assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
         assert estimated_down_m(vehicle) == pytest.approx(start_down_m, abs=0.4)
         assert not has_collided(vehicle)
-        view = vehicle.offboard.status().avoidance
-        assert (view.on, view.state) == (False, None)
+        avoidance = vehicle.offboard.status().avoidance
+        assert (avoidance.on, avoidance.state) == (False, None)
 
     run_towards_the_box(run_simulated, tmp_path, scenario, "plan")
 
@@ -109,7 +115,8 @@ def test_without_avoidance_the_brake_stops_the_vehicle_until_avoidance_is_enable
         assert position_ned_m[0] < BOX_NORTH_M[0] - 0.5
         assert "held_back" in event_codes(vehicle)
         await vehicle.offboard.avoidance.switch_on("over")
-        assert await highest_over_the_box_m(missions, position_ned_m) > 4.4
+        highest_m = await highest_over_the_box_m(missions, position_ned_m)
+        assert highest_m > MIN_ALTITUDE_OVER_THE_BOX_M
         assert missions.state == "done"
         assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
         assert vehicle.offboard.status().avoidance.on, "avoidance that the operator enabled was disabled"

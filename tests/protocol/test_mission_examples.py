@@ -22,11 +22,11 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "missions" / "examples"
 
 
 class FlightRecorder:
-    """Records a flight: estimated position, position setpoint and gimbal of each sample."""
+    """Records a flight: estimated position, position setpoint, and (step title, gimbal) of each sample."""
 
     def __init__(self, testbed, missions, vehicle):
         self.testbed, self.missions, self.vehicle = testbed, missions, vehicle
-        self.flown, self.sent, self.gimbal = [], [], []
+        self.flown_ned_m, self.setpoints_ned_m, self.gimbals = [], [], []
 
     async def record(self):
         """Records until the mission ends; confirms each of its questions as the operator."""
@@ -37,24 +37,27 @@ class FlightRecorder:
                 flight.go_on("Alice")
             progress = self.testbed.streamer._streams.state("1").progress
             if status.state == "flying" and progress is not None and progress.position_ned_m is not None:
-                self.flown.append(tuple(view.estimate.position_ned_m))
-                self.sent.append(progress.position_ned_m)
+                self.flown_ned_m.append(tuple(view.estimate.position_ned_m))
+                self.setpoints_ned_m.append(progress.position_ned_m)
                 gimbal = self.vehicle.topic("gimbal")
-                self.gimbal.append((status.title, None if gimbal is None else gimbal.value))
+                self.gimbals.append((status.title, None if gimbal is None else gimbal.value))
             await asyncio.sleep(0.1)
 
     def tracking_error_m(self):
         """Distance to the position setpoint of each sample, (N,) [m]."""
-        return np.linalg.norm(np.array(self.flown) - np.array(self.sent), axis=1)
+        return np.linalg.norm(np.array(self.flown_ned_m) - np.array(self.setpoints_ned_m), axis=1)
 
     def path_error_m(self, timeline):
         """Distance to the nearest point of the planned path of each sample, (N,) [m]."""
         legs = [np.array(leg.points)[:, 1:] for leg in samples.legs(timeline, (0.0, 0.0, 0.0)) if leg.main]
-        path = np.vstack([_dense(leg) for leg in legs])
-        return np.array([np.linalg.norm(path - position, axis=1).min() for position in np.array(self.flown)])
+        path = np.vstack([_interpolate(leg) for leg in legs])
+        return np.array(
+            [np.linalg.norm(path - position, axis=1).min() for position in np.array(self.flown_ned_m)]
+        )
 
 
-def _dense(points):
+def _interpolate(points):
+    """8 points for each segment, and the last point."""
     steps = [np.linspace(a, b, 8, endpoint=False) for a, b in itertools.pairwise(points)]
     return np.vstack([*steps, points[-1:]])
 
@@ -93,11 +96,11 @@ def test_the_tower_inspection_is_flown_with_all_pictures_and_the_gimbal_on_the_t
     path_error, tracking_error = recorder.path_error_m(timeline), recorder.tracking_error_m()
     assert np.percentile(path_error, 95) < PATH_ERROR_M
     assert np.percentile(tracking_error, 95) < TRACKING_ERROR_M
-    mast = np.array((30.0, 0.0, -14.0))
+    mast_ned_m = np.array((30.0, 0.0, -14.0))
     pointing_error_rad = []
-    for (title, gimbal), position in zip(recorder.gimbal, recorder.flown, strict=True):
+    for (title, gimbal), position in zip(recorder.gimbals, recorder.flown_ned_m, strict=True):
         if title == "Down around the mast" and gimbal is not None:
-            north, east, down = mast - np.array(position)
+            north, east, down = mast_ned_m - np.array(position)
             pointing_error_rad.append(abs(gimbal.pitch_rad + math.atan2(down, math.hypot(north, east))))
     assert np.percentile(pointing_error_rad, 90) < math.radians(5)
     assert "payload" not in event_codes(recorder.vehicle), "a picture or the gimbal failed"

@@ -29,7 +29,12 @@ TAKE_OFF = {"step": "take_off", "height_m": 6}
 FLY = {"step": "fly", "points": [{"offset_ned_m": [8, 0, -6]}], "speed_m_s": 3}
 TAKE_OFF_MISSION: dict[str, Any] = {**MISSION, "steps": [TAKE_OFF, FLY, {"step": "land"}]}
 SET_NAV_STATE, NAV_TAKEOFF = 100_001, 22
-HOLD, MISSION_MODE, LAND = 3, "external_1", 18
+"""Commands of the executor."""
+SELECT_HOLD = (sim.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+MISSION_MODE = "external_1"
+EXECUTOR_COMPONENT = 1001
+SUCCESS, EXTERNAL_1 = 0, 23
+"""result and nav_state of ModeCompleted."""
 
 
 def executor_commands(rig: Modes) -> list[int]:
@@ -90,10 +95,10 @@ def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(r
         await until(lambda: not rig.vehicle.status.armed, 40)
         await until(lambda: rig.mission_state == "done", 2)
         assert executor_commands(rig) == [NAV_TAKEOFF, SET_NAV_STATE, SET_NAV_STATE]
-        assert all(MESSAGES["VehicleCommand"].decode(data)["source_component"] == 1001
+        assert all(MESSAGES["VehicleCommand"].decode(data)["source_component"] == EXECUTOR_COMPONENT
                    for data in rig.sent(EXECUTOR_COMMAND))  # fmt: skip
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
-        assert [(message["result"], message["nav_state"]) for message in completed] == [(0, 23)]
+        assert [(message["result"], message["nav_state"]) for message in completed] == [(SUCCESS, EXTERNAL_1)]
         assert rig.warnings() == []
         await rig.until_mode("hold")
         await seconds(3)
@@ -149,7 +154,7 @@ def test_after_a_takeover_the_executor_sends_no_commands(run_simulated: Any, pha
         else:
             await rig.until_mode(phase, 60)
             await seconds(1)
-        rig.other_station.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, HOLD)
+        rig.other_station.command(*SELECT_HOLD)
         await rig.until_mode("hold")
         await until(lambda: rig.mission_state == "suspended", 2)
         assert rig.station.missions.status("1").executor_in_charge is False
@@ -205,17 +210,16 @@ def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_cha
 def test_refused_arming_does_not_start_the_mission(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
-        rig.testbed.streamer._streams._record_loop_message, record = (
-            lambda _: None,
-            rig.testbed.streamer._streams._record_loop_message,
-        )
+        streams = rig.testbed.streamer._streams
+        # As if the event loop stalled: the mode then refuses arming.
+        record_loop_message, streams._record_loop_message = streams._record_loop_message, lambda _: None
         await seconds(3)
         with pytest.raises(GcsError):
             await rig.vehicle.command.arm()
         assert not rig.vehicle.status.armed
         assert rig.mission_state is None
         assert executor_commands(rig) == []
-        rig.testbed.streamer._streams._record_loop_message = record
+        streams._record_loop_message = record_loop_message
 
     run_with_modes(run_simulated, scenario, in_air=False)
 
@@ -225,7 +229,7 @@ def test_a_mission_with_a_take_off_that_is_selected_in_the_air_switches_to_hold_
 ) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
-        rig.other_station.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, HOLD)
+        rig.other_station.command(*SELECT_HOLD)
         await rig.until_mode("hold")
         await rig.vehicle.command.takeoff(8)
         await rig.until_mode("hold", 40)
@@ -239,8 +243,8 @@ def test_a_mission_with_a_take_off_that_is_selected_in_the_air_switches_to_hold_
     run_with_modes(run_simulated, scenario, in_air=False)
 
 
-async def change_settings(rig: Modes) -> None:
-    """Sets a limit of the operator, so that the server must compile the mission again."""
+async def set_altitude_limit(rig: Modes) -> None:
+    """Sets an altitude limit, after which the server must compile the mission again."""
     await rig.station.offboard("1").operator_limits.set(OperatorLimits(height_max_m=50.0), by="anna")
 
 
@@ -265,14 +269,14 @@ def test_slow_plan_work_does_not_delay_the_take_off_after_arming(run_simulated: 
     run_with_modes(run_simulated, scenario, in_air=False)
 
 
-def test_a_mission_is_compiled_again_and_takes_off_if_px4_arms_before_it_knows_of_the_change(
+def test_a_mission_that_px4_arms_while_it_is_compiled_again_takes_off_after_the_compilation(
     run_simulated: Any,
 ) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         await until_ready(rig, True)
         rig.station.plan_work = SlowPlanWork(2.0)
-        await change_settings(rig)
+        await set_altitude_limit(rig)
         await seconds(0.15)
         assert not (await rig.list_modes())["modes"][0]["ready"]
         await arm(rig)
@@ -286,7 +290,7 @@ def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(run_simu
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         rig.station.plan_work, plan_work = UnavailablePlanWork(), rig.station.plan_work
-        await change_settings(rig)
+        await set_altitude_limit(rig)
         await until_ready(rig, False)
         await until(lambda: any("PX4 does not arm in this mode" in text for text in rig.warnings()), 10)
         assert "No worker." in (await rig.list_modes())["modes"][0]["reason"]

@@ -24,6 +24,12 @@ from tests.protocol.offboard_testbed import seconds
 from tests.protocol.simulated_testbed import until
 from vehicle_sim.mavlink import generated_dialect as sim
 
+SUCCESS, OTHER_FAILURE = 0, 100
+"""result of ModeCompleted."""
+EXTERNAL_1 = 23
+"""nav_state of ModeCompleted."""
+SELECT_HOLD = (sim.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+
 
 def test_a_registered_mission_has_its_name_in_every_ground_station(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
@@ -56,7 +62,7 @@ def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: A
         await until(lambda: rig.mission_state == "done", 20)
         await rig.until_mode("hold")
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
-        assert [(message["result"], message["nav_state"]) for message in completed] == [(0, 23)]
+        assert [(message["result"], message["nav_state"]) for message in completed] == [(SUCCESS, EXTERNAL_1)]
         assert f"Mode {MODE_NAME}" in rig.texts()
         before = len(rig.testbed.topics[0].sent)
         await seconds(2)
@@ -84,7 +90,7 @@ def test_a_mission_mode_can_be_started_repeatedly_by_this_server(run_simulated: 
 def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.start_in_flight()
-        rig.other_station.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+        rig.other_station.command(*SELECT_HOLD)
         await rig.until_mode("hold")
         await until(lambda: rig.mission_state == "suspended", 2)
         before = len(rig.testbed.topics[0].sent)
@@ -108,7 +114,7 @@ def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(run_
         await rig.until_mode("hold")
         assert rig.mission_state == "suspended"
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
-        assert [message["result"] for message in completed] == [100]
+        assert [message["result"] for message in completed] == [OTHER_FAILURE]
 
     run_with_modes(run_simulated, scenario)
 
@@ -160,18 +166,18 @@ def test_a_stalled_event_loop_makes_px4_return(run_simulated: Any) -> None:
         await rig.start_in_flight()
         streams = rig.testbed.streamer._streams
         flight = rig.station.missions.flight("1")
-        record, update = streams._record_loop_message, flight.update
+        record_loop_message, update = streams._record_loop_message, flight.update
         streams._record_loop_message, flight.update = lambda _: None, lambda: None
         began_s = rig.testbed.loop.time()
         await rig.until_mode("rtl")
         assert 1.0 < rig.testbed.loop.time() - began_s < 2.5
-        streams._record_loop_message, flight.update = record, update
+        streams._record_loop_message, flight.update = record_loop_message, update
         await until(lambda: rig.mission_state == "suspended", 2)
 
     run_with_modes(run_simulated, scenario)
 
 
-def test_a_server_that_ends_puts_the_vehicle_into_hold_and_removes_the_mode(run_simulated: Any) -> None:
+def test_a_server_shutdown_puts_the_vehicle_into_hold_and_removes_the_mode(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await rig.start_in_flight()
         (stopped,) = await rig.station.streamer.stop_all()
@@ -227,17 +233,17 @@ def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(ru
         with_take_off = {**MISSION, "steps": [{"step": "take_off", "height_m": 5}]}
         with pytest.raises(PlanFindings):
             await rig.register(name="Errors", mission=with_take_off)
-        sent = len(rig.sent(UNREGISTER))
+        sent_count = len(rig.sent(UNREGISTER))
         rig.other_station.select_mode("external_1")
         await until(lambda: rig.mission_state == "flying", 5)
         with pytest.raises(Refused, match="flies in the mode"):
             await rig.unregister()
-        assert len(rig.sent(UNREGISTER)) == sent
+        assert len(rig.sent(UNREGISTER)) == sent_count
 
     run_with_modes(run_simulated, scenario)
 
 
-def test_over_mavlink_only_a_mode_cannot_be_registered(run_simulated: Any) -> None:
+def test_a_mode_cannot_be_registered_over_mavlink_only(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.register()
         for endpoint in rig.vehicle.endpoints:
@@ -263,7 +269,7 @@ def test_resuming_the_mission_selects_its_mode(run_simulated: Any) -> None:
     run_with_modes(run_simulated, scenario)
 
 
-def test_with_both_links_the_arming_report_has_the_modes_name(run_simulated: Any) -> None:
+def test_with_mavlink_and_ros_2_the_arming_report_has_the_modes_name(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         rig.testbed.mavlink_on = True
         await until(lambda: "MAVLink" in rig.vehicle.reach.protocols, 10)
@@ -271,7 +277,9 @@ def test_with_both_links_the_arming_report_has_the_modes_name(run_simulated: Any
         labels: dict[str, str] = {}
 
         def has_label() -> bool:
-            labels.update({each.mode: each.label for each in rig.vehicle.health.readiness.modes})
+            labels.update(
+                {readiness.mode: readiness.label for readiness in rig.vehicle.health.readiness.modes}
+            )
             return mode in labels
 
         await until(has_label, 15)

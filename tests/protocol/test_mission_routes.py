@@ -1,4 +1,4 @@
-"""A vehicle's mission by the server's routes: permissions, confirmations, checks, errors."""
+"""The routes for a vehicle's mission: permissions, confirmations, checks, errors."""
 
 import asyncio
 import json
@@ -17,8 +17,8 @@ from tests.protocol.fake_autopilot import IN_AIR
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_testbed import OffboardTestbed, seconds
 
-AT_20_M = {"value_m": 20, "reference": "home"}
-POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
+ALTITUDE_20_M = {"value_m": 20, "reference": "home"}
+POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": ALTITUDE_20_M}
 PLAN = {
     "items": [{"kind": "takeoff", **POSITION}, {"kind": "waypoint", **POSITION}, {"kind": "return_home"}],
     "fence": [
@@ -30,10 +30,13 @@ PLAN = {
         }
     ],
 }
-OUTSIDE = {**PLAN, "items": [*PLAN["items"][:1], {"kind": "waypoint", **POSITION, "lat_deg": 47.41}]}
+PLAN_OUTSIDE_THE_FENCE = {
+    **PLAN,
+    "items": [*PLAN["items"][:1], {"kind": "waypoint", **POSITION, "lat_deg": 47.41}],
+}
 
 
-def run_with_rig(run_simulated, tmp_path, work, **autopilot_options):
+def run_with_rig(run_simulated, tmp_path, scenario, **autopilot_options):
     async def run():
         testbed = OffboardTestbed()
         link = testbed.link()
@@ -43,7 +46,7 @@ def run_with_rig(run_simulated, tmp_path, work, **autopilot_options):
             await seconds(1.5)
             station = station_of(testbed)
             station.plans = PlanStore(tmp_path / "plans", testbed.clock)
-            await work(
+            await scenario(
                 SimpleNamespace(testbed=testbed, vehicle=vehicle, autopilot=autopilot, station=station)
             )
             station.plans.close()
@@ -59,7 +62,7 @@ async def upload(rig, plan=PLAN, *, by=ANNA, wait=True, **fields):
     return await mission_routes.upload("1", body, rig.station, by)
 
 
-async def show(rig):
+async def get_mission(rig):
     return json_of(await mission_routes.show_mission(rig.vehicle, rig.station))
 
 
@@ -68,7 +71,7 @@ def start(rig, by=ANNA, **body):
 
 
 def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         stored = await rig.station.plans.create(
             "Tower", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
         )
@@ -82,12 +85,12 @@ def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simu
             "1",
             "running",
         )
-        assert (await show(rig))["holds"]["state"] == "not_known"
+        assert (await get_mission(rig))["holds"]["state"] == "not_known"
         with pytest.raises(Refused, match="only one can run"):
             await upload(rig)
         ended = await rig.station.operations.wait(operation["id"])
         assert ended.result == {"items": {"fence": 1, "rally": 0, "mission": 3}, "not_kept": []}
-        mission_view = await show(rig)
+        mission_view = await get_mission(rig)
         assert mission_view["holds"]["state"] == "plan"
         assert mission_view["holds"]["plan"] == {"id": stored.id, "version": 1, "name": "Tower"}
         assert (
@@ -96,72 +99,81 @@ def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simu
             mission_view["transfer"],
         ) == (3, 0, None)
         assert ("anna", "mission/upload", "1", "ok") in journal_lines(rig.station)
-        read = json_of(await mission_routes.downloaded_plan(rig.vehicle))
-        assert [item["kind"] for item in read["plan"]["items"]] == ["takeoff", "waypoint", "return_home"]
-        assert (read["still_held"], read["notes"], read["plan"]["fence"][0]["radius_m"]) == (True, [], 200)
+        view = json_of(await mission_routes.downloaded_plan(rig.vehicle))
+        assert [item["kind"] for item in view["plan"]["items"]] == [
+            "takeoff",
+            "waypoint",
+            "return_home",
+        ]
+        assert (
+            view["still_held"],
+            view["notes"],
+            view["plan"]["fence"][0]["radius_m"],
+        ) == (True, [], 200)
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_a_cancelled_upload_leaves_the_vehicles_previous_mission(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)
-        many = {**PLAN, "items": PLAN["items"][:2] * 20}
-        started = json_of(await upload(rig, many, wait=False))
+        long_plan = {**PLAN, "items": PLAN["items"][:2] * 20}
+        started = json_of(await upload(rig, long_plan, wait=False))
         await seconds(0.15)
         ended = json_of(await operation_routes.cancel_operation(started["id"], rig.station, ANNA))
         assert ended["state"] == "cancelled"
         await seconds(2)
-        assert ((await show(rig))["holds"]["state"], (await show(rig))["mission"]["count"]) == ("plan", 3)
+        mission_view = await get_mission(rig)
+        assert (mission_view["holds"]["state"], mission_view["mission"]["count"]) == ("plan", 3)
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_without_control_upload_clear_and_start_are_refused(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         await control_routes.take("1", rig.station, BOB)
-        for attempt in (
+        for request in (
             upload(rig),
             mission_routes.clear("1", rig.station, ANNA),
             start(rig),
             mission_routes.resume("1", rig.station, ANNA),
         ):
             with pytest.raises(NotInControl):
-                await attempt
+                await request
         assert rig.autopilot.service._plans[0] == []
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_changing_the_mission_in_flight_needs_confirmation(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)
         rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed_state = True, MISSION_MODE, IN_AIR
         await seconds(2.5)
-        for attempt in (
+        for request in (
             upload(rig),
             upload(rig, confirm="yes"),
             mission_routes.clear("1", rig.station, ANNA),
         ):
             with pytest.raises(InvalidRequest, match="nothing was sent") as raised:
-                await attempt
+                await request
             assert raised.value.field == "confirm"
         assert len(rig.autopilot.service._plans[0]) == 3
-        shorter = {**PLAN, "items": PLAN["items"][:2]}
-        await upload(rig, shorter, confirm="vehicle 1 flies the new mission at once")
+        short_plan = {**PLAN, "items": PLAN["items"][:2]}
+        await upload(rig, short_plan, confirm="vehicle 1 flies the new mission at once")
         assert len(rig.autopilot.service._plans[0]) == 2
         await mission_routes.clear("1", rig.station, ANNA, "vehicle 1 loses the mission that it flies")
         assert rig.autopilot.service._plans[0] == []
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(run_simulated, tmp_path):
-    async def work(rig):
-        with pytest.raises(PlanFindings) as unknown:
+    async def scenario(rig):
+        with pytest.raises(PlanFindings) as refused:
             await start(rig)
-        assert unknown.value.codes == ("plan_not_known",)
-        await upload(rig, OUTSIDE)
+        assert refused.value.codes == ("plan_not_known",)
+        await upload(rig, PLAN_OUTSIDE_THE_FENCE)
         with pytest.raises(PlanFindings, match="has errors") as raised:
             await start(rig)
         codes = set(raised.value.codes)
@@ -174,7 +186,7 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(run_simu
         await UploadingStation(rig.autopilot).upload([])
         await seconds(2)
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated, tmp_path):
@@ -182,7 +194,7 @@ def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated
     polygon = [{"lat_deg": POSITION["lat_deg"] + n, "lon_deg": POSITION["lon_deg"] + e} for n, e in corners]
     tower = {"name": "Tower", "top": {"value_m": 50, "reference": "home"}, "polygon": polygon}
 
-    async def work(rig):
+    async def scenario(rig):
         plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
         stored = await rig.station.plans.create("Tower", plan, by=("anna", "key"))
         await upload(rig, None, plan_id=stored.id)
@@ -190,15 +202,15 @@ def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated
             await start(rig)
         assert "obstacle_hit" in raised.value.codes
         await rig.station.plans.delete(stored.id, base_version=1, by=("anna", "key"))
-        others = set(raised.value.codes) - {"obstacle_hit"}
-        response = json_of(await start(rig, despite=sorted(others)))
+        other_codes = set(raised.value.codes) - {"obstacle_hit"}
+        response = json_of(await start(rig, despite=sorted(other_codes)))
         assert response["status"]["armed"], "the obstacles of a deleted plan prevented the start"
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_a_mission_starts_at_an_item_and_continues_after_hold(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)
         with pytest.raises(Refused, match="not flying"):
             await mission_routes.resume("1", rig.station, ANNA)
@@ -214,11 +226,11 @@ def test_a_mission_starts_at_an_item_and_continues_after_hold(run_simulated, tmp
         await mission_routes.resume("1", rig.station, ANNA)
         assert (rig.autopilot.mode, rig.autopilot.flight.current) == (MISSION_MODE, 1)
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_a_refused_start_does_not_leave_the_vehicle_in_mission_mode(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)
         rig.autopilot.arm_denied = True
         with pytest.raises(Rejected):
@@ -226,11 +238,11 @@ def test_a_refused_start_does_not_leave_the_vehicle_in_mission_mode(run_simulate
         await seconds(1)
         assert (rig.autopilot.armed, rig.vehicle.status.mode) == (False, "hold")
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_differences_to_a_plan_are_listed_by_item(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)
         body = mission_models.WhichPlan.model_validate({"plan": PLAN})
         comparison = json_of(await mission_routes.compare(rig.vehicle, body, rig.station))
@@ -255,31 +267,31 @@ def test_differences_to_a_plan_are_listed_by_item(run_simulated, tmp_path):
             20,
         )
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)  # a plan without a name on this server
-        plan_choice = mission_models.WhichPlan.model_validate
-        stored = await rig.station.plans.create("Tower", plan_choice({"plan": PLAN}).plan, by=("anna", "key"))
+        which_plan = mission_models.WhichPlan.model_validate
+        stored = await rig.station.plans.create("Tower", which_plan({"plan": PLAN}).plan, by=("anna", "key"))
         other = await rig.station.plans.create(
-            "Other", plan_choice({"plan": OUTSIDE}).plan, by=("anna", "key")
+            "Other", which_plan({"plan": PLAN_OUTSIDE_THE_FENCE}).plan, by=("anna", "key")
         )
         for plan, plan_id in ((other, None), (stored, stored.id)):
-            await mission_routes.compare(rig.vehicle, plan_choice({"plan_id": plan.id}), rig.station)
-            assert (await show(rig))["holds"]["plan"]["id"] == plan_id
+            await mission_routes.compare(rig.vehicle, which_plan({"plan_id": plan.id}), rig.station)
+            assert (await get_mission(rig))["holds"]["plan"]["id"] == plan_id
         other_item = rig.vehicle.mission.items_on_vehicle.items["mission"][1]
         await UploadingStation(rig.autopilot).upload([replace(other_item, seq=0, z=9.0)])
         await seconds(2)
-        await mission_routes.compare(rig.vehicle, plan_choice({"plan_id": stored.id}), rig.station)
-        assert (await show(rig))["holds"]["state"] == "another"
+        await mission_routes.compare(rig.vehicle, which_plan({"plan_id": stored.id}), rig.station)
+        assert (await get_mission(rig))["holds"]["state"] == "another"
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_a_download_shows_the_mission_of_another_station(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         with pytest.raises(Refused, match="has not been downloaded"):
             await mission_routes.downloaded_plan(rig.vehicle)
         await upload(rig)
@@ -287,24 +299,24 @@ def test_a_download_shows_the_mission_of_another_station(run_simulated, tmp_path
         other_item = item.__class__(0, item.frame, 16, 0, 0, 0, 0, item.x, item.y, 9.0)
         await UploadingStation(rig.autopilot).upload([other_item])
         await seconds(2)
-        assert (await show(rig))["holds"]["state"] == "another"
+        assert (await get_mission(rig))["holds"]["state"] == "another"
         body = mission_models.DownloadRequest(wait=True)
         response = json_of(await mission_routes.download(rig.vehicle, rig.station, BOB, body))
         assert response["result"] == {"items": {"fence": 1, "rally": 0, "mission": 1}}
-        read = json_of(await mission_routes.downloaded_plan(rig.vehicle))
-        assert (len(read["plan"]["items"]), read["plan_name"], read["still_held"]) == (1, None, True)
+        view = json_of(await mission_routes.downloaded_plan(rig.vehicle))
+        assert (len(view["plan"]["items"]), view["plan_name"], view["still_held"]) == (1, None, True)
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.parametrize("body", [{}, {"plan": PLAN, "plan_id": "x"}, {"plan": PLAN, "version": 1}])
-def test_a_request_with_no_plan_or_several_is_refused(body):
+def test_a_request_without_a_plan_or_with_several_plans_is_refused(body):
     with pytest.raises(ValueError, match=r"exactly one|belongs to"):
         mission_models.WhichPlan.model_validate(body)
 
 
-def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(run_simulated, tmp_path):
-    async def work(rig):
+def test_an_upload_to_a_vehicle_that_is_lost_fails_with_a_reason(run_simulated, tmp_path):
+    async def scenario(rig):
         uploading = asyncio.ensure_future(upload(rig, {**PLAN, "items": PLAN["items"][:2] * 50}))
         await seconds(0.2)
         rig.autopilot.alive = False
@@ -312,15 +324,15 @@ def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(run_simulated, tmp_p
         assert "lost" in str(result)
         assert rig.vehicle.mission.running_transfer is None
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_an_offboard_mission_cannot_be_uploaded(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         mission = OffboardMission(name="Mast", steps=(Land(),), missions={})
         stored = await rig.station.plans.create("Mast", mission, by=("anna", "key"))
         body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
         with pytest.raises(InvalidRequest, match="the server flies it"):
             await mission_routes.upload("1", body, rig.station, ANNA)
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)

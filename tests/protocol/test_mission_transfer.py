@@ -56,8 +56,9 @@ def mission(count, seed=0):
     return (first, speed, *(waypoint(seq, rng) for seq in range(2, count)))[:count]
 
 
-def square(side=20_000):
-    corners = [(-side, -side), (-side, side), (side, side), (side, -side)]
+def square(half_e7=20_000):
+    """Fence vertices; `half_e7`: half of the side [1e-7 degrees]."""
+    corners = [(-half_e7, -half_e7), (-half_e7, half_e7), (half_e7, half_e7), (half_e7, -half_e7)]
     return tuple(
         WireItem(n, 6, FENCE_VERTEX, 4.0, 0.0, 0.0, 0.0, 473977420 + x, 85455940 + y, 0.0)
         for n, (x, y) in enumerate(corners)
@@ -76,30 +77,30 @@ def plan(count=5, seed=0):
 
 
 def bytes_of(items):
-    """The bytes of MISSION_ITEM_INT without `current`, which the vehicle changes, and with _INT frames."""
+    """The payload of MISSION_ITEM_INT, with `current` 0, which the vehicle changes, and _INT frames."""
     frames = {0: 5, 3: 6}
     return [
         d.MAVLink_mission_item_int_message(
-            0, 0, i.seq, frames.get(i.frame, i.frame), i.command, 0, int(i.autocontinue),
-            i.param1, i.param2, i.param3, i.param4, i.x, i.y, i.z, 0,
+            0, 0, item.seq, frames.get(item.frame, item.frame), item.command, 0, int(item.autocontinue),
+            item.param1, item.param2, item.param3, item.param4, item.x, item.y, item.z, 0,
         ).pack(d.MAVLink(None))[10:-2]
-        for i in items
+        for item in items
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS[:2], pytest.param(*LOSS[2], marks=pytest.mark.broad)])
 def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(run_simulated, loss, seed):
-    sent = plan(1000, seed)
+    planned = plan(1000, seed)
 
     async def work(rig):
         shares = []
-        uploaded = await rig.mission.upload(sent, PLAN, progress=lambda _, share: shares.append(share))
+        uploaded = await rig.mission.upload(planned, PLAN, progress=lambda _, share: shares.append(share))
         assert rig.mission.plan_on_vehicle() == "plan"
         assert uploaded.not_kept == []
         assert shares == sorted(shares)
         assert shares[-1] > 0.99
         for part in PARTS:
-            assert bytes_of(uploaded.items_on_vehicle.items[part]) == bytes_of(sent[part])
+            assert bytes_of(uploaded.items_on_vehicle.items[part]) == bytes_of(planned[part])
 
     run_with_rig(run_simulated, work, loss=loss, seed=seed)
 
@@ -111,9 +112,9 @@ def test_small_plans_replace_each_other_and_empty_parts_are_cleared(run_simulate
         other = {"mission": mission(7, seed=9), "fence": (), "rally": ()}
         await rig.mission.upload(other, PlanReference("def", 1, "Barn"))
         assert (rig.mission.plan_on_vehicle(), rig.mission.items_on_vehicle.plan.id) == ("plan", "def")
-        read = await rig.mission.download()
-        assert [len(read.items[part]) for part in ("mission", "fence", "rally")] == [7, 0, 0]
-        assert read.plan.id == "def", "the downloaded plan is not the uploaded plan"
+        downloaded = await rig.mission.download()
+        assert [len(downloaded.items[part]) for part in ("mission", "fence", "rally")] == [7, 0, 0]
+        assert downloaded.plan.id == "def", "the downloaded plan is not the uploaded plan"
         await rig.mission.clear()
         await seconds(3)
         assert rig.vehicle.topic("mission").value.count == 0
@@ -133,8 +134,8 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(run_
             assert "not supported in a mission" in str(raised.value)
             assert "still has its previous items" in str(raised.value)
             assert (rig.mission.plan_on_vehicle(), rig.mission.items_on_vehicle.plan) == ("plan", PLAN)
-        read = await rig.mission.download()
-        assert bytes_of(read.items["mission"]) == bytes_of(plan(4)["mission"])
+        downloaded = await rig.mission.download()
+        assert bytes_of(downloaded.items["mission"]) == bytes_of(plan(4)["mission"])
 
     run_with_rig(run_simulated, work)
 
@@ -142,9 +143,9 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(run_
 def test_parts_that_were_stored_before_the_refusal_are_listed(run_simulated):
     async def work(rig):
         await rig.mission.upload(plan(4), PLAN)
-        bad = {"mission": (waypoint(0, command=UNSUPPORTED),), "fence": square(9_000), "rally": rally()}
+        refused_plan = {**plan(), "mission": (waypoint(0, command=UNSUPPORTED),), "fence": square(9_000)}
         with pytest.raises(Rejected, match=r"now has a new geofence\. Its rally points and mission are as"):
-            await rig.mission.upload(bad, PlanReference("bad", 1, "Bad"))
+            await rig.mission.upload(refused_plan, PlanReference("bad", 1, "Bad"))
         await seconds(1.5)
         assert rig.mission.plan_on_vehicle() == "another"
 
@@ -166,14 +167,14 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
         assert rig.mission.running_transfer is None
         completed = not uploading.cancelled()
         rig.autopilot.loss = 0.0
-        read = await rig.mission.download()
-        assert bytes_of(read.items["mission"]) in (bytes_of(old["mission"]), bytes_of(new["mission"]))
-        is_old = all(bytes_of(read.items[part]) == bytes_of(old[part]) for part in PARTS)
-        assert not (completed and is_old)
-        holds = "plan" if is_old or completed else "not_known"
+        downloaded = await rig.mission.download()
+        assert bytes_of(downloaded.items["mission"]) in (bytes_of(old["mission"]), bytes_of(new["mission"]))
+        has_old_plan = all(bytes_of(downloaded.items[part]) == bytes_of(old[part]) for part in PARTS)
+        assert not (completed and has_old_plan)
+        expected_state = "plan" if has_old_plan or completed else "not_known"
         assert (rig.mission.plan_on_vehicle(), rig.mission.items_on_vehicle.plan is not None) == (
-            holds,
-            holds == "plan",
+            expected_state,
+            expected_state == "plan",
         )
 
     run_with_rig(run_simulated, work, loss=loss, seed=int(after_s * 100) + 1)
@@ -185,8 +186,8 @@ def test_a_later_upload_by_another_station_is_detected_as_another_plan(run_simul
         await UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(3)])
         await seconds(2)
         assert rig.mission.plan_on_vehicle() == "another"
-        read = await rig.mission.download()
-        assert (len(read.items["mission"]), read.plan, rig.mission.plan_on_vehicle()) == (
+        downloaded = await rig.mission.download()
+        assert (len(downloaded.items["mission"]), downloaded.plan, rig.mission.plan_on_vehicle()) == (
             3,
             None,
             "not_known",
@@ -211,29 +212,29 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(run_simulated, af
         assert isinstance(result, GcsError) or result.items_on_vehicle.plan == PLAN
         await seconds(2)
         server_knows_plan = rig.mission.plan_on_vehicle() == "plan"
-        read = await rig.mission.download()
-        is_uploaded = bytes_of(read.items["mission"]) == bytes_of(uploaded["mission"])
-        assert server_knows_plan == is_uploaded
+        downloaded = await rig.mission.download()
+        has_uploaded_plan = bytes_of(downloaded.items["mission"]) == bytes_of(uploaded["mission"])
+        assert server_knows_plan == has_uploaded_plan
 
     run_with_rig(run_simulated, work)
 
 
-def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(run_simulated):
+def test_an_upload_waits_for_a_busy_vehicle_and_fails_if_the_vehicle_stays_busy(run_simulated):
     async def work(rig):
-        short = asyncio.ensure_future(
+        short_upload = asyncio.ensure_future(
             UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(40)])
         )
         await seconds(0.3)
         await rig.mission.upload(plan(3), PLAN)
-        await short
+        await short_upload
         assert rig.mission.plan_on_vehicle() == "plan"
-        long = asyncio.ensure_future(
+        long_upload = asyncio.ensure_future(
             UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(60)], 0.5)
         )
         await seconds(1.1)
         with pytest.raises(Rejected, match="busy with another transfer"):
             await rig.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
-        long.cancel()
+        long_upload.cancel()
 
     run_with_rig(run_simulated, work)
 
@@ -251,7 +252,7 @@ def test_a_transfer_is_refused_until_another_transfer_has_ended(run_simulated):
     run_with_rig(run_simulated, work)
 
 
-def test_a_vehicle_without_mission_replies_is_reported(run_simulated):
+def test_a_vehicle_that_sends_no_mission_replies_is_reported(run_simulated):
     async def work(rig):
         rig.autopilot.receive = lambda _: None
         with pytest.raises(NoReply, match="did not answer for 8 s"):

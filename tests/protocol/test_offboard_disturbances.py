@@ -1,4 +1,4 @@
-"""Changes of the vehicle, of its links and by other commands during a stream; each setpoint reaches only its
+"""Disturbances of a stream by the vehicle, by its links and by other commands; setpoints reach only their
 vehicle."""
 
 import asyncio
@@ -31,8 +31,8 @@ def test_after_a_change_of_the_local_origin_a_stream_of_positions_ends_in_hold(r
         autopilot.ned = [80.0, -30.0, -5.0]
         await seconds(0.3)
         assert "jumped" in offboard_event_codes(vehicle)
-        far = [m for t, m in autopilot.setpoints if t > testbed.loop.time() - 0.1]
-        assert {(round(m.x), round(m.y)) for m in far} in ({(80, -30)}, set())
+        last_setpoints = [m for t, m in autopilot.setpoints if t > testbed.loop.time() - 0.1]
+        assert {(round(m.x), round(m.y)) for m in last_setpoints} in ({(80, -30)}, set())
         await seconds(2)
         assert autopilot.mode == HOLD
         with pytest.raises(Refused):
@@ -41,7 +41,9 @@ def test_after_a_change_of_the_local_origin_a_stream_of_positions_ends_in_hold(r
     run_offboard(run_simulated, scenario)
 
 
-def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_the_stream(run_simulated):
+def test_the_stream_does_not_restart_if_the_vehicle_reports_offboard_again_after_a_failsafe_landing(
+    run_simulated,
+):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
@@ -111,9 +113,9 @@ def test_a_server_shutdown_puts_all_vehicles_into_hold_at_once_within_a_deadline
             await seconds(1.5)
             await asyncio.gather(*(vehicle.offboard.start(stream_request()) for vehicle in vehicles))
             autopilots[0].silent_commands.add(DO_SET_MODE)
-            began = testbed.loop.time()
+            began_s = testbed.loop.time()
             stopped = {s.vehicle: s.error for s in await testbed.streamer.stop_all()}
-            assert testbed.loop.time() - began < 3.5
+            assert testbed.loop.time() - began_s < 3.5
             assert stopped["2"] is None
             assert stopped["3"] is None
             assert isinstance(stopped["1"], NoReply)
@@ -165,23 +167,23 @@ def test_a_refused_hold_is_reported_although_it_replaced_another_command(run_sim
     run_offboard(run_simulated, scenario)
 
 
-@pytest.mark.parametrize("call", ["land", "rtl"])
-def test_the_stream_does_not_request_hold_during_another_command(run_simulated, call):
+@pytest.mark.parametrize("command", ["land", "rtl"])
+def test_the_stream_does_not_request_hold_during_another_command(run_simulated, command):
     async def scenario(testbed, vehicle, autopilot, link):
         autopilot.handlers.append(lambda m: getattr(m, "command", None) == DO_SET_MODE and m.param3 == 3)
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         while vehicle.offboard.status().state != "to_hold":
             await seconds(0.01)
         await seconds(0.9)
+        ignore_until_s = testbed.loop.time() + 1.3
         autopilot.handlers.append(
-            lambda m: getattr(m, "command", None) == DO_SET_MODE and testbed.loop.time() < late_s
+            lambda m: getattr(m, "command", None) == DO_SET_MODE and testbed.loop.time() < ignore_until_s
         )
-        late_s = testbed.loop.time() + 1.3
-        requests = len(mode_requests(autopilot, HOLD))
-        await getattr(vehicle.command, call)()
+        request_count = len(mode_requests(autopilot, HOLD))
+        await getattr(vehicle.command, command)()
         await seconds(2)
-        assert len(mode_requests(autopilot, HOLD)) == requests
-        assert vehicle.status.mode == call
+        assert len(mode_requests(autopilot, HOLD)) == request_count
+        assert vehicle.status.mode == command
         assert autopilot.failsafes == 0
 
     run_offboard(run_simulated, scenario)
@@ -232,9 +234,9 @@ def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(run_si
             await testbed.ready("1")
             await testbed.ready("1~2")
             await seconds(1.5)
-            by_link = {testbed.fleet.get(i).links[0]: testbed.fleet.get(i) for i in ("1", "1~2")}
-            await by_link["two"].offboard.start(stream_request())
-            await by_link["two"].command.kill()
+            vehicle_by_link = {testbed.fleet.get(i).links[0]: testbed.fleet.get(i) for i in ("1", "1~2")}
+            await vehicle_by_link["two"].offboard.start(stream_request())
+            await vehicle_by_link["two"].command.kill()
             assert autopilots[0].armed
             assert not autopilots[0].setpoints
             assert not autopilots[0].commands(ARM_DISARM)
@@ -246,12 +248,12 @@ def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(run_si
     run_simulated(run)
 
 
-def unreachable(data, peer):
+def raise_unreachable(data, peer):
     raise OSError(errno.ENETUNREACH, "Network is unreachable")
 
 
-@pytest.mark.parametrize("how", ["silent", "write_fails"])
-def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsafe(run_simulated, how):
+@pytest.mark.parametrize("failure", ["silent", "write_fails"])
+def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsafe(run_simulated, failure):
     async def run():
         testbed = OffboardTestbed()
         first, second = testbed.link("one"), testbed.link("two")
@@ -273,16 +275,16 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
             assert set(vehicle.links) == {"one", "two"}
             await vehicle.offboard.start(stream_request())
             await seconds(1)
-            used = max((first, second), key=lambda link: len(link.sent))
-            other = second if used is first else first
-            before = len(other.sent)
-            if how == "silent":
-                failed_links.append(used.name)
-                used.autopilots.clear()
+            used_link = max((first, second), key=lambda link: len(link.sent))
+            other_link = second if used_link is first else first
+            sent_before = len(other_link.sent)
+            if failure == "silent":
+                failed_links.append(used_link.name)
+                used_link.autopilots.clear()
             else:
-                used._link_writer._write = unreachable
+                used_link._link_writer._write = raise_unreachable
             await seconds(3)
-            assert len(other.sent) > before + 100
+            assert len(other_link.sent) > sent_before + 100
             assert max(setpoint_gaps_s(autopilot)) < 0.5
             assert autopilot.failsafes == 0
             assert vehicle.offboard.status().state == "streaming"

@@ -5,6 +5,7 @@ import asyncio
 import pytest
 
 from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
+from tests.protocol.api_calls import MISSION_MODE
 from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_testbed import (
@@ -17,6 +18,8 @@ from tests.protocol.offboard_testbed import (
     setpoint_gaps_s,
     stream_request,
 )
+
+POSITION_AND_YAW = 0b100111111000  # a type_mask
 
 # --- whole flights --------------------------------------------------------------------------------
 
@@ -49,15 +52,15 @@ def test_nothing_is_sent_after_the_vehicle_left_offboard(run_simulated):
 @pytest.mark.parametrize("seed", range(21))
 def test_a_stream_starts_changes_and_stops_at_20_percent_loss(run_simulated, seed):
     async def scenario(testbed, vehicle, autopilot, link):
-        began = testbed.loop.time()
+        began_s = testbed.loop.time()
         await vehicle.offboard.start(stream_request())
-        assert testbed.loop.time() - began < 12
+        assert testbed.loop.time() - began_s < 12
         for north in range(5):
             await vehicle.offboard.setpoint(stream_request(position=(float(north), 0.0, -5.0)))
             await seconds(0.2)
-        began = testbed.loop.time()
+        began_s = testbed.loop.time()
         await vehicle.offboard.stop()
-        assert testbed.loop.time() - began < 6
+        assert testbed.loop.time() - began_s < 6
         assert autopilot.mode == HOLD
         assert autopilot.failsafes == 0
         await assert_silent(autopilot, link)
@@ -71,9 +74,9 @@ def test_each_command_ends_in_time_at_20_percent_loss(run_simulated, seed):
         command = vehicle.command
         calls = [(6, command.hold), (6, command.land), (6, command.hold), (6, command.rtl), (6, command.kill)]
         for limit_s, call in calls:
-            began = testbed.loop.time()
+            began_s = testbed.loop.time()
             await call()
-            assert testbed.loop.time() - began <= limit_s
+            assert testbed.loop.time() - began_s <= limit_s
         assert not autopilot.armed
 
     run_offboard(run_simulated, scenario, loss=0.2, seed=seed)
@@ -175,7 +178,7 @@ def test_a_cancelled_start_never_leaves_the_vehicle_in_offboard_without_a_stream
     run_offboard(run_simulated, scenario)
 
 
-def test_a_vehicle_that_switches_to_offboard_after_the_deadline_does_not_stay_without_a_stream(run_simulated):
+def test_a_vehicle_that_switches_to_offboard_late_does_not_stay_in_offboard_without_a_stream(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         autopilot.offboard_delay_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
@@ -227,7 +230,7 @@ def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(run_simulated):
 
 def test_a_stream_can_be_started_in_mission_mode(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
-        autopilot.mode = autopilot.requested_mode = 4 << 16 | 4 << 24
+        autopilot.mode = autopilot.requested_mode = MISSION_MODE
         await seconds(2)
         assert vehicle.status.mode == "mission"
         await vehicle.offboard.start(stream_request())
@@ -264,7 +267,7 @@ def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(run
         north_m = autopilot.ned[0]
         await seconds(0.05)
         hold_setpoint = autopilot.setpoints[-1][1]
-        assert hold_setpoint.type_mask == 2552
+        assert hold_setpoint.type_mask == POSITION_AND_YAW
         assert hold_setpoint.x == pytest.approx(north_m, abs=0.6), (
             "the held position is more than 60 ms old at 10 m/s"
         )
@@ -280,7 +283,7 @@ def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(run_simul
         await seconds(2)
         assert autopilot.mode == HOLD
         assert not mode_requests(autopilot, LAND)
-        hold_setpoints = [m for t, m in autopilot.setpoints if m.type_mask == 2552]
+        hold_setpoints = [m for t, m in autopilot.setpoints if m.type_mask == POSITION_AND_YAW]
         assert not hold_setpoints, "the server sent a position that is one second old and behind the vehicle"
         await seconds(8)
         assert not vehicle.offboard.status().streaming
@@ -324,7 +327,7 @@ def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(run_simulat
     run_offboard(run_simulated, scenario)
 
 
-def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_requested(run_simulated):
+def test_a_setpoint_resumes_the_stream_in_position_hold_but_not_after_hold_is_requested(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=1.0))
         await seconds(0.8)
@@ -340,7 +343,7 @@ def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_req
     run_offboard(run_simulated, scenario)
 
 
-def test_a_start_during_expiry_is_refused(run_simulated):
+def test_a_start_during_the_position_hold_after_an_expiry_is_refused(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=5.0))
         await seconds(1)
@@ -364,7 +367,7 @@ def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(run_simulat
     run_offboard(run_simulated, scenario)
 
 
-def test_a_stop_on_a_lost_link_is_repeated(run_simulated):
+def test_a_stop_that_the_vehicle_does_not_acknowledge_is_repeated(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(hold_for_s=3600.0))
         autopilot.silent_commands.add(DO_SET_MODE)

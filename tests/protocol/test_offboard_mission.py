@@ -31,7 +31,7 @@ FLIGHT = """
 HOVER = "- {step: hold, duration_s: 120}\n- {step: hold, duration_s: 120, name: Second}\n"
 
 
-def hover(**actions):
+def hover_mission(**actions):
     document = mission(HOVER)
     return document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
 
@@ -71,17 +71,17 @@ def test_a_paused_mission_holds_in_offboard_and_resumes(run_simulated, tmp_path)
     async def scenario(missions, vehicle, autopilot):
         missions.flight.pause("Alice")
         await missions.reach("paused", within_s=5)
-        left_s = missions.flight.status().remaining_s
+        remaining_s = missions.flight.status().remaining_s
         await seconds(5)
-        assert (autopilot.mode, missions.flight.status().remaining_s) == (OFFBOARD, left_s)
+        assert (autopilot.mode, missions.flight.status().remaining_s) == (OFFBOARD, remaining_s)
         missions.flight.resume("Alice")
         await seconds(5)
-        assert missions.flight.status().remaining_s < left_s - 2
+        assert missions.flight.status().remaining_s < remaining_s - 2
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
-def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(run_simulated, tmp_path):
+def test_a_setpoint_stream_or_mission_during_a_mission_is_refused(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         with pytest.raises(Refused, match="flies the mission 'Test'") as refused:
             await vehicle.offboard.setpoint(stream_request())
@@ -89,10 +89,10 @@ def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(run_simulated, tmp
         with pytest.raises(Refused, match="already has a setpoint stream"):
             await vehicle.offboard.start(stream_request())
         with pytest.raises(Refused, match="has the mission 'Test'"):
-            missions.begin(vehicle, hover(), in_air=True)
+            missions.begin(vehicle, hover_mission(), in_air=True)
         assert missions.state == "flying"
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(run_simulated, tmp_path):
@@ -106,7 +106,7 @@ def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(run_simulate
         await missions.reach("flying", within_s=10)
         assert autopilot.mode == OFFBOARD
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 def test_a_stop_of_the_stream_suspends_the_mission_like_hold(run_simulated, tmp_path):
@@ -116,7 +116,7 @@ def test_a_stop_of_the_stream_suspends_the_mission_like_hold(run_simulated, tmp_
         await assert_silent(autopilot, None)
         assert autopilot.mode == HOLD
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 def test_an_aborted_mission_switches_to_hold_and_nothing_more_is_sent(run_simulated, tmp_path):
@@ -128,7 +128,7 @@ def test_an_aborted_mission_switches_to_hold_and_nothing_more_is_sent(run_simula
         with pytest.raises(Refused, match="has ended"):
             missions.flight.resume("Alice")
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 def test_after_a_pilot_takes_over_nothing_is_sent_until_an_operator_resumes_the_mission(
@@ -143,7 +143,9 @@ def test_after_a_pilot_takes_over_nothing_is_sent_until_an_operator_resumes_the_
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
-    run_in_flight(run_simulated, tmp_path, hover(low_battery="return", link_loss="continue"), scenario)
+    run_in_flight(
+        run_simulated, tmp_path, hover_mission(low_battery="return", link_loss="continue"), scenario
+    )
 
 
 def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(run_simulated, tmp_path):
@@ -152,14 +154,14 @@ def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(run_simulate
         await missions.reach("suspended", within_s=2)
         request_count = len(mode_requests(autopilot, OFFBOARD))
         missions.flight.resume("Alice")
-        await seconds(0.6)  # setpoints are sent, Offboard has not been requested
+        await seconds(0.6)  # setpoints are sent; Offboard is not requested yet
         autopilot.mode = autopilot.requested_mode = POSITION
         autopilot.current_mode()
         await missions.reach("suspended", within_s=2)
         await assert_silent(autopilot, None, 5.0, settle_s=0.3)
         assert (len(mode_requests(autopilot, OFFBOARD)), autopilot.mode) == (request_count, POSITION)
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back(run_simulated, tmp_path):
@@ -169,11 +171,11 @@ def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back
         # 20 m behind the mission's position, so that the path back is straight ahead
         autopilot.ned = [-20 * math.cos(YAW_RAD), -20 * math.sin(YAW_RAD), -5.0]
 
-        def measure():
+        def send_obstacle():
             message = sim.MAVLink_distance_sensor_message(autopilot.boot_ms(), 10, 2000, 300, 0, 0, 0, 0)
             autopilot.send(message)
 
-        autopilot._every(0.2, measure)
+        autopilot._every(0.2, send_obstacle)
         await seconds(1)
         missions.flight.resume("Alice")
         await seconds(1)
@@ -184,13 +186,13 @@ def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 def test_conditions_use_the_wind_and_the_distance_of_the_downward_sensor(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         assert missions.flight.reading().wind_speed_m_s is None
-        for orientation, centimetres in ((0, 150), (25, 420)):
+        for orientation, centimetres in ((0, 150), (25, 420)):  # forward, downward
             autopilot.send(
                 sim.MAVLink_distance_sensor_message(
                     autopilot.boot_ms(), 10, 2000, centimetres, 0, orientation, orientation, 0
@@ -205,7 +207,7 @@ def test_conditions_use_the_wind_and_the_distance_of_the_downward_sensor(run_sim
         reading = missions.flight.reading()
         assert (reading.distance_m, reading.wind_speed_m_s) == (None, None)
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 # --- control --------------------------------------------------------------------------------------
@@ -220,20 +222,20 @@ def test_a_change_of_control_pauses_the_mission_in_offboard(run_simulated, tmp_p
         assert autopilot.mode == OFFBOARD
         assert "control_taken" in event_codes(vehicle)
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 @pytest.mark.parametrize(
     ("action", "state", "mode"), [("hold", "suspended", HOLD), ("continue", "flying", OFFBOARD)]
 )
-def test_expired_control_triggers_the_missions_action(run_simulated, tmp_path, action, state, mode):
+def test_expired_control_triggers_the_control_lost_action(run_simulated, tmp_path, action, state, mode):
     async def scenario(missions, vehicle, autopilot):
         missions.authority.control("1").lease.release(ALICE)
         await seconds(LEASE_S + 3)
         assert (missions.state, autopilot.mode) == (state, mode)
         assert autopilot.failsafes == 0
 
-    run_in_flight(run_simulated, tmp_path, hover(control_lost=action), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(control_lost=action), scenario)
 
 
 # --- faults ---------------------------------------------------------------------------------------
@@ -251,7 +253,7 @@ def test_a_mission_executes_its_link_loss_action_when_the_link_returns(
         await until(lambda: not vehicle.status.link_lost, 10)
         await missions.reach(state, within_s=12)
 
-    run_in_flight(run_simulated, tmp_path, hover(link_loss=action), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(link_loss=action), scenario)
 
 
 def test_a_mission_without_updates_from_the_server_holds_position_and_then_switches_to_hold(
@@ -264,7 +266,7 @@ def test_a_mission_without_updates_from_the_server_holds_position_and_then_switc
         await until(lambda: autopilot.mode == HOLD, 10)
         assert autopilot.failsafes == 0
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 def test_a_stalled_server_leads_to_the_announced_failsafe(run_simulated, tmp_path):
@@ -279,7 +281,7 @@ def test_a_stalled_server_leads_to_the_announced_failsafe(run_simulated, tmp_pat
         await assert_silent(autopilot, None, settle_s=0.5)
         assert autopilot.failsafes == 1
 
-    run_in_flight(run_simulated, tmp_path, hover(link_loss="continue", failure="return"), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(link_loss="continue", failure="return"), scenario)
 
 
 def test_a_server_shutdown_puts_the_vehicle_of_a_mission_into_hold(run_simulated, tmp_path):
@@ -289,7 +291,7 @@ def test_a_server_shutdown_puts_the_vehicle_of_a_mission_into_hold(run_simulated
         await asyncio.sleep(0.3)
         assert missions.state == "suspended"
 
-    run_in_flight(run_simulated, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 # --- routes --------------------------------------------------------------------------------------
@@ -349,28 +351,28 @@ def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_comma
 
 
 def test_a_mission_beyond_the_operators_limits_is_not_started(run_simulated):
-    far = HOVER + "- {step: fly, points: [{offset_ned_m: [40, 0, -5]}]}\n- {step: land}\n"
+    far_steps = HOVER + "- {step: fly, points: [{offset_ned_m: [40, 0, -5]}]}\n- {step: land}\n"
 
     async def scenario(rig):
         await rig.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=30.0), by="anna")
         with pytest.raises(PlanFindings, match="your limit is 30 m from home") as refused:
-            await start_mission(rig, far)
+            await start_mission(rig, far_steps)
         assert refused.value.codes == ("limit_exceeded",)
         await rig.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=50.0), by="anna")
-        await start_mission(rig, far)
+        await start_mission(rig, far_steps)
 
     run_with_missions(run_simulated, scenario)
 
 
 def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(run_simulated):
-    bad = HOVER + "- {step: velocity, velocity_ned_m_s: [90, 0, 0], duration_s: 5}\n- {step: land}\n"
+    fast_steps = HOVER + "- {step: velocity, velocity_ned_m_s: [90, 0, 0], duration_s: 5}\n- {step: land}\n"
 
     async def scenario(rig):
         with pytest.raises(PlanFindings, match="above the vehicle's limits") as refused:
-            await start_mission(rig, bad)
+            await start_mission(rig, fast_steps)
         assert refused.value.codes[0] == "speed_exceeded"
         assert rig.vehicle.offboard_mission.status() is None
-        await start_mission(rig, bad, despite=list(refused.value.codes))
+        await start_mission(rig, fast_steps, despite=list(refused.value.codes))
         assert rig.vehicle.offboard_mission.status().state != "aborted"
 
     run_with_missions(run_simulated, scenario)
@@ -387,7 +389,7 @@ def test_without_a_position_a_mission_is_refused_before_anything_is_sent(run_sim
     run_with_missions(run_simulated, scenario)
 
 
-def test_a_vehicle_without_an_offboard_mission_refuses_its_commands(run_simulated):
+def test_a_vehicle_without_an_offboard_mission_refuses_mission_commands(run_simulated):
     async def scenario(rig):
         assert json_of(await routes.show_mission(rig.vehicle, rig.station))["mission"] is None
         with pytest.raises(Refused, match="no offboard mission"):

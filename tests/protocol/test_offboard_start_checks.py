@@ -28,13 +28,15 @@ from vehicle_sim.mavlink import generated_dialect as sim
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 ATTITUDE, VELOCITY, POSITION, HEIGHT = 1, 2 | 4, 8 | 16, 32
 """Flags of ESTIMATOR_STATUS."""
+RATES_ONLY, ATTITUDE_ONLY = 128, 7
+"""type_mask of SET_ATTITUDE_TARGET."""
 
 
 def send_estimator_flags(autopilot, flags):
     autopilot.send(sim.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0))
 
 
-def unavailable(vehicle):
+def unavailable_setpoints(vehicle):
     return {name for name, available in vehicle.offboard.available().items() if not available.can}
 
 
@@ -52,11 +54,11 @@ NEED_POSITION = {"position", "position_global", "position_body", "path", "follow
         (0, set(KINDS)),
     ],
 )
-def test_the_available_setpoints_depend_on_the_vehicles_estimates(run_simulated, flags, expected):
+def test_setpoints_are_unavailable_without_the_estimates_that_they_need(run_simulated, flags, expected):
     async def scenario(testbed, vehicle, autopilot, link):
         send_estimator_flags(autopilot, flags)
         await seconds(0.1)
-        assert unavailable(vehicle) == expected
+        assert unavailable_setpoints(vehicle) == expected
         for name in expected - NEVER_AVAILABLE:
             assert "estimate" in vehicle.offboard.available()[name].why_not
 
@@ -83,7 +85,7 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
     run_offboard(run_simulated, scenario)
 
 
-def test_setpoints_that_are_never_available_have_a_reason(run_simulated):
+def test_setpoints_that_can_never_be_sent_are_refused_with_a_reason(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         for setpoint, error, text in (
             (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "only yaw is controlled"),
@@ -98,7 +100,7 @@ def test_setpoints_that_are_never_available_have_a_reason(run_simulated):
     run_offboard(run_simulated, scenario)
 
 
-def test_after_an_attitude_setpoint_expires_without_an_estimate_the_stream_levels_the_vehicle_until_land(
+def test_after_a_rates_setpoint_expires_without_an_estimate_the_stream_levels_the_vehicle_until_land(
     run_simulated,
 ):
     async def scenario(testbed, vehicle, autopilot, link):
@@ -107,15 +109,13 @@ def test_after_an_attitude_setpoint_expires_without_an_estimate_the_stream_level
         await seconds(1.5)
         targets = autopilot.other_targets
         await vehicle.offboard.start(StreamRequest(Rates((0.0, 0.0, 1.0), 0.6), 0.5, OnExpiry("hold", 1.0)))
-        assert targets[-1][1].type_mask == 128
+        assert targets[-1][1].type_mask == RATES_ONLY
         autopilot.silent_commands.add(DO_SET_MODE)
         await seconds(1.0)
         assert "expired" in offboard_event_codes(vehicle)
-        assert (targets[-1][1].type_mask, targets[-1][1].thrust) == (7, pytest.approx(0.44))
+        assert (targets[-1][1].type_mask, targets[-1][1].thrust) == (ATTITUDE_ONLY, pytest.approx(0.44))
         assert abs(targets[-1][1].q[1]) < 1e-6
-        assert [int(m.param3) for m in autopilot.commands(DO_SET_MODE)][
-            -1
-        ] == 6  # the last request is for Land
+        assert int(autopilot.commands(DO_SET_MODE)[-1].param3) == 6  # Land
 
     run_offboard(run_simulated, scenario)
 
@@ -185,9 +185,12 @@ def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(ru
 def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         targets = autopilot.other_targets
-        target = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
-        await vehicle.offboard.start(StreamRequest(target, 60.0))
-        assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (5, pytest.approx(496.0))
+        setpoint = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
+        await vehicle.offboard.start(StreamRequest(setpoint, 60.0))
+        assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (
+            sim.MAV_FRAME_GLOBAL_INT,
+            pytest.approx(496.0),
+        )
         assert vehicle.offboard.status().setpoint["alt_amsl_m"] == pytest.approx(496.0)
 
     run_offboard(run_simulated, scenario)
@@ -236,8 +239,8 @@ def test_health_reports_the_time_until_the_failsafe(run_simulated):
 def test_a_limit_changed_in_flight_applies_at_once(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(9.0, 0.0, 0.0)))
-        known = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
-        vehicle.params.known = lambda name: SimpleNamespace(value=known[name]) if name in known else None
+        values = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
+        vehicle.params.known = lambda name: SimpleNamespace(value=values[name]) if name in values else None
         await seconds(0.3)
         assert autopilot.setpoints[-1][1].vx == pytest.approx(3.0)
         assert vehicle.offboard.failsafe().action == "land"

@@ -25,8 +25,8 @@ class FakeSocket:
         self.inbox = asyncio.Queue()
         self.received = []
         self.closed = None
-        self.reading = asyncio.Event()
-        self.reading.set()
+        self.client_reads = asyncio.Event()
+        self.client_reads.set()
 
     def submit(self, **fields):
         self.inbox.put_nowait(json.dumps(fields))
@@ -38,28 +38,28 @@ class FakeSocket:
         return text
 
     async def send_text(self, data):
-        await self.reading.wait()
+        await self.client_reads.wait()
         self.received.append(json.loads(data))
 
     async def close(self, code=1000, reason=None):
         self.closed = (code, reason)
 
 
-def north(metres, **fields):
-    setpoint = {"type": "position", "position_ned_m": [metres, 0, -5]}
+def position_request(north_m, **fields):
+    setpoint = {"type": "position", "position_ned_m": [north_m, 0, -5]}
     return {"setpoint": setpoint, "valid_for_s": 60, **fields}
 
 
 def run_with_socket(run_simulated, scenario, *, start=True):
-    async def fly(testbed, vehicle, autopilot, link):
+    async def with_socket(testbed, vehicle, autopilot, link):
         station = station_of(testbed)
         if start:
             await vehicle.offboard.start(stream_request())
         socket = FakeSocket()
-        server = SetpointSocket(
+        setpoint_socket = SetpointSocket(
             testbed.clock, station, Principal.from_identity("pad", "pad"), vehicle.id, socket
         )
-        serving = asyncio.ensure_future(server.serve())
+        serving = asyncio.ensure_future(setpoint_socket.serve())
         try:
             await scenario(vehicle, autopilot, socket)
         finally:
@@ -67,21 +67,25 @@ def run_with_socket(run_simulated, scenario, *, start=True):
             with suppress(ExceptionGroup):  # the client has closed the socket
                 await serving
 
-    run_offboard(run_simulated, fly)
+    run_offboard(run_simulated, with_socket)
 
 
 def test_each_setpoint_is_sent_at_once_and_acknowledged_with_the_applied_values(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(1, 51):
-            before = len(autopilot.setpoints)
-            socket.submit(seq=seq, **north(seq / 10))
+            setpoint_count = len(autopilot.setpoints)
+            socket.submit(seq=seq, **position_request(seq / 10))
             await seconds(0.0101)
-            new = [m.x for _, m in autopilot.setpoints[before:]]
-            assert any(x == pytest.approx(seq / 10) for x in new), (seq, new)
-        assert [a["seq"] for a in socket.received] == list(range(1, 51))
-        last = socket.received[-1]
-        assert last["applied"] == {"type": "position", "position_ned_m": [5.0, 0.0, -5.0], "yaw_ned_rad": 0.5}
-        assert last["limited"] == []
+            new_north_m = [m.x for _, m in autopilot.setpoints[setpoint_count:]]
+            assert any(x == pytest.approx(seq / 10) for x in new_north_m), (seq, new_north_m)
+        assert [reply["seq"] for reply in socket.received] == list(range(1, 51))
+        last_reply = socket.received[-1]
+        assert last_reply["applied"] == {
+            "type": "position",
+            "position_ned_m": [5.0, 0.0, -5.0],
+            "yaw_ned_rad": 0.5,
+        }
+        assert last_reply["limited"] == []
 
     run_with_socket(run_simulated, scenario)
 
@@ -89,10 +93,10 @@ def test_each_setpoint_is_sent_at_once_and_acknowledged_with_the_applied_values(
 def test_the_newest_valid_of_several_pending_setpoints_is_sent(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(10):
-            socket.submit(seq=seq, **north(seq))
+            socket.submit(seq=seq, **position_request(seq))
         socket.submit(seq=10, setpoint={"type": "position", "position_ned_m": ["far", 0, 0]})
         await seconds(0.1)
-        replies = {a["seq"]: a for a in socket.received}
+        replies = {reply["seq"]: reply for reply in socket.received}
         assert replies[10]["error"]["field"] == "setpoint.position_ned_m.0"
         assert replies[9]["applied"]["position_ned_m"] == [9.0, 0.0, -5.0]
         assert all(replies[seq] == {"seq": seq, "superseded": True} for seq in range(9))
@@ -176,7 +180,7 @@ def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(
 
 def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(run_simulated):
     async def scenario(vehicle, autopilot, socket):
-        socket.submit(seq=1, **north(1))
+        socket.submit(seq=1, **position_request(1))
         await seconds(0.1)
         assert socket.received[0]["error"]["code"] == "refused"
         assert "offboard/start" in socket.received[0]["error"]["remedy"]
@@ -188,14 +192,15 @@ def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(r
 @pytest.mark.story
 def test_setpoints_of_a_client_that_reads_no_replies_are_applied(run_simulated):
     async def scenario(vehicle, autopilot, socket):
-        socket.reading.clear()
+        socket.client_reads.clear()
         for seq in range(1000):
-            socket.submit(seq=seq, **north(seq / 100))
+            socket.submit(seq=seq, **position_request(seq / 100))
             await seconds(0.01)
         assert autopilot.setpoints[-1][1].x == pytest.approx(9.99, abs=0.03)
-        socket.reading.set()
+        socket.client_reads.set()
         await seconds(0.2)
-        assert len(socket.received) <= 202  # the oldest replies were dropped
+        # 200 waiting replies and those being sent; the oldest were dropped.
+        assert len(socket.received) <= 202
         assert socket.received[-1]["seq"] == 999
 
     run_with_socket(run_simulated, scenario)
@@ -213,14 +218,14 @@ def test_unread_replies_to_invalid_setpoints_use_limited_memory_and_do_not_end_t
     run_simulated, text
 ):
     async def scenario(vehicle, autopilot, socket):
-        socket.reading.clear()
+        socket.client_reads.clear()
         for _ in range(100):
             socket.inbox.put_nowait(text)
             await seconds(0.02)
-        socket.submit(seq=7, **north(3))
+        socket.submit(seq=7, **position_request(3))
         await seconds(0.1)
         assert autopilot.setpoints[-1][1].x == pytest.approx(3, abs=0.03)
-        socket.reading.set()
+        socket.client_reads.set()
         await seconds(0.2)
         assert sum(len(json.dumps(reply)) for reply in socket.received) < MAX_RESPONSES_BYTES + 10_000
         assert socket.received[-1]["seq"] == 7
@@ -231,7 +236,7 @@ def test_unread_replies_to_invalid_setpoints_use_limited_memory_and_do_not_end_t
 def test_a_client_that_sends_too_many_messages_is_disconnected_and_its_last_setpoint_expires(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(FLOOD_PER_S + 10):
-            socket.submit(seq=seq, **north(seq / 1000, valid_for_s=0.5))
+            socket.submit(seq=seq, **position_request(seq / 1000, valid_for_s=0.5))
         await seconds(0.1)
         assert socket.closed[0] == CLOSE_FLOOD
         await seconds(7)
@@ -243,7 +248,7 @@ def test_a_client_that_sends_too_many_messages_is_disconnected_and_its_last_setp
 
 def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(run_simulated):
     async def scenario(vehicle, autopilot, socket):
-        socket.submit(seq=1, **(north(3) | {"valid_for_s": 4}))
+        socket.submit(seq=1, **position_request(3, valid_for_s=4))
         await seconds(0.1)
         socket.inbox.put_nowait(None)
         await seconds(3)

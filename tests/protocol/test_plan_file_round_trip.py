@@ -30,7 +30,7 @@ COMMANDS_OF_ITEMS = (
 """Items that PX4 executes as commands."""
 
 
-def run_with_rig(run_simulated, tmp_path, work):
+def run_with_rig(run_simulated, tmp_path, scenario):
     async def run():
         testbed = SimulatedTestbed()
         try:
@@ -38,7 +38,7 @@ def run_with_rig(run_simulated, tmp_path, work):
             station = station_of(testbed)
             station.plans, station.plan_work = PlanStore(tmp_path / "plans", testbed.clock), InlinePlanWork()
             station.waypoint_flights.start()
-            await work(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
+            await scenario(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
             station.plans.close()
         finally:
             await testbed.close()
@@ -68,7 +68,7 @@ async def export_file(rig, stored):
 
 
 def items_on(rig):
-    """Items, ids and name of the plan on the vehicle, as last read; NaN as text, so that it equals itself."""
+    """Items, ids and reference of the plan on the vehicle; the items as text, in which NaN equals NaN."""
     mission = rig.vehicle.mission.items_on_vehicle
     return {part: [repr(item) for item in mission.items[part]] for part in PARTS}, mission.ids, mission.plan
 
@@ -102,17 +102,17 @@ async def flown_commands(rig):
 def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
     run_simulated, tmp_path, loss
 ):
-    async def work(rig):
+    async def scenario(rig):
         stored = await import_file(rig)
         _, document = await rig.station.plans.get(stored.id, None)
         plan = documents.read(document)
         rig.testbed.loss = loss
-        uploading = mission_models.UploadRequest.model_validate({"plan_id": stored.id, "wait": True})
-        result = json_of(await mission_routes.upload("1", uploading, rig.station, ANNA))["result"]
+        upload_body = mission_models.UploadRequest.model_validate({"plan_id": stored.id, "wait": True})
+        result = json_of(await mission_routes.upload("1", upload_body, rig.station, ANNA))["result"]
         assert result == {"items": {"mission": 19, "fence": 9, "rally": 2}, "not_kept": []}
-        before = items_on(rig)
-        assert all(before[1].values())
-        assert before[2].id == stored.id
+        items, ids, reference = items_on(rig)
+        assert all(ids.values())
+        assert reference.id == stored.id
 
         executed = await flown_commands(rig)
         planned = [item.COMMAND for _, item in plan.simple_items() if item.COMMAND in COMMANDS_OF_ITEMS]
@@ -127,11 +127,11 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
             rig.vehicle, rig.station, ANNA, mission_models.DownloadRequest(wait=True)
         )
         assert await compare_with_vehicle(rig, {"plan_id": stored.id}) == (True, [], True)
-        assert items_on(rig) == before
-        read = json_of(await mission_routes.downloaded_plan(rig.vehicle))
-        assert await compare_with_vehicle(rig, {"plan": read["plan"]}) == (True, [], True)
+        assert items_on(rig) == (items, ids, reference)
+        downloaded = json_of(await mission_routes.downloaded_plan(rig.vehicle))
+        assert await compare_with_vehicle(rig, {"plan": downloaded["plan"]}) == (True, [], True)
         assert json.dumps(json.loads(await export_file(rig, stored))) == json.dumps(
             json.loads(FILE.read_bytes())
         )
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)

@@ -32,12 +32,12 @@ def item(kind, north_m, alt_m, **fields):
     }
 
 
-PICTURES = {"kind": "trigger_distance", "distance_m": 10}
+PICTURES_ITEM = {"kind": "trigger_distance", "distance_m": 10}
 PLAN = {
     "items": [
         item("takeoff", 0, 20),
         item("waypoint", 40, 20),
-        PICTURES,
+        PICTURES_ITEM,
         item("waypoint", 140, 20),
         item("waypoint", 180, 30),
         {"kind": "return_home"},
@@ -45,7 +45,7 @@ PLAN = {
 }
 
 
-def run_with_rig(run_simulated, tmp_path, work):
+def run_with_rig(run_simulated, tmp_path, scenario):
     """Runs a test with a scripted vehicle, which has the simulator's mission service."""
 
     async def run():
@@ -57,7 +57,7 @@ def run_with_rig(run_simulated, tmp_path, work):
             rig.vehicle = await testbed.ready()
             await seconds(1.5)
             await start_server(rig)
-            await work(rig)
+            await scenario(rig)
             rig.progress.close()
         finally:
             autopilot.alive = False
@@ -98,8 +98,8 @@ async def mission_view(rig):
     return response
 
 
-async def fly_to(rig, item, north_m):
-    rig.autopilot.landed_state, rig.autopilot.flight.current = IN_AIR, item
+async def fly_to(rig, current, north_m):
+    rig.autopilot.landed_state, rig.autopilot.flight.current = IN_AIR, current
     rig.autopilot.position[0] = LAT + north_m * DEG_PER_M
     await monitor_for(rig, 2.5)
 
@@ -122,7 +122,7 @@ async def interrupt_at_item_4(rig):
 
 
 def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         assert ((await mission_view(rig))["resume"], (await mission_view(rig))["no_resume"]) == (None, None)
         await interrupt_at_item_4(rig)
         rig.autopilot.alive = False
@@ -130,8 +130,10 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_
         rig.autopilot.alive, rig.autopilot.flight.current = True, 0
         await monitor_for(rig, 3)
         offer = (await mission_view(rig))["resume"]
-        landed_s = rig.testbed.clock.unix_s() - offer["interrupted_unix_s"]
-        assert 17 < landed_s < 22, "interrupted_unix_s is not the time at which the vehicle began to return"
+        interrupted_for_s = rig.testbed.clock.unix_s() - offer["interrupted_unix_s"]
+        assert 17 < interrupted_for_s < 22, (
+            "interrupted_unix_s is not the time at which the vehicle began to return"
+        )
         assert (offer["item"], offer["count"], offer["title"], offer["interrupted_item"]) == (
             1,
             6,
@@ -151,27 +153,27 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_
         assert "armed" in (await mission_view(rig))["no_resume"]
         await land(rig)
         assert (await mission_view(rig))["resume"]["item"] == 1, (
-            "the offer begins after a waypoint that was not reached"
+            "the offer skips a waypoint that was not reached"
         )
         await start(rig, item=1)
         await fly_to(rig, 4, 150)
         await land(rig)
         assert (await mission_view(rig))["resume"]["item"] == 3
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is_resumed(
     run_simulated, tmp_path
 ):
-    async def work(rig):
+    async def scenario(rig):
         await interrupt_at_item_4(rig)
         rig.progress.close()
         rig.vehicle.mission.items_on_vehicle = None
         await start_server(rig)
-        shown = await mission_view(rig)
-        assert shown["resume"] is None
-        assert shown["no_resume"].startswith("Vehicle 1 has flown the plan up to item 4. Read the plan back")
+        view = await mission_view(rig)
+        assert view["resume"] is None
+        assert view["no_resume"].startswith("Vehicle 1 has flown the plan up to item 4. Read the plan back")
         stored = await rig.station.plans.create(
             "Field", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
         )
@@ -181,19 +183,19 @@ def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is
         await mission_routes.compare(rig.vehicle, body, rig.station)
         assert (await mission_view(rig))["resume"]["item"] == 1
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_another_plan_is_not_resumed_and_the_reason_is_shown(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         await interrupt_at_item_4(rig)
         offer = (await mission_view(rig))["resume"]
-        higher = [{**plan_item} for plan_item in PLAN["items"]]
-        higher[1] = item("waypoint", 40, 25)
-        await upload(rig, {"items": higher})
-        shown = await mission_view(rig)
-        assert shown["resume"] is None
-        assert shown["no_resume"].startswith(
+        higher_items = [{**plan_item} for plan_item in PLAN["items"]]
+        higher_items[1] = item("waypoint", 40, 25)
+        await upload(rig, {"items": higher_items})
+        view = await mission_view(rig)
+        assert view["resume"] is None
+        assert view["no_resume"].startswith(
             "Vehicle 1 has flown the plan up to item 4, and now has another plan"
         )
         with pytest.raises(Refused, match="another mission than the one that the start was chosen for"):
@@ -208,17 +210,17 @@ def test_another_plan_is_not_resumed_and_the_reason_is_shown(run_simulated, tmp_
         await seconds(2)
         assert (await mission_view(rig))["resume"] is None
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_a_plan_that_is_finished_or_did_not_reach_its_first_waypoint_is_not_resumed(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)
         await start(rig, item=0)
         await fly_to(rig, 1, 10)
         await land(rig)
-        shown = await mission_view(rig)
-        assert (shown["resume"], shown["no_resume"]) == (None, None)
+        view = await mission_view(rig)
+        assert (view["resume"], view["no_resume"]) == (None, None)
         await interrupt_at_item_4(rig)
         await start(rig, item=0)
         await fly_to(rig, 1, 10)
@@ -231,14 +233,14 @@ def test_a_plan_that_is_finished_or_did_not_reach_its_first_waypoint_is_not_resu
         await fly_to(rig, 5, 180)
         rig.autopilot.armed, rig.autopilot.landed_state = False, ON_GROUND
         await monitor_for(rig, 2.5)
-        shown = await mission_view(rig)
-        assert (shown["resume"], shown["no_resume"]) == (None, "Vehicle 1 has flown the plan to its end.")
+        view = await mission_view(rig)
+        assert (view["resume"], view["no_resume"]) == (None, "Vehicle 1 has flown the plan to its end.")
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_simulated, tmp_path):
-    async def work(rig):
+    async def scenario(rig):
         corners = ((170, -30), (190, -30), (190, 30), (170, 30))
         polygon = [{"lat_deg": LAT + n * DEG_PER_M, "lon_deg": LON + e * DEG_PER_M} for n, e in corners]
         tower = {"name": "Mast", "top": {"value_m": 25, "reference": "home"}, "polygon": polygon}
@@ -269,36 +271,36 @@ def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_sim
         await start(rig, BOB, item=offer["item"], despite=["flight_from_here"])
         assert (rig.autopilot.armed, rig.autopilot.flight.current) == (True, 1)
 
-    run_with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
-SHORT = {
+SHORT_PLAN = {
     "items": [
         item("takeoff", 0, 6),
         {"kind": "change_speed", "speed_type": 1.0, "speed_m_s": 3.0},
         item("waypoint", 12, 6),
-        PICTURES,
+        PICTURES_ITEM,
         item("waypoint", 40, 6),
         item("land", 40, 0),
     ]
 }
-RESTORED = [DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST]
-QUICK_RETURN = {"COM_LOW_BAT_ACT": 3, "RTL_RETURN_ALT": 6, "RTL_DESCEND_ALT": 6, "RTL_LAND_DELAY": 0}
+RESTORING_COMMANDS = [DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST]
+QUICK_RETURN_PARAMS = {"COM_LOW_BAT_ACT": 3, "RTL_RETURN_ALT": 6, "RTL_DESCEND_ALT": 6, "RTL_LAND_DELAY": 0}
 
 
 @pytest.mark.story
-def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_all_pictures(
+def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_the_plans_speed_and_pictures(
     run_simulated, tmp_path
 ):
     async def run():
-        testbed = SimulatedTestbed(parameters=QUICK_RETURN)
+        testbed = SimulatedTestbed(parameters=QUICK_RETURN_PARAMS)
         rig = SimpleNamespace(testbed=testbed, folder=tmp_path)
         try:
             rig.vehicle = await testbed.ready_to_arm()
             await start_server(rig)
             rig.flights.start()
             mission = testbed.sim.autopilots[0].navigator.mission
-            await upload(rig, SHORT)
+            await upload(rig, SHORT_PLAN)
             await start(rig, item=0)
             await until(lambda: mission.current == 4, 40)
             await seconds(4)
@@ -314,11 +316,13 @@ def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_al
             await testbed.ready_to_arm()
             offer = (await mission_view(rig))["resume"]
             assert (offer["item"], offer["interrupted_item"], offer["cautions"]) == (2, 4, [])
-            sent = []
-            testbed.sim.autopilots[0].own_commands.add_listener(lambda command: sent.append(command.number))
+            executed = []
+            testbed.sim.autopilots[0].own_commands.add_listener(
+                lambda command: executed.append(command.number)
+            )
             await start(rig, item=offer["item"], mission_id=offer["mission_id"])
             await until(lambda: mission.current == 4, 40)
-            assert [number for number in sent if number in RESTORED] == RESTORED, (
+            assert [number for number in executed if number in RESTORING_COMMANDS] == RESTORING_COMMANDS, (
                 "PX4 did not restore the speed and then the pictures"
             )
             await seconds(6)

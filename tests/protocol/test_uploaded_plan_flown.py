@@ -7,7 +7,7 @@ from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.protocol.small_plan import plan_about
 
 
-def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(run_simulated):
+def test_a_vehicle_flies_an_uploaded_plan_pauses_resumes_and_lands(run_simulated):
     async def scenario():
         testbed = SimulatedTestbed()
         try:
@@ -20,22 +20,22 @@ def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(run_simulated):
             await vehicle.command.start_mission()
             assert (vehicle.status.armed, vehicle.status.mode) == (True, "mission")
 
-            def current():
+            def current_item():
                 return vehicle.topic("mission").value.current
 
-            await until(lambda: current() == 1, 40)
+            await until(lambda: current_item() == 1, 40)
             await seconds(1)
             await vehicle.command.hold()
             await seconds(3)
-            assert (current(), vehicle.status.mode) == (1, "hold")
+            assert (current_item(), vehicle.status.mode) == (1, "hold")
             await vehicle.command.set_mode("mission")
-            await until(lambda: current() == 2, 40)
+            await until(lambda: current_item() == 2, 40)
             assert vehicle.topic("mission").value.reached == 1
             await until(lambda: not vehicle.status.armed, 90)
             assert vehicle.topic("global_position").value.alt_home_m < 1.0
             assert vehicle.mission.plan_on_vehicle() == "plan"
             await vehicle.mission.set_current(2)
-            assert current() == 2
+            assert current_item() == 2
         finally:
             await testbed.close()
 

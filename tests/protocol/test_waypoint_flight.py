@@ -22,7 +22,7 @@ from tests.protocol.command_numbers import (
 )
 from tests.protocol.fake_autopilot import IN_AIR
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
-from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.offboard_testbed import POSITION, OffboardTestbed, seconds
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
 
 LAT, LON = 47.397742, 8.545594
@@ -42,7 +42,6 @@ def item(kind, north_m, alt_m, **fields):
 
 
 PLAN = {"items": [item("takeoff", 0, 6), item("waypoint", 35, 6), item("land", 35, 0)]}
-POSITION = 3 << 16
 MISSION_MESSAGES = {37, 38, 39, 40, 41, 43, 44, 45, 47, 51, 73}
 """Messages of plan transfers, and of the current item."""
 FLIGHT_MESSAGES = {11, 69, 75, 82, 84, 86}
@@ -85,7 +84,7 @@ def event_codes(rig):
     return [fields["code"] for fields in data if fields.get("source") == "waypoint_flight"]
 
 
-def run_with_simulated_vehicle(run_simulated, monkeypatch, work):
+def run_with_simulated_vehicle(run_simulated, monkeypatch, scenario):
     monkeypatch.setattr(dry_runs, "run_process", simulate_in_process)
 
     async def run():
@@ -94,7 +93,7 @@ def run_with_simulated_vehicle(run_simulated, monkeypatch, work):
             vehicle = await testbed.ready_to_arm()
             station = station_of(testbed)
             station.waypoint_flights.start()
-            await work(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
+            await scenario(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
         finally:
             await testbed.close()
 
@@ -105,32 +104,36 @@ def run_with_simulated_vehicle(run_simulated, monkeypatch, work):
 def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_it(
     run_simulated, monkeypatch
 ):
-    async def work(rig):
+    async def scenario(rig):
         assert await flight_view(rig) is None
         dry_run = await run_dry_run(rig, flights=3)
         with pytest.raises(Refused, match="not made for the plan"):
             await start(rig, dry_run=dry_run, despite=["plan_not_known"])
         await upload(rig)
         await start(rig, dry_run=dry_run)
-        started = await flight_view(rig)
-        assert (started["state"], started["client"], started["dry_run"]) == ("flying", "anna", dry_run)
-        assert (started["item"], started["count"], started["planned_by"]) == (0, 3, "dry_run")
-        assert started["remaining_s"] == pytest.approx(started["duration_s"], abs=4)
+        start_view = await flight_view(rig)
+        assert (start_view["state"], start_view["client"], start_view["dry_run"]) == (
+            "flying",
+            "anna",
+            dry_run,
+        )
+        assert (start_view["item"], start_view["count"], start_view["planned_by"]) == (0, 3, "dry_run")
+        assert start_view["remaining_s"] == pytest.approx(start_view["duration_s"], abs=4)
 
         await until(lambda: rig.vehicle.topic("mission").value.current == 1, 30)
         await seconds(3)
-        on_leg = await flight_view(rig)
-        assert (on_leg["place"], on_leg["title"]) == ("item 2", "Waypoint")
-        assert on_leg["deviation_horizontal_m"] < 1.5
-        assert abs(on_leg["deviation_vertical_m"]) < 1.5
-        assert on_leg["outside_corridor_m"] == 0
-        assert on_leg["remaining_s"] < started["remaining_s"] - 5
+        leg_view = await flight_view(rig)
+        assert (leg_view["place"], leg_view["title"]) == ("item 2", "Waypoint")
+        assert leg_view["deviation_horizontal_m"] < 1.5
+        assert abs(leg_view["deviation_vertical_m"]) < 1.5
+        assert leg_view["outside_corridor_m"] == 0
+        assert leg_view["remaining_s"] < start_view["remaining_s"] - 5
 
         rig.testbed.sim.simulation.set_wind(WIND_M_S)
         await until(lambda: "corridor_left" in event_codes(rig), 8)
-        outside = await flight_view(rig)
-        assert outside["outside_corridor_m"] > 0
-        assert outside["deviation_horizontal_m"] > outside["outside_corridor_m"]
+        outside_view = await flight_view(rig)
+        assert outside_view["outside_corridor_m"] > 0
+        assert outside_view["deviation_horizontal_m"] > outside_view["outside_corridor_m"]
         assert rig.vehicle.status.mode == "mission", (
             "the vehicle left Mission mode: outside the corridor the server must only warn"
         )
@@ -139,27 +142,27 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
 
         await until(lambda: not rig.vehicle.status.armed, 60)
         await seconds(0.3)
-        ended = await flight_view(rig)
-        assert (ended["state"], ended["reason"], ended["remaining_s"]) == ("done", None, None)
+        end_view = await flight_view(rig)
+        assert (end_view["state"], end_view["reason"], end_view["remaining_s"]) == ("done", None, None)
         response = json_of(await mission_routes.show_flown(rig.vehicle, rig.station))
         mission_routes.FlownMissionView.model_validate(response)
         flown = response["flown"]
         assert (flown["over"], flown["planned_by"]) == (True, "dry_run")
-        assert flown["planned_duration_s"] == started["duration_s"]
+        assert flown["planned_duration_s"] == start_view["duration_s"]
         assert flown["duration_s"] == pytest.approx(flown["planned_duration_s"], abs=4)
         assert flown["planned_length_m"] == pytest.approx(6 + 35 + 6, abs=4)
         assert [leg["place"] for leg in flown["planned_legs"]] == ["item 1", "item 2", "item 3"]
-        assert flown["deviation_max_m"] > outside["outside_corridor_m"]
+        assert flown["deviation_max_m"] > outside_view["outside_corridor_m"]
         assert {sample["place"] for sample in flown["samples"]} == {"item 1", "item 2", "item 3"}
         await seconds(2)
         assert json_of(await mission_routes.show_flown(rig.vehicle, rig.station)) == response, (
             "the flown mission changed after the flight"
         )
 
-    run_with_simulated_vehicle(run_simulated, monkeypatch, work)
+    run_with_simulated_vehicle(run_simulated, monkeypatch, scenario)
 
 
-def run_with_scripted_vehicle(run_simulated, work):
+def run_with_scripted_vehicle(run_simulated, scenario):
     """Runs a test with a scripted vehicle, which has the simulator's mission service and no position."""
 
     async def run():
@@ -172,7 +175,7 @@ def run_with_scripted_vehicle(run_simulated, work):
             await seconds(1.5)
             rig.station = station_of(testbed)
             rig.station.waypoint_flights.start()
-            await work(rig)
+            await scenario(rig)
         finally:
             autopilot.alive = False
             await rig.testbed.close()
@@ -186,19 +189,19 @@ def fly_in_mode(rig, mode):
 
 
 def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_another_plan(run_simulated):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)
         fly_in_mode(rig, MISSION_MODE)
         await seconds(2.5)
-        flown = await flight_view(rig)
-        assert (flown["state"], flown["client"], flown["dry_run"]) == ("flying", None, None)
-        assert (flown["planned_by"], flown["place"], flown["count"]) == ("plan", "item 1", 3)
-        assert flown["not_compared"] == "The vehicle has no valid position estimate."
+        flight = await flight_view(rig)
+        assert (flight["state"], flight["client"], flight["dry_run"]) == ("flying", None, None)
+        assert (flight["planned_by"], flight["place"], flight["count"]) == ("plan", "item 1", 3)
+        assert flight["not_compared"] == "The vehicle has no valid position estimate."
         fly_in_mode(rig, POSITION)
         await seconds(2.5)
-        flown = await flight_view(rig)
-        assert flown["state"] == "paused"
-        assert flown["reason"].startswith("The vehicle has left Mission mode: ")
+        flight = await flight_view(rig)
+        assert flight["state"] == "paused"
+        assert flight["reason"].startswith("The vehicle has left Mission mode: ")
         fly_in_mode(rig, MISSION_MODE)
         await seconds(2.5)
         assert (await flight_view(rig))["state"] == "flying"
@@ -206,44 +209,44 @@ def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_ano
         items = rig.vehicle.mission.items_on_vehicle.items["mission"]
         await UploadingStation(rig.autopilot).upload(items[:2])
         await seconds(2.5)
-        ended = await flight_view(rig)
-        assert (ended["state"], ended["reason"]) == ("stopped", "The vehicle has another plan now.")
+        end_view = await flight_view(rig)
+        assert (end_view["state"], end_view["reason"]) == ("stopped", "The vehicle has another plan now.")
         flown = json_of(await mission_routes.show_flown(rig.vehicle, rig.station))["flown"]
         assert (flown["over"], flown["planned_by"], flown["deviation_max_m"]) == (True, "plan", None)
 
-    run_with_scripted_vehicle(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, scenario)
 
 
 def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_the_current_item(
     run_simulated,
 ):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)
         fly_in_mode(rig, MISSION_MODE)
         await seconds(2.5)
         rig.station.waypoint_flights.detach(rig.vehicle)  # as after a restart of the server
         rig.station.waypoint_flights.attach(rig.vehicle)
         await seconds(1)
-        flown = await flight_view(rig)
-        assert (flown["state"], flown["planned_by"], flown["place"]) == ("flying", "plan", "item 1")
-        assert flown["not_compared"] == "The vehicle has no valid position estimate."
+        flight = await flight_view(rig)
+        assert (flight["state"], flight["planned_by"], flight["place"]) == ("flying", "plan", "item 1")
+        assert flight["not_compared"] == "The vehicle has no valid position estimate."
         rig.autopilot.armed = False
         await seconds(2.5)
         assert (await flight_view(rig))["state"] == "stopped"
 
-    run_with_scripted_vehicle(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, scenario)
 
 
-async def inline(work):
+async def run_inline(function):
     """Replaces `asyncio.to_thread`."""
-    return work()
+    return function()
 
 
 @pytest.mark.parametrize("damage", [None, "cut off", "of another plan"])
 def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command(
     run_simulated, tmp_path, damage
 ):
-    cache = ItemsCache(Cache(tmp_path), inline)
+    cache = ItemsCache(Cache(tmp_path), run_inline)
 
     async def restart(rig):
         await rig.testbed.close()
@@ -257,21 +260,21 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         rig.autopilot.received.clear()
         await seconds(4)
 
-    async def work(rig):
+    async def scenario(rig):
         rig.vehicle.mission.set_cache(cache)
         await upload(rig)
         before = rig.vehicle.mission.items_on_vehicle
         fly_in_mode(rig, MISSION_MODE)
         rig.autopilot.flight.current = 1
         await seconds(2.5)
-        (cached,) = tmp_path.iterdir()
-        content = cached.read_bytes()
+        (cache_file,) = tmp_path.iterdir()
+        content = cache_file.read_bytes()
         if damage is not None:
-            cached.write_bytes(
+            cache_file.write_bytes(
                 content[:-20] if damage == "cut off" else content.replace(b'"fence": 0', b'"fence": 7')
             )
         await restart(rig)
-        flown = await flight_view(rig)
+        flight = await flight_view(rig)
         sent = {data[7] | data[8] << 8 | data[9] << 16 for data, _ in rig.link.sent}
         assert not sent & (MISSION_MESSAGES | FLIGHT_MESSAGES)
         assert (
@@ -279,22 +282,22 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
             & FLIGHT_COMMANDS
         )
         if damage is not None:
-            assert (flown, rig.vehicle.mission.plan_on_vehicle(), cached.exists()) == (
+            assert (flight, rig.vehicle.mission.plan_on_vehicle(), cache_file.exists()) == (
                 None,
                 "not_known",
                 False,
             )
             return
-        known = rig.vehicle.mission.items_on_vehicle
+        after = rig.vehicle.mission.items_on_vehicle
         assert rig.vehicle.mission.plan_on_vehicle() == "plan"
-        assert (known.ids, known.plan, known.at_unix_s) == (before.ids, before.plan, before.at_unix_s)
-        assert repr(known.items) == repr(before.items)
-        assert (flown["state"], flown["item"], flown["count"], flown["client"]) == ("flying", 1, 3, None)
+        assert (after.ids, after.plan, after.at_unix_s) == (before.ids, before.plan, before.at_unix_s)
+        assert repr(after.items) == repr(before.items)
+        assert (flight["state"], flight["item"], flight["count"], flight["client"]) == ("flying", 1, 3, None)
         await UploadingStation(rig.autopilot).upload(before.items["mission"][:2])
         await seconds(2.5)
         assert (await flight_view(rig))["reason"] == "The vehicle has another plan now."
 
-    run_with_scripted_vehicle(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, scenario)
 
 
 def test_before_the_start_the_server_states_what_px4_does_without_a_ground_station(run_simulated):
@@ -303,32 +306,32 @@ def test_before_the_start_the_server_states_what_px4_does_without_a_ground_stati
         await seconds(2)
         return response["if_link_lost"]
 
-    async def work(rig):
+    async def scenario(rig):
         rig.autopilot.params |= {"COM_DL_LOSS_T": (6, 12), "COM_DLL_EXCEPT": (6, 0), "COM_FAIL_ACT_T": (9, 0)}
         assert await announced_action(rig) is None
         assert await announced_action(rig) is None, "the parameters were read without a plan on the vehicle"
         await upload(rig)
         await announced_action(rig)
-        returns = "After about 12 s without any ground station, the vehicle returns (RTL) (NAV_DLL_ACT 2)."
-        assert await announced_action(rig) == returns
+        rtl_text = "After about 12 s without any ground station, the vehicle returns (RTL) (NAV_DLL_ACT 2)."
+        assert await announced_action(rig) == rtl_text
         rig.autopilot.params["NAV_DLL_ACT"] = (6, 0)
         await seconds(7)
-        assert await announced_action(rig) == returns, (
+        assert await announced_action(rig) == rtl_text, (
             "the text changed before the parameters were read again"
         )
         assert await announced_action(rig) == "The vehicle continues the mission (NAV_DLL_ACT 0)."
-        read = [
+        read_parameters = [
             message.param_id
             for message in rig.autopilot.received
             if message.get_type() == "PARAM_REQUEST_READ"
         ]
-        assert read == [*PARAMETERS, *PARAMETERS]
+        assert read_parameters == [*PARAMETERS, *PARAMETERS]
 
-    run_with_scripted_vehicle(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, scenario)
 
 
 def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(run_simulated):
-    async def work(rig):
+    async def scenario(rig):
         with pytest.raises(Refused, match="has not flown a plan that the server knows"):
             await mission_routes.show_flown(rig.vehicle, rig.station)
         await upload(rig)
@@ -344,7 +347,7 @@ def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(run_
         await start(rig)
         assert ((await flight_view(rig))["client"], event_codes(rig)) == ("anna", [])
 
-    run_with_scripted_vehicle(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, scenario)
 
 
 def store_dry_run(rig, plan=PLAN, north_m=0.0):
@@ -362,7 +365,7 @@ def store_dry_run(rig, plan=PLAN, north_m=0.0):
 
 
 def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(run_simulated):
-    async def work(rig):
+    async def scenario(rig):
         await upload(rig)
         fly_in_mode(rig, MISSION_MODE)
         await seconds(2.5)
@@ -381,4 +384,4 @@ def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(run_si
             "a refused start began a flight"
         )
 
-    run_with_scripted_vehicle(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, scenario)
