@@ -1,4 +1,4 @@
-"""A simulated serial line with its driver: sends at its baud rate, buffers in the driver, and can stall."""
+"""A simulated serial line with its driver: it sends at its baud rate, and it can stall."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from gcs_server.mavlink.codec import FrameParser
 
-DRIVER_BYTES = 4096
+DRIVER_BUFFER_BYTES = 4096
 """Size of the transmit buffer of Linux' serial drivers."""
 
 
@@ -17,14 +17,15 @@ class SimulatedSerialLine:
 
     Args:
         now_s: the writer's clock.
+        baud: bits per second.
     """
 
     def __init__(self, now_s: Callable[[], float], baud: int = 57600) -> None:
         self._now_s = now_s
-        self._bytes_per_s = baud / 10
+        self._bytes_per_s = baud / 10  # 8 data bits, a start bit and a stop bit
         self._buffered: deque[int] = deque()
         self._advanced_at_s = now_s()
-        self._credit = 0.0
+        self._sendable_bytes = 0.0
         self._parser = FrameParser()
         self._sent_frames: list[tuple[float, object]] = []
         self.stalled_until_s = -math.inf
@@ -36,11 +37,11 @@ class SimulatedSerialLine:
             BlockingIOError: the buffer is full.
         """
         self._advance()
-        free = DRIVER_BYTES - len(self._buffered)
-        if free <= 0:
+        free_bytes = DRIVER_BUFFER_BYTES - len(self._buffered)
+        if free_bytes <= 0:
             raise BlockingIOError
-        self._buffered.extend(data[:free])
-        return min(free, len(data))
+        self._buffered.extend(data[:free_bytes])
+        return min(free_bytes, len(data))
 
     def in_driver(self) -> int:
         """Number of bytes in the driver's buffer."""
@@ -68,15 +69,15 @@ class SimulatedSerialLine:
         begin_s = max(self._advanced_at_s, min(self.stalled_until_s, now_s))
         self._advanced_at_s = now_s
         if not self._buffered:
-            self._credit = 0.0
+            self._sendable_bytes = 0.0
             return
-        self._credit += (now_s - begin_s) * self._bytes_per_s
-        count = min(int(self._credit), len(self._buffered))
-        first_s = now_s - self._credit / self._bytes_per_s
-        self._credit -= count
+        self._sendable_bytes += (now_s - begin_s) * self._bytes_per_s
+        count = min(int(self._sendable_bytes), len(self._buffered))
+        first_begin_s = now_s - self._sendable_bytes / self._bytes_per_s
+        self._sendable_bytes -= count
         for n in range(count):
-            at_s = first_s + (n + 1) / self._bytes_per_s
+            at_s = first_begin_s + (n + 1) / self._bytes_per_s
             for frame in self._parser.feed(bytes([self._buffered.popleft()]), at_s):
                 self._sent_frames.append((at_s, frame))
         if not self._buffered:
-            self._credit = 0.0
+            self._sendable_bytes = 0.0

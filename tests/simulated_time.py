@@ -17,7 +17,7 @@ class SimulatedTimeLoop(asyncio.SelectorEventLoop):
         def select(timeout: float | None = None) -> Any:
             ready = real_select(0)
             if ready or timeout is None:
-                return ready or real_select(1)
+                return ready or real_select(1)  # waits for another thread or process
             self.now_s += timeout
             return ready
 

@@ -10,10 +10,14 @@ from tests.protocol.fake_autopilot import TAKEOFF
 from tests.protocol.memory_testbed import MemoryTestbed, run_test
 from vehicle_sim.mavlink import generated_dialect as sim
 
-HARDWARE_A, HARDWARE_B = 0x0011223344556677, 0x0011223344556688
+HARDWARE_UID_A, HARDWARE_UID_B = 0x0011223344556677, 0x0011223344556688
+SIMULATOR_UID = 0x4954414C44494E4F
+"""PX4's simulators all have this uid."""
+TAKEOFF_DETECTED = 21054825
+"""Number of PX4's event."""
 
 
-def ids(testbed):
+def vehicle_ids(testbed):
     return [v.id for v in testbed.fleet.all()]
 
 
@@ -36,23 +40,23 @@ def test_several_vehicles_share_a_link(run_simulated):
         link = testbed.link()
         autopilots = [testbed.autopilot(link, peer=f"127.0.0.1:{18570 + n}", system=n + 1) for n in range(3)]
         await testbed.ready("3")
-        assert ids(testbed) == ["1", "2", "3"]
+        assert vehicle_ids(testbed) == ["1", "2", "3"]
         await testbed.fleet.get("2").command.arm()
-        assert [p.armed for p in autopilots] == [False, True, False]
+        assert [autopilot.armed for autopilot in autopilots] == [False, True, False]
         assert testbed.fleet.warnings() == []
 
     run_test(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(
-    ("first", "second"), [(HARDWARE_A, HARDWARE_B), (0x4954414C44494E4F, 0x4954414C44494E4F), (0, 0)]
+    ("first_uid", "second_uid"), [(HARDWARE_UID_A, HARDWARE_UID_B), (SIMULATOR_UID, SIMULATOR_UID), (0, 0)]
 )
-def test_two_peers_with_the_same_system_id_are_two_vehicles(run_simulated, first, second):
+def test_two_peers_with_the_same_system_id_are_two_vehicles(run_simulated, first_uid, second_uid):
     async def scenario(testbed):
         link = testbed.link()
-        first_autopilot = testbed.autopilot(link, peer="a", uid=first)
+        first_autopilot = testbed.autopilot(link, peer="a", uid=first_uid)
         await testbed.ready("1")
-        second_autopilot = testbed.autopilot(link, peer="b", uid=second, boot_s=500.0)
+        second_autopilot = testbed.autopilot(link, peer="b", uid=second_uid, boot_s=500.0)
         second_autopilot.position[2] = 600.0
         other = await testbed.ready("1~2")
         vehicle = testbed.fleet.get("1")
@@ -63,19 +67,19 @@ def test_two_peers_with_the_same_system_id_are_two_vehicles(run_simulated, first
         await other.command.arm()
         assert (first_autopilot.armed, second_autopilot.armed) == (False, True)
         assert "system id 1" in vehicle.identity.warnings[0]
-        assert {n.vehicle for n in testbed.fleet.warnings()} == {"1", "1~2"}
+        assert {warning.vehicle for warning in testbed.fleet.warnings()} == {"1", "1~2"}
 
     run_test(run_simulated, scenario)
 
 
-def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(run_simulated):
+def test_a_vehicle_with_a_hardware_uid_that_is_connected_over_two_links_is_shown_once(run_simulated):
     async def scenario(testbed):
         cable, radio = testbed.link("cable"), testbed.link("radio")
-        testbed.autopilot(cable, uid=HARDWARE_A)
-        second = testbed.autopilot(radio, uid=HARDWARE_A)
+        testbed.autopilot(cable, uid=HARDWARE_UID_A)
+        second = testbed.autopilot(radio, uid=HARDWARE_UID_A)
         vehicle = await testbed.ready()
         await asyncio.sleep(5)
-        assert ids(testbed) == ["1"]
+        assert vehicle_ids(testbed) == ["1"]
         assert set(vehicle.links) == {"cable", "radio"}
         await testbed.router.remove_link("cable")
         await vehicle.command.arm()
@@ -85,6 +89,7 @@ def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(run_simulat
     run_test(run_simulated, scenario)
 
 
+# The first simulator booted at 900 s.
 @pytest.mark.parametrize(("other_boot_s", "expected"), [(900.2, ["1"]), (700.0, ["1", "1~2"])])
 def test_simulators_on_two_links_are_distinguished_by_their_boot_time(run_simulated, other_boot_s, expected):
     async def scenario(testbed):
@@ -92,22 +97,22 @@ def test_simulators_on_two_links_are_distinguished_by_their_boot_time(run_simula
         await testbed.ready()
         testbed.autopilot(testbed.link("api"), boot_s=other_boot_s)
         await asyncio.sleep(6)
-        assert ids(testbed) == expected
+        assert vehicle_ids(testbed) == expected
 
     run_test(run_simulated, scenario)
 
 
 def test_one_vehicle_on_two_links_is_shown_twice_until_its_uid_is_known(run_simulated):
     async def scenario(testbed):
-        first = testbed.autopilot(testbed.link("a"), uid=HARDWARE_A)
-        second = testbed.autopilot(testbed.link("b"), uid=HARDWARE_A)
+        first = testbed.autopilot(testbed.link("a"), uid=HARDWARE_UID_A)
+        second = testbed.autopilot(testbed.link("b"), uid=HARDWARE_UID_A)
         for autopilot in (first, second):
             autopilot.sends_version = autopilot.has_position = False
         await asyncio.sleep(8)
-        assert ids(testbed) == ["1", "1~2"]
+        assert vehicle_ids(testbed) == ["1", "1~2"]
         first.sends_version = second.sends_version = True
         await asyncio.sleep(65)
-        assert ids(testbed) == ["1"]
+        assert vehicle_ids(testbed) == ["1"]
         assert testbed.fleet.get("1").identity.warnings == ()
         assert any(e.kind == "vehicle_removed" for e in testbed.fleet.events.since())
 
@@ -124,7 +129,7 @@ def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(run_simula
         assert testbed.fleet.get("1").status.link_lost
         returned = testbed.autopilot(link, peer="b", boot_s=1010.0)
         await asyncio.sleep(5)
-        assert ids(testbed) == ["1"]
+        assert vehicle_ids(testbed) == ["1"]
         await testbed.fleet.get("1").command.arm()
         assert returned.armed
 
@@ -140,7 +145,7 @@ def test_other_stations_and_companions_are_not_vehicles(run_simulated):
             mav = sim.MAVLink(None, srcSystem=system, srcComponent=component)
             link.inject(sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "other")
             link.inject(sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "peer")
-        assert ids(testbed) == ["1"]
+        assert vehicle_ids(testbed) == ["1"]
         assert vehicle.status.custom_mode == autopilot.mode
 
     run_test(run_simulated, scenario)
@@ -150,7 +155,7 @@ def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_command
     async def scenario(testbed):
         testbed.autopilot(testbed.link())
         await testbed.ready()
-        replay = testbed.link("tape", replay=True)
+        replay = testbed.link("replay", replay=True)
         testbed.autopilot(replay)
         vehicle = await testbed.ready("1~2")
         assert (vehicle.identity.replayed, vehicle.identity.warnings) == (True, ())
@@ -164,8 +169,8 @@ def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_command
                 await call
         assert not vehicle.send(sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
         assert replay.sent == []
-        await testbed.router.remove_link("tape")
-        assert ids(testbed) == ["1"]
+        await testbed.router.remove_link("replay")
+        assert vehicle_ids(testbed) == ["1"]
 
     run_test(run_simulated, scenario)
 
@@ -175,9 +180,9 @@ def test_heartbeats_are_sent_once_a_second_to_every_peer(run_simulated):
         link = testbed.link()
         autopilots = [testbed.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
         await testbed.ready("2")
-        before = [sum(m.get_type() == "HEARTBEAT" for m in p.received) for p in autopilots]
+        before = [sum(m.get_type() == "HEARTBEAT" for m in a.received) for a in autopilots]
         await asyncio.sleep(10)
-        after = [sum(m.get_type() == "HEARTBEAT" for m in p.received) for p in autopilots]
+        after = [sum(m.get_type() == "HEARTBEAT" for m in a.received) for a in autopilots]
         assert [a - b for a, b in zip(after, before, strict=True)] == pytest.approx([10, 10], abs=1)
         newest = autopilots[0].received[-1]
         assert (newest.get_srcSystem(), newest.get_srcComponent()) == (42, 190)
@@ -199,7 +204,7 @@ def test_stream_rates_are_not_changed(run_simulated):
     run_test(run_simulated, scenario)
 
 
-def test_another_station_gets_all_messages_and_reaches_its_target(run_simulated):
+def test_another_station_gets_all_messages_and_its_command_reaches_only_the_target(run_simulated):
     async def scenario(testbed):
         link = testbed.link()
         autopilots = [testbed.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
@@ -207,28 +212,29 @@ def test_another_station_gets_all_messages_and_reaches_its_target(run_simulated)
         qgc = sim.MAVLink(None, srcSystem=255, srcComponent=190)
         station.inject(sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(qgc), "qgc")
         await testbed.ready("2")
-        system_ids = {system_id_of(data) for data, _ in station.sent}
+        system_ids = {system_id_of(frame) for frame, _ in station.sent}
         assert system_ids == {1, 2}
-        before = [len(p.commands(ARM_DISARM)) for p in autopilots]
+        before = [len(autopilot.commands(ARM_DISARM)) for autopilot in autopilots]
         station.inject(
             sim.MAVLink_command_long_message(2, 1, ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
         )
         await asyncio.sleep(0.05)
-        assert [len(p.commands(ARM_DISARM)) - b for p, b in zip(autopilots, before, strict=True)] == [0, 1]
-        fake = sim.MAVLink(None, srcSystem=1, srcComponent=1)  # with the system id of vehicle 1: no loop
-        station.inject(sim.MAVLink_ping_message(1, 2, 0, 0).pack(fake), "qgc")
+        assert [len(a.commands(ARM_DISARM)) - b for a, b in zip(autopilots, before, strict=True)] == [0, 1]
+        # A frame of vehicle 1 that the station sends back must not reach the vehicles.
+        vehicle_1 = sim.MAVLink(None, srcSystem=1, srcComponent=1)
+        station.inject(sim.MAVLink_ping_message(1, 2, 0, 0).pack(vehicle_1), "qgc")
         await asyncio.sleep(0.02)
-        assert not [m for p in autopilots for m in p.received if m.get_type() == "PING"]
-        assert ids(testbed) == ["1", "2"]
+        assert not [m for autopilot in autopilots for m in autopilot.received if m.get_type() == "PING"]
+        assert vehicle_ids(testbed) == ["1", "2"]
 
     run_test(run_simulated, scenario)
 
 
-def system_id_of(data):
-    return data[5]
+def system_id_of(frame):
+    return frame[5]
 
 
-def test_links_are_added_and_removed_by_name(run_simulated):
+def test_a_link_name_is_unique_and_an_unknown_link_cannot_be_removed(run_simulated):
     async def scenario(testbed):
         testbed.link("one")
         with pytest.raises(InvalidRequest, match="already"):
@@ -249,7 +255,7 @@ def test_each_text_event_and_mode_change_is_reported_once(run_simulated):
         autopilot.text("A text without an event", 4)
         autopilot.text("x" * 60 + " end", 6, 9)
         autopilot.text("Takeoff detected\t", 6)
-        autopilot.event(21054825, 0x66)
+        autopilot.event(TAKEOFF_DETECTED, 0x66)
         autopilot.text("Only the text came\t", 4)
         await asyncio.sleep(1)
         autopilot.event(99999, 0x44)
@@ -257,15 +263,16 @@ def test_each_text_event_and_mode_change_is_reported_once(run_simulated):
         autopilot.armed, autopilot.mode = True, TAKEOFF
         await asyncio.sleep(2)
         reported = [(e.kind, e.text) for e in vehicle.events.since(start)]
-        assert reported == [
+        texts, changes = reported[:5], reported[5:]
+        assert texts == [
             ("status_text", "A text without an event"),
             ("status_text", "x" * 60 + " end"),
             ("event", "Takeoff detected"),
             ("status_text", "Only the text came"),
             ("event", "unknown event 99999 from component 0 (common events)"),
-            *sorted(reported[5:]),
         ]
-        assert {kind for kind, _ in reported[5:]} == {"armed", "mode_changed"}
+        assert changes == sorted(changes)
+        assert {kind for kind, _ in changes} == {"armed", "mode_changed"}
 
     run_test(run_simulated, scenario)
 

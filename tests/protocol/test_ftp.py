@@ -1,5 +1,5 @@
-"""MAVLink FTP with the simulated vehicle at packet loss; refusals have a reason; the vehicle executes a
-repeated request once."""
+"""MAVLink FTP with the simulated vehicle: reads with packet loss, reasons of refusals, and repeated requests,
+which the vehicle executes once."""
 
 import asyncio
 import struct
@@ -13,11 +13,12 @@ from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, PARAMETERS, crc32
 
-FTP_ID = 110
-_header = struct.Struct("<HBBBBBBI")
+FTP_MESSAGE_ID = 110
+HEADER = struct.Struct("<HBBBBBBI")
+"""Sequence number, session, opcode, size, request opcode, burst complete, padding, offset."""
 
 
-def run_ftp(run_simulated, work, *, loss=0.0, seed=0):
+def run_with_ftp(run_simulated, scenario, *, loss=0.0, seed=0):
     async def run():
         testbed = MemoryTestbed()
         autopilot = SimulatedAutopilot(testbed.link())
@@ -25,7 +26,7 @@ def run_ftp(run_simulated, work, *, loss=0.0, seed=0):
             vehicle = await testbed.ready()
             autopilot.loss = loss
             autopilot.random.seed(seed)
-            await work(testbed, FtpService(vehicle), autopilot, vehicle)
+            await scenario(testbed, FtpService(vehicle), autopilot, vehicle)
         finally:
             autopilot.alive = False
             await testbed.close()
@@ -35,21 +36,21 @@ def run_ftp(run_simulated, work, *, loss=0.0, seed=0):
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
 def test_a_file_is_read_completely_at_any_packet_loss(run_simulated, loss, seed):
-    async def work(testbed, ftp, autopilot, _):
-        reports = []
-        content = await ftp.read(PARAMETERS, progress=lambda *p: reports.append(p))
+    async def scenario(testbed, ftp, autopilot, _):
+        progress_values = []
+        content = await ftp.read(PARAMETERS, progress=lambda *p: progress_values.append(p))
         assert crc32(content) == crc32(BUILT_IN[PARAMETERS]())
-        assert reports[-1] == (len(content), len(content))
+        assert progress_values[-1] == (len(content), len(content))
         assert [e.name for e in await ftp.list("etc/extras")] == sorted(p.split("/")[-1] for p in BUILT_IN)
         assert await ftp.crc32(PARAMETERS) == crc32(content)
         if not loss:  # in bursts of 40 kB, not piece by piece
-            assert autopilot.count(FTP_ID) < 12
+            assert autopilot.count(FTP_MESSAGE_ID) < 12
 
-    run_ftp(run_simulated, work, loss=loss, seed=seed)
+    run_with_ftp(run_simulated, scenario, loss=loss, seed=seed)
 
 
 def test_each_refusal_has_its_reason_and_leaves_no_session_open(run_simulated):
-    async def work(testbed, ftp, autopilot, _):
+    async def scenario(testbed, ftp, autopilot, _):
         for path, error, text in (
             ("nothing/here.txt", FtpError.FILE_NOT_FOUND, "there is no such file"),
             ("etc", FtpError.FAIL_ERRNO, "Is a directory"),
@@ -65,39 +66,40 @@ def test_each_refusal_has_its_reason_and_leaves_no_session_open(run_simulated):
             await ftp.read("a" * 300)
         assert await ftp.read(PARAMETERS) == BUILT_IN[PARAMETERS]()
 
-    run_ftp(run_simulated, work)
+    run_with_ftp(run_simulated, scenario)
 
 
 def test_a_session_left_open_by_an_earlier_run_is_closed_first(run_simulated):
-    async def work(testbed, ftp, autopilot, vehicle):
-        before = FtpService(vehicle)
-        reading = asyncio.ensure_future(before._open(PARAMETERS))
-        await reading  # the earlier server was killed after this request
+    async def scenario(testbed, ftp, autopilot, vehicle):
+        earlier_service = FtpService(vehicle)
+        opening = asyncio.ensure_future(earlier_service._open(PARAMETERS))
+        await opening  # the earlier server was killed after this request
         assert len(await ftp.read(PARAMETERS)) == len(BUILT_IN[PARAMETERS]())
 
-    run_ftp(run_simulated, work)
+    run_with_ftp(run_simulated, scenario)
 
 
-def test_a_repeated_request_has_the_same_number(run_simulated):
-    """By the number, the vehicle detects a repeated request, and repeats its reply instead of the action."""
+def test_a_repeated_request_has_the_same_sequence_number(run_simulated):
+    """The vehicle detects a repeated request by its sequence number and repeats the reply, not the action."""
 
-    async def work(testbed, ftp, autopilot, _):
+    async def scenario(testbed, ftp, autopilot, _):
         await ftp.read(PARAMETERS)
-        sent = [
-            _header.unpack_from(f[13:-2].ljust(12, b"\0"))
-            for f in autopilot.received
-            if f[7] == FTP_ID and not f[8]
+        # Before the FTP payload: 10 bytes of MAVLink header, 3 bytes of receiver; after it: the checksum.
+        headers = [
+            HEADER.unpack_from(frame[13:-2].ljust(12, b"\0"))
+            for frame in autopilot.received
+            if frame[7] == FTP_MESSAGE_ID and not frame[8]
         ]
-        requests = {}
-        for sequence, _, opcode, _, _, _, _, offset in sent:
-            assert requests.setdefault(sequence, (opcode, offset)) == (opcode, offset)
-        assert len(requests) < len(sent)  # some were repeated
+        request_by_sequence = {}
+        for sequence, _, opcode, _, _, _, _, offset in headers:
+            assert request_by_sequence.setdefault(sequence, (opcode, offset)) == (opcode, offset)
+        assert len(request_by_sequence) < len(headers), "no request was repeated"
 
-    run_ftp(run_simulated, work, loss=0.2, seed=8)
+    run_with_ftp(run_simulated, scenario, loss=0.2, seed=8)
 
 
-def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(run_simulated):
-    async def work(testbed, ftp, autopilot, vehicle):
+def test_a_read_and_a_simultaneous_list_both_complete_and_a_lost_link_ends_a_read(run_simulated):
+    async def scenario(testbed, ftp, autopilot, vehicle):
         requests = asyncio.gather(ftp.read(PARAMETERS), ftp.list("etc/extras"))
         await asyncio.sleep(0.1)
         assert not requests.done()
@@ -105,13 +107,13 @@ def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(run_simulat
         assert content
         assert entries
         autopilot.loss = 1.0
-        began = testbed.loop.time()
+        began_s = testbed.loop.time()
         reading = asyncio.ensure_future(ftp.read(PARAMETERS))
         with pytest.raises(Disconnected):
             await reading
-        assert testbed.loop.time() - began < 6
+        assert testbed.loop.time() - began_s < 6
 
-    run_ftp(run_simulated, work)
+    run_with_ftp(run_simulated, scenario)
 
 
 def test_a_vehicle_that_does_not_reply_is_reported_at_the_deadline(run_simulated):

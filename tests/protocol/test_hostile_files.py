@@ -1,4 +1,4 @@
-"""Reads from a vehicle's file server with false, slow or endless replies end with a reason."""
+"""Reads of a vehicle's files with false, slow or endless replies end with an error that gives the reason."""
 
 import pytest
 
@@ -9,6 +9,10 @@ from tests.protocol.hostile_files import BURST, READ, HostileFiles
 from tests.protocol.one_vehicle import run_scenario
 
 SIZE = 20_000
+PIECE_BYTES = 239
+"""Data bytes of one FTP message."""
+MAX_PIECES_PER_ITERATION = 64
+TOLERANCE_S = 10
 
 
 def read_until_error(run_simulated, text, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
@@ -21,7 +25,7 @@ def read_until_error(run_simulated, text, *, size=SIZE, error=FtpFailed, within_
             await FtpService(vehicle).read("etc/file")
         requests.update(files.requests)
         limit_s = EXTRA_TIME_S + size / MIN_BYTES_S if within_s is None else within_s
-        assert testbed.loop.time() - began_s <= limit_s + 10
+        assert testbed.loop.time() - began_s <= limit_s + TOLERANCE_S
 
     run_scenario(run_simulated, scenario)
     return requests
@@ -42,7 +46,7 @@ def test_a_burst_of_one_byte_pieces_is_cancelled(run_simulated):
     assert requests[BURST] < 20
 
 
-def test_pieces_of_another_offset_are_refused(run_simulated):
+def test_a_piece_at_another_offset_than_requested_is_refused(run_simulated):
     requests = read_until_error(
         run_simulated,
         "answered with byte 1,000 instead of 0",
@@ -62,9 +66,9 @@ def test_an_endless_burst_without_data_is_cancelled(run_simulated):
 
 
 @pytest.mark.story
-def test_a_read_of_one_piece_per_second_is_cancelled(run_simulated):
+def test_a_read_that_exceeds_the_time_limit_of_its_size_is_cancelled(run_simulated):
     def pieces(offset, size):
-        return [(offset + 239 * i, b"x" * 239) for i in range(2000)]
+        return [(offset + PIECE_BYTES * i, b"x" * PIECE_BYTES) for i in range(2000)]
 
     read_until_error(run_simulated, "not finished within", size=400_000, burst=pieces, every_s=0.58)
 
@@ -77,7 +81,7 @@ def test_a_file_that_claims_to_be_larger_than_allowed_is_not_read(run_simulated)
     assert BURST not in requests
 
 
-def test_a_vehicle_that_replies_only_to_the_opening_is_an_error(run_simulated):
+def test_a_read_from_a_vehicle_that_replies_only_to_the_open_request_is_an_error(run_simulated):
     read_until_error(run_simulated, "did not answer", error=NoReply, read=lambda offset, size: [])
 
 
@@ -98,14 +102,14 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         HostileFiles(
             autopilot,
-            239 * 1000,
-            burst=lambda offset, size: [(offset + 239 * i, b"x" * 239) for i in range(1000)],
+            PIECE_BYTES * 1000,
+            burst=lambda offset, size: [(offset + PIECE_BYTES * i, b"x" * PIECE_BYTES) for i in range(1000)],
         )
-        pieces_in_iteration, max_pieces, last = [0], [0], [0]
+        pieces_in_iteration, max_pieces, last_received = [0], [0], [0]
 
         def progress(received, _):
-            pieces_in_iteration[0] += (received - last[0]) // 239
-            last[0] = received
+            pieces_in_iteration[0] += (received - last_received[0]) // PIECE_BYTES
+            last_received[0] = received
             max_pieces[0] = max(max_pieces[0], pieces_in_iteration[0])
 
         run_once = testbed.loop._run_once
@@ -116,7 +120,7 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(run_simulated):
 
         testbed.loop._run_once = run_iteration
         content = await FtpService(vehicle).read("etc/file", progress=progress)
-        assert len(content) == 239 * 1000
-        assert max_pieces[0] <= 64
+        assert len(content) == PIECE_BYTES * 1000
+        assert max_pieces[0] <= MAX_PIECES_PER_ITERATION
 
     run_scenario(run_simulated, scenario)

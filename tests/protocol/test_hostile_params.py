@@ -19,7 +19,8 @@ REAL32, INT32 = 9, 6
 
 
 class HostileParams:
-    """Replies to requests for the list and for single indices with `replies`."""
+    """Sends `replies` for each request of the list or of an index, at intervals of `every_s`; `checksum`: the
+    bytes of _HASH_CHECK, None: no reply to its request."""
 
     def __init__(self, autopilot, replies, *, checksum=None, every_s=None) -> None:
         self.autopilot, self.replies, self.checksum, self.every_s = autopilot, replies, checksum, every_s
@@ -27,23 +28,23 @@ class HostileParams:
         autopilot.handlers.append(self.handle)
 
     def handle(self, message) -> bool:
-        kind = message.get_type()
-        if kind == "PARAM_REQUEST_READ" and message.param_id == "_HASH_CHECK":
+        message_type = message.get_type()
+        if message_type == "PARAM_REQUEST_READ" and message.param_id == "_HASH_CHECK":
             if self.checksum is not None:
-                self.value(b"_HASH_CHECK", 65535, 929, self.checksum, REAL32)
+                self.send_value(b"_HASH_CHECK", 65535, 929, self.checksum, REAL32)
             return True
-        if kind not in ("PARAM_REQUEST_LIST", "PARAM_REQUEST_READ"):
+        if message_type not in ("PARAM_REQUEST_LIST", "PARAM_REQUEST_READ"):
             return False
         self.requests += 1
         for n, value in enumerate(self.replies()):
             if self.every_s is None:
-                self.value(*value)
+                self.send_value(*value)
             else:
-                self.autopilot.loop.call_later(n * self.every_s, self.value, *value)
+                self.autopilot.loop.call_later(n * self.every_s, self.send_value, *value)
         return True
 
-    def value(self, name, index, count, bits=NAN, kind=REAL32) -> None:
-        payload = bits + struct.pack("<HH16sB", count, index, name, kind)
+    def send_value(self, name, index, count, bits=NAN, param_type=REAL32) -> None:
+        payload = bits + struct.pack("<HH16sB", count, index, name, param_type)
         self.autopilot.send_raw(encode_frame(22, payload, self.autopilot.mav.seq, self.autopilot.system, 1))
 
 
@@ -99,15 +100,15 @@ def test_a_list_that_changes_its_length_is_cancelled(run_simulated):
     )
 
 
-def test_any_bit_patterns_of_values_and_names_are_valid_json(run_simulated):
+def test_the_response_is_valid_json_for_any_bit_patterns_of_values_and_names(run_simulated):
     names = [b"OK", b"\xff\xfe\xfd", b"A\0B", b'"},{"', b"\x01\x02", b"NAN", b"INF", b"", b"A" * 16]
     bits = [bytes(4), NAN, NAN, NAN, NAN, NAN, b"\0\0\x80\x7f", NAN, b"\xff\xff\x7f\x7f"]
 
     async def check(vehicle, _):
-        found = await response_of(vehicle)
-        assert found["list"]["state"] == "ready"
-        assert found["list"]["left_out"] == 4
-        values = {p["name"]: p["value"] for p in found["params"]}
+        response = await response_of(vehicle)
+        assert response["list"]["state"] == "ready"
+        assert response["list"]["left_out"] == 4
+        values = {p["name"]: p["value"] for p in response["params"]}
         assert sorted(values) == ["A", "A" * 16, "INF", "NAN", "OK"]
         assert values["NAN"] is values["INF"] is None
 
@@ -128,21 +129,21 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(r
         hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
         for n in range(MAX_PARAMETERS + 1000):
-            hostile.value(b"P%d" % n, 65535, 1)
+            hostile.send_value(b"P%d" % n, 65535, 1)
         await testbed.clock.sleep(2)
         assert len(vehicle.params.all()) == MAX_PARAMETERS
-        viewed, max_viewed = [0], [0]
-        view = param_routes._view
+        encoded_count, max_encoded_count = [0], [0]
+        original_view = param_routes._view
 
         def count_view(*arguments):
-            viewed[0] += 1
-            max_viewed[0] = max(max_viewed[0], viewed[0])
-            return view(*arguments)
+            encoded_count[0] += 1
+            max_encoded_count[0] = max(max_encoded_count[0], encoded_count[0])
+            return original_view(*arguments)
 
         run_once = testbed.loop._run_once
 
         def run_iteration():
-            viewed[0] = 0
+            encoded_count[0] = 0
             run_once()
 
         testbed.loop._run_once = run_iteration
@@ -150,10 +151,10 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(r
         try:
             response = await param_routes.all_params(vehicle)
         finally:
-            param_routes._view = view
+            param_routes._view = original_view
             testbed.loop._run_once = run_once
         assert len(json.loads(response.body)["params"]) == MAX_PARAMETERS
-        assert max_viewed[0] <= param_routes.MAX_ENCODED_AT_ONCE
+        assert max_encoded_count[0] <= param_routes.MAX_ENCODED_AT_ONCE
 
     run_scenario(run_simulated, scenario)
 
@@ -162,8 +163,8 @@ def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(run_simula
     async def scenario(testbed, vehicle, autopilot):
         hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
-        for kind, expected in ((INT32, True), (REAL32, False), (200, False)):
-            hostile.value(b"A", 0, 1, b"\1\0\0\0", kind)
+        for param_type, expected in ((INT32, True), (REAL32, False), (200, False)):
+            hostile.send_value(b"A", 0, 1, b"\1\0\0\0", param_type)
             await asyncio.sleep(0.1)
             assert vehicle.params.known("A").is_integer is expected
 

@@ -16,22 +16,25 @@ def send_battery(autopilot, battery_id, percent, millivolts):
 
 def test_the_less_charged_of_two_batteries_is_shown(run_simulated):
     async def scenario(_testbed, autopilot, vehicle):
-        values = set()
+        shown_values = set()
         for _ in range(10):
             for battery_id, percent in ((0, 80), (1, 35)):
                 send_battery(autopilot, battery_id, percent, 16000 - battery_id * 1000)
                 await asyncio.sleep(0.5)
-                value = vehicle.topic("battery").value
-                values.add((value.battery_id, value.remaining_percent, value.voltage_v))
-        assert values == {(0, 80, 16.0), (1, 35, 15.0)}, "the shown battery had a value of the other one"
-        assert [(b.battery_id, b.remaining_percent) for b in value.batteries] == [(0, 80), (1, 35)]
+                battery = vehicle.topic("battery").value
+                shown_values.add((battery.battery_id, battery.remaining_percent, battery.voltage_v))
+        assert shown_values == {(0, 80, 16.0), (1, 35, 15.0)}, (
+            "the shown battery had a value of the other one"
+        )
+        assert [(b.battery_id, b.remaining_percent) for b in battery.batteries] == [(0, 80), (1, 35)]
+        # Without the first samples, in which battery 1 was not known yet.
         history = [s.value for s in vehicle.history(("battery",), 0.0)][2:]
         assert {b.battery_id for b in history} == {1}
         for _ in range(15):
             send_battery(autopilot, 0, 79, 16000)
             await asyncio.sleep(1.0)
-        value = vehicle.topic("battery").value
-        assert (value.battery_id, value.batteries) == (0, ()), (
+        battery = vehicle.topic("battery").value
+        assert (battery.battery_id, battery.batteries) == (0, ()), (
             "the other battery is still shown, more than 10 s after its last message"
         )
 
@@ -57,9 +60,9 @@ def test_two_groups_of_outputs_are_stored_separately(run_simulated):
                 await asyncio.sleep(0.1)
         autopilot.send(sim.MAVLink_servo_output_raw_message(0, 1, *[1501] * 4, 0, 0, 0, 0))
         await asyncio.sleep(0.1)
-        value = vehicle.topic("motors").value
-        assert value.pwm_us == (1500,) * 4
-        assert [(g.port, g.pwm_us) for g in value.groups] == [(0, (1500,) * 4), (1, (1501,) * 4)]
+        motors = vehicle.topic("motors").value
+        assert motors.pwm_us == (1500,) * 4
+        assert [(g.port, g.pwm_us) for g in motors.groups] == [(0, (1500,) * 4), (1, (1501,) * 4)]
 
     run_with_vehicle(run_simulated, scenario)
 
@@ -89,7 +92,7 @@ def test_the_first_of_two_gimbals_is_shown_until_it_stops_sending(run_simulated)
     run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_companion_that_sends_the_same_messages_changes_nothing(run_simulated):
+def test_a_companion_that_sends_the_autopilots_messages_changes_nothing(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
         companion = sim.MAVLink(None, srcSystem=1, srcComponent=191)
         before = vehicle.topic("global_position").value
@@ -123,10 +126,11 @@ def test_the_time_of_a_topic_is_that_of_its_newest_sample(run_simulated):
 
         before_s = check_times()
         await asyncio.sleep(1.5)
-        changed_s = check_times()
+        later_s = check_times()
         autopilot.alive = False
         await asyncio.sleep(6)
         assert vehicle.status.link_lost
-        assert before_s < changed_s < check_times(), "the lost connection gave no new sample of the status"
+        lost_s = check_times()
+        assert before_s < later_s < lost_s, "the lost connection gave no new sample of the status"
 
     run_with_vehicle(run_simulated, scenario)

@@ -21,7 +21,7 @@ def link_names(rig):
     return [info.name for info in rig.station.router.links()]
 
 
-async def close(rig, client, confirm=None, name="memory"):
+async def close_link(rig, client, confirm=None, name="memory"):
     await station_routes.remove_link(name, rig.station, client, confirm)
 
 
@@ -30,30 +30,30 @@ def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(
         await offboard_routes.start("1", START, rig.station, ANNA)
         for confirm in (None, CONFIRMATION):
             with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
-                await close(rig, BOB, confirm)
+                await close_link(rig, BOB, confirm)
         assert journal_lines(rig.station)[-1] == ("bob", "links/remove", None, "not_in_control")
-        received = len(rig.autopilot.setpoints)
+        setpoint_count = len(rig.autopilot.setpoints)
         await seconds(1)
-        assert len(rig.autopilot.setpoints) > received + 30
+        assert len(rig.autopilot.setpoints) > setpoint_count + 30
         assert link_names(rig) == ["memory"]
 
     run_with_routes(run_simulated, scenario)
 
 
-@pytest.mark.parametrize("situation", ["streamed to", "armed", "armed and not controlled"])
+@pytest.mark.parametrize("situation", ["streaming", "armed", "armed without control"])
 def test_the_last_link_in_flight_is_closed_only_with_confirmation(run_simulated, situation):
     async def scenario(rig):
-        if situation == "streamed to":
+        if situation == "streaming":
             await offboard_routes.start("1", START, rig.station, ANNA)
         elif situation == "armed":
             await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
         for confirm in (None, "", "yes", CONFIRMATION.replace("1", "2"), CONFIRMATION.upper()):
             with pytest.raises(Refused, match="Vehicle 1 is armed or flown by setpoints") as refused:
-                await close(rig, ANNA, confirm)
+                await close_link(rig, ANNA, confirm)
             assert refused.value.remedy == f"To close it anyway, send confirm={CONFIRMATION!r}."
         assert link_names(rig) == ["memory"]
         assert journal_lines(rig.station)[-1] == ("anna", "links/remove", None, "refused")
-        await close(rig, ANNA, CONFIRMATION)
+        await close_link(rig, ANNA, CONFIRMATION)
         assert link_names(rig) == []
         assert ("anna", "links/remove", None, "ok") in journal_lines(rig.station)
 
@@ -66,18 +66,18 @@ def test_with_a_second_link_no_confirmation_is_needed(run_simulated):
         rig.testbed.offboard_autopilot(second).fly()
         await seconds(8)
         assert set(rig.vehicle.links) == {"memory", "second"}
-        await close(rig, ANNA)
+        await close_link(rig, ANNA)
         assert link_names(rig) == ["second"]
 
     run_with_routes(run_simulated, scenario)
 
 
-def test_on_the_ground_any_client_closes_a_link_while_nobody_has_control(run_simulated):
+def test_on_the_ground_any_client_can_close_a_link_if_no_client_has_control(run_simulated):
     async def scenario(rig):
-        await close(rig, BOB)
+        await close_link(rig, BOB)
         assert link_names(rig) == []
         with pytest.raises(UnknownLink):
-            await close(rig, BOB)
+            await close_link(rig, BOB)
 
     run_with_routes(run_simulated, scenario, flying=False)
 
@@ -86,8 +86,8 @@ def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_
     async def scenario(rig):
         await control_routes.take("1", rig.station, ANNA, TAKE_BY_FORCE)
         with pytest.raises(NotInControl):
-            await close(rig, BOB)
-        await close(rig, ANNA)
+            await close_link(rig, BOB)
+        await close_link(rig, ANNA)
         assert link_names(rig) == []
 
     run_with_routes(run_simulated, scenario, flying=False)
@@ -95,14 +95,13 @@ def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_
 
 def test_the_link_of_a_vehicle_lost_in_flight_stays_open(run_simulated):
     async def scenario(rig):
-        take = control_models.TakeControl()
-        await control_routes.take("1", rig.station, ANNA, take)
+        await control_routes.take("1", rig.station, ANNA, control_models.TakeControl())
         rig.testbed.router.connection("memory").link.drop_peer("peer")
         assert rig.vehicle.links == ()
         with pytest.raises(NotInControl):
-            await close(rig, BOB)
+            await close_link(rig, BOB)
         with pytest.raises(Refused, match="last link"):
-            await close(rig, ANNA)
+            await close_link(rig, ANNA)
 
     run_with_routes(run_simulated, scenario)
 
@@ -115,11 +114,11 @@ def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(run_simul
             await station_routes.add_link(request, rig.station, BOB)
         assert link_names(rig) == ["memory"]
         rig.testbed.link("station", forward=True)
-        rig.testbed.link("more")
+        rig.testbed.link("other")
         with pytest.raises(NotInControl):
-            await close(rig, BOB, name="station")
-        await close(rig, ANNA, name="station")
-        await close(rig, BOB, name="more")
+            await close_link(rig, BOB, name="station")
+        await close_link(rig, ANNA, name="station")
+        await close_link(rig, BOB, name="other")
         assert link_names(rig) == ["memory"]
 
     run_with_routes(run_simulated, scenario)

@@ -16,7 +16,10 @@ from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
 
+UNKNOWN_EVENT = 17980399
 METADATA_ID = d.MAVLINK_MSG_ID_COMPONENT_METADATA
+STATUSTEXT = struct.Struct("<B50sHB")
+"""Severity, text, text id, chunk number."""
 
 
 def event_payload(event_id, sequence, arguments=b"", level=6):
@@ -51,13 +54,13 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(run_si
         try:
             vehicle = await testbed.ready()
 
-            async def inline(work):
-                return work()
+            async def run_inline(function):
+                return function()
 
-            async def read(kind, packed, crc):
+            async def read_inline(kind, packed, crc):
                 return metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, crc))
 
-            vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read
+            vehicle.metadata.run_in_thread, vehicle.metadata.read = run_inline, read_inline
             definitions = metadata_files.decode_document(
                 metadata_files.EVENTS,
                 metadata_files.encode_document(metadata_files.EVENTS, BUILT_IN[EVENTS](), 0),
@@ -76,14 +79,14 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(run_si
     run_simulated(run)
 
 
-def test_the_line_of_an_event_without_text_names_its_component(run_simulated):
+def test_the_text_of_an_event_without_description_names_its_component(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         for _ in range(100):
-            autopilot.event(17980399, 0x66)
+            autopilot.event(UNKNOWN_EVENT, 0x66)
             await testbed.clock.sleep(1)
-        found = event_texts(vehicle, "event")
-        assert set(found) == {"unknown event 17980399 from component 1 (autopilot)"}
-        assert len(found) >= 95
+        texts = event_texts(vehicle, "event")
+        assert set(texts) == {f"unknown event {UNKNOWN_EVENT} from component 1 (autopilot)"}
+        assert len(texts) >= 95
         requests = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
         assert 1 <= len(requests) <= 3 * 6
 
@@ -103,7 +106,7 @@ def test_a_status_text_describes_an_event_without_metadata(run_simulated):
 def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is_shown(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         for n in range(100_000):
-            vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
+            vehicle._event_logger.text(STATUSTEXT.pack(4, b"text %d" % n, 0, 0), "link")
         await testbed.clock.sleep(5)
         texts = event_texts(vehicle, "status_text")
         assert len(texts) <= MAX_BURST_LINES + MAX_LINES_PER_S * 5
@@ -118,8 +121,8 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is
 
 @pytest.mark.parametrize("chunk", [0, 7, 19, 255])
 def test_endless_chunks_take_limited_memory_and_become_texts_of_limited_length(chunk):
-    joiner, out = TextJoiner(), []
+    joiner, texts = TextJoiner(), []
     for text_id in range(1, 65536):
-        out += joiner.feed(struct.pack("<B50sHB", 4, b"x" * 50, text_id, chunk), 0.0)
+        texts += joiner.feed(STATUSTEXT.pack(4, b"x" * 50, text_id, chunk), 0.0)
         assert len(joiner._pending) <= MAX_PENDING
-    assert all(len(text) <= MAX_CHUNKS * 50 + 10 for _, text in out)
+    assert all(len(text) <= MAX_CHUNKS * 50 + 10 for _, text in texts)

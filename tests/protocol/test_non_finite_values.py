@@ -1,5 +1,5 @@
-"""Values that are not finite remove only the topics that contain them: they affect no other vehicle, view or
-stream."""
+"""NaN, infinite and implausible values remove only the topics that contain them; other vehicles, views and
+streams continue."""
 
 import asyncio
 import itertools
@@ -14,21 +14,21 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.memory_testbed import run_test
-from tests.protocol.offboard_testbed import OffboardTestbed, stream_request
+from tests.protocol.offboard_testbed import POSITION, OffboardTestbed, stream_request
 
 INVALID = [math.inf, -math.inf, math.nan, 1e38]
 
 
-async def two_vehicles(testbed) -> tuple[Any, Any]:
-    """Two flying vehicles; the first will send invalid values."""
+async def connect_two_vehicles(testbed) -> tuple[Any, Any]:
+    """Connects two flying vehicles; returns their autopilots. The first will send invalid values."""
     link = testbed.link()
-    invalid = testbed.offboard_autopilot(link, peer="a")
-    other = testbed.offboard_autopilot(link, peer="b", system=2)
-    for autopilot in (invalid, other):
+    invalid_autopilot = testbed.offboard_autopilot(link, peer="a")
+    other_autopilot = testbed.offboard_autopilot(link, peer="b", system=2)
+    for autopilot in (invalid_autopilot, other_autopilot):
         autopilot.fly()
     await testbed.ready("1")
     await testbed.ready("2")
-    return invalid, other
+    return invalid_autopilot, other_autopilot
 
 
 def vehicle_views(testbed) -> list[Any]:
@@ -41,12 +41,12 @@ def vehicle_views(testbed) -> list[Any]:
     return json.loads(body, parse_constant=refuse_constant)
 
 
-def replace_values(autopilot, kind: str, **fields: float):
-    """Replaces fields of all further messages of a kind; returns a function that ends the replacement."""
+def replace_values(autopilot, message_type: str, **fields: float):
+    """Replaces fields of all further messages of this type; returns a function that ends the replacement."""
     send = autopilot.send
 
     def send_replaced(message):
-        if message.get_type() == kind:
+        if message.get_type() == message_type:
             for name, value in fields.items():
                 setattr(message, name, value)
         send(message)
@@ -59,10 +59,10 @@ def replace_values(autopilot, kind: str, **fields: float):
 
 
 @pytest.mark.parametrize("roll_rad", INVALID)
-def test_an_angle_that_is_not_a_number_removes_only_the_attitude(run_simulated, roll_rad):
+def test_an_invalid_angle_removes_only_the_attitude(run_simulated, roll_rad):
     async def scenario(testbed):
-        invalid, _ = await two_vehicles(testbed)
-        restore = replace_values(invalid, "ATTITUDE", roll=roll_rad)
+        invalid_autopilot, _ = await connect_two_vehicles(testbed)
+        restore = replace_values(invalid_autopilot, "ATTITUDE", roll=roll_rad)
         await asyncio.sleep(0.1)
         for _ in range(20):
             await asyncio.sleep(0.02)
@@ -85,9 +85,9 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(run_simulated, 
 
 def test_after_an_invalid_home_the_last_valid_home_is_kept(run_simulated):
     async def scenario(testbed):
-        invalid, _ = await two_vehicles(testbed)
+        invalid_autopilot, _ = await connect_two_vehicles(testbed)
         vehicle = testbed.fleet.get("1")
-        replace_values(invalid, "HOME_POSITION", latitude=910_000_000)
+        replace_values(invalid_autopilot, "HOME_POSITION", latitude=910_000_000)
         await asyncio.sleep(5.0)
         assert vehicle.topic("home").value.lat_deg == pytest.approx(47.397742)
         assert any("home" in w.text for w in testbed.fleet.warnings())
@@ -100,20 +100,20 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_missing_and_other_s
     run_simulated, value
 ):
     async def scenario(testbed):
-        invalid, other = await two_vehicles(testbed)
+        invalid_autopilot, other_autopilot = await connect_two_vehicles(testbed)
         vehicles = [testbed.fleet.get("1"), testbed.fleet.get("2")]
         for vehicle in vehicles:
             await vehicle.offboard.start(stream_request(valid_for_s=8.0 if vehicle.id == "1" else 60.0))
         began_s = testbed.loop.time()
 
-        replace_values(invalid, "LOCAL_POSITION_NED", x=value, vy=value)
+        replace_values(invalid_autopilot, "LOCAL_POSITION_NED", x=value, vy=value)
         await asyncio.sleep(1.0)
         snapshot = vehicles[0].offboard.snapshot()
         assert (snapshot.position_ned_m, snapshot.velocity_ned_m_s) == (None, None)
         assert vehicles[0].offboard.available()["position"].can is False
         assert not VehicleEstimates(vehicles[0]).has_position()
         await asyncio.sleep(8.0)
-        times = [at_s for at_s, _ in other.setpoints if at_s >= began_s]
+        times = [at_s for at_s, _ in other_autopilot.setpoints if at_s >= began_s]
         assert max(b - a for a, b in itertools.pairwise(times)) < 0.03
         assert vehicles[1].status.mode == "offboard"
         assert vehicles[0].status.mode == "land", (
@@ -125,25 +125,25 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_missing_and_other_s
 
 def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_continue(run_simulated):
     async def scenario(testbed):
-        invalid, other = await two_vehicles(testbed)
+        invalid_autopilot, other_autopilot = await connect_two_vehicles(testbed)
         for vehicle in testbed.fleet.all():
             await vehicle.offboard.start(stream_request())
-        broken = testbed.fleet.get("1").offboard
+        offboard = testbed.fleet.get("1").offboard
 
-        def fail(_order=None):
+        def fail(_request=None):
             raise ZeroDivisionError("simulated error")
 
-        broken.snapshot = fail
+        offboard.snapshot = fail
         await asyncio.sleep(3.0)
         assert [v.status.mode for v in testbed.fleet.all()] == ["offboard", "offboard"]
         (warning,) = [w for w in testbed.fleet.warnings() if w.kind == "fault"]
         assert (warning.vehicle, "snapshot" in warning.text) == ("1", True)
-        invalid.mode = invalid.requested_mode = 3 << 16
-        invalid.heartbeat()
+        invalid_autopilot.mode = invalid_autopilot.requested_mode = POSITION
+        invalid_autopilot.heartbeat()
         await asyncio.sleep(0.5)
-        streaming = [testbed.streamer._streams.state(v).phase for v in ("1", "2")]
-        assert streaming == ["idle", "streaming"], "the stream did not end although the vehicle left Offboard"
-        assert other.setpoints[-1][0] > testbed.loop.time() - 0.05
+        phases = [testbed.streamer._streams.state(v).phase for v in ("1", "2")]
+        assert phases == ["idle", "streaming"], "the stream did not end although the vehicle left Offboard"
+        assert other_autopilot.setpoints[-1][0] > testbed.loop.time() - 0.05
 
     run_test(run_simulated, scenario, OffboardTestbed)
 
@@ -168,16 +168,16 @@ class FakeWebSocket:
         raise AssertionError(reason)
 
 
-def test_a_lost_and_recovered_link_is_reported(run_simulated):
+def test_a_lost_link_is_reported_once_and_its_recovery_is_reported(run_simulated):
     async def scenario(testbed):
-        invalid, _ = await two_vehicles(testbed)
+        invalid_autopilot, _ = await connect_two_vehicles(testbed)
         hub, socket = Hub(testbed.clock, testbed.fleet), FakeWebSocket()
         async with asyncio.TaskGroup() as group:
             serving = group.create_task(hub.serve(socket))
             await socket.incoming.put(json.dumps({"type": "subscribe", "topics": ["status"], "rate_hz": 20}))
             await asyncio.sleep(2.0)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False
-            stopped_s, invalid.alive = testbed.loop.time(), False
+            stopped_s, invalid_autopilot.alive = testbed.loop.time(), False
             await asyncio.sleep(6.0)
             lost_s, sample = next((at_s, s) for at_s, s in socket.statuses if s["value"]["link_lost"])
             assert 3.4 <= lost_s - stopped_s <= 3.65
@@ -185,7 +185,7 @@ def test_a_lost_and_recovered_link_is_reported(run_simulated):
             assert len([s for _, s in socket.statuses if s["value"]["link_lost"]]) == 1, (
                 "link_lost was reported several times"
             )
-            invalid.alive = True
+            invalid_autopilot.alive = True
             await asyncio.sleep(1.2)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False
             received_unix_s = [s["received_unix_s"] for _, s in socket.statuses]

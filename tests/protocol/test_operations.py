@@ -14,26 +14,26 @@ from tests.protocol.api_calls import ANNA, BOB, journal_lines, json_of, station_
 from tests.protocol.offboard_testbed import OffboardTestbed, seconds
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
-WAIT = param_routes.RefreshRequest(wait=True)
+WAIT_FOR_END = param_routes.RefreshRequest(wait=True)
 
 
-async def inline(work):
-    return work()
+async def run_inline(function):
+    return function()
 
 
 async def read_inline(kind, packed, crc):
     return metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, crc))
 
 
-def run_with_rig(run_simulated, work):
+def run_with_rig(run_simulated, scenario):
     async def run():
         testbed = OffboardTestbed()
         autopilot = SimulatedAutopilot(testbed.link(), seed=1)
         try:
             vehicle = await testbed.ready()
-            vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read_inline
+            vehicle.metadata.run_in_thread, vehicle.metadata.read = run_inline, read_inline
             station = station_of(testbed)
-            await work(
+            await scenario(
                 SimpleNamespace(testbed=testbed, vehicle=vehicle, autopilot=autopilot, station=station)
             )
         finally:
@@ -52,31 +52,30 @@ async def newest_operation(rig):
 
 
 def test_reading_the_parameters_is_an_operation_with_progress(run_simulated):
-    async def work(rig):
-        first = await refresh(rig, ANNA)
-        assert (first.status_code, json_of(first)["state"]) == (202, "reading")
-        second = await refresh(rig, BOB)
-        assert second.headers["Location"] == first.headers["Location"] == "/api/v1/operations/1"
+    async def scenario(rig):
+        first_response = await refresh(rig, ANNA)
+        assert (first_response.status_code, json_of(first_response)["state"]) == (202, "reading")
+        second_response = await refresh(rig, BOB)
+        assert first_response.headers["Location"] == "/api/v1/operations/1"
+        assert second_response.headers["Location"] == "/api/v1/operations/1"
         shares = []
-        while (now := await newest_operation(rig))["state"] == "running":
-            shares.append(now["progress"] or 0.0)
+        while (operation := await newest_operation(rig))["state"] == "running":
+            shares.append(operation["progress"] or 0.0)
             await asyncio.sleep(0.02)
         assert shares == sorted(shares)
         assert any(0.1 < share < 0.9 for share in shares)
-        assert (now["state"], now["progress"]) == ("succeeded", 1.0)
-        assert (now["vehicle"], now["client"], now["client_key"]) == ("1", "anna", ANNA.key)
-        assert now["result"] == {"received": 929, "source": "vehicle"}
-        assert json_of(await refresh(rig, ANNA, WAIT))["received"] == 929
+        assert (operation["state"], operation["progress"]) == ("succeeded", 1.0)
+        assert (operation["vehicle"], operation["client"], operation["client_key"]) == ("1", "anna", ANNA.key)
+        assert operation["result"] == {"received": 929, "source": "vehicle"}
+        assert json_of(await refresh(rig, ANNA, WAIT_FOR_END))["received"] == 929
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)
 
 
-def test_an_operation_is_cancelled_by_its_client_or_by_any_client_if_no_other_client_has_control(
-    run_simulated,
-):
-    async def work(rig):
+def test_an_operation_is_cancelled_by_the_client_in_control_and_not_by_another_client(run_simulated):
+    async def scenario(rig):
         await control_routes.take("1", rig.station, BOB)
-        reading = asyncio.ensure_future(refresh(rig, ANNA, WAIT))
+        reading = asyncio.ensure_future(refresh(rig, ANNA, WAIT_FOR_END))
         await asyncio.sleep(0.01)
         started = await newest_operation(rig)
         assert started["state"] == "running"
@@ -91,14 +90,14 @@ def test_an_operation_is_cancelled_by_its_client_or_by_any_client_if_no_other_cl
         with pytest.raises(Exception, match="was cancelled"):
             await reading
         assert rig.vehicle.params.list.state == "failed"
-        assert json_of(await refresh(rig, ANNA, WAIT))["state"] == "ready"
+        assert json_of(await refresh(rig, ANNA, WAIT_FOR_END))["state"] == "ready"
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)
 
 
-def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(run_simulated):
-    async def work(rig):
-        reading = asyncio.ensure_future(refresh(rig, ANNA, WAIT))
+def test_an_operation_fails_with_a_reason_if_the_link_is_lost_during_the_read(run_simulated):
+    async def scenario(rig):
+        reading = asyncio.ensure_future(refresh(rig, ANNA, WAIT_FOR_END))
         await asyncio.sleep(0.01)
         rig.autopilot.alive = False
         with pytest.raises(Disconnected, match="was lost before it answered"):
@@ -113,13 +112,13 @@ def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(run_si
         assert json.loads(json.dumps(failed)) == failed
         await seconds(2)
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)
 
 
 def test_concurrent_reads_share_one_operation_and_one_request(run_simulated):
-    async def work(rig):
-        await asyncio.gather(refresh(rig, ANNA, WAIT), refresh(rig, BOB, WAIT))
+    async def scenario(rig):
+        await asyncio.gather(refresh(rig, ANNA, WAIT_FOR_END), refresh(rig, BOB, WAIT_FOR_END))
         assert rig.autopilot.count(d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST) == 1
         assert len(rig.station.operations.all()) == 1
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)

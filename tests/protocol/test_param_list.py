@@ -17,12 +17,14 @@ LIST, READ, SET, FTP = (
     d.MAVLINK_MSG_ID_PARAM_SET,
     d.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
 )
+"""Message ids."""
 LOSS = [(0.0, 1), (0.05, 2), pytest.param(0.2, 3, marks=pytest.mark.broad)]
+"""The share of packets lost in each direction, and the seed of the losses."""
 
 
-async def inline(work):
+async def run_inline(function):
     """Replaces the server's background thread."""
-    return work()
+    return function()
 
 
 async def read_inline(kind, packed, crc):
@@ -35,7 +37,7 @@ def run_with_vehicle(run_simulated, scenario, *, loss=0.0, seed=0, cache=None):
         autopilot = SimulatedAutopilot(testbed.link(), seed=seed)
         try:
             vehicle = await testbed.ready()
-            vehicle.metadata.cache, vehicle.metadata.run_in_thread = cache, inline
+            vehicle.metadata.cache, vehicle.metadata.run_in_thread = cache, run_inline
             vehicle.metadata.read = read_inline
             autopilot.loss = loss
             await scenario(testbed, vehicle, autopilot)
@@ -46,7 +48,7 @@ def run_with_vehicle(run_simulated, scenario, *, loss=0.0, seed=0, cache=None):
     run_simulated(run)
 
 
-def true_values(autopilot):
+def simulated_values(autopilot):
     return dict(autopilot.sim.simulation.parameters[0].items())
 
 
@@ -55,16 +57,16 @@ def test_all_parameters_have_exact_values_and_their_metadata(run_simulated, loss
     async def scenario(testbed, vehicle, autopilot):
         assert vehicle.params.list.state == "unknown"
         assert autopilot.count(LIST) == autopilot.count(FTP) == 0  # nothing is read without a request
-        known = await vehicle.params.refresh()
-        assert (known.state, known.received, known.count, known.source) == ("ready", 929, 929, "vehicle")
-        assert known.facts, known.facts_problem
-        values = true_values(autopilot)
+        result = await vehicle.params.refresh()
+        assert (result.state, result.received, result.count, result.source) == ("ready", 929, 929, "vehicle")
+        assert result.facts, result.facts_problem
+        values = simulated_values(autopilot)
         assert {p.name: p.value for p in vehicle.params.all()} == values
         assert all(isinstance(p.value, int) == p.is_integer for p in vehicle.params.all())
         assert all(vehicle.params.metadata_of(name) is not None for name in values)
         assert vehicle.params.metadata_of("MPC_XY_VEL_MAX").unit == "m/s"
         if not loss:
-            # The list, and the checksum twice.
+            # One request for the list and two for the checksum.
             assert (autopilot.count(LIST), autopilot.count(READ)) == (1, 2)
 
     run_with_vehicle(run_simulated, scenario, loss=loss, seed=seed)
@@ -73,29 +75,29 @@ def test_all_parameters_have_exact_values_and_their_metadata(run_simulated, loss
 def test_with_an_equal_checksum_nothing_is_read_again(run_simulated, tmp_path):
     cache = Cache(tmp_path)
 
-    async def first(testbed, vehicle, autopilot):
+    async def read_from_vehicle(testbed, vehicle, autopilot):
         await vehicle.params.refresh()
 
-    async def second(testbed, vehicle, autopilot):
-        known = await vehicle.params.refresh()
-        assert (known.state, known.source, known.received) == ("ready", "cache", 929)
+    async def read_from_cache(testbed, vehicle, autopilot):
+        result = await vehicle.params.refresh()
+        assert (result.state, result.source, result.received) == ("ready", "cache", 929)
         assert (autopilot.count(LIST), autopilot.count(READ), autopilot.count(FTP)) == (0, 1, 0)
-        assert known.facts
-        assert {p.name: p.value for p in vehicle.params.all()} == true_values(autopilot)
+        assert result.facts
+        assert {p.name: p.value for p in vehicle.params.all()} == simulated_values(autopilot)
         await vehicle.params.refresh()
         assert autopilot.count(LIST) == 0
 
         autopilot.sim.set_parameter(0, "MPC_XY_CRUISE", 3.0)  # another station sets a parameter
         await testbed.clock.sleep(0.5)
-        changed = {p.name: p.value for p in vehicle.params.all()}
-        assert changed["MPC_XY_CRUISE"] == 3.0  # sent by the vehicle without a request
+        values = {p.name: p.value for p in vehicle.params.all()}
+        assert values["MPC_XY_CRUISE"] == 3.0  # sent by the vehicle without a request
         assert (await vehicle.params.refresh()).source == "vehicle"
         assert autopilot.count(LIST) == 1
         await vehicle.params.refresh(ignore_cache=True)
         assert autopilot.count(LIST) == 2
 
-    run_with_vehicle(run_simulated, first, cache=cache)
-    run_with_vehicle(run_simulated, second, cache=cache)
+    run_with_vehicle(run_simulated, read_from_vehicle, cache=cache)
+    run_with_vehicle(run_simulated, read_from_cache, cache=cache)
 
 
 def test_a_value_is_checked_by_the_vehicles_metadata(run_simulated):
@@ -108,8 +110,8 @@ def test_a_value_is_checked_by_the_vehicles_metadata(run_simulated):
                 await params.set(name, value)
             assert caught.value.field == "value"
             assert name in str(caught.value)
-        sets = autopilot.count(SET)
-        assert sets == 1
+        set_count = autopilot.count(SET)
+        assert set_count == 1
         assert (await params.set("COM_OBL_RC_ACT", 99, force=True)).value == 99
         assert next(p for p in params.all() if p.name == "COM_OBL_RC_ACT").value == 99
         assert (await params.set("COM_RC_OVERRIDE", 3)).value == 3
@@ -126,9 +128,9 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_the_read_can_be_repeated
         autopilot.loss = 1.0
         with pytest.raises((Disconnected, NoReply)):
             await reading
-        known = vehicle.params.list
-        assert known.state == "failed"
-        assert known.problem
+        parameter_list = vehicle.params.list
+        assert parameter_list.state == "failed"
+        assert parameter_list.problem
         autopilot.loss = 0.0
         await testbed.clock.sleep(2)
         lists = await asyncio.gather(vehicle.params.refresh(), vehicle.params.refresh())
@@ -143,13 +145,13 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_the_read_can_be_repeated
     run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_vehicle_without_parameters_is_reported(run_simulated):
+def test_a_vehicle_that_sends_no_parameter_list_is_reported_and_accepts_single_parameters(run_simulated):
     async def run():
         testbed = MemoryTestbed()
         autopilot = testbed.autopilot(testbed.link())
         try:
             vehicle = await testbed.ready()
-            vehicle.metadata.run_in_thread, vehicle.metadata.read = inline, read_inline
+            vehicle.metadata.run_in_thread, vehicle.metadata.read = run_inline, read_inline
             with pytest.raises(NoReply, match="did not send its parameters"):
                 await vehicle.params.refresh()
             await vehicle.params.describe()
@@ -170,9 +172,9 @@ def test_event_texts_come_from_the_vehicles_metadata(run_simulated, tmp_path):
         assert (after.words, len(after.findings)) == ("vehicle", len(before))
         texts = {f.name: f.cause for f in after.findings}
         assert texts["check_modes_offboard_signal"] == "No offboard setpoints received."
-        fetched = autopilot.count(FTP)
+        request_count = autopilot.count(FTP)
         await vehicle.metadata.events()
-        assert autopilot.count(FTP) == fetched  # cached by its checksum
+        assert autopilot.count(FTP) == request_count  # cached by its checksum
         assert len(list(tmp_path.iterdir())) == 2
 
     run_with_vehicle(run_simulated, scenario, cache=Cache(tmp_path), loss=0.05, seed=4)

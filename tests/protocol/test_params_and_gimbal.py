@@ -24,7 +24,7 @@ def test_parameters_are_read_and_written_bit_for_bit(run_simulated, loss, seed):
     run_scenario(run_simulated, scenario, loss=loss, seed=seed)
 
 
-def test_refused_parameters_have_a_reason(run_simulated):
+def test_requests_of_invalid_parameters_and_values_are_refused(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         with pytest.raises(NoReply, match="NO_SUCH"):
             await vehicle.params.get("NO_SUCH")
@@ -43,22 +43,23 @@ def test_refused_parameters_have_a_reason(run_simulated):
 
 def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
-        station = [255, 190]
+        receiver = [255, 190]
 
         def refuse(message):
             if message.get_type() not in ("PARAM_REQUEST_READ", "PARAM_SET"):
                 return False
-            error = d.MAV_PARAM_ERROR_DOES_NOT_EXIST if message.get_type() == "PARAM_REQUEST_READ" else 2
+            is_read = message.get_type() == "PARAM_REQUEST_READ"
+            error = d.MAV_PARAM_ERROR_DOES_NOT_EXIST if is_read else d.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
             name = message.param_id.encode()
-            autopilot.send(d.MAVLink_param_error_message(*station, name, -1, error))
-            return message.param_id not in autopilot.params or station == [255, 190]
+            autopilot.send(d.MAVLink_param_error_message(*receiver, name, -1, error))
+            return message.param_id not in autopilot.params or receiver == [255, 190]
 
         autopilot.handlers.append(refuse)
         with pytest.raises(Rejected, match="refuses parameter NO_SUCH: it has no parameter of that name"):
             await vehicle.params.get("NO_SUCH")
-        station[:] = 42, 99
+        receiver[:] = 42, 99
         assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
-        station[:] = 255, 190
+        receiver[:] = 255, 190
         with pytest.raises(Rejected, match="MPC_XY_VEL_MAX: the value is out of its range"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 500)
 
@@ -76,11 +77,15 @@ def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
         await vehicle.gimbal.take_control()
         assert autopilot.gimbal_control == (255, 190)
         await vehicle.gimbal.set_angles(-30, 190, yaw_lock=True)
-        sent = autopilot.commands(GIMBAL_PITCHYAW)[-1]
-        assert (sent.param1, sent.param2, sent.param5) == (-30, pytest.approx(-170), 16)
+        command = autopilot.commands(GIMBAL_PITCHYAW)[-1]
+        assert (command.param1, command.param2, command.param5) == (
+            -30,
+            pytest.approx(-170),
+            d.GIMBAL_MANAGER_FLAGS_YAW_LOCK,
+        )
         await vehicle.gimbal.set_rates(10, -5)
-        sent = autopilot.commands(GIMBAL_PITCHYAW)[-1]
-        assert (sent.param3, sent.param4) == (10, -5)
+        command = autopilot.commands(GIMBAL_PITCHYAW)[-1]
+        assert (command.param3, command.param4) == (10, -5)
         await vehicle.gimbal.set_angles(-20, 10, roll_deg=5)
         assert autopilot.gimbal_q[1] != 0
         await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
@@ -112,13 +117,10 @@ def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(run_simulated):
 
 
 def simulate_turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
-    """Makes the gimbal turn at this rate and stop at a pitch limit that it does not report.
-
-    The gimbal accepts commands beyond the limit.
-    """
+    """Makes the gimbal turn at this rate and stop at an unreported limit; it accepts any angle."""
     angles_deg = {"pitch": 0.0, "setpoint": 0.0}
 
-    def command(message):
+    def take_setpoint(message):
         if getattr(message, "command", None) == GIMBAL_PITCHYAW:
             angles_deg["setpoint"] = max(pitch_min_deg, message.param1)
         return False
@@ -130,7 +132,7 @@ def simulate_turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
         half_rad = math.radians(angles_deg["pitch"]) / 2
         autopilot.gimbal_q = [math.cos(half_rad), 0.0, math.sin(half_rad), 0.0]
 
-    autopilot.handlers.append(command)
+    autopilot.handlers.append(take_setpoint)
     autopilot._every(0.05, step)
 
 
@@ -139,10 +141,10 @@ def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(run_s
     async def scenario(testbed, vehicle, autopilot):
         simulate_turning(autopilot, pitch_min_deg=-45.0)
         await vehicle.gimbal.take_control()
-        limited = await vehicle.gimbal.set_angles(-90, 0)
-        assert limited.pitch_deg == pytest.approx(-45.0, abs=0.2)
-        assert (limited.asked_pitch_deg, limited.asked_yaw_deg) == (-90, 0)
-        assert "pitch -45° instead of -90°" in limited.text
+        limit_reached = await vehicle.gimbal.set_angles(-90, 0)
+        assert limit_reached.pitch_deg == pytest.approx(-45.0, abs=0.2)
+        assert (limit_reached.asked_pitch_deg, limit_reached.asked_yaw_deg) == (-90, 0)
+        assert "pitch -45° instead of -90°" in limit_reached.text
         assert await vehicle.gimbal.set_angles(-30, 0) is None
 
     run_scenario(run_simulated, scenario, loss=loss, seed=seed)

@@ -18,11 +18,14 @@ from tests.protocol.small_plan import plan_about
 from vehicle_sim.mavlink import generated_dialect as sim
 
 FIRMWARE = 0x011100FF
+"""v1.17.0 in AUTOPILOT_VERSION."""
 REMOVED_PARAMETER = "MPC_HOLD_DZ"
 GLOBAL_POSITION = 296
 """A message of v1.17 that the dialect does not know."""
 NO_MISSION, NOT_ACTIVE = 1, 2
+"""mission_state and mission_mode of MISSION_CURRENT."""
 ALTITUDE_CRUISE = 0x000B0000
+"""custom_mode of a mode that v1.16 does not have."""
 
 
 class Px4V117Converter:
@@ -30,7 +33,7 @@ class Px4V117Converter:
 
     def __init__(self, testbed: SimulatedTestbed) -> None:
         self._sim = testbed.sim
-        self._parser, self._received = sim.MAVLink(None), sim.MAVLink(None)
+        self._parser_from_vehicle, self._parser_to_vehicle = sim.MAVLink(None), sim.MAVLink(None)
         self._packers: dict[tuple[int, int], Any] = {}
         self._replies: list[bytes] = []
         self.in_altitude_cruise = False
@@ -39,7 +42,7 @@ class Px4V117Converter:
 
     def feed(self, row: int, link: str, data: bytes) -> None:
         """Passes messages to the vehicle, except those that v1.17 refuses."""
-        for message in self._received.parse_buffer(data) or []:
+        for message in self._parser_to_vehicle.parse_buffer(data) or []:
             name = getattr(message, "param_id", "")
             if name == REMOVED_PARAMETER:
                 error = sim.MAVLink_param_error_message(
@@ -56,16 +59,16 @@ class Px4V117Converter:
     def frames(self, row: int, link: str) -> list[bytes]:
         """Messages from the vehicle, as v1.17 sends them."""
         replies, self._replies = self._replies, []
-        messages = self._parser.parse_buffer(b"".join(self._frames(row, link))) or []
-        return [*replies, *(self._converted(message) for message in messages)]
+        messages = self._parser_from_vehicle.parse_buffer(b"".join(self._frames(row, link))) or []
+        return [*replies, *(self._convert(message) for message in messages)]
 
     def _packer(self, system: int, component: int) -> Any:
         key = system, component
         return self._packers.setdefault(key, sim.MAVLink(None, srcSystem=system, srcComponent=component))
 
-    def _converted(self, message: Any) -> bytes:
+    def _convert(self, message: Any) -> bytes:
         packer = self._packer(message.get_srcSystem(), message.get_srcComponent())
-        extra = b""
+        more_frames = b""
         match message.get_type():
             case "VFR_HUD":
                 message.airspeed = math.nan
@@ -76,18 +79,18 @@ class Px4V117Converter:
             case "HEARTBEAT":
                 if self.in_altitude_cruise:
                     message.custom_mode = ALTITUDE_CRUISE
-                extra = self._unknown_frame(packer) + self._integrity_message().pack(packer)
+                more_frames = self._unknown_frame(packer) + self._integrity_message().pack(packer)
             case "CURRENT_MODE" if self.in_altitude_cruise:
                 message.custom_mode = message.intended_custom_mode = ALTITUDE_CRUISE
-        return message.pack(packer) + extra
+        return message.pack(packer) + more_frames
 
     @staticmethod
     def _unknown_frame(packer: Any) -> bytes:
         """A frame whose checksum the dialect cannot check, because it does not know the message."""
         payload = bytes(range(1, 40))
-        head = bytes((0xFD, len(payload), 0, 0, packer.seq, packer.srcSystem, packer.srcComponent))
+        header = bytes((0xFD, len(payload), 0, 0, packer.seq, packer.srcSystem, packer.srcComponent))
         packer.seq = (packer.seq + 1) % 256
-        return head + GLOBAL_POSITION.to_bytes(3, "little") + payload + b"\x12\x34"
+        return header + GLOBAL_POSITION.to_bytes(3, "little") + payload + b"\x12\x34"
 
     @staticmethod
     def _integrity_message() -> Any:

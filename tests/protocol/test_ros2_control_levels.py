@@ -1,8 +1,8 @@
 """PX4's seven control levels, flown one after the other by the server over ROS 2, on simulated time.
 
 PX4 publishes the active controllers at 2 Hz: after a change of the level, the position controller may
-continue for up to half a second. So the motion is compared from `SWITCHED_S` on. The expected motion follows
-from the simulated aircraft (PX4's SIH): 1 kg, four motors of 5 N, and a drag of 1 N per m/s.
+continue for up to half a second. So the comparison begins `SWITCHED_S` after the change. The expected motion
+follows from the simulated aircraft (PX4's SIH): 1 kg, four motors of 5 N, and a drag of 1 N per m/s.
 """
 
 from __future__ import annotations
@@ -70,13 +70,14 @@ class Level:
 
     flag: str
     """The only flag that is set in OffboardControlMode."""
-    types: set[str]
+    message_types: set[str]
     """Types of the setpoint messages."""
     setpoint: Setpoint
     duration_s: float
     """Time from `SWITCHED_S` to the comparison."""
     error: MotionError
     tolerance: float
+    """In the unit of `error`."""
 
 
 def acceleration_error(axis: int, acceleration_m_s2: float, time_s: float) -> MotionError:
@@ -163,7 +164,7 @@ def test_the_seven_control_levels_are_flown_in_one_flight(run_simulated: Any) ->
         await vehicle.offboard.start(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
         for level in LEVELS:
             await hover(vehicle)
-            await fly(testbed, vehicle, level)
+            await fly_level(testbed, vehicle, level)
         await hover(vehicle)
         await vehicle.command.land()
         await until(lambda: not vehicle.status.armed, 60)
@@ -177,7 +178,7 @@ async def hover(vehicle: Vehicle) -> None:
     """Flies back to the first position and waits until the vehicle hovers there."""
     await vehicle.offboard.setpoint(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
 
-    def hovers() -> bool:
+    def is_hovering() -> bool:
         motion = Motion.from_vehicle(vehicle)
         return (
             math.dist(motion.position_ned_m, HOVER_NED_M) < 0.5
@@ -185,13 +186,13 @@ async def hover(vehicle: Vehicle) -> None:
             and abs(motion.yaw_ned_rad) < 0.1
         )
 
-    await until(hovers, 30)
+    await until(is_hovering, 30)
 
 
-async def fly(testbed: Ros2Testbed, vehicle: Vehicle, level: Level) -> None:
+async def fly_level(testbed: Ros2Testbed, vehicle: Vehicle, level: Level) -> None:
     """Flies a control level; checks the messages and the motion."""
     sent = testbed.topics[0].sent
-    before = len(sent)
+    sent_before = len(sent)
     await vehicle.offboard.setpoint(request_of(level.setpoint))
     await asyncio.sleep(SWITCHED_S)
     begin = Motion.from_vehicle(vehicle)
@@ -202,9 +203,9 @@ async def fly(testbed: Ros2Testbed, vehicle: Vehicle, level: Level) -> None:
     assert (status.state, vehicle.status.mode) == ("streaming", "offboard"), (level.flag, status.ended)
     assert (status.sends_failed, status.limited) == (0, ()), level.flag
 
-    messages = [(TOPIC_TYPES[topic], data) for topic, data in sent[before:]]
+    messages = [(TOPIC_TYPES[topic], data) for topic, data in sent[sent_before:]]
     counts = Counter(name for name, _ in messages)
-    assert counts.keys() == {"OffboardControlMode", *level.types}, level.flag
+    assert counts.keys() == {"OffboardControlMode", *level.message_types}, level.flag
     assert len(set(counts.values())) == 1, (level.flag, counts)
     for name, data in messages:
         if name == "OffboardControlMode":

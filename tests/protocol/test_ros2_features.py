@@ -30,7 +30,7 @@ REQUESTS: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def test_each_feature_has_a_request_that_is_refused() -> None:
+def test_requests_has_one_request_for_each_feature() -> None:
     assert set(REQUESTS) == set(FEATURES) == set(NEEDS_MAVLINK)
 
 
@@ -39,20 +39,20 @@ def test_over_ros_2_only_a_request_that_needs_mavlink_is_refused_at_once(run_sim
         testbed = Ros2Testbed()
         vehicle = await testbed.ready_to_arm()
         assert vehicle.reach.missing == FEATURES
-        sent = len(testbed.topics[0].sent)
+        sent_count = len(testbed.topics[0].sent)
         for feature, request in REQUESTS.items():
             began_s = testbed.loop.time()
             with pytest.raises(Refused, match=f"carries no {NEEDS_MAVLINK[feature]}") as refused:
                 await request(vehicle)
             assert "needs a MAVLink link" in (refused.value.remedy or "")
             assert testbed.loop.time() == began_s
-        assert len(testbed.topics[0].sent) == sent
+        assert len(testbed.topics[0].sent) == sent_count
         await testbed.close()
 
     run_simulated(run)
 
 
-def test_routes_refuse_before_they_start_an_operation(run_simulated: Any) -> None:
+def test_over_ros_2_only_routes_that_need_mavlink_refuse_and_start_no_operation(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed()
         vehicle = await testbed.ready_to_arm()

@@ -74,22 +74,24 @@ def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: An
         testbed = Ros2Testbed(2)
         vehicles = [await testbed.take_off(v, alt_home_m=10.0) for v in ("1", "2")]
         rig = SimpleNamespace(testbed=testbed, station=station_of(testbed))
-        await fly_apart(vehicles[1])
+        await fly_6_m_east(vehicles[1])
 
-        goals: dict[str, Vector3] = {}
+        goals_ned_m: dict[str, Vector3] = {}
         for vehicle in vehicles:
             north_m, east_m, down_m = value_of(vehicle, "local_position").position_ned_m
-            goals[vehicle.id] = (north_m + 5.0, east_m, down_m)
-        setpoints = {v: {"type": "position", "position_ned_m": goal} for v, goal in goals.items()}
+            goals_ned_m[vehicle.id] = (north_m + 5.0, east_m, down_m)
+        setpoints = {
+            v: {"type": "position", "position_ned_m": goal_ned_m} for v, goal_ned_m in goals_ned_m.items()
+        }
         await start_group(rig, setpoints, minimum_separation_m=3.0)
-        await until(lambda: all(distance_m(v, goals[v.id]) < 0.5 for v in vehicles), 15)
+        await until(lambda: all(distance_m(v, goals_ned_m[v.id]) < 0.5 for v in vehicles), 15)
         assert [vehicle.status.mode for vehicle in vehicles] == ["offboard", "offboard"]
 
         with pytest.raises(Refused, match="group"):
             await vehicles[0].offboard.setpoint(request_of(Velocity((1.0, 0.0, 0.0))))
-        crossing = setpoints_request({"1": velocity(0, 3), "2": velocity(0, -3)})
+        crossing_setpoints = setpoints_request({"1": velocity(0, 3), "2": velocity(0, -3)})
         with pytest.raises(NotTogether):
-            await group_routes.setpoints("1", crossing, rig.station, ANNA)
+            await group_routes.setpoints("1", crossing_setpoints, rig.station, ANNA)
         await group_routes.hold("1", rig.station, ANNA)
         await until(lambda: all(v.status.mode == "hold" for v in vehicles), 5)
         await testbed.close()
@@ -97,12 +99,12 @@ def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: An
     run_simulated(run)
 
 
-async def fly_apart(vehicle: Vehicle) -> None:
+async def fly_6_m_east(vehicle: Vehicle) -> None:
     """Flies a vehicle 6 m to the east and waits until it hovers: the two vehicles took off 3 m apart."""
     north_m, east_m, down_m = value_of(vehicle, "local_position").position_ned_m
-    goal = (north_m, east_m + 6.0, down_m)
-    await vehicle.offboard.start(request_of(Position(goal, yaw_ned_rad=0.0)))
-    await until(lambda: distance_m(vehicle, goal) < 0.5, 20)
+    goal_ned_m = (north_m, east_m + 6.0, down_m)
+    await vehicle.offboard.start(request_of(Position(goal_ned_m, yaw_ned_rad=0.0)))
+    await until(lambda: distance_m(vehicle, goal_ned_m) < 0.5, 20)
     await vehicle.offboard.stop()
     await until(lambda: math.hypot(*value_of(vehicle, "local_position").velocity_ned_m_s) < 0.3, 10)
 

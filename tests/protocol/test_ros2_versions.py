@@ -25,7 +25,7 @@ TRAJECTORY = SETPOINT_TOPICS["TrajectorySetpoint"]
 ABOVE_HOME = Position((0.0, 0.0, -3.0))
 
 
-def set_other_version(testbed: Ros2Testbed, topic: str, row: int = 0) -> None:
+def set_version_7(testbed: Ros2Testbed, topic: str, row: int = 0) -> None:
     """Gives the vehicle only version 7 of this topic."""
     namespace, versions = f"px4_{row}", TopicVersions()
     versions.add_topic(wire_name(f"{topic}_v7", namespace), publishes=False)
@@ -33,26 +33,26 @@ def set_other_version(testbed: Ros2Testbed, topic: str, row: int = 0) -> None:
 
 
 @pytest.mark.parametrize("topic", [TRAJECTORY, CONTROL_MODE])
-def test_a_stream_is_refused_and_other_vehicles_and_setpoint_types_fly(
+def test_a_stream_on_an_unknown_version_is_refused_and_other_vehicles_and_setpoint_types_fly(
     run_simulated: Any, topic: str
 ) -> None:
     async def run() -> None:
         testbed = Ros2Testbed(2)
-        vehicle, other = await testbed.ready_to_arm("1"), await testbed.ready_to_arm("2")
-        set_other_version(testbed, topic)
-        sent = len(testbed.topics[0].sent)
+        vehicle, other_vehicle = await testbed.ready_to_arm("1"), await testbed.ready_to_arm("2")
+        set_version_7(testbed, topic)
+        sent_count = len(testbed.topics[0].sent)
         with pytest.raises(
             Refused, match=rf"{topic}_v7 has version 7, but this server knows version 0"
         ) as refused:
             await testbed.streamer.offboard("1").start(request_of(ABOVE_HOME))
         assert "connect the vehicle over MAVLink" in (refused.value.remedy or "")
-        assert len(testbed.topics[0].sent) == sent
+        assert len(testbed.topics[0].sent) == sent_count
         available = testbed.streamer.offboard("1").available()
         assert not available["position"].can
         assert f"{topic}_v7" in (available["position_global"].why_not or "")
         assert available["attitude"].can is (topic == TRAJECTORY)
         await testbed.streamer.offboard("2").start(request_of(ABOVE_HOME))
-        assert other.status.mode == "offboard"
+        assert other_vehicle.status.mode == "offboard"
         if topic == TRAJECTORY:
             await testbed.streamer.offboard("1").start(request_of(Attitude((1.0, 0.0, 0.0, 0.0), 0.1)))
             assert vehicle.status.mode == "offboard"
@@ -63,20 +63,18 @@ def test_a_stream_is_refused_and_other_vehicles_and_setpoint_types_fly(
     run_simulated(run)
 
 
-def test_with_a_mavlink_link_setpoints_are_sent_over_mavlink_while_it_is_connected(
-    run_simulated: Any,
-) -> None:
+def test_setpoints_are_sent_over_mavlink_while_a_mavlink_link_is_connected(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed(mavlink=True)
         vehicle = await testbed.ready_to_arm()
         offboard = testbed.streamer.offboard(vehicle.id)
         await until(lambda: vehicle.reach.setpoints == "ROS 2", 10.0)
-        set_other_version(testbed, TRAJECTORY)
+        set_version_7(testbed, TRAJECTORY)
         assert vehicle.reach.setpoints == "MAVLink"
-        sent = len(testbed.topics[0].sent)
+        sent_count = len(testbed.topics[0].sent)
         await offboard.start(request_of(ABOVE_HOME))
         assert vehicle.status.mode == "offboard"
-        assert len(testbed.topics[0].sent) == sent
+        assert len(testbed.topics[0].sent) == sent_count
         await offboard.stop()
         testbed.mavlink_on = False
         await asyncio.sleep(2.0)
@@ -92,7 +90,7 @@ def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path
         testbed = Ros2Testbed()
         missions = Missions(testbed, tmp_path)
         vehicle = await testbed.ready_to_arm()
-        set_other_version(testbed, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
+        set_version_7(testbed, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
         attitude = "{step: attitude, roll_rad: 0.1, thrust: 0.5, duration_s: 1}"
         with pytest.raises(Refused, match="Not available: attitude setpoints"):
             missions.begin(
@@ -109,7 +107,7 @@ def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path
 def test_the_registration_of_a_mode_is_refused_at_once(run_simulated: Any, topic: str) -> None:
     async def scenario(modes: Modes) -> None:
         testbed = modes.testbed
-        set_other_version(testbed, topic)
+        set_version_7(testbed, topic)
         began_s = testbed.loop.time()
         with pytest.raises(Refused, match=f"{topic}_v7 has version 7"):
             await modes.register()

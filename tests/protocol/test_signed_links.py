@@ -27,7 +27,7 @@ from tests.protocol.memory_testbed import MemoryTestbed
 
 KEY = bytes(range(100, 132))
 OTHER_KEY = bytes(range(32))
-HEARTBEAT = b"\0\0\0\0\x02\x0c\x51\x04\x03"
+HEARTBEAT_PAYLOAD = b"\0\0\0\0\x02\x0c\x51\x04\x03"
 
 
 class SignedTestbed(MemoryTestbed):
@@ -99,19 +99,18 @@ def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(run_si
     async def scenario(testbed):
         testbed.signed_autopilot(testbed.signed_link(), timestamp=0)
         await testbed.ready()
-        report = testbed.info().signing
-        assert report.too_old > 0
-        assert report.wrong_signature == report.unsigned == report.replayed == 0
+        signing = testbed.info().signing
+        assert signing.too_old > 0
+        assert signing.wrong_signature == signing.unsigned == signing.replayed == 0
 
     run_with_signed_links(run_simulated, scenario, tmp_path)
 
 
 def intruder_frames(testbed):
     """Frames with the vehicle's id that an attacker without the key can build: unsigned, and forged."""
-    unsigned = encode_frame(0, HEARTBEAT, 0, 1, 1)
-    forged = encode_frame(
-        0, HEARTBEAT, 0, 1, 1, FrameSigner(SecretKey(OTHER_KEY), 2, SigningClock(testbed.clock.unix_s))
-    )
+    unsigned = encode_frame(0, HEARTBEAT_PAYLOAD, 0, 1, 1)
+    signer = FrameSigner(SecretKey(OTHER_KEY), 2, SigningClock(testbed.clock.unix_s))
+    forged = encode_frame(0, HEARTBEAT_PAYLOAD, 0, 1, 1, signer)
     return unsigned, forged
 
 
@@ -120,22 +119,27 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(run_simula
         link = testbed.signed_link()
         autopilot = testbed.signed_autopilot(link)
         station = testbed.link("station", forward=True)
-        station.inject(encode_frame(0, HEARTBEAT, 0, 254, 1), "qgc")
+        station.inject(encode_frame(0, HEARTBEAT_PAYLOAD, 0, 254, 1), "qgc")
         received = []
-        link_bytes = autopilot.link.inject
-        autopilot.link.inject = lambda data, peer: (received.append(data), link_bytes(data, peer))
+        inject = autopilot.link.inject
+
+        def record_and_inject(data, peer):
+            received.append(data)
+            inject(data, peer)
+
+        autopilot.link.inject = record_and_inject
         vehicle = await testbed.ready()
-        recorded = received[-1]
+        recorded_frame = received[-1]
         for _ in range(20):
-            for raw in (*intruder_frames(testbed), recorded):
+            for raw in (*intruder_frames(testbed), recorded_frame):
                 link.inject(raw, "intruder")
             await asyncio.sleep(0.05)
         assert [v.id for v in testbed.fleet.all()] == ["1"]
         assert {e.peer.name for e in vehicle.endpoints} == {"peer"}
         assert vehicle.identity.warnings == ()
-        report = testbed.info().signing
-        assert (report.unsigned, report.wrong_signature) == (20, 20)
-        assert report.replayed >= 20
+        signing = testbed.info().signing
+        assert (signing.unsigned, signing.wrong_signature) == (20, 20)
+        assert signing.replayed >= 20
         assert {data for data, _ in station.sent} <= set(received)
         texts = [
             text for kind, name, text in testbed.router.warnings() if (kind, name) == ("signing", "radio")
