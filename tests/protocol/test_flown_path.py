@@ -54,7 +54,7 @@ def test_an_ended_mission_is_compared_with_its_plan(run_simulated, tmp_path):
         assert flown["planned_length_m"] == pytest.approx(5 + 25 + 20 + 5, abs=2.0)
         assert any(leg["place"] == "step 2" for leg in flown["planned_legs"])
         leg_ends_ned_m = [leg["points"][-1][1:] for leg in flown["planned_legs"]]
-        assert any(math.dist(end, (25, 20, -5)) < 1.5 for end in leg_ends_ned_m)
+        assert any(math.dist(leg_end, (25, 20, -5)) < 1.5 for leg_end in leg_ends_ned_m)
         assert flown["origin"]["lat_deg"] == pytest.approx(home.lat_deg, abs=1e-4)
         assert 0 < flown["battery_end_share"] <= flown["battery_start_share"] <= 1
         streamed = [sample for sample in flown["samples"] if sample["planned_ned_m"] is not None]

@@ -204,12 +204,12 @@ def test_vehicles_that_are_too_near_or_would_come_too_near_are_refused_with_thei
         assert refused.value.distance_m == pytest.approx(10.0, abs=0.1)
         with pytest.raises(NotTogether, match=r"vehicles 1 and 2 would come within .* m of each other"):
             await start_group(rig, {"1": position(0, 9), "2": position(0, 0)})
-        crossing = {  # both vehicles arrive at the same point at the same time
+        crossing_paths = {  # both vehicles arrive at the same point at the same time
             "1": path((0, [0, 0, -5]), (10, [20, 10, -5])),
             "2": path((0, [0, 0, -5]), (10, [20, 0, -5])),
         }
         with pytest.raises(NotTogether, match="vehicles 1 and 2 would come within") as refused:
-            await start_group(rig, crossing, minimum_separation_m=4)
+            await start_group(rig, crossing_paths, minimum_separation_m=4)
         assert refused.value.vehicles == ("1", "2")
         assert not any(mode_requests(autopilot, OFFBOARD) for autopilot in rig.autopilots.values())
         await start_group(rig, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": position(20)})

@@ -12,6 +12,7 @@ from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
 """The share of packets lost in each direction, and the seed of the losses."""
+ARMED_EVENT = 26266355
 POSITION_ONLY = 0b110111111000
 """type_mask of a setpoint that has only a position."""
 
@@ -130,7 +131,7 @@ def test_checks_run_on_request_and_a_reboot_discards_the_report(run_simulated):
         assert report.words == "own"
         revision = vehicle.health.revision
         payload = encode_payload(
-            d.MAVLink_event_message(0, 0, 26266355, 5000, 1, 0x66, [4, *[0] * 39])  # 5 s after a boot
+            d.MAVLink_event_message(0, 0, ARMED_EVENT, 5000, 1, 0x66, [4, *[0] * 39])  # 5 s after a boot
         )
         vehicle.health.take_event(payload)
         assert vehicle.health.revision == revision + 1

@@ -8,6 +8,8 @@ from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.memory_testbed import run_with_vehicle
 from vehicle_sim.mavlink import generated_dialect as sim
 
+GIMBAL_1, GIMBAL_2 = sim.MAV_COMP_ID_GIMBAL, sim.MAV_COMP_ID_GIMBAL2
+
 
 def send_battery(autopilot, battery_id, percent, millivolts):
     cells = [millivolts, *[65535] * 9]
@@ -67,25 +69,23 @@ def test_two_groups_of_outputs_are_stored_separately(run_simulated):
     run_with_vehicle(run_simulated, scenario)
 
 
-def send_gimbal_attitude(autopilot, component, pitch_q):
-    message = sim.MAVLink_gimbal_device_attitude_status_message(
-        0, 0, autopilot.boot_ms(), 0, pitch_q, 0, 0, 0, 0
-    )
+def send_gimbal_attitude(autopilot, component, q):
+    message = sim.MAVLink_gimbal_device_attitude_status_message(0, 0, autopilot.boot_ms(), 0, q, 0, 0, 0, 0)
     autopilot.send_raw(message.pack(sim.MAVLink(None, srcSystem=1, srcComponent=component)))
 
 
-def test_the_first_of_two_gimbals_is_shown_until_it_stops_sending(run_simulated):
-    level, down = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0]
+def test_the_gimbal_with_the_lower_component_id_is_shown_until_it_stops_sending(run_simulated):
+    level_q, down_q = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0]
 
     async def scenario(_testbed, autopilot, vehicle):
-        for component, q in ((171, down), (154, level)) * 5:
+        for component, q in ((GIMBAL_2, down_q), (GIMBAL_1, level_q)) * 5:
             send_gimbal_attitude(autopilot, component, q)
             await asyncio.sleep(0.1)
-        send_gimbal_attitude(autopilot, 171, down)
+        send_gimbal_attitude(autopilot, GIMBAL_2, down_q)
         await asyncio.sleep(0.1)
         assert vehicle.topic("gimbal").value.pitch_rad == pytest.approx(0.0, abs=1e-3)
         for _ in range(40):
-            send_gimbal_attitude(autopilot, 171, down)
+            send_gimbal_attitude(autopilot, GIMBAL_2, down_q)
             await asyncio.sleep(0.1)
         assert vehicle.topic("gimbal").value.pitch_rad == pytest.approx(-1.5708, abs=1e-2)
 
@@ -94,7 +94,7 @@ def test_the_first_of_two_gimbals_is_shown_until_it_stops_sending(run_simulated)
 
 def test_a_companion_that_sends_the_autopilots_messages_changes_nothing(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
-        companion = sim.MAVLink(None, srcSystem=1, srcComponent=191)
+        companion = sim.MAVLink(None, srcSystem=1, srcComponent=sim.MAV_COMP_ID_ONBOARD_COMPUTER)
         before = vehicle.topic("global_position").value
         boot_at_s = vehicle.endpoints[0].boot_at_s
         for _ in range(20):

@@ -34,7 +34,7 @@ def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(
         assert journal_lines(rig.station)[-1] == ("bob", "links/remove", None, "not_in_control")
         setpoint_count = len(rig.autopilot.setpoints)
         await seconds(1)
-        assert len(rig.autopilot.setpoints) > setpoint_count + 30
+        assert len(rig.autopilot.setpoints) > setpoint_count + 30  # sent at 50 Hz
         assert link_names(rig) == ["memory"]
 
     run_with_routes(run_simulated, scenario)

@@ -88,6 +88,7 @@ def test_the_text_of_an_event_without_description_names_its_component(run_simula
         assert set(texts) == {f"unknown event {UNKNOWN_EVENT} from component 1 (autopilot)"}
         assert len(texts) >= 95
         requests = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
+        # The server reads the metadata up to three times, each time with up to 6 requests.
         assert 1 <= len(requests) <= 3 * 6
 
     run_scenario(run_simulated, scenario)
@@ -125,4 +126,5 @@ def test_endless_chunks_take_limited_memory_and_become_texts_of_limited_length(c
     for text_id in range(1, 65536):
         texts += joiner.feed(STATUSTEXT.pack(4, b"x" * 50, text_id, chunk), 0.0)
         assert len(joiner._pending) <= MAX_PENDING
+    # 50 bytes for each chunk, and the marks of lost chunks.
     assert all(len(text) <= MAX_CHUNKS * 50 + 10 for _, text in texts)

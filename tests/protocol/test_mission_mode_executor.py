@@ -325,7 +325,10 @@ def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(run
         lost_commands: list[str] = []
 
         def send_others(topic: str, data: bytes) -> None:
-            lost_commands.append(topic) if topic == EXECUTOR_COMMAND else send(topic, data)
+            if topic == EXECUTOR_COMMAND:
+                lost_commands.append(topic)
+            else:
+                send(topic, data)
 
         topics.send = send_others  # type: ignore[method-assign]
         await arm(rig)

@@ -18,11 +18,12 @@ PLAN = PlanReference("abc", 3, "Tower")
 LOSS = [(0.0, 1), (0.05, 2), (0.3, 3)]
 """The share of packets lost in each direction, and the seed of the losses."""
 NAN = float("nan")
+LAT_E7, LON_E7 = 473_977_420, 85_455_940
 WAYPOINT, TAKEOFF, CHANGE_SPEED, UNSUPPORTED, FENCE_VERTEX, RALLY_POINT = 16, 22, 178, 212, 5001, 5100
 """Commands of mission items."""
 
 
-def run_with_rig(run_simulated, work, *, loss=0.0, seed=0):
+def run_with_rig(run_simulated, scenario, *, loss=0.0, seed=0):
     async def run():
         testbed = OffboardTestbed()
         link = testbed.link()
@@ -34,7 +35,7 @@ def run_with_rig(run_simulated, work, *, loss=0.0, seed=0):
             rig = SimpleNamespace(
                 testbed=testbed, vehicle=vehicle, autopilot=autopilot, link=link, mission=vehicle.mission
             )
-            await work(rig)
+            await scenario(rig)
         finally:
             autopilot.alive = False
             await testbed.close()
@@ -45,30 +46,29 @@ def run_with_rig(run_simulated, work, *, loss=0.0, seed=0):
 def waypoint(seq, rng=None, command=WAYPOINT):
     rng = rng or random.Random(seq)
     params = (float(rng.randrange(0, 60)), 0.0, 0.0, rng.choice([NAN, 90.0, -45.5]))
-    x, y = 473977420 + rng.randrange(-50_000, 50_000), 85455940 + rng.randrange(-50_000, 50_000)
+    x, y = LAT_E7 + rng.randrange(-50_000, 50_000), LON_E7 + rng.randrange(-50_000, 50_000)
     return WireItem(seq, rng.choice([5, 6]), command, *params, x, y, float(rng.randrange(10, 100)))
 
 
 def mission(count, seed=0):
     rng = random.Random(seed)
-    first = WireItem(0, 6, TAKEOFF, 0.0, 0.0, 0.0, NAN, 473977420, 85455940, 20.0)
-    speed = WireItem(1, 2, CHANGE_SPEED, 1.0, 4.5, -1.0, 0.0, 0, 0, 0.0)
-    return (first, speed, *(waypoint(seq, rng) for seq in range(2, count)))[:count]
+    take_off = WireItem(0, 6, TAKEOFF, 0.0, 0.0, 0.0, NAN, LAT_E7, LON_E7, 20.0)
+    change_speed = WireItem(1, 2, CHANGE_SPEED, 1.0, 4.5, -1.0, 0.0, 0, 0, 0.0)
+    return (take_off, change_speed, *(waypoint(seq, rng) for seq in range(2, count)))[:count]
 
 
 def square(half_e7=20_000):
     """Fence vertices; `half_e7`: half of the side [1e-7 degrees]."""
     corners = [(-half_e7, -half_e7), (-half_e7, half_e7), (half_e7, half_e7), (half_e7, -half_e7)]
     return tuple(
-        WireItem(n, 6, FENCE_VERTEX, 4.0, 0.0, 0.0, 0.0, 473977420 + x, 85455940 + y, 0.0)
+        WireItem(n, 6, FENCE_VERTEX, 4.0, 0.0, 0.0, 0.0, LAT_E7 + x, LON_E7 + y, 0.0)
         for n, (x, y) in enumerate(corners)
     )
 
 
 def rally(count=2):
     return tuple(
-        WireItem(n, 3, RALLY_POINT, 0.0, 0.0, 0.0, 0.0, 473977420 + 100 * n, 85455940, 25.0)
-        for n in range(count)
+        WireItem(n, 3, RALLY_POINT, 0.0, 0.0, 0.0, 0.0, LAT_E7 + 100 * n, LON_E7, 25.0) for n in range(count)
     )
 
 
@@ -92,7 +92,7 @@ def bytes_of(items):
 def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(run_simulated, loss, seed):
     planned = plan(1000, seed)
 
-    async def work(rig):
+    async def scenario(rig):
         shares = []
         uploaded = await rig.mission.upload(planned, PLAN, progress=lambda _, share: shares.append(share))
         assert rig.mission.plan_on_vehicle() == "plan"
@@ -102,12 +102,12 @@ def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(run_simula
         for part in PARTS:
             assert bytes_of(uploaded.items_on_vehicle.items[part]) == bytes_of(planned[part])
 
-    run_with_rig(run_simulated, work, loss=loss, seed=seed)
+    run_with_rig(run_simulated, scenario, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, (0.3, 4), (0.3, 5), (0.3, 6), (0.3, 7)])
 def test_small_plans_replace_each_other_and_empty_parts_are_cleared(run_simulated, loss, seed):
-    async def work(rig):
+    async def scenario(rig):
         await rig.mission.upload(plan(4), PLAN)
         other = {"mission": mission(7, seed=9), "fence": (), "rally": ()}
         await rig.mission.upload(other, PlanReference("def", 1, "Barn"))
@@ -120,11 +120,11 @@ def test_small_plans_replace_each_other_and_empty_parts_are_cleared(run_simulate
         assert rig.vehicle.topic("mission").value.count == 0
         assert rig.mission.items_on_vehicle.plan is None
 
-    run_with_rig(run_simulated, work, loss=loss, seed=seed)
+    run_with_rig(run_simulated, scenario, loss=loss, seed=seed)
 
 
 def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(run_simulated):
-    async def work(rig):
+    async def scenario(rig):
         await rig.mission.upload(plan(4), PLAN)
         for index in (0, 3, 6):
             items = list(mission(7, seed=2))
@@ -137,11 +137,11 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(run_
         downloaded = await rig.mission.download()
         assert bytes_of(downloaded.items["mission"]) == bytes_of(plan(4)["mission"])
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)
 
 
 def test_parts_that_were_stored_before_the_refusal_are_listed(run_simulated):
-    async def work(rig):
+    async def scenario(rig):
         await rig.mission.upload(plan(4), PLAN)
         refused_plan = {**plan(), "mission": (waypoint(0, command=UNSUPPORTED),), "fence": square(9_000)}
         with pytest.raises(Rejected, match=r"now has a new geofence\. Its rally points and mission are as"):
@@ -149,19 +149,19 @@ def test_parts_that_were_stored_before_the_refusal_are_listed(run_simulated):
         await seconds(1.5)
         assert rig.mission.plan_on_vehicle() == "another"
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
-@pytest.mark.parametrize("after_s", [0.0, 0.01, 0.05, 0.1, 0.3, 0.6, 1.0, 2.0, 3.0])
+@pytest.mark.parametrize("cancel_after_s", [0.0, 0.01, 0.05, 0.1, 0.3, 0.6, 1.0, 2.0, 3.0])
 def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which(
-    run_simulated, after_s, loss
+    run_simulated, cancel_after_s, loss
 ):
-    async def work(rig):
+    async def scenario(rig):
         old, new = plan(5), plan(60, seed=4)
         await rig.mission.upload(old, PLAN)
         uploading = asyncio.ensure_future(rig.mission.upload(new, PlanReference("new", 1, "New")))
-        await seconds(after_s)
+        await seconds(cancel_after_s)
         uploading.cancel()  # at 3 s without loss the upload is already finished
         await asyncio.wait([uploading])
         assert rig.mission.running_transfer is None
@@ -177,11 +177,11 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
             expected_state == "plan",
         )
 
-    run_with_rig(run_simulated, work, loss=loss, seed=int(after_s * 100) + 1)
+    run_with_rig(run_simulated, scenario, loss=loss, seed=int(cancel_after_s * 100) + 1)
 
 
 def test_a_later_upload_by_another_station_is_detected_as_another_plan(run_simulated):
-    async def work(rig):
+    async def scenario(rig):
         await rig.mission.upload(plan(4), PLAN)
         await UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(3)])
         await seconds(2)
@@ -195,18 +195,18 @@ def test_a_later_upload_by_another_station_is_detected_as_another_plan(run_simul
         await rig.mission.upload(plan(4), PLAN)
         assert rig.mission.plan_on_vehicle() == "plan"
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)
 
 
-@pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
-def test_messages_to_another_station_are_ignored_in_a_transfer(run_simulated, after_s):
+@pytest.mark.parametrize("other_after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
+def test_messages_to_another_station_are_ignored_in_a_transfer(run_simulated, other_after_s):
     """PX4 accepts items from any station: the other station's items may replace those of the upload. Then the
     server reports another plan."""
 
-    async def work(rig):
+    async def scenario(rig):
         uploaded, other_items = plan(12, seed=5), [waypoint(n) for n in range(8)]
         uploading = asyncio.ensure_future(rig.mission.upload(uploaded, PLAN))
-        await seconds(after_s)
+        await seconds(other_after_s)
         await UploadingStation(rig.autopilot).upload(other_items)
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert isinstance(result, GcsError) or result.items_on_vehicle.plan == PLAN
@@ -216,11 +216,11 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(run_simulated, af
         has_uploaded_plan = bytes_of(downloaded.items["mission"]) == bytes_of(uploaded["mission"])
         assert server_knows_plan == has_uploaded_plan
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)
 
 
 def test_an_upload_waits_for_a_busy_vehicle_and_fails_if_the_vehicle_stays_busy(run_simulated):
-    async def work(rig):
+    async def scenario(rig):
         short_upload = asyncio.ensure_future(
             UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(40)])
         )
@@ -236,11 +236,11 @@ def test_an_upload_waits_for_a_busy_vehicle_and_fails_if_the_vehicle_stays_busy(
             await rig.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
         long_upload.cancel()
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)
 
 
 def test_a_transfer_is_refused_until_another_transfer_has_ended(run_simulated):
-    async def work(rig):
+    async def scenario(rig):
         first = asyncio.ensure_future(rig.mission.upload(plan(30), PLAN))
         await seconds(0.05)
         for second in (rig.mission.download(), rig.mission.clear(), rig.mission.upload(plan(2), PLAN)):
@@ -249,11 +249,11 @@ def test_a_transfer_is_refused_until_another_transfer_has_ended(run_simulated):
         await first
         await rig.mission.download()
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)
 
 
 def test_a_vehicle_that_sends_no_mission_replies_is_reported(run_simulated):
-    async def work(rig):
+    async def scenario(rig):
         rig.autopilot.receive = lambda _: None
         with pytest.raises(NoReply, match="did not answer for 8 s"):
             await rig.mission.download()
@@ -262,4 +262,4 @@ def test_a_vehicle_that_sends_no_mission_replies_is_reported(run_simulated):
         with pytest.raises(NoReply, match="clear the geofence"):
             await rig.mission.clear()
 
-    run_with_rig(run_simulated, work)
+    run_with_rig(run_simulated, scenario)

@@ -21,6 +21,11 @@ from tests.protocol.offboard_testbed import (
     stream_request,
 )
 
+
+def is_hold_request(message):
+    return getattr(message, "command", None) == DO_SET_MODE and message.param3 == 3  # AUTO_LOITER
+
+
 # --- changes by the vehicle -----------------------------------------------------------------------
 
 
@@ -137,7 +142,7 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(run_simulated):
         dropped = []
 
         def drop_first_hold_request(message):
-            if getattr(message, "command", None) == DO_SET_MODE and message.param3 == 3 and not dropped:
+            if is_hold_request(message) and not dropped:
                 dropped.append(message)
             return message in dropped
 
@@ -170,7 +175,7 @@ def test_a_refused_hold_is_reported_although_it_replaced_another_command(run_sim
 @pytest.mark.parametrize("command", ["land", "rtl"])
 def test_the_stream_does_not_request_hold_during_another_command(run_simulated, command):
     async def scenario(testbed, vehicle, autopilot, link):
-        autopilot.handlers.append(lambda m: getattr(m, "command", None) == DO_SET_MODE and m.param3 == 3)
+        autopilot.handlers.append(is_hold_request)
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         while vehicle.offboard.status().state != "to_hold":
             await seconds(0.01)

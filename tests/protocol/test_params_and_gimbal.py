@@ -10,6 +10,9 @@ from gcs_server.vehicle.services.gimbal import Roi
 from tests.protocol.command_numbers import DO_SET_ROI_LOCATION, GIMBAL_PITCHYAW
 from tests.protocol.one_vehicle import LOSS, run_scenario
 
+SERVER, OTHER_STATION = (255, 190), (42, 99)
+"""System and component of each."""
+
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
 def test_parameters_are_read_and_written_bit_for_bit(run_simulated, loss, seed):
@@ -43,7 +46,7 @@ def test_requests_of_invalid_parameters_and_values_are_refused(run_simulated):
 
 def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
-        receiver = [255, 190]
+        receiver = [*SERVER]
 
         def refuse(message):
             if message.get_type() not in ("PARAM_REQUEST_READ", "PARAM_SET"):
@@ -52,14 +55,14 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
             error = d.MAV_PARAM_ERROR_DOES_NOT_EXIST if is_read else d.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
             name = message.param_id.encode()
             autopilot.send(d.MAVLink_param_error_message(*receiver, name, -1, error))
-            return message.param_id not in autopilot.params or receiver == [255, 190]
+            return message.param_id not in autopilot.params or receiver == [*SERVER]
 
         autopilot.handlers.append(refuse)
         with pytest.raises(Rejected, match="refuses parameter NO_SUCH: it has no parameter of that name"):
             await vehicle.params.get("NO_SUCH")
-        receiver[:] = 42, 99
+        receiver[:] = OTHER_STATION
         assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
-        receiver[:] = 255, 190
+        receiver[:] = SERVER
         with pytest.raises(Rejected, match="MPC_XY_VEL_MAX: the value is out of its range"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 500)
 
@@ -75,7 +78,7 @@ def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
         with pytest.raises(Refused, match="system 7, component 8"):
             await vehicle.gimbal.set_rates(5, 5)
         await vehicle.gimbal.take_control()
-        assert autopilot.gimbal_control == (255, 190)
+        assert autopilot.gimbal_control == SERVER
         await vehicle.gimbal.set_angles(-30, 190, yaw_lock=True)
         command = autopilot.commands(GIMBAL_PITCHYAW)[-1]
         assert (command.param1, command.param2, command.param5) == (

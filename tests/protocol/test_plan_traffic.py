@@ -96,11 +96,11 @@ def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_othe
         assert "The plan on vehicle 2 has errors: " in str(refusal)
         assert "Vehicle 2 may come too near to another vehicle: " in str(refusal)
         refusal = await refusal_of_start(rig, "fence_crossed")
-        (text,) = refusal.reasons
-        assert "at item 2, " in text
-        assert "m along its path" in text
-        assert "of vehicle 1 (item " in text
-        assert "Required: 5 m plus 1.9 m of margin." in text
+        (reason,) = refusal.reasons
+        assert "at item 2, " in reason
+        assert "m along its path" in reason
+        assert "of vehicle 1 (item " in reason
+        assert "Required: 5 m plus 1.9 m of margin." in reason
         assert await separation_warnings(rig) == [("separation", 1)]
         await until(lambda: not rig.first.status.armed, 60)
         await start(rig, "2", "fence_crossed")
@@ -176,9 +176,9 @@ def test_an_offboard_mission_that_comes_too_near_is_refused_and_can_be_accepted(
         with pytest.raises(PlanFindings) as caught:
             await start_mission(rig, "2", FLY_OVER_VEHICLE_1)
         assert caught.value.codes == ("separation",)
-        (text,) = caught.value.reasons
-        assert text.startswith("step 2: ")
-        assert "of vehicle 1 (item " in text
+        (reason,) = caught.value.reasons
+        assert reason.startswith("step 2: ")
+        assert "of vehicle 1 (item " in reason
         await seconds(1.0)
         assert not rig.second.status.armed
         await start_mission(rig, "2", FLY_OVER_VEHICLE_1, "separation")

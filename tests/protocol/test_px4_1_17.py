@@ -37,7 +37,7 @@ class Px4V117Converter:
         self._packers: dict[tuple[int, int], Any] = {}
         self._replies: list[bytes] = []
         self.in_altitude_cruise = False
-        self._frames, self._feed = testbed.sim.frames, testbed.sim.feed
+        self._v116_frames, self._v116_feed = testbed.sim.frames, testbed.sim.feed
         testbed.sim.frames, testbed.sim.feed = self.frames, self.feed  # type: ignore[method-assign]
 
     def feed(self, row: int, link: str, data: bytes) -> None:
@@ -54,12 +54,12 @@ class Px4V117Converter:
                 )
                 self._replies.append(error.pack(self._packer(1, 1)))
             else:
-                self._feed(row, link, bytes(message.get_msgbuf()))
+                self._v116_feed(row, link, bytes(message.get_msgbuf()))
 
     def frames(self, row: int, link: str) -> list[bytes]:
         """Messages from the vehicle, as v1.17 sends them."""
         replies, self._replies = self._replies, []
-        messages = self._parser_from_vehicle.parse_buffer(b"".join(self._frames(row, link))) or []
+        messages = self._parser_from_vehicle.parse_buffer(b"".join(self._v116_frames(row, link))) or []
         return [*replies, *(self._convert(message) for message in messages)]
 
     def _packer(self, system: int, component: int) -> Any:

@@ -243,8 +243,8 @@ def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_sim
     async def scenario(rig):
         corners = ((170, -30), (190, -30), (190, 30), (170, 30))
         polygon = [{"lat_deg": LAT + n * DEG_PER_M, "lon_deg": LON + e * DEG_PER_M} for n, e in corners]
-        tower = {"name": "Mast", "top": {"value_m": 25, "reference": "home"}, "polygon": polygon}
-        plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
+        mast = {"name": "Mast", "top": {"value_m": 25, "reference": "home"}, "polygon": polygon}
+        plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [mast]}}).plan
         stored = await rig.station.plans.create("Field", plan, by=("anna", "key"))
         body = mission_models.UploadRequest(plan_id=stored.id, wait=True)
         await mission_routes.upload("1", body, rig.station, ANNA)
