@@ -46,9 +46,9 @@ def running(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen
 
 def end(process: subprocess.Popen[bytes], first_signal: signal.Signals) -> None:
     """Sends a signal to the process group and waits for the process; kills it after five seconds."""
-    for number in (first_signal, signal.SIGKILL):
+    for signal_number in (first_signal, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, number)
+            os.killpg(process.pid, signal_number)
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(5)
             return
@@ -71,7 +71,7 @@ def wait_until(ready: Callable[[], object], what: str, timeout_s: float = WAIT_T
 def vehicle_command(
     gcs_port: int, *, instances: int = 1, tcp_port: int = 0, arguments: Sequence[str] = ()
 ) -> list[str]:
-    """The command line of a simulated vehicle that sends to `gcs_port`; system ids from 101."""
+    """The command line of simulated vehicles with system ids from 101, which send to `gcs_port`."""
     command = [sys.executable, "-m", "vehicle_sim", "--instances", str(instances), "--no-api"]
     command += ["--first-instance", str(FIRST_TEST_INSTANCE), "--gcs-local-port", "0"]
     # The simulator counts TCP ports from instance 0.
@@ -81,7 +81,7 @@ def vehicle_command(
 
 @contextlib.contextmanager
 def vehicle(gcs_port: int, **options: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """Runs a simulated vehicle in real time."""
+    """Runs simulated vehicles in real time; `options` are those of `vehicle_command`."""
     with running(vehicle_command(gcs_port, **options)) as process:
         yield process
 
@@ -126,9 +126,9 @@ def server(
     with contextlib.ExitStack() as stack:
         data = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
         output = log or Path(stack.enter_context(tempfile.TemporaryDirectory())) / "server.log"
-        written = stack.enter_context(output.open("wb"))
+        output_file = stack.enter_context(output.open("wb"))
         process = stack.enter_context(
-            running(server_command(http_port, links, data), stdout=written, stderr=subprocess.STDOUT)
+            running(server_command(http_port, links, data), stdout=output_file, stderr=subprocess.STDOUT)
         )
         wait_for_start(process, lambda: is_up(url), output)
         yield url, process

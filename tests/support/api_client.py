@@ -1,4 +1,4 @@
-"""The server's API in the test's process, without links, simulator and recordings."""
+"""The server's API in the process of the test, without links and simulator."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def api_client(
         data: the server's data folder.
         path: prefix of the paths that the client calls.
         record: whether the server records its links.
-        raises: whether an unexpected error of the server is raised in the test; otherwise it gets status 500.
+        raises: whether the client raises unexpected errors of the server; otherwise it gets status 500.
         static: folder of the built page; None: no page.
     """
     app = create_app(settings_for(data, record=record), static=static or data / "none")

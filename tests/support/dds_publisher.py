@@ -21,8 +21,8 @@ PX4_QOS = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, P
 
 def status(**changes: object) -> bytes:
     """Bytes of a recorded VehicleStatus with these fields changed."""
-    message = SHOWN["VehicleStatus"]
-    return message.encode(message.decode(recorded()[STATUS]) | changes)
+    message_type = SHOWN["VehicleStatus"]
+    return message_type.encode(message_type.decode(recorded()[STATUS]) | changes)
 
 
 class Publisher:
@@ -36,12 +36,12 @@ class Publisher:
     def prepare(self, topic: str, message: str = "VehicleStatus") -> tuple[type[Sample], Any]:
         """The type and the writer of a topic; the first call creates them."""
         if topic not in self._writers:
-            kind = idl_type(SHOWN[message])
-            dds_topic = Topic(self.participant, wire_name(topic, self._namespace), kind)
-            self._writers[topic] = kind, DataWriter(self.participant, dds_topic, qos=PX4_QOS)
+            sample_type = idl_type(SHOWN[message])
+            dds_topic = Topic(self.participant, wire_name(topic, self._namespace), sample_type)
+            self._writers[topic] = sample_type, DataWriter(self.participant, dds_topic, qos=PX4_QOS)
         return self._writers[topic]
 
     def send(self, topic: str, data: bytes, message: str = "VehicleStatus") -> None:
         """Publishes these bytes of a message."""
-        kind, writer = self.prepare(topic, message)
-        writer.write(kind.from_cdr(data))
+        sample_type, writer = self.prepare(topic, message)
+        writer.write(sample_type.from_cdr(data))

@@ -25,6 +25,8 @@ MESSAGES_OF_TOPICS = {
 }
 ARM_DISARM = 400
 """VehicleCommand.VEHICLE_CMD_COMPONENT_ARM_DISARM."""
+DISARMED, ARMED = 1, 2
+"""Values of VehicleStatus.arming_state."""
 
 
 class AcknowledgingVehicle:
@@ -32,8 +34,8 @@ class AcknowledgingVehicle:
 
     def __init__(self, domain_id: int, namespace: str, system_id: int) -> None:
         self._publisher, self._system_id = Publisher(domain_id, namespace), system_id
-        command = SHOWN["VehicleCommand"]
-        topic = Topic(self._publisher.participant, wire_name(COMMAND, namespace), idl_type(command))
+        command_type = SHOWN["VehicleCommand"]
+        topic = Topic(self._publisher.participant, wire_name(COMMAND, namespace), idl_type(command_type))
         qos = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(8))
         self._commands = DataReader(self._publisher.participant, topic, qos=qos)
         self._armed = False
@@ -42,15 +44,15 @@ class AcknowledgingVehicle:
         """Acknowledges the received commands; publishes the status and one message of each other topic."""
         for sample in self._commands.take(8):
             if isinstance(sample, Sample):
-                self._answer(SHOWN["VehicleCommand"].decode(sample.cdr))
-        state = status(system_id=self._system_id, arming_state=2 if self._armed else 1)
-        self._publisher.send(STATUS, state)
+                self._acknowledge(SHOWN["VehicleCommand"].decode(sample.cdr))
+        status_bytes = status(system_id=self._system_id, arming_state=ARMED if self._armed else DISARMED)
+        self._publisher.send(STATUS, status_bytes)
         for topic, message in MESSAGES_OF_TOPICS.items():
             self._publisher.send(topic, recorded()[topic], message)
 
-    def _answer(self, command: dict[str, Any]) -> None:
+    def _acknowledge(self, command: dict[str, Any]) -> None:
         self._armed = command["command"] == ARM_DISARM and command["param1"] == 1.0
-        ack = {"command": command["command"], "result": 0}
+        ack = {"command": command["command"], "result": 0}  # accepted
         ack |= {f"target_{part}": command[f"source_{part}"] for part in ("system", "component")}
         self._publisher.send(COMMAND_ACK, SHOWN["VehicleCommandAck"].encode(ack), "VehicleCommandAck")
 

@@ -15,11 +15,11 @@ FAST_PARAMETERS = {"MPC_TKO_SPEED": 3.0, "MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL":
 AIRCRAFT = Aircraft(HOME, parameters=FAST_PARAMETERS, endurance_s=300.0)
 
 
-def item_at(kind, north_m: float, east_m: float, alt_home_m: float, **fields):
+def item_at(item_class, north_m: float, east_m: float, alt_home_m: float, **fields):
     """An item of this class at this position relative to home."""
     lat_deg, lon_deg, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
     altitude = Altitude(value_m=alt_home_m, reference="home")
-    return kind(lat_deg=lat_deg, lon_deg=lon_deg, altitude=altitude, **fields)
+    return item_class(lat_deg=lat_deg, lon_deg=lon_deg, altitude=altitude, **fields)
 
 
 def short_plan(north_m: float = 15.0, *, fence_radius_m: float | None = None, land: bool = True) -> Plan:

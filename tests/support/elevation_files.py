@@ -10,6 +10,7 @@ import rasterio
 from rasterio.transform import Affine
 
 LAT_DEG, LON_DEG = 47.4, 8.5
+"""Centre of the files and summit of the hills, by default."""
 STEP_DEG = 0.0003
 """Size of a cell; about 33 m from north to south."""
 
@@ -37,12 +38,12 @@ def write(
         cells: number of cells on each side.
         step_deg: size of a cell, in the same units.
         driver: GDAL's name of the file format.
-        options: profile of the file for rasterio, such as `crs` or `count`.
+        options: other fields of rasterio's profile, such as `crs` or `count`.
     """
-    lat = north_deg - (np.arange(cells) + 0.5) * step_deg
-    lon = west_deg + (np.arange(cells) + 0.5) * step_deg
-    lons, lats = np.meshgrid(lon, lat)
-    values = elevation(lats, lons).astype("float32")
+    row_lat = north_deg - (np.arange(cells) + 0.5) * step_deg
+    column_lon = west_deg + (np.arange(cells) + 0.5) * step_deg
+    cell_lons, cell_lats = np.meshgrid(column_lon, row_lat)
+    values = elevation(cell_lats, cell_lons).astype("float32")
     profile = {
         "count": 1,
         "crs": "EPSG:4326",
@@ -52,8 +53,8 @@ def write(
     }
     with rasterio.open(
         path, "w", driver=driver, width=cells, height=cells, dtype="float32", **profile
-    ) as data:
-        data.write(values, 1)
+    ) as dataset:
+        dataset.write(values, 1)
     return path
 
 
@@ -77,7 +78,7 @@ def hill(
         height_m: height of the summit above the flat ground.
         lat_deg: latitude of the summit.
         lon_deg: longitude of the summit.
-        width_deg: standard deviation.
+        width_deg: standard deviation of the Gaussian.
     """
     return lambda lat, lon: (
         amsl_m + height_m * np.exp(-(((lat - lat_deg) ** 2 + (lon - lon_deg) ** 2) / (2 * width_deg**2)))

@@ -1,5 +1,5 @@
 """Digests of all bytes that the vehicles of a fleet send. All vehicles arm and take off; the vehicles with an
-even instance then lose GPS."""
+even instance number then lose GPS."""
 
 from __future__ import annotations
 
@@ -41,8 +41,9 @@ def digests(first: int, count: int, seconds: float, seed: int = 11) -> dict[int,
     return {instance: digest.hexdigest() for instance, digest in hashes.items()}
 
 
-def _command(sim: VehicleSim, row: int, number: int, *parameters: float) -> None:
+def _command(sim: VehicleSim, row: int, command_id: int, *parameters: float) -> None:
     values = {f"param{n + 1}": value for n, value in enumerate(parameters)}
     target = {"target_system": sim.nodes[row].system_id, "target_component": 1}
-    layout, payload = pack("COMMAND_LONG", command=number, **target, **values)
-    sim.feed(row, "gcs", frame_v2(layout, payload, number & 0xFF, 255, 190))
+    layout, payload = pack("COMMAND_LONG", command=command_id, **target, **values)
+    sequence_number, station_ids = command_id & 0xFF, (255, 190)
+    sim.feed(row, "gcs", frame_v2(layout, payload, sequence_number, *station_ids))

@@ -1,4 +1,4 @@
-"""Several vehicles without physics that fly one mission together, with one clock."""
+"""Several fake vehicles without physics that fly one mission together on one clock."""
 
 from __future__ import annotations
 

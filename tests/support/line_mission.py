@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 MODE_NAME = "Short line"
-"""Name of its flight mode."""
+"""Name of the mission's flight mode."""
 MISSION: dict[str, Any] = {
     "format": "offboard-gcs-mission",
     "version": 1,

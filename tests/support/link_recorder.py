@@ -10,14 +10,14 @@ class LinkRecorder:
         self.link, self.data, self.peers, self.lost_peers, self.states = link, [], [], [], []
 
     def start(self):
-        self.link.start(self._bytes, lambda p: self.lost_peers.append(p.name), self._state)
+        self.link.start(self._record_data, lambda p: self.lost_peers.append(p.name), self._record_state)
         return self
 
-    def _bytes(self, data, peer, _received_s):
+    def _record_data(self, data, peer, _received_s):
         self.data.append(data)
         self.peers.append(peer)
 
-    def _state(self):
+    def _record_state(self):
         self.states.append(self.link.info().state)
 
     async def until(self, condition, timeout_s=20.0):

@@ -41,14 +41,14 @@ STEPS: dict[str, tuple[str, ...]] = {
     "meet": ("step: meet, meeting: here",),
     "land": ("step: land",),
 }
-"""The steps of each flight. The event occurs during the last step."""
+"""For each kind of step, the steps of its flight. The event occurs during the last step."""
 FLOWN_BY_PX4 = ("take_off", "land")
 FLOWN_BY_SETPOINTS = [kind for kind in STEPS if kind not in FLOWN_BY_PX4]
 
 
 def all_step_kinds() -> set[str]:
     """All kinds of steps that a mission's document can have."""
-    return {each.model_fields["step"].default for each in get_args(get_args(MissionStep)[0])}
+    return {step_model.model_fields["step"].default for step_model in get_args(get_args(MissionStep)[0])}
 
 
 def step_kinds(steps: tuple[str, ...]) -> set[str]:
@@ -57,7 +57,7 @@ def step_kinds(steps: tuple[str, ...]) -> set[str]:
 
 
 def mission_with_lists(steps: str, stay: str = HOLD, table: str | None = None) -> OffboardMission:
-    """A mission with these steps; a `call` step finds the list "stay", a `table` step the file "slope".
+    """A mission with these steps, the list "stay" for a `call` step and the file "slope" for a table.
 
     Args:
         steps: YAML of the steps.
@@ -70,8 +70,8 @@ def mission_with_lists(steps: str, stay: str = HOLD, table: str | None = None) -
 
 def mission_for_two(*steps: str) -> OffboardMission:
     """A mission of the roles "lead" and "left", both with these steps."""
-    listed = ", ".join(f"{{{step}}}" for step in steps)
-    roles = ", ".join(f"{role}: {{steps: [{listed}]}}" for role in ("lead", "left"))
+    step_list = ", ".join(f"{{{step}}}" for step in steps)
+    roles = ", ".join(f"{role}: {{steps: [{step_list}]}}" for role in ("lead", "left"))
     return read(f"name: Test\nroles: {{{roles}}}")
 
 
@@ -79,56 +79,58 @@ def slope(first_down_m: float = -10.0, duration_s: float = 12.0) -> str:
     """A table of a straight line 12 m north, 6 m east and 4 m up, at rest at both ends."""
     rows = ["t_s,north_m,east_m,down_m"]
     for step in range(101):
-        time = step / 100
-        path = time**3 * (10 - 15 * time + 6 * time * time)
-        rows.append(f"{time * duration_s:.3f},{12 * path:.5f},{6 * path:.5f},{first_down_m - 4 * path:.5f}")
+        fraction = step / 100
+        travelled = fraction**3 * (10 - 15 * fraction + 6 * fraction * fraction)
+        north_m, east_m, down_m = 12 * travelled, 6 * travelled, first_down_m - 4 * travelled
+        rows.append(f"{fraction * duration_s:.3f},{north_m:.5f},{east_m:.5f},{down_m:.5f}")
     return "\n".join(rows)
 
 
 def flight_during(kind: str, **actions: str) -> FakeFlight:
     """A running mission in the middle of a step of this kind."""
-    fake = _at_meeting(actions) if kind == "meet" else _single_vehicle(kind, actions)
+    flight = _flight_with_meeting(actions) if kind == "meet" else _flight_of_one_vehicle(kind, actions)
     if kind in FLOWN_BY_PX4:
         state = "taking_off" if kind == "take_off" else "landing"
-        return fake.until(lambda: fake.status.state == state and fake.reading.landed == "in_air").fly(1.0)
+        flight.until(lambda: flight.status.state == state and flight.reading.landed == "in_air")
+        return flight.fly(1.0)
     place = f"step {1 + len(STEPS[kind])}"
-    fake.until(lambda: fake.status.state in ("flying", "waiting") and place in str(fake.status.place))
-    return fake.fly(2.5)
+    flight.until(lambda: flight.status.state in ("flying", "waiting") and place in str(flight.status.place))
+    return flight.fly(2.5)
 
 
-def _single_vehicle(kind: str, actions: dict[str, str]) -> FakeFlight:
+def _flight_of_one_vehicle(kind: str, actions: dict[str, str]) -> FakeFlight:
     steps = ("step: hold, duration_s: 4",) if kind in FLOWN_BY_PX4 else STEPS[kind]
-    return FakeFlight(_with_actions(mission_with_lists(flight_steps(*steps, FLY)), actions)).start()
+    return FakeFlight(_mission_with_actions(mission_with_lists(flight_steps(*steps, FLY)), actions)).start()
 
 
-def _at_meeting(actions: dict[str, str]) -> FakeFlight:
+def _flight_with_meeting(actions: dict[str, str]) -> FakeFlight:
     """The role "lead" of a mission for two vehicles; `end_wait` replaces the arrival of the role "left"."""
-    document = _with_actions(
+    document = _mission_with_actions(
         mission_for_two(*STEPS["take_off"], *STEPS["meet"], FLY, *STEPS["land"]), actions
     )
-    fake = FakeFlight(document, timeline=compile_mission(document, role="lead")).start()
-    return end_wait(fake, "meet")
+    flight = FakeFlight(document, timeline=compile_mission(document, role="lead")).start()
+    return end_wait(flight, "meet")
 
 
-def _with_actions(document: OffboardMission, actions: dict[str, str]) -> OffboardMission:
+def _mission_with_actions(document: OffboardMission, actions: dict[str, str]) -> OffboardMission:
     return document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
 
 
-def end_wait(fake: FakeFlight, kind: str) -> FakeFlight:
+def end_wait(flight: FakeFlight, kind: str) -> FakeFlight:
     """Ends a wait for the pilot or for the other role; other kinds of steps end by themselves."""
     if kind == "person":
-        fake.until_state("waiting").continue_after_question()
+        flight.until_state("waiting").continue_after_question()
     elif kind == "meet":
-        fake.until_state("waiting")
-        part = fake.runner.setpoint_part
-        assert part is not None
-        part.leave_meeting()
-    return fake
+        flight.until_state("waiting")
+        setpoint_part = flight.runner.setpoint_part
+        assert setpoint_part is not None
+        setpoint_part.leave_meeting()
+    return flight
 
 
-def assert_nothing_is_requested(fake: FakeFlight, for_s: float = 5.0) -> None:
+def assert_nothing_is_requested(flight: FakeFlight, for_s: float = 5.0) -> None:
     """Checks that the mission requests nothing and sends no setpoint for this time [s]."""
-    request_count, sent_count = len(fake.requests), len(fake.sent)
-    fake.fly(for_s)
-    assert fake.requests[request_count:] == []
-    assert len(fake.sent) == sent_count
+    request_count, sent_count = len(flight.requests), len(flight.sent)
+    flight.fly(for_s)
+    assert flight.requests[request_count:] == []
+    assert len(flight.sent) == sent_count

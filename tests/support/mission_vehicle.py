@@ -1,4 +1,4 @@
-"""A vehicle without physics for the mission runner: it reaches each setpoint one step later."""
+"""A vehicle without physics for the mission runner: it reaches each setpoint within one time step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from missions.runner.status import RunnerStatus
 from missions.setpoints import Estimate, Position, Trajectory, Velocity, zeros_for_none
 
 STEP_S = 0.1
-CLIMB_M_S = 2.0
+VERTICAL_SPEED_M_S = 2.0
 ALL_ESTIMATES: frozenset[Estimate] = frozenset({"position", "velocity", "heading", "global_position", "home"})
 
 
@@ -40,7 +40,9 @@ class FakeFlight:
         self.sampler: ScriptSampler | None = None
         self.requests: list[Request] = []
         self.sent: list[tuple[float, Any]] = []
+        """The time [s] and the setpoint of each sent setpoint."""
         self.path: list[tuple[float, float, float]] = []
+        """The position in NED [m] after each step."""
         self.failures: dict[type, str] = {}
         """Classes of requests that the vehicle refuses, with the reason."""
         self._take_off_down_m = 0.0
@@ -108,7 +110,7 @@ class FakeFlight:
         return self
 
     def fly(self, for_s: float) -> FakeFlight:
-        """Flies for this time."""
+        """Flies for this time [s]."""
         end_s = self.now_s + for_s
         return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
 
@@ -137,8 +139,8 @@ class FakeFlight:
         """Requested modes."""
         return [request.mode for request in self.requests if isinstance(request, SetMode)]
 
-    def count(self, kind: type) -> int:
-        return sum(isinstance(request, kind) for request in self.requests)
+    def count(self, request_class: type) -> int:
+        return sum(isinstance(request, request_class) for request in self.requests)
 
     # --- the vehicle ------------------------------------------------------------------------------
 
@@ -189,12 +191,12 @@ class FakeFlight:
                 velocity = zeros_for_none(setpoint.velocity_ned_m_s)
                 n, e, d = (x + v * STEP_S for x, v in zip((n, e, d), velocity, strict=True))
         elif self.reading.mode == "takeoff":
-            d = max(self._take_off_down_m, d - CLIMB_M_S * STEP_S)
+            d = max(self._take_off_down_m, d - VERTICAL_SPEED_M_S * STEP_S)
             self.set_reading(landed="in_air" if d < -0.1 else "taking_off")
             if d == self._take_off_down_m:
                 self.set_reading(mode="hold", mode_source="vehicle", mode_text="PX4 completed the take-off")
         elif self.reading.mode == "land" and self.reading.armed:
-            d = min(0.0, d + CLIMB_M_S * STEP_S)
+            d = min(0.0, d + VERTICAL_SPEED_M_S * STEP_S)
             if d == 0.0:
                 self.set_reading(landed="on_ground", armed=False)
         if self._blocked_at is not None:

@@ -19,9 +19,9 @@ def block(
 
     Args:
         origin: the origin of the distances.
-        north_m: its southern and its northern edge.
-        east_m: its western and its eastern edge.
-        top_m: altitude of its top above `reference`.
+        north_m: southern and northern edge of the obstacle.
+        east_m: western and eastern edge of the obstacle.
+        top_m: altitude of the obstacle's top above `reference`.
     """
     (south, north), (west, east) = north_m, east_m
     corners = ((south, west), (north, west), (north, east), (south, east))

@@ -23,21 +23,21 @@ def flight_steps(*steps: str) -> str:
     return TAKE_OFF + "".join(f"- {{{step}}}\n" for step in steps) + LAND
 
 
-def mission(steps: str, **rest: Any) -> OffboardMission:
+def mission(steps: str, **fields: Any) -> OffboardMission:
     document = read(f"name: Test\nsteps:\n{steps}")
-    return document.model_copy(update=rest)
+    return document.model_copy(update=fields)
 
 
 def timeline(steps: str, start: Start | None = None, files: dict[str, bytes] | None = None) -> Timeline:
     return compile_mission(mission(steps), start=start, files=files)
 
 
-def codes(compiled: Timeline) -> set[str]:
-    return {finding.code for finding in compiled.findings}
+def codes(compiled_timeline: Timeline) -> set[str]:
+    return {finding.code for finding in compiled_timeline.findings}
 
 
-def titles(compiled: Timeline) -> list[str]:
-    return [segment.title for segment in compiled.segments]
+def titles(compiled_timeline: Timeline) -> list[str]:
+    return [segment.title for segment in compiled_timeline.segments]
 
 
 def position_at(segment: Segment, t_s: float) -> tuple[float, ...]:

@@ -19,11 +19,12 @@ def float32(value: float) -> float:
 
 
 def numbers(low: float, high: float) -> st.SearchStrategy[float]:
+    """Numbers of this range that a 32-bit float represents exactly."""
     return (
         st.floats(low, high, allow_nan=False)
         .map(float32)
         .filter(lambda v: low <= v <= high)
-        .map(lambda v: v + 0.0)
+        .map(lambda v: v + 0.0)  # -0.0 becomes 0.0
     )
 
 
@@ -58,19 +59,19 @@ OBSTACLES = st.builds(
 @st.composite
 def typed_items(draw: st.DrawFn, altitudes: st.SearchStrategy[Altitude] = ALTITUDES) -> Item:
     """An item of any type that PX4 executes, with each optional field set or unset."""
-    cls = draw(st.sampled_from(TYPED_ITEMS))
+    item_class = draw(st.sampled_from(TYPED_ITEMS))
     fields: dict[str, Any] = {"autocontinue": draw(st.booleans())}
     whole_numbers = st.integers(-(10**6), 10**6).map(float)
-    for number, slot in enumerate(cls.SLOTS, start=1):
+    for number, slot in enumerate(item_class.SLOTS, start=1):
         if not isinstance(slot, str):
             continue
-        if cls.model_fields[slot].annotation is int:
+        if item_class.model_fields[slot].annotation is int:
             fields[slot] = draw(st.integers(0, 50))
-        else:
+        else:  # MISSION_ITEM_INT transmits parameters 5 and 6 as integers
             fields[slot] = draw(whole_numbers if number in (5, 6) else st.none() | PARAMS)
-    if issubclass(cls, PlacedItem):
+    if issubclass(item_class, PlacedItem):
         fields |= {"lat_deg": draw(LAT_DEG), "lon_deg": draw(LON_DEG), "altitude": draw(altitudes)}
-    return cls(**fields)
+    return item_class(**fields)
 
 
 COMMANDS = st.builds(
@@ -90,8 +91,8 @@ def plans(
 ) -> st.SearchStrategy[Plan]:
     """Any plans; the fence lists polygons before circles, as plan files do."""
     return st.builds(
-        lambda items, polygons, circles, **rest: Plan(
-            items=tuple(items), fence=(*polygons, *circles), **rest
+        lambda items, polygons, circles, **other_fields: Plan(
+            items=tuple(items), fence=(*polygons, *circles), **other_fields
         ),
         items=st.lists(typed_items(altitudes) | COMMANDS, max_size=8),
         polygons=st.lists(POLYGONS, max_size=3),

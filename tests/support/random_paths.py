@@ -38,15 +38,15 @@ def random_points(rng: np.random.Generator, count: int, yaws: bool) -> list[Pass
                 corner_m=float(rng.choice([0.0, 0.05, 0.5, 2.0, 20.0])),
             )
         )
-        step = rng.normal(0.0, 1.0, 3) * 10.0 ** rng.uniform(-2.0, 2.3)
-        kind = rng.random()
-        if kind < 0.08 and len(points) > 1:
-            step = np.array(points[-2].position_ned_m) - position
-        elif kind < 0.16:
-            step = np.zeros(3)
-        elif kind < 0.24:
-            step[:2] = 0.0
-        elif kind < 0.4:
-            step[2] = 0.0
-        position = position + step
+        displacement_m = rng.normal(0.0, 1.0, 3) * 10.0 ** rng.uniform(-2.0, 2.3)
+        choice = rng.random()
+        if choice < 0.08 and len(points) > 1:  # a reversal
+            displacement_m = np.array(points[-2].position_ned_m) - position
+        elif choice < 0.16:  # a repeated point
+            displacement_m = np.zeros(3)
+        elif choice < 0.24:  # vertical
+            displacement_m[:2] = 0.0
+        elif choice < 0.4:  # level
+            displacement_m[2] = 0.0
+        position = position + displacement_m
     return points

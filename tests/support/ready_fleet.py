@@ -11,7 +11,7 @@ READY_WITHIN_S = 40.0
 
 
 def ready_in_a_row(count: int, apart_m: float) -> VehicleSim:
-    """Vehicles 1, 2, …, each east of the previous one, without the bytes that they sent during their start.
+    """Vehicles 1, 2, …, each `apart_m` east of the previous one; the bytes of their start are discarded.
 
     Raises:
         AssertionError: a vehicle cannot be armed in time.

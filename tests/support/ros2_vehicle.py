@@ -1,4 +1,4 @@
-"""A simulated vehicle whose ROS 2 messages go to a list instead of a network, in simulated time."""
+"""A simulated vehicle, in simulated time, whose ROS 2 messages go to a list instead of a network."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ TYPES = {topic.name: topic.message for topic in (*OUTPUTS, *INPUTS)} | {
 }  # fmt: skip
 ADDRESSES = {"target_system": 1, "target_component": 1, "source_system": 1, "source_component": 1}
 HOVER_HEIGHT_M = 2.5
+ARM_DISARM, TAKEOFF = 400, 22
+"""Commands of VehicleCommand."""
 
 
 class Ros2Vehicle:
@@ -40,7 +42,7 @@ class Ros2Vehicle:
         self.received.append((self.sim.time_s, topic, TYPES[topic].decode(data)))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
-        """Returns messages for the vehicle."""
+        """Removes and returns the messages for the vehicle."""
         inbox, self._inbox = self._inbox, []
         return inbox
 
@@ -56,8 +58,8 @@ class Ros2Vehicle:
 
     def command(self, number: int, *parameters: float, topic: str = COMMAND, **fields: Any) -> None:
         """Sends a VehicleCommand."""
-        named = {f"param{n + 1}": value for n, value in enumerate(parameters)}
-        self.send(topic, ADDRESSES | named | {"command": number, "from_external": True} | fields)
+        parameter_fields = {f"param{n + 1}": value for n, value in enumerate(parameters)}
+        self.send(topic, ADDRESSES | parameter_fields | {"command": number, "from_external": True} | fields)
 
     def run(self, seconds: float) -> None:
         """Simulates this time [s]."""
@@ -75,11 +77,11 @@ class Ros2Vehicle:
         return next(fields for _, name, fields in reversed(self.received) if name == topic)
 
     def all(self, topic: str, since_s: float = 0.0) -> list[dict[str, Any]]:
-        """Fields of each message on a topic."""
+        """Fields of each message on a topic since this time [s]."""
         return [fields for at_s, name, fields in self.received if name == topic and at_s >= since_s]
 
     def acks(self, since_s: float = 0.0) -> list[tuple[int, int]]:
-        """(command, result) of each VehicleCommandAck."""
+        """(command, result) of each VehicleCommandAck since this time [s]."""
         return [(ack["command"], ack["result"]) for ack in self.all(COMMAND_ACK, since_s)]
 
     @property
@@ -90,9 +92,10 @@ class Ros2Vehicle:
 
     def hover(self) -> None:
         """Arms, takes off to HOVER_HEIGHT_M above the current altitude; ends in Hold."""
-        self.command(400, 1.0)
-        self.command(22, float("nan"), 0.0, 0.0, float("nan"), float("nan"), float("nan"), self._amsl())
+        self.command(ARM_DISARM, 1.0)
+        nan = float("nan")
+        self.command(TAKEOFF, nan, 0.0, 0.0, nan, nan, nan, self._hover_amsl_m())
         self.run(9.0)
 
-    def _amsl(self) -> float:
+    def _hover_amsl_m(self) -> float:
         return self.sim.autopilots[0].view.estimate.alt_amsl_m + HOVER_HEIGHT_M

@@ -28,20 +28,20 @@ def snapshot(original: T) -> T:
     for name, module in list(sys.modules.items()):
         if name.split(".")[0] == "vehicle_sim":
             for value in list(vars(module).values()):
-                parts = (
+                elements = (
                     value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else ()
                 )
-                memo |= {id(each): each for each in (value, *parts)}
+                memo |= {id(shared): shared for shared in (value, *elements)}
     with patch.dict(copy._deepcopy_dispatch, COPIERS):
         return copy.deepcopy(original, memo)
 
 
-def _function(function: types.FunctionType, memo: Memo) -> types.FunctionType:
+def _copy_function(function: types.FunctionType, memo: Memo) -> types.FunctionType:
     if not function.__closure__ and not function.__defaults__ and not function.__kwdefaults__:
         return function
     cells = [memo.setdefault(id(cell), types.CellType()) for cell in function.__closure__ or ()]
-    code, names = function.__code__, function.__globals__
-    copied = types.FunctionType(code, names, function.__name__, None, tuple(cells) or None)
+    code, global_names = function.__code__, function.__globals__
+    copied = types.FunctionType(code, global_names, function.__name__, None, tuple(cells) or None)
     memo[id(function)] = copied  # before its cells: one of them may contain the function itself
     for old, new in zip(function.__closure__ or (), cells, strict=True):
         if id(new) not in memo:  # two functions may share a cell
@@ -53,14 +53,14 @@ def _function(function: types.FunctionType, memo: Memo) -> types.FunctionType:
     return copied
 
 
-def _builtin(function: types.BuiltinMethodType, memo: Memo) -> Any:
+def _copy_builtin(function: types.BuiltinMethodType, memo: Memo) -> Any:
     owner = function.__self__
     if owner is None or isinstance(owner, types.ModuleType | type):
         return function
     return getattr(copy.deepcopy(owner, memo), function.__name__)
 
 
-def _array(array: np.ndarray, memo: Memo) -> np.ndarray:
+def _copy_array(array: np.ndarray, memo: Memo) -> np.ndarray:
     base = array.base
     if not isinstance(base, np.ndarray):
         copied = array.copy(order="K")
@@ -74,25 +74,25 @@ def _array(array: np.ndarray, memo: Memo) -> np.ndarray:
 
 
 def _bytes_of(memory: np.ndarray) -> np.ndarray:
-    assert memory.flags.c_contiguous, "a view of an array that is not laid out row by row"
+    assert memory.flags.c_contiguous, "the base of a view must be laid out row by row"
     return memory.reshape(-1).view(np.uint8)
 
 
-def _memory(view: memoryview, memo: Memo) -> memoryview:
+def _copy_memory_view(view: memoryview, memo: Memo) -> memoryview:
     copied = memo[id(view)] = memoryview(copy.deepcopy(view.obj, memo)).cast("B").cast(view.format)
     return copied
 
 
-def _unchanged(value: T, _memo: Memo) -> T:
+def _keep_unchanged(value: T, _memo: Memo) -> T:
     return value
 
 
 COPIERS: dict[type, Any] = {
-    types.FunctionType: _function,
-    types.BuiltinMethodType: _builtin,
-    np.ndarray: _array,
-    memoryview: _memory,
-    struct.Struct: _unchanged,
-    Message: _unchanged,
+    types.FunctionType: _copy_function,
+    types.BuiltinMethodType: _copy_builtin,
+    np.ndarray: _copy_array,
+    memoryview: _copy_memory_view,
+    struct.Struct: _keep_unchanged,
+    Message: _keep_unchanged,
 }
-"""Received messages never change."""
+"""For each type that `copy.deepcopy` copies wrongly, its copier; received messages never change."""

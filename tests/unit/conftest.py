@@ -18,17 +18,17 @@ UNIT_TESTS = Path(__file__).resolve().parent
 
 
 class AuditState:
-    """Whether a unit test is running; Python cannot remove an audit hook."""
+    """Whether a unit test is running. The audit hook reads it, because Python cannot remove the hook."""
 
     unit_test_running = False
 
 
-def _refuse(event: str, _arguments: tuple[Any, ...]) -> None:
+def _refuse_event(event: str, _arguments: tuple[Any, ...]) -> None:
     if AuditState.unit_test_running and event in FORBIDDEN_EVENTS:
         raise AssertionError(f"a unit test may not do this ({event}): move it to tests/integration")
 
 
-sys.addaudithook(_refuse)
+sys.addaudithook(_refuse_event)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -36,13 +36,13 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Refuses sockets and processes during a unit test and its fixtures; also called for other tests."""
     if not item.path.is_relative_to(UNIT_TESTS):
         return (yield)
-    start = BaseProcess.start
+    real_start = BaseProcess.start
 
-    def no_process(_process: BaseProcess) -> None:
+    def refuse_start(_process: BaseProcess) -> None:
         raise AssertionError("a unit test may not start a process: move it to tests/integration")
 
-    BaseProcess.start, AuditState.unit_test_running = no_process, True  # type: ignore[method-assign]
+    BaseProcess.start, AuditState.unit_test_running = refuse_start, True  # type: ignore[method-assign]
     try:
         return (yield)
     finally:
-        BaseProcess.start, AuditState.unit_test_running = start, False  # type: ignore[method-assign]
+        BaseProcess.start, AuditState.unit_test_running = real_start, False  # type: ignore[method-assign]
