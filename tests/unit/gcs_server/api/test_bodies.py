@@ -46,7 +46,7 @@ def client(tmp_path_factory):
         "",
     ],
 )
-def test_bodies_within_limits_are_parsed(text):
+def test_bodies_within_limits_pass_the_check_before_parsing(text):
     assert len(text) <= MAX_BODY_BYTES
     assert json_fault(text.encode()) is None
 
@@ -109,24 +109,26 @@ def test_a_path_of_a_thousand_invalid_points_causes_errors_of_its_first_point_on
 
 def test_a_body_that_is_too_large_gets_status_413_with_and_without_content_length(client):
     large = b" " * (MAX_BODY_BYTES + 1)
-    declared = client.post("/api/v1/vehicles/1/arm", content=large)
-    pieces = client.post("/api/v1/vehicles/1/arm", content=iter([large[:-1], b" "]))
-    for response in (declared, pieces):
+    response_with_length = client.post("/api/v1/vehicles/1/arm", content=large)
+    response_in_chunks = client.post("/api/v1/vehicles/1/arm", content=iter([large[:-1], b" "]))
+    for response in (response_with_length, response_in_chunks):
         assert (response.status_code, response.json()["code"]) == (413, "body_too_large")
         assert response.headers["content-type"] == "application/problem+json"
         assert response.headers["connection"] == "close"
+    # The body is accepted, but there is no vehicle 1.
     assert client.post("/api/v1/vehicles/1/arm", content=large[:-1]).status_code == 404
 
 
 def test_the_longest_allowed_path_is_accepted(client):
-    longest = LONGEST_PATH["setpoint"]
-    points = [{**point, "t_s": n / 10} for n, point in enumerate(longest["points"])]
-    body = {**LONGEST_PATH, "setpoint": {**longest, "points": points}}
+    longest_path = LONGEST_PATH["setpoint"]
+    points = [{**point, "t_s": n / 10} for n, point in enumerate(longest_path["points"])]
+    body = {**LONGEST_PATH, "setpoint": {**longest_path, "points": points}}
+    # The path is accepted, but there is no vehicle 1.
     assert client.post("/api/v1/vehicles/1/offboard/setpoint", json=body).status_code == 404
 
 
 def test_an_incomplete_body_gets_status_408_at_the_deadline():
-    sent = []
+    sent_messages = []
 
     async def app(scope, receive, send):
         raise AssertionError("the application must not be called")
@@ -135,7 +137,7 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
         await asyncio.Event().wait()
 
     async def send(message):
-        sent.append(message)
+        sent_messages.append(message)
 
     async def run():
         began_s = asyncio.get_running_loop().time()
@@ -151,5 +153,5 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(BODY_DEADLINE_S)
 
     run_in_simulated_time(run)
-    assert sent[0]["status"] == 408
-    assert json.loads(sent[1]["body"])["code"] == "too_slow"
+    assert sent_messages[0]["status"] == 408
+    assert json.loads(sent_messages[1]["body"])["code"] == "too_slow"

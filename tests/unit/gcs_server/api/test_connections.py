@@ -1,5 +1,5 @@
-"""Which connections are closed at a limit: waiting connections first (no allowed request yet), connections of
-clients in control of a vehicle last."""
+"""At a limit, waiting connections (no allowed request yet) are closed first, and connections of clients in
+control of a vehicle last."""
 
 import pytest
 
@@ -65,18 +65,18 @@ def setup():
 
 
 def test_the_oldest_waiting_connection_of_an_address_is_closed_for_a_new_connection(setup):
-    idle = [setup.connect() for _ in range(20)]
-    assert [c.closed for c in idle] == [True] * 16 + [False] * 4
-    assert all(c.socket.ended for c in idle[:16])
+    waiting = [setup.connect() for _ in range(20)]
+    assert [c.closed for c in waiting] == [True] * 16 + [False] * 4
+    assert all(c.socket.ended for c in waiting[:16])
     assert not setup.connect("2.2.2.2").closed
 
 
 def test_the_address_with_most_waiting_connections_is_the_first_to_lose_a_connection(setup):
-    one_address = [setup.connect("3.3.3.3") for _ in range(4)]
-    two_addresses = [setup.connect(f"4.4.4.{n}") for n in range(2)]
+    at_one_address = [setup.connect("3.3.3.3") for _ in range(4)]
+    at_two_addresses = [setup.connect(f"4.4.4.{n}") for n in range(2)]
     newest = setup.connect("5.5.5.5")
-    assert [c.closed for c in one_address] == [True, False, False, False]
-    assert not any(c.closed for c in (*two_addresses, newest))
+    assert [c.closed for c in at_one_address] == [True, False, False, False]
+    assert not any(c.closed for c in (*at_two_addresses, newest))
 
 
 def test_idle_clients_are_closed_before_busy_clients_and_clients_in_control_are_not_closed(setup):
@@ -147,7 +147,7 @@ def test_the_warning_lasts_a_minute(setup):
 
 
 def test_few_file_descriptors_reduce_all_limits_except_the_reserve():
-    small = ConnectionLimits().reduced_to(192)
-    assert small.total + small.reserve == 192
-    assert small.waiting_per_address < small.waiting_total < small.per_address < small.total
+    reduced = ConnectionLimits().reduced_to(192)
+    assert reduced.total + reduced.reserve == 192
+    assert reduced.waiting_per_address < reduced.waiting_total < reduced.per_address < reduced.total
     assert ConnectionLimits().reduced_to(100_000) == ConnectionLimits()

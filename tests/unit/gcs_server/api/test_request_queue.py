@@ -12,51 +12,53 @@ def client(name, address="1.1.1.1"):
     return Principal.from_identity(name, name, address)
 
 
-def serve(callers, in_control=()):
-    """(names of the clients in the order of their requests, loop iterations between two requests)."""
+def serve_requests(callers, in_control=()):
+    """(names of the clients in the order in which they were served, loop iterations between two of them)."""
     order = []
 
     async def run():
         request_queue = RequestQueue(lambda key: key in {client(name).key for name in in_control})
         iteration_count = 0
 
-        async def count():
+        async def count_iterations():
             nonlocal iteration_count
             while True:
                 iteration_count += 1
                 await asyncio.sleep(0)
 
-        async def wait_and_note(caller):
+        async def wait_and_record(caller):
             await request_queue.wait(caller)
             order.append((str(caller), iteration_count))
 
-        counting = asyncio.ensure_future(count())
-        await asyncio.gather(*(wait_and_note(caller) for caller in callers))
-        counting.cancel()
+        counter_task = asyncio.ensure_future(count_iterations())
+        await asyncio.gather(*(wait_and_record(caller) for caller in callers))
+        counter_task.cancel()
 
     asyncio.run(run())
-    between = [after - before for (_, before), (_, after) in itertools.pairwise(order)]
-    return [name for name, _ in order], between
+    iterations_between = [after - before for (_, before), (_, after) in itertools.pairwise(order)]
+    return [name for name, _ in order], iterations_between
 
 
 def test_each_request_starts_in_its_own_iteration_of_the_loop():
-    _, between = serve([client("hostile")] * 50)
-    assert min(between) >= 1
+    _, iterations_between = serve_requests([client("hostile")] * 50)
+    assert min(iterations_between) >= 1
 
 
 def test_a_client_with_a_hundred_requests_does_not_delay_another_client():
-    names, _ = serve([client("hostile")] * 100 + [client("innocent")])
+    names, _ = serve_requests([client("hostile")] * 100 + [client("innocent")])
     assert names.index("innocent") <= 2
 
 
 def test_an_address_with_a_hundred_clients_does_not_delay_another_address():
     hostile = [client(f"hostile {n}", "6.6.6.6") for n in range(100)]
-    names, _ = serve([*hostile, client("innocent", "1.1.1.1")])
+    names, _ = serve_requests([*hostile, client("innocent", "1.1.1.1")])
     assert names.index("innocent") <= 2
 
 
 def test_a_client_in_control_is_served_first():
-    names, _ = serve([client(f"hostile {n}", f"6.6.6.{n}") for n in range(50)] + [client("pilot")], ["pilot"])
+    names, _ = serve_requests(
+        [client(f"hostile {n}", f"6.6.6.{n}") for n in range(50)] + [client("pilot")], ["pilot"]
+    )
     assert names.index("pilot") <= 1
 
 
@@ -70,7 +72,7 @@ def test_a_cancelled_request_does_not_delay_other_requests():
             waiter.cancel()
         async with asyncio.timeout(1):
             await waiting[9]
-        assert sum(waiter.cancelled() for waiter in waiting) >= 8  # the first request was already served
+        assert sum(waiter.cancelled() for waiter in waiting) >= 8  # the first of the ten was already served
 
     asyncio.run(run())
 
@@ -78,18 +80,18 @@ def test_a_cancelled_request_does_not_delay_other_requests():
 def test_a_known_client_is_served_before_a_thousand_new_clients():
     order = []
 
-    async def wait_and_note(request_queue, caller):
+    async def wait_and_record(request_queue, caller):
         await request_queue.wait(caller)
         order.append(str(caller))
 
     async def run():
         request_queue = RequestQueue(lambda _: False)
         await request_queue.wait(client("innocent"))
-        for n in range(1000):  # many clients must not remove this client from the known clients
+        for n in range(1000):  # they must not remove the first client from the known clients
             await request_queue.wait(client(f"earlier {n}"))
         await asyncio.sleep(KNOWN_AFTER_S + 1)
-        hostile = [wait_and_note(request_queue, client(f"hostile {n}")) for n in range(1000)]
-        await asyncio.gather(*hostile, wait_and_note(request_queue, client("innocent")))
+        hostile = [wait_and_record(request_queue, client(f"hostile {n}")) for n in range(1000)]
+        await asyncio.gather(*hostile, wait_and_record(request_queue, client("innocent")))
         assert order.index("innocent") <= 2
         assert len(request_queue._seen) <= MAX_KNOWN_CLIENTS
 

@@ -35,13 +35,14 @@ MODULES = {
     "Operations": operations,
     "Plans": plans,
 }
+"""Modules of the asynchronous classes; the other classes are in `offboard`."""
 
 
 def public_methods(client_class):
     return {
-        name: f
-        for name, f in vars(client_class).items()
-        if inspect.isfunction(f) and not name.startswith("_")
+        name: member
+        for name, member in vars(client_class).items()
+        if inspect.isfunction(member) and not name.startswith("_")
     }
 
 
@@ -60,9 +61,9 @@ async def do_nothing():
     pass
 
 
-@pytest.mark.parametrize("last", [2, 99])
-def test_a_complete_or_interrupted_iteration_is_closed_once_on_the_loop(last):
-    loops = []
+@pytest.mark.parametrize("last_value", [2, 99])
+def test_a_complete_or_interrupted_iteration_is_closed_once_on_the_loop(last_value):
+    closing_loops = []
 
     async def source():
         try:
@@ -70,20 +71,20 @@ def test_a_complete_or_interrupted_iteration_is_closed_once_on_the_loop(last):
                 await asyncio.sleep(0)
                 yield number
         finally:
-            loops.append(asyncio.get_running_loop())
+            closing_loops.append(asyncio.get_running_loop())
 
     with LoopThread(do_nothing) as thread:
-        found = []
+        received = []
         values = iterate(thread._portal, source())
         for value in values:
-            found.append(value)
-            if value == last:
+            received.append(value)
+            if value == last_value:
                 break
         values.close()
-    assert found == list(range(min(last + 1, 5)))
-    assert len(loops) == 1
+    assert received == list(range(min(last_value + 1, 5)))
+    assert len(closing_loops) == 1
 
 
-def test_a_call_outside_the_block_explains_the_usage():
+def test_a_call_outside_the_with_block_raises_an_error_that_explains_the_usage():
     with pytest.raises(RuntimeError, match="with SyncGcs"):
         client.SyncGcs("http://127.0.0.1:9").vehicles()

@@ -4,10 +4,10 @@ import asyncio
 
 from gcs_server.client.gimbal import Gimbal
 
-LIMITED = {"pitch_deg": -45.0, "asked_pitch_deg": -90.0, "text": "The gimbal stopped at its own limit."}
+REACHED_LIMIT = {"pitch_deg": -45.0, "asked_pitch_deg": -90.0, "text": "The gimbal stopped at its own limit."}
 
 
-class Vehicle:
+class FakeVehicle:
     def __init__(self, limited):
         self.limited, self.requests = limited, []
 
@@ -17,8 +17,8 @@ class Vehicle:
 
 
 def test_angles_returns_the_limit_at_which_the_gimbal_stopped():
-    for limited in (None, LIMITED):
-        vehicle = Vehicle(limited)
+    for limited in (None, REACHED_LIMIT):
+        vehicle = FakeVehicle(limited)
         assert asyncio.run(Gimbal(vehicle).angles(-90, 0)) == limited
         assert vehicle.requests == [
             ("POST", "/gimbal/angles", {"pitch_deg": -90, "yaw_deg": 0, "yaw_lock": False})

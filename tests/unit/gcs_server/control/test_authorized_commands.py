@@ -1,4 +1,4 @@
-"""Each journaled route calls `authorized_command` with the name in its row; other routes do not call it."""
+"""Each journaled route passes its command's name to `authorized_command`; other routes do not call it."""
 
 import ast
 import inspect
@@ -19,25 +19,25 @@ def commands_of(function):
     calls = [node for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
     if any(call.func.id == "apply_setpoint" for call in calls):
         return commands_of(offboard_stream.apply_setpoint)
-    texts = [
+    constants = [
         arg
         for call in calls
         if call.func.id in AUTHORIZING
         for arg in call.args
         if isinstance(arg, ast.Constant)
     ]
-    return {text.value for text in texts if isinstance(text.value, str)}
+    return {constant.value for constant in constants if isinstance(constant.value, str)}
 
 
-def test_every_route_uses_authorized_command_as_its_row_says():
+def test_every_route_uses_authorized_command_as_the_command_table_says():
     routes = [(call, endpoint) for call, endpoint in calls_of(bare_app()) if not call.startswith("WS ")]
     assert len(routes) > 70
-    wrong = {
+    wrong_commands = {
         call: commands_of(endpoint)
         for call, endpoint in routes
         if commands_of(endpoint) != ({BY_CALL[call].name} if BY_CALL[call].journaled else set())
     }
-    assert wrong == {}
+    assert wrong_commands == {}
 
 
 def test_commands_that_change_a_flight_are_journaled():
@@ -46,10 +46,10 @@ def test_commands_that_change_a_flight_are_journaled():
     assert {row.name for row in BY_CALL.values() if row.control != "none"} & not_journaled == {
         "control/renew"
     }
-    changing = {
+    changing_commands = {
         row.name for call, row in BY_CALL.items() if not call.startswith(("GET ", "WS "))
     } & not_journaled
-    assert changing == {
+    assert changing_commands == {
         "control/renew",
         "mission/download",
         "params/refresh",

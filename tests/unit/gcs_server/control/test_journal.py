@@ -12,11 +12,11 @@ from gcs_server.control.journal import MAX_REFUSED_BYTES, MAX_TEXT_LENGTH, Journ
 from gcs_server.supervise import Supervisor
 
 
-def add(journal, command="arm"):
+def add_command(journal, command="arm"):
     return journal.add("me", command, "1", {}, "ok", None, 0.1)
 
 
-def refuse(journal, detail="alt_home_m: no number", client="me"):
+def add_refusal(journal, detail="alt_home_m: no number", client="me"):
     return journal.add(client, "takeoff", "1", {}, "invalid_request", detail, 0.0)
 
 
@@ -33,7 +33,7 @@ class FakeClock:
         return self.now_s
 
 
-def count_whole_lines(path):
+def count_complete_lines(path):
     """Number of complete lines, also while the next line is being written."""
     return path.read_bytes().count(b"\n") if path.exists() else 0
 
@@ -46,7 +46,7 @@ def lines_of(path):
 def test_lines_are_json_and_the_newest_entries_are_read_first(tmp_path):
     journal = Journal(SystemClock(), tmp_path / "journal.jsonl")
     for command in ("arm", "takeoff", "land"):
-        add(journal, command)
+        add_command(journal, command)
     journal.flush()
     lines = [json.loads(line) for line in (tmp_path / "journal.jsonl").read_text().splitlines()]
     assert [line["command"] for line in lines] == ["arm", "takeoff", "land"]
@@ -56,7 +56,7 @@ def test_lines_are_json_and_the_newest_entries_are_read_first(tmp_path):
 def test_a_disk_error_is_a_warning_until_writing_works_again(tmp_path):
     path = tmp_path / "missing" / "journal.jsonl"
     journal = Journal(SystemClock(), path)
-    add(journal)
+    add_command(journal)
     journal.flush()
     assert journal.warning is not None
     assert "journal" in journal.warning
@@ -70,24 +70,24 @@ def test_a_disk_error_is_a_warning_until_writing_works_again(tmp_path):
 def test_a_full_file_is_rotated_and_two_files_are_kept(tmp_path):
     journal = Journal(SystemClock(), tmp_path / "journal.jsonl", max_bytes=1000)
     for number in range(40):
-        add(journal, f"command-{number}")
+        add_command(journal, f"command-{number}")
         journal.flush()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["journal.1.jsonl", "journal.jsonl"]
-    kept = [
+    kept_commands = [
         json.loads(line)["command"]
         for name in ("journal.1.jsonl", "journal.jsonl")
         for line in (tmp_path / name).read_text().splitlines()
     ]
-    assert kept == [f"command-{number}" for number in range(40 - len(kept), 40)]
+    assert kept_commands == [f"command-{number}" for number in range(40 - len(kept_commands), 40)]
     assert all(p.stat().st_size < 1200 for p in tmp_path.iterdir())
 
 
 def test_refusals_do_not_displace_commands(tmp_path):
     journal = Journal(SystemClock(), tmp_path / "journal.jsonl", max_bytes=100_000)
     for number in range(50):
-        add(journal, f"command-{number}")
+        add_command(journal, f"command-{number}")
     for number in range(5000):
-        refuse(journal, f"{number}: " + "x" * 5_000_000 if number < 5 else f"{number}: {'y' * 2000}")
+        add_refusal(journal, f"{number}: " + ("x" * 5_000_000 if number < 5 else "y" * 2000))
         if number % 500 == 0:
             journal.flush()
     journal.flush()
@@ -112,8 +112,8 @@ def test_equal_refusals_of_one_client_are_written_once_and_then_counted_in_one_l
     journal = Journal(clock, tmp_path / "journal.jsonl")
     for number in range(1000):
         clock.now_s = 1000.0 + number * 0.005
-        refuse(journal)
-    refuse(journal, client="another")
+        add_refusal(journal)
+    add_refusal(journal, client="another")
     assert [(e.client, e.repeated) for e in journal.tail(10)] == [("another", 1), ("me", 1)]
     clock.now_s += 20.0
     assert sorted((e.client, e.repeated) for e in journal.tail(10)) == [
@@ -129,8 +129,8 @@ def test_a_restart_reads_earlier_lines_and_repairs_an_incomplete_line(tmp_path):
     path = tmp_path / "journal.jsonl"
     journal = Journal(SystemClock(), path)
     for command in ("arm", "takeoff"):
-        add(journal, command)
-    refuse(journal)
+        add_command(journal, command)
+    add_refusal(journal)
     journal.flush()
     with path.open("ab") as file:
         file.write(b'{"unix_s": 5, "client": "torn by a cra')
@@ -143,7 +143,7 @@ def test_a_restart_reads_earlier_lines_and_repairs_an_incomplete_line(tmp_path):
     reopened = asyncio.run(restart())
     assert [entry.result for entry in reopened.tail(10)] == ["invalid_request", "ok", "ok"]
     assert [entry.command for entry in reopened.tail(10)] == ["takeoff", "takeoff", "arm"]
-    add(reopened, "land")
+    add_command(reopened, "land")
     reopened.flush()
     assert [line["command"] for line in lines_of(path)] == ["arm", "takeoff", "land"]
 
@@ -152,7 +152,7 @@ def test_a_restart_reads_earlier_lines_and_repairs_an_incomplete_line(tmp_path):
 def test_an_invalid_line_is_skipped(tmp_path, line):
     path = tmp_path / "journal.jsonl"
     journal = Journal(SystemClock(), path)
-    add(journal, "arm")
+    add_command(journal, "arm")
     journal.flush()
     path.write_bytes(path.read_bytes() + line + b"\n")
     reopened = Journal(SystemClock(), path)
@@ -163,11 +163,11 @@ def test_an_invalid_line_is_skipped(tmp_path, line):
 def test_a_partial_write_leaves_no_incomplete_line(tmp_path, monkeypatch):
     path = tmp_path / "journal.jsonl"
     journal = Journal(SystemClock(), path)
-    add(journal, "arm")
+    add_command(journal, "arm")
     journal.flush()
     content, real_write = path.read_bytes(), os.write
     monkeypatch.setattr(os, "write", lambda fd, data: real_write(fd, data[: len(data) // 2]))
-    add(journal, "land")
+    add_command(journal, "land")
     journal.flush()
     assert path.read_bytes() == content
     assert "No space left" in journal.warning
@@ -187,13 +187,13 @@ def test_the_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
         journal = Journal(clock, tmp_path / "journal.jsonl")
         journal.start(supervisor)
         for number in range(3000):
-            add(journal, f"command-{number}")
+            add_command(journal, f"command-{number}")
             if number % 100 == 0:
                 await asyncio.sleep(0)  # the writer is blocked; the loop is not
         assert len(journal.tail(1000)) == 1000
         assert not disk_ready.is_set()
         disk_ready.set()
-        while count_whole_lines(tmp_path / "journal.jsonl") < 2000:  # noqa: ASYNC110 a file has no notification
+        while count_complete_lines(tmp_path / "journal.jsonl") < 2000:  # noqa: ASYNC110 a file has no notification
             await asyncio.sleep(0.01)
         await supervisor.close()
         return journal

@@ -1,4 +1,4 @@
-"""One client at a time controls a vehicle: how control is taken, requested, forced and expires, on a fake
+"""One client at a time controls a vehicle: taking, requesting and forcing control, and its expiry, on a fake
 clock."""
 
 import pytest
@@ -26,9 +26,9 @@ class LeaseSetup:
 
     def __init__(self):
         self.clock, self.connected, self.changes = Clock(), set(), []
-        reachable = lambda client: client.key in self.connected  # noqa: E731
+        is_reachable = lambda client: client.key in self.connected  # noqa: E731
         self.lease = Lease(
-            self.clock, "7", LeaseTimes(lease_s=30.0, answer_s=15.0), reachable, self.changes.append
+            self.clock, "7", LeaseTimes(lease_s=30.0, answer_s=15.0), is_reachable, self.changes.append
         )
 
     def connect(self, *clients):
@@ -37,7 +37,7 @@ class LeaseSetup:
     def disconnect(self, client):
         self.connected.discard(client.key)
 
-    def after(self, seconds):
+    def wait(self, seconds):
         self.clock.now_s += seconds
         self.lease.expire_due()
 
@@ -63,7 +63,7 @@ def test_two_tabs_with_the_same_name_are_two_clients():
     )
 
 
-def test_without_an_id_a_client_is_its_name_at_its_address():
+def test_a_client_without_an_id_is_identified_by_its_name_and_address():
     assert (
         Principal.from_identity("script", "", "10.0.0.1").key
         == Principal.from_identity("script", "", "10.0.0.1").key
@@ -79,7 +79,7 @@ def test_without_an_id_a_client_is_its_name_at_its_address():
     assert Principal.from_identity("", "", "10.0.0.1").name == "10.0.0.1"
 
 
-def test_an_id_is_never_shown():
+def test_the_id_of_a_client_is_never_shown():
     client = Principal.from_identity("anna", "very secret")
     assert "secret" not in client.key + client.name
 
@@ -91,28 +91,28 @@ def test_a_command_takes_free_control_and_commands_of_other_clients_are_refused_
     setup.lease.admit(ANNA)
     setup.lease.admit(ANNA)
     assert setup.lease.holder.key == ANNA.key
-    with pytest.raises(NotInControl, match=r"anna has control of vehicle 7, not you") as refused:
+    with pytest.raises(NotInControl, match=r"anna has control of vehicle 7, not you") as error:
         setup.lease.admit(BOB)
-    assert refused.value.details() == {"holder": "anna", "holder_key": ANNA.key}
-    assert "Hold, Land now and Kill" in refused.value.remedy
+    assert error.value.details() == {"holder": "anna", "holder_key": ANNA.key}
+    assert "Hold, Land now and Kill" in error.value.remedy
     assert setup.actions() == ["taken"]
 
 
 def test_a_client_without_id_blocks_other_clients_only_after_taking_control_explicitly(setup):
-    shell, other = (
+    without_name, with_name = (
         Principal.from_identity("", "", "127.0.0.1"),
         Principal.from_identity("script", "", "127.0.0.1"),
     )
-    setup.lease.admit(shell)
+    setup.lease.admit(without_name)
     assert setup.lease.holder.name == "127.0.0.1"
-    setup.lease.admit(other)
+    setup.lease.admit(with_name)
     assert setup.lease.holder.name == "script"
     setup.lease.admit(ANNA)
-    for client in (shell, other):
+    for client in (without_name, with_name):
         with pytest.raises(NotInControl):
             setup.lease.admit(client)
     setup.lease.release(ANNA)
-    setup.lease.take(shell)
+    setup.lease.take(without_name)
     with pytest.raises(NotInControl):
         setup.lease.admit(ANNA)
     assert setup.actions() == ["taken", "taken", "taken", "released", "taken"]
@@ -120,12 +120,12 @@ def test_a_client_without_id_blocks_other_clients_only_after_taking_control_expl
 
 def test_control_expires_when_the_holder_sends_nothing(setup):
     setup.lease.take(ANNA, on_expiry="hold")
-    setup.after(29)
+    setup.wait(29)
     setup.lease.renew(ANNA)
-    setup.after(29)
+    setup.wait(29)
     assert setup.lease.holder.key == ANNA.key
     setup.lease.renew(BOB)
-    setup.after(1.1)
+    setup.wait(1.1)
     assert setup.lease.holder is None
     assert setup.changes[-1].action == "expired"
     assert setup.changes[-1].on_expiry == "hold"
@@ -136,12 +136,12 @@ def test_control_expires_when_the_holder_sends_nothing(setup):
 def test_an_open_socket_keeps_control_and_the_lease_time_starts_when_it_closes(setup):
     setup.connect(ANNA)
     setup.lease.admit(ANNA)
-    setup.after(3600)
+    setup.wait(3600)
     assert setup.lease.holder.key == ANNA.key
     setup.disconnect(ANNA)
-    setup.after(29)
+    setup.wait(29)
     assert setup.lease.holder is not None
-    setup.after(2)
+    setup.wait(2)
     assert setup.lease.holder is None
 
 
@@ -179,7 +179,7 @@ def test_a_request_for_free_control_takes_control(setup):
     assert setup.lease.holder.key == BOB.key
 
 
-def test_force_needs_a_request_to_a_reachable_holder(setup):
+def test_taking_control_by_force_needs_a_request_to_a_reachable_holder(setup):
     setup.connect(ANNA)
     setup.lease.admit(ANNA)
     with pytest.raises(NotInControl):
@@ -189,14 +189,14 @@ def test_force_needs_a_request_to_a_reachable_holder(setup):
     setup.lease.request(BOB)
     with pytest.raises(Refused, match="15 s left to answer"):
         setup.lease.take(BOB, force=True)
-    setup.after(15)
+    setup.wait(15)
     setup.lease.take(BOB, force=True)
     assert setup.lease.holder.key == BOB.key
     assert setup.changes[-1].action == "forced"
     assert setup.changes[-1].text == "bob has taken control of vehicle 7 from anna by force."
 
 
-def test_a_denied_client_gets_the_reason_and_may_force(setup):
+def test_a_denied_client_gets_the_reason_and_may_take_control_by_force(setup):
     setup.connect(ANNA)
     setup.lease.admit(ANNA)
     setup.lease.request(BOB)
@@ -207,7 +207,7 @@ def test_a_denied_client_gets_the_reason_and_may_force(setup):
     assert setup.lease.holder.key == BOB.key
 
 
-def test_control_of_an_unreachable_holder_may_be_forced_immediately(setup):
+def test_control_of_an_unreachable_holder_may_be_taken_by_force_immediately(setup):
     setup.lease.admit(ANNA)
     setup.lease.take(BOB, force=True)
     assert setup.lease.holder.key == BOB.key
@@ -217,16 +217,16 @@ def test_a_new_holder_gets_the_full_time_to_answer_open_requests(setup):
     setup.connect(ANNA, BOB, CARL)
     setup.lease.admit(ANNA)
     setup.lease.request(BOB)
-    setup.after(14)
+    setup.wait(14)
     setup.lease.request(CARL)
     setup.lease.grant(ANNA, "bob")
     assert [request.client for request in setup.lease.requests()] == ["carl"]
-    setup.after(14)
+    setup.wait(14)
     with pytest.raises(Refused, match="1 s left"):
         setup.lease.take(CARL, force=True)
 
 
-def test_a_denial_does_not_allow_forcing_the_next_holder(setup):
+def test_a_denial_does_not_allow_taking_control_from_the_next_holder_by_force(setup):
     setup.connect(ANNA, CARL)
     setup.lease.admit(ANNA)
     setup.lease.request(BOB)
@@ -245,7 +245,7 @@ def test_the_first_request_gets_control_when_the_holder_releases_or_disconnects(
     if ending == "released":
         setup.lease.release(ANNA)
     else:
-        setup.after(31)
+        setup.wait(31)
     assert setup.lease.holder.key == BOB.key
     assert setup.actions()[-2:] == [ending, "taken"]
     assert [request.client for request in setup.lease.requests()] == ["carl"]
@@ -258,7 +258,7 @@ def test_requests_can_be_withdrawn_and_expire(setup):
     setup.lease.release(BOB)
     assert setup.changes[-1].action == "withdrawn"
     setup.lease.request(CARL)
-    setup.after(121)
+    setup.wait(REQUEST_LIFETIME_S + 1)
     assert setup.lease.requests() == ()
 
 
@@ -303,7 +303,7 @@ def test_the_number_of_open_requests_is_limited(setup):
     setup.lease.deny(ANNA, clients[0].key)
     setup.lease.request(clients[MAX_REQUESTS])
     assert len(setup.lease.requests()) == MAX_REQUESTS
-    setup.after(REQUEST_LIFETIME_S + 1)
+    setup.wait(REQUEST_LIFETIME_S + 1)
     assert setup.lease.requests() == ()
     assert not setup.lease.has_max_requests
 

@@ -22,7 +22,7 @@ class Transport(asyncio.Transport):
     def __init__(self) -> None:
         super().__init__()
         self.written, self.unread = b"", b""
-        self.closed = self.eof = self.paused = self.aborted = False
+        self.closed = self.eof_written = self.reading_paused = self.aborted = False
         self.client_reads = True
         self.protocol: Any = None
 
@@ -56,13 +56,13 @@ class Transport(asyncio.Transport):
         return True
 
     def write_eof(self) -> None:
-        self.eof = True
+        self.eof_written = True
 
     def pause_reading(self) -> None:
-        self.paused = True
+        self.reading_paused = True
 
     def resume_reading(self) -> None:
-        self.paused = False
+        self.reading_paused = False
 
     def set_protocol(self, protocol: Any) -> None:
         self.protocol = protocol
@@ -100,16 +100,16 @@ class TestedServer:
             await asyncio.sleep(0.5)
             self.connections.check()
 
-    async def send(self, transport: Transport, data: bytes, piece: int = 262_144) -> int:
+    async def send(self, transport: Transport, data: bytes, piece_bytes: int = 262_144) -> int:
         """Sends until the server stops reading; returns the number of bytes that the server has received."""
-        for start in range(0, len(data), piece):
-            for _ in range(2000):
-                if not transport.paused:
+        for start in range(0, len(data), piece_bytes):
+            for _ in range(2000):  # the application needs many iterations of the loop to read
+                if not transport.reading_paused:
                     break
                 await asyncio.sleep(0)
-            if transport.closed or transport.paused:
+            if transport.closed or transport.reading_paused:
                 return start
-            transport.protocol.data_received(data[start : start + piece])
+            transport.protocol.data_received(data[start : start + piece_bytes])
         for _ in range(50):
             await asyncio.sleep(0)
         return len(data)
@@ -123,13 +123,13 @@ async def respond_with_size(scope: Any, receive: Any, send: Any) -> None:
         while (await receive())["type"] == "websocket.receive":
             pass
         return
-    size, more = 0, True
-    while more:
+    size, more_body = 0, True
+    while more_body:
         message = await receive()
         if message["type"] == "http.disconnect":
             return
         size += len(message["body"])
-        more = message["more_body"]
+        more_body = message["more_body"]
     body = b"%d bytes" % size
     headers = [(b"content-length", str(len(body)).encode())]
     await send({"type": "http.response.start", "status": 200, "headers": headers})

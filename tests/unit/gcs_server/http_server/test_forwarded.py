@@ -10,7 +10,7 @@ from gcs_server.clock import SystemClock
 from gcs_server.http_server.server import HttpServer
 
 
-def address_in_application(trusted, peer_address):
+def address_in_application(trusted_proxies, peer_address):
     """(address, scheme) that the application gets."""
     received_scope = {}
 
@@ -19,7 +19,7 @@ def address_in_application(trusted, peer_address):
 
     clock = SystemClock()
     connections = Connections(clock, in_control=lambda key: False)
-    config = HttpServer(app, connections, clock, (), trusted).config
+    config = HttpServer(app, connections, clock, (), trusted_proxies).config
     config.load()
     headers = [(b"x-forwarded-for", b"10.9.9.9"), (b"x-forwarded-proto", b"https")]
     scope = {"type": "http", "client": (peer_address, 50000), "scheme": "http", "headers": headers}
@@ -28,12 +28,14 @@ def address_in_application(trusted, peer_address):
 
 
 @pytest.mark.parametrize(
-    ("trusted", "peer_address", "address", "scheme"),
+    ("trusted_proxies", "peer_address", "address", "scheme"),
     [
         ((), "127.0.0.1", "127.0.0.1", "http"),
         (("192.168.1.5",), "127.0.0.1", "127.0.0.1", "http"),
         (("127.0.0.1",), "127.0.0.1", "10.9.9.9", "https"),
     ],
 )
-def test_a_forwarded_address_is_used_only_from_a_trusted_proxy(trusted, peer_address, address, scheme):
-    assert address_in_application(trusted, peer_address) == (address, scheme)
+def test_a_forwarded_address_is_used_only_from_a_trusted_proxy(
+    trusted_proxies, peer_address, address, scheme
+):
+    assert address_in_application(trusted_proxies, peer_address) == (address, scheme)

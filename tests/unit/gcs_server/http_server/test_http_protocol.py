@@ -9,7 +9,7 @@ import random
 
 import pytest
 
-from gcs_server.api import refusals as r
+from gcs_server.api import refusals
 from gcs_server.http_server.http_protocol import LINGER_BYTES, LINGER_S, MAX_CHUNKS
 from tests.unit.gcs_server.http_server.memory_server import respond_with_size, run_with_server
 
@@ -23,7 +23,7 @@ def refusal(transport):
     assert transport.written.count(b"HTTP/1.1 ") == 1
     assert b"content-type: application/problem+json" in head
     assert b"connection: close" in head
-    assert transport.eof
+    assert transport.eof_written
     problem = json.loads(body)
     assert problem["detail"]
     assert problem["remedy"]
@@ -51,16 +51,16 @@ TOO_LARGE_REQUESTS = {
 
 
 @pytest.mark.parametrize("name", TOO_LARGE_REQUESTS)
-@pytest.mark.parametrize("piece", [1460, 262_144])
-def test_too_large_requests_are_refused_with_a_reason_and_not_stored(name, piece):
+@pytest.mark.parametrize("piece_bytes", [1460, 262_144])
+def test_too_large_requests_are_refused_with_a_reason_and_not_stored(name, piece_bytes):
     start, repeated, status = TOO_LARGE_REQUESTS[name]
 
     async def scenario(server):
         transport = server.connect()
         request = start + repeated * (8_000_000 // len(repeated))
-        received_bytes = await server.send(transport, request, piece)
+        received_bytes = await server.send(transport, request, piece_bytes)
         assert refusal(transport)[0] == status
-        assert received_bytes <= r.MAX_BODY_BYTES + LINGER_BYTES + 1_000_000
+        assert received_bytes <= refusals.MAX_BODY_BYTES + LINGER_BYTES + 1_000_000
         assert transport.aborted
         await asyncio.sleep(0.1)
         assert len(server.connections) == 0
@@ -68,21 +68,21 @@ def test_too_large_requests_are_refused_with_a_reason_and_not_stored(name, piece
     run_with_server(scenario)
 
 
-def test_requests_within_the_limits_are_served_in_any_pieces():
-    body = b"a" * r.MAX_BODY_BYTES
+def test_requests_within_the_limits_are_served_for_any_size_of_the_received_pieces():
+    body = b"a" * refusals.MAX_BODY_BYTES
     request = POST + b"x: " + b"y" * 30_000 + b"\r\nContent-Length: %d\r\n\r\n" % len(body) + body
-    chunked = (
+    chunked_request = (
         POST
         + b"Transfer-Encoding: chunked\r\n\r\n"
         + b"".join(b"400\r\n" + b"a" * 1024 + b"\r\n" for _ in range(1000))
     )
-    chunked += b"0\r\n\r\n"
+    chunked_request += b"0\r\n\r\n"
 
     async def scenario(server):
         rng = random.Random(3)
-        for piece in (100_000, 262_144, 1460, rng.randrange(5000, 9000)):
+        for piece_bytes in (100_000, 262_144, 1460, rng.randrange(5000, 9000)):
             transport = server.connect()
-            await server.send(transport, (request + chunked) * 2 + GET + b"\r\n", piece)
+            await server.send(transport, (request + chunked_request) * 2 + GET + b"\r\n", piece_bytes)
             assert transport.written.count(b"1048576 bytes") == 2
             assert transport.written.count(b"1024000 bytes") == 2
             assert transport.written.endswith(b"0 bytes")
@@ -95,14 +95,14 @@ def test_incomplete_headers_get_status_408_and_connections_that_send_nothing_are
     async def scenario(server):
         silent, incomplete, one_byte_per_s, empty_lines = (server.connect() for _ in range(4))
         await server.send(incomplete, GET)
-        for _ in range(int(r.HEAD_DEADLINE_S) + 1):
+        for _ in range(int(refusals.HEAD_DEADLINE_S) + 1):
             await server.send(one_byte_per_s, b"x")
             await server.send(empty_lines, b"\r\n")
             await server.wait(1.0)
         assert silent.closed
         assert silent.written == b""
         assert refusal(incomplete) == (408, "too_slow")
-        assert one_byte_per_s.closed or one_byte_per_s.eof
+        assert one_byte_per_s.closed or one_byte_per_s.eof_written
         assert empty_lines.closed
         await server.wait(LINGER_S + 1)
         assert len(server.connections) == 0
@@ -111,29 +111,29 @@ def test_incomplete_headers_get_status_408_and_connections_that_send_nothing_are
 
 
 def test_an_incomplete_body_gets_status_408_and_the_application_gets_a_disconnect():
-    received = []
+    received_types = []
 
-    async def listening(scope, receive, send):
+    async def receiving_app(scope, receive, send):
         while True:
             message = await receive()
-            received.append(message["type"])
+            received_types.append(message["type"])
             if message["type"] == "http.disconnect":
                 return
 
     async def scenario(server):
         transport = server.connect()
         await server.send(transport, POST + b"Content-Length: 100\r\n\r\nabc")
-        await server.wait(r.BODY_DEADLINE_S - 1)
+        await server.wait(refusals.BODY_DEADLINE_S - 1)
         assert transport.written == b""
         await server.wait(2)
         assert refusal(transport) == (408, "too_slow")
-        assert received == ["http.request", "http.disconnect"]
+        assert received_types == ["http.request", "http.disconnect"]
 
-    run_with_server(scenario, listening)
+    run_with_server(scenario, receiving_app)
 
 
 def test_a_slow_response_is_not_interrupted():
-    async def slow(scope, receive, send):
+    async def slow_app(scope, receive, send):
         await asyncio.sleep(60)
         await respond_with_size(scope, receive, send)
 
@@ -143,11 +143,11 @@ def test_a_slow_response_is_not_interrupted():
         await server.wait(61)
         assert transport.written.endswith(b"0 bytes")
 
-    run_with_server(scenario, slow)
+    run_with_server(scenario, slow_app)
 
 
 def test_too_many_pipelined_requests_close_the_connection():
-    async def never(scope, receive, send):
+    async def blocked_app(scope, receive, send):
         await asyncio.Event().wait()
 
     async def scenario(server):
@@ -156,11 +156,11 @@ def test_too_many_pipelined_requests_close_the_connection():
         assert transport.written == b"", (
             "the client would take a refusal for the response to its first request"
         )
-        assert transport.eof
+        assert transport.eof_written
         await server.wait(LINGER_S + 1)
         assert len(server.connections) == 0
 
-    run_with_server(scenario, never)
+    run_with_server(scenario, blocked_app)
 
 
 def test_a_connection_with_an_unread_response_is_closed_at_the_deadline():
@@ -169,7 +169,7 @@ def test_a_connection_with_an_unread_response_is_closed_at_the_deadline():
         for transport in (not_reading, slow):
             transport.client_reads = False
             await server.send(transport, GET + b"\r\n")
-        for _ in range(int(r.UNREAD_DEADLINE_S) + 2):
+        for _ in range(int(refusals.UNREAD_DEADLINE_S) + 2):
             slow.unread = slow.unread[1:]  # the client reads one byte per second
             await server.wait(1)
         assert not_reading.aborted
@@ -183,9 +183,9 @@ def test_the_total_size_of_bodies_is_limited():
         transports = [server.connect() for _ in range(60)]
         for transport in transports:
             await server.send(transport, POST + b"Content-Length: 1000000\r\n\r\n" + b"a" * 900_000)
-        refused = [t for t in transports if t.written]
-        assert {refusal(t) for t in refused} == {(503, "server_full")}
-        assert 60 - len(refused) == server.connections.limits.body_bytes // 900_000
+        refused_transports = [t for t in transports if t.written]
+        assert {refusal(t) for t in refused_transports} == {(503, "server_full")}
+        assert 60 - len(refused_transports) == server.connections.limits.body_bytes // 900_000
 
     run_with_server(scenario)
 
@@ -219,5 +219,5 @@ def test_a_requested_protocol_upgrade_is_ignored_and_the_request_answered():
 
 
 def test_the_limit_of_chunks_allows_every_valid_body():
-    average_chunk_bytes = r.MAX_BODY_BYTES / MAX_CHUNKS
+    average_chunk_bytes = refusals.MAX_BODY_BYTES / MAX_CHUNKS
     assert average_chunk_bytes <= 256

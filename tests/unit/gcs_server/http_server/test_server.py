@@ -13,7 +13,7 @@ def test_the_server_keeps_idle_connections_longer_than_clients_reuse_them():
     loop = asyncio.new_event_loop()
     clock = LoopClock(loop)
     loop.close()
-    reused_for_s = httpx.Limits().keepalive_expiry
-    assert reused_for_s is not None
-    closed_after_s = HttpServer(None, Connections(clock), clock, []).config.timeout_keep_alive
-    assert closed_after_s >= 2 * reused_for_s
+    clients_reuse_for_s = httpx.Limits().keepalive_expiry
+    assert clients_reuse_for_s is not None
+    server_closes_after_s = HttpServer(None, Connections(clock), clock, []).config.timeout_keep_alive
+    assert server_closes_after_s >= 2 * clients_reuse_for_s

@@ -11,6 +11,8 @@ from gcs_server.http_server.websocket_protocol import CLOSE_DEADLINE_S, MAX_FRAM
 from tests.e2e.hostile import frame
 from tests.unit.gcs_server.http_server.memory_server import respond_with_size, run_with_server
 
+CONTINUATION, TEXT, BINARY, PING, PONG = 0, 1, 2, 9, 10
+"""Opcodes of WebSocket frames."""
 UPGRADE = (
     b"GET /x HTTP/1.1\r\nHost: a\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
     b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: " + base64.b64encode(b"0123456789abcdef") + b"\r\n\r\n"
@@ -34,25 +36,25 @@ def close_frame(transport):
     return int.from_bytes(payload[:2], "big"), payload[2:].decode()
 
 
-@pytest.mark.parametrize("opcode", [1, 2, 9, 10])
+@pytest.mark.parametrize("opcode", [TEXT, BINARY, PING, PONG])
 def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_closes_the_connection(opcode):
     async def scenario(server):
         transport = await open_websocket(server)
-        longest_s, finished = 0.0, False
+        longest_iteration_s, finished = 0.0, False
 
         async def measure_iterations():
-            nonlocal longest_s
+            nonlocal longest_iteration_s
             while not finished:
                 began_s = time.thread_time()
                 await asyncio.sleep(0)
-                longest_s = max(longest_s, time.thread_time() - began_s)
+                longest_iteration_s = max(longest_iteration_s, time.thread_time() - began_s)
 
-        measuring = asyncio.ensure_future(measure_iterations())
+        measurement = asyncio.ensure_future(measure_iterations())
         await server.send(transport, frame(b"", opcode) * 42_000)
         finished = True
-        await measuring
+        await measurement
         assert close_frame(transport) == (1008, f"more than {MAX_FRAMES_PER_S} frames in a second")
-        assert longest_s < 0.3, "all frames were parsed in one piece"
+        assert longest_iteration_s < 0.3, "all frames were parsed in one piece"
         await asyncio.sleep(0.1)
         assert len(server.connections) == 0
 
@@ -60,13 +62,13 @@ def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_closes_the_connection(o
 
 
 def test_the_application_gets_every_message_in_order():
-    received = []
+    received_texts = []
 
-    async def listening(scope, receive, send):
+    async def receiving_app(scope, receive, send):
         await receive()
         await send({"type": "websocket.accept"})
         while (message := await receive())["type"] == "websocket.receive":
-            received.append(message["text"])
+            received_texts.append(message["text"])
             await asyncio.sleep(0)
 
     async def scenario(server):
@@ -74,13 +76,13 @@ def test_the_application_gets_every_message_in_order():
         texts = [f"{n} " + "x" * (n * 37 % 9000) for n in range(300)]
         await server.send(transport, b"".join(frame(text.encode()) for text in texts), 10_000)
         await asyncio.sleep(1)
-        assert received == texts
+        assert received_texts == texts
 
-    run_with_server(scenario, listening)
+    run_with_server(scenario, receiving_app)
 
 
 def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
-    async def busy(scope, receive, send):
+    async def blocked_app(scope, receive, send):
         await receive()
         await send({"type": "websocket.accept"})
         await asyncio.Event().wait()
@@ -89,17 +91,17 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
         transport = await open_websocket(server)
         received_bytes = await server.send(transport, frame(b"x" * 1000) * 3000)
         assert received_bytes <= 262_144
-        assert transport.paused
+        assert transport.reading_paused
         assert transport.protocol.queue.qsize() <= 3
 
-    run_with_server(scenario, busy)
+    run_with_server(scenario, blocked_app)
 
 
 def test_a_message_of_too_many_frames_closes_the_connection():
     async def scenario(server):
         transport = await open_websocket(server)
-        parts = frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 2000
-        await server.send(transport, parts)
+        message_frames = frame(b"x", TEXT, final=False) + frame(b"", CONTINUATION, final=False) * 2000
+        await server.send(transport, message_frames)
         assert close_frame(transport) == (1009, f"a message of more than {MAX_FRAMES} frames")
 
     run_with_server(scenario)
@@ -120,7 +122,7 @@ def test_unread_pongs_are_limited():
         transport = await open_websocket(server)
         transport.client_reads = False
         for _ in range(20):
-            await server.send(transport, frame(b"x" * 125, 9) * 900)
+            await server.send(transport, frame(b"x" * 125, PING) * 900)
             await server.wait(1)
         assert len(transport.unread) < 70_000
 
@@ -128,7 +130,7 @@ def test_unread_pongs_are_limited():
 
 
 def test_a_client_that_reads_nothing_gets_a_close_frame_and_is_then_disconnected():
-    async def sending(scope, receive, send):
+    async def sending_app(scope, receive, send):
         await receive()
         await send({"type": "websocket.accept"})
         while True:
@@ -150,7 +152,7 @@ def test_a_client_that_reads_nothing_gets_a_close_frame_and_is_then_disconnected
         assert transport.aborted
         assert len(server.connections) == 0
 
-    run_with_server(scenario, sending)
+    run_with_server(scenario, sending_app)
 
 
 def test_an_open_websocket_without_messages_stays_open():
@@ -158,36 +160,40 @@ def test_an_open_websocket_without_messages_stays_open():
         transport = await open_websocket(server)
         for _ in range(10):
             await server.wait(15)
+            # A ping of the server has four bytes of payload.
             pings = transport.written.count(b"\x89\x04")
             payload = transport.written[transport.written.rindex(b"\x89\x04") + 2 :][:4] if pings else b""
-            await server.send(transport, frame(payload, 10))
+            await server.send(transport, frame(payload, PONG))
         assert not transport.closed
 
     run_with_server(scenario, respond_with_size)
 
 
-@pytest.mark.parametrize("early", [frame(b"early"), b"\xff" * 5000, frame(b"x", 0), frame(b"x" * 3_000_000)])
+@pytest.mark.parametrize(
+    "early_data", [frame(b"early"), b"\xff" * 5000, frame(b"x", CONTINUATION), frame(b"x" * 3_000_000)]
+)
 @pytest.mark.parametrize("disconnects", [False, True])
-def test_data_received_before_the_accept_is_kept_and_causes_no_log_line(early, disconnects, caplog):
-    received = []
+def test_data_received_before_the_accept_is_kept_and_causes_no_log_line(early_data, disconnects, caplog):
+    received_messages = []
 
-    async def slow(scope, receive, send):
+    async def slow_app(scope, receive, send):
         await receive()
         await asyncio.sleep(1)
         await send({"type": "websocket.accept"})
-        received.append(await receive())
+        received_messages.append(await receive())
 
     async def scenario(server):
         transport = server.connect()
         await server.send(transport, UPGRADE)
-        await server.send(transport, early)
+        await server.send(transport, early_data)
         if disconnects:
             transport.abort()
         await asyncio.sleep(2)
         assert disconnects or b" 101 " in transport.written
         assert len(server.connections) == 0
 
-    run_with_server(scenario, slow)
+    run_with_server(scenario, slow_app)
     assert caplog.records == []
     if not disconnects:
-        assert received[0].get("text") == "early" or received[0]["type"] == "websocket.disconnect"
+        message = received_messages[0]
+        assert message.get("text") == "early" or message["type"] == "websocket.disconnect"
