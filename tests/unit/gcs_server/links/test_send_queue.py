@@ -17,21 +17,22 @@ from gcs_server.links.send_queue import (
     SendQueue,
 )
 
-PEER, OTHER = Peer("a"), Peer("b")
+PEER, OTHER_PEER = Peer("a"), Peer("b")
 LONGEST_WAIT_PACKETS = MAX_PASSED_OVER + 2 * (CLASSES - 2)
-"""The most packets of other classes (except class 0) that may be sent before a waiting packet."""
+"""Largest number of packets of other classes (except class 0) that are sent before a waiting packet."""
 
 
 def packet(name, priority, *, expires_s=1e9, key=None, group=None, peer=PEER, size=40):
+    """A packet; priority 0: stop motors, 1: mode, 2: other command, 3: setpoint, 4: other message."""
     return Packet(
         peer, size, lambda: name.encode(), priority=priority, expires_s=expires_s, key=key, group=group
     )
 
 
-def drain(queue, now_s=0.0):
+def take_names(queue, now_s=0.0):
     names = []
-    while (taken := queue.take(now_s)) is not None:
-        names.append(taken.finish().decode())
+    while (taken_packet := queue.take(now_s)) is not None:
+        names.append(taken_packet.finish().decode())
     return names
 
 
@@ -39,7 +40,7 @@ def test_the_most_urgent_packet_is_sent_first_and_packets_of_equal_priority_keep
     queue = SendQueue(SendCounts())
     for name, priority in (("p", 4), ("s", 3), ("c1", 2), ("stop", 0), ("c2", 2), ("mode", 1)):
         assert queue.put(packet(name, priority), 0.0)
-    assert drain(queue) == ["stop", "mode", "c1", "c2", "s", "p"]
+    assert take_names(queue) == ["stop", "mode", "c1", "c2", "s", "p"]
 
 
 def test_a_setpoint_replaces_the_waiting_setpoint_of_its_vehicle_and_vehicles_take_turns():
@@ -48,8 +49,8 @@ def test_a_setpoint_replaces_the_waiting_setpoint_of_its_vehicle_and_vehicles_ta
     queue.put(packet("1 old", 3, key="1"), 0.0)
     queue.put(packet("2", 3, key="2"), 0.0)
     queue.put(packet("1 new", 3, key="1"), 0.0)
-    queue.put(packet("1 of another peer", 3, key="1", peer=OTHER), 0.0)
-    assert drain(queue) == ["1 new", "2", "1 of another peer"]
+    queue.put(packet("1 of another peer", 3, key="1", peer=OTHER_PEER), 0.0)
+    assert take_names(queue) == ["1 new", "2", "1 of another peer"]
     assert counts.frames_replaced == 1
 
 
@@ -58,7 +59,7 @@ def test_expired_packets_are_never_sent():
     queue = SendQueue(counts)
     queue.put(packet("late", 3, expires_s=0.1), 0.0)
     queue.put(packet("in time", 4, expires_s=0.3), 0.0)
-    assert drain(queue, 0.2) == ["in time"]
+    assert take_names(queue, 0.2) == ["in time"]
     assert counts.frames_expired == 1
 
 
@@ -70,17 +71,17 @@ def test_a_newer_flight_command_removes_waiting_commands_of_its_vehicle_but_not_
     queue.put(packet("stop", 0, key="s", group="1"), 0.0)
     queue.put(packet("terminate", 0, key="t", group="1"), 0.0)
     queue.put(packet("land", 1, group="1"), 0.0)
-    assert drain(queue) == ["stop", "terminate", "land", "arm 2"]
+    assert take_names(queue) == ["stop", "terminate", "land", "arm 2"]
 
 
 def test_packets_beyond_the_limit_are_dropped_but_not_stop_motors():
     counts = SendCounts()
     queue = SendQueue(counts)
-    kept = [queue.put(packet(f"r{n}", LEAST_URGENT, size=1000), 0.0) for n in range(100)]
-    assert kept.count(True) == LEAST_URGENT_LIMIT_BYTES // 1000
+    accepted = [queue.put(packet(f"r{n}", LEAST_URGENT, size=1000), 0.0) for n in range(100)]
+    assert accepted.count(True) == LEAST_URGENT_LIMIT_BYTES // 1000
     assert [queue.put(packet(f"c{n}", 2), 0.0) for n in range(600)].count(True) == CLASS_LIMIT
     assert all(queue.put(packet(f"s{n}", MOST_URGENT), 0.0) for n in range(1000))
-    assert counts.frames_dropped == 36 + 88
+    assert counts.frames_dropped == (100 - LEAST_URGENT_LIMIT_BYTES // 1000) + (600 - CLASS_LIMIT)
     full_queue = SendQueue(SendCounts())
     assert all(
         full_queue.put(packet(f"r{n}", LEAST_URGENT, size=1000, expires_s=1.0), 0.0) for n in range(64)
@@ -95,46 +96,50 @@ def test_under_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starv
     rng = random.Random(seed)
     counts = SendCounts()
     queue = SendQueue(counts)
-    put, taken, now_s, count = {}, set(), 0.0, 0
+    submitted, sent_numbers, now_s, last_number = {}, set(), 0.0, 0
     passed_over = [0] * CLASSES
     waiting_stops = set()
     for _ in range(4000):
         now_s += rng.choice((0.0, 0.002, 0.02))
         for _ in range(rng.choice((0, 1, 1, 2, 5))):
             priority = rng.choices(range(CLASSES), (0.02, 0.1, 0.3, 1.0, 1.0))[0]
-            count += 1
+            last_number += 1
             lifetime_s = 1e9 if priority == MOST_URGENT else (0.5, 0.5, 0.1, 3.0)[priority - 1]
-            key = {3: f"sp{rng.randrange(4)}", 0: f"stop{count}"}.get(priority)
+            key = {3: f"sp{rng.randrange(4)}", 0: f"stop{last_number}"}.get(priority)
             group = f"v{rng.randrange(4)}" if priority < 3 and rng.random() < 0.5 else None
-            put[count] = (priority, now_s + lifetime_s)
+            submitted[last_number] = (priority, now_s + lifetime_s)
             if queue.put(
-                packet(str(count), priority, expires_s=now_s + lifetime_s, key=key, group=group), now_s
+                packet(str(last_number), priority, expires_s=now_s + lifetime_s, key=key, group=group), now_s
             ):
                 if priority == MOST_URGENT:
-                    waiting_stops.add(count)
+                    waiting_stops.add(last_number)
             else:
                 assert priority != MOST_URGENT
         for _ in range(rng.choice((0, 0, 1, 1, 2))):
-            waiting = [bool(w) for w in queue._waiting]
+            was_waiting = [bool(w) for w in queue._waiting]
             sent_packet = queue.take(now_s)
             if sent_packet is None:
                 assert not waiting_stops
                 continue
             number = int(sent_packet.finish())
-            priority, expires_s = put[number]
-            assert number not in taken
-            taken.add(number)
+            priority, expires_s = submitted[number]
+            assert number not in sent_numbers
+            sent_numbers.add(number)
             assert expires_s >= now_s, "an expired packet was sent"
             assert priority == MOST_URGENT or not waiting_stops, "stop motors was not first"
             waiting_stops.discard(number)
-            for other in range(1, CLASSES):
-                still_waiting = waiting[other] and bool(queue._waiting[other]) and other != priority
-                passed_over[other] = passed_over[other] + (priority != MOST_URGENT) if still_waiting else 0
-                assert passed_over[other] <= LONGEST_WAIT_PACKETS, f"class {other} starves"
+            for other_class in range(1, CLASSES):
+                still_waiting = (
+                    was_waiting[other_class] and bool(queue._waiting[other_class]) and other_class != priority
+                )
+                passed_over[other_class] = (
+                    passed_over[other_class] + (priority != MOST_URGENT) if still_waiting else 0
+                )
+                assert passed_over[other_class] <= LONGEST_WAIT_PACKETS, f"class {other_class} starves"
     queue.purge(now_s)
-    assert len(taken) + counts.frames_expired + counts.frames_replaced + counts.frames_dropped + len(
+    assert len(sent_numbers) + counts.frames_expired + counts.frames_replaced + counts.frames_dropped + len(
         queue
-    ) == len(put)
+    ) == len(submitted)
     assert waiting_stops == {int(p.finish()) for p in queue._waiting[MOST_URGENT].values()}, (
         "a stop motors command was lost"
     )

@@ -13,55 +13,55 @@ NOW_US = 1_700_000_000_000_000
 FRAME = encode_frame(0, b"\x01" * 9, 0, 1, 1)
 
 
-def recorder(folder, **options):
+def make_recorder(folder, **options):
     return TlogRecorder(folder, **{"max_bytes": 10_000_000, "keep_free_bytes": 0, **options})
 
 
-def files(folder):
+def tlog_files(folder):
     return sorted(folder.glob("*.tlog"))
 
 
 def test_appended_records_are_read_back(tmp_path):
-    tlogs = recorder(tmp_path / "logs")
-    channel = tlogs.channel("udpin-127.0.0.1/14550")
+    recorder = make_recorder(tmp_path / "logs")
+    channel = recorder.channel("udpin-127.0.0.1/14550")
     for n in range(100):
         channel.append(stamp(NOW_US + n), FRAME)
-    tlogs.close()
-    (path,) = files(tmp_path / "logs")
+    recorder.close()
+    (path,) = tlog_files(tmp_path / "logs")
     assert path.name == "20231114-221320-udpin-127.0.0.1_14550.tlog"
     assert list(read_tlog(path)) == [(NOW_US + n, FRAME) for n in range(100)]
 
 
 def test_a_link_without_traffic_creates_no_file(tmp_path):
-    tlogs = recorder(tmp_path)
-    tlogs.channel("quiet")
-    tlogs.close()
-    assert files(tmp_path) == []
+    recorder = make_recorder(tmp_path)
+    recorder.channel("quiet")
+    recorder.close()
+    assert tlog_files(tmp_path) == []
 
 
 def test_a_recording_is_rotated_by_size_between_records(tmp_path):
-    tlogs = recorder(tmp_path, max_bytes=1000)
-    channel = tlogs.channel("a")
+    recorder = make_recorder(tmp_path, max_bytes=1000)
+    channel = recorder.channel("a")
     for n in range(100):
         channel.append(stamp(NOW_US + n), FRAME)
-        tlogs.flush()
-    tlogs.close()
-    assert len(files(tmp_path)) > 2
-    assert all(path.stat().st_size <= 1000 for path in files(tmp_path))
-    assert sorted(t for path in files(tmp_path) for t, _ in read_tlog(path)) == [
+        recorder.flush()
+    recorder.close()
+    assert len(tlog_files(tmp_path)) > 2
+    assert all(path.stat().st_size <= 1000 for path in tlog_files(tmp_path))
+    assert sorted(time_us for path in tlog_files(tmp_path) for time_us, _ in read_tlog(path)) == [
         NOW_US + n for n in range(100)
     ]
 
 
 def test_a_full_disk_stops_the_recording_until_there_is_space(tmp_path, monkeypatch):
-    tlogs = recorder(tmp_path)
-    channel = tlogs.channel("a")
+    recorder = make_recorder(tmp_path)
+    channel = recorder.channel("a")
     channel.append(stamp(NOW_US), FRAME)
-    tlogs.flush()
-    real_write, full = os.write, True
+    recorder.flush()
+    real_write, disk_full = os.write, True
 
     def write(descriptor, data):
-        if not full:
+        if not disk_full:
             return real_write(descriptor, data)
         if len(data) > 10:
             return real_write(descriptor, data[:10])  # an incomplete record, then an error
@@ -70,52 +70,55 @@ def test_a_full_disk_stops_the_recording_until_there_is_space(tmp_path, monkeypa
     monkeypatch.setattr(tlog_writer.os, "write", write)
     monkeypatch.setattr(tlog_writer, "TRY_AGAIN_FLUSHES", 2)
     channel.append(stamp(NOW_US + 1), FRAME)
-    tlogs.flush()
-    ((link, problem),) = tlogs.problems()
+    recorder.flush()
+    ((link, problem),) = recorder.problems()
     assert link == "a"
     assert "No space left" in problem
     channel.append(stamp(NOW_US + 2), FRAME)
     assert channel.backlog_records == 0
-    full = False
-    tlogs.flush()
-    tlogs.flush()
-    assert tlogs.problems() == []
+    disk_full = False
+    recorder.flush()
+    recorder.flush()
+    assert recorder.problems() == []
     channel.append(stamp(NOW_US + 3), FRAME)
-    tlogs.close()
-    assert [t for path in files(tmp_path) for t, _ in read_tlog(path)] == [NOW_US, NOW_US + 3]
-    assert files(tmp_path)[0].stat().st_size == 8 + len(FRAME)
+    recorder.close()
+    assert [time_us for path in tlog_files(tmp_path) for time_us, _ in read_tlog(path)] == [
+        NOW_US,
+        NOW_US + 3,
+    ]
+    assert tlog_files(tmp_path)[0].stat().st_size == 8 + len(FRAME)  # one record: its time and its frame
 
 
 def test_too_little_disk_space_is_reported_with_the_limit(tmp_path):
-    tlogs = recorder(tmp_path, keep_free_bytes=10**18)
-    channel = tlogs.channel("a")
+    recorder = make_recorder(tmp_path, keep_free_bytes=10**18)
+    channel = recorder.channel("a")
     channel.append(stamp(NOW_US), FRAME)
-    tlogs.flush()
-    assert "are kept free" in tlogs.problems()[0][1]
-    assert files(tmp_path) == []
-    tlogs.close()
+    recorder.flush()
+    assert "are kept free" in recorder.problems()[0][1]
+    assert tlog_files(tmp_path) == []
+    recorder.close()
 
 
 def test_the_backlog_of_a_stalled_disk_is_limited(tmp_path, monkeypatch):
     monkeypatch.setattr(tlog_writer, "BACKLOG_LIMIT_RECORDS", 5)
-    tlogs = recorder(tmp_path)
-    channel = tlogs.channel("a")
+    recorder = make_recorder(tmp_path)
+    channel = recorder.channel("a")
     for n in range(10):
         channel.append(stamp(NOW_US + n), FRAME)
     assert channel.backlog_records == 5
-    tlogs.flush()
-    assert "too slow" in tlogs.problems()[0][1]
-    tlogs.close()
+    recorder.flush()
+    assert "too slow" in recorder.problems()[0][1]
+    recorder.close()
 
 
-def test_a_removed_link_ends_its_file(tmp_path):
-    tlogs = recorder(tmp_path)
-    channel = tlogs.channel("a")
+def test_the_file_of_a_removed_link_is_closed(tmp_path):
+    recorder = make_recorder(tmp_path)
+    channel = recorder.channel("a")
     channel.append(stamp(NOW_US), FRAME)
     channel.closing = True
-    tlogs.flush()
-    assert tlogs._channels == []
-    tlogs.close()
+    recorder.flush()
+    assert recorder._channels == []
+    recorder.close()
 
 
 def test_the_recorders_thread_continues_after_a_fault(tmp_path, monkeypatch):
@@ -133,9 +136,9 @@ def test_the_recorders_thread_continues_after_a_fault(tmp_path, monkeypatch):
     recorder.start()
     channel = recorder.channel("l")
     channel.append(tlog_writer.stamp(1_700_000_000_000_000), b"frame")
-    until_s = time.monotonic() + 5
+    deadline_s = time.monotonic() + 5
     while not channel.info().bytes:
-        assert time.monotonic() < until_s
+        assert time.monotonic() < deadline_s
         time.sleep(0.01)
     recorder.close()
     assert faults
