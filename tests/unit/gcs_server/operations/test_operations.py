@@ -41,8 +41,8 @@ async def work_forever(report):
     await asyncio.sleep(1e6)
 
 
-def start(context, work=work_forever, kind="parameters/read", **more):
-    return context.operations.start(kind, work, text="Beginning", **more)
+def start(context, work=work_forever, kind="parameters/read", **options):
+    return context.operations.start(kind, work, text="Beginning", **options)
 
 
 def test_an_operation_reports_progress_and_ends_with_its_result():
@@ -53,21 +53,21 @@ def test_an_operation_reports_progress_and_ends_with_its_result():
                 await asyncio.sleep(1.0)
             return {"count": 929}
 
-        started = start(context, work, vehicle="1", by=("anna", "key"))
-        assert (started.state, started.progress, started.text, started.client) == (
+        operation = start(context, work, vehicle="1", by=("anna", "key"))
+        assert (operation.state, operation.progress, operation.text, operation.client) == (
             "running",
             None,
             "Beginning",
             "anna",
         )
         await asyncio.sleep(2.5)
-        assert (context.operations.get(started.id).text, context.operations.get(started.id).progress) == (
+        assert (context.operations.get(operation.id).text, context.operations.get(operation.id).progress) == (
             "Step 2",
             0.5,
         )
-        ended = await context.operations.wait(started.id)
-        assert (ended.state, ended.progress, ended.result) == ("succeeded", 1.0, {"count": 929})
-        assert ended.ended_unix_s - ended.started_unix_s == pytest.approx(4.0)
+        operation = await context.operations.wait(operation.id)
+        assert (operation.state, operation.progress, operation.result) == ("succeeded", 1.0, {"count": 929})
+        assert operation.ended_unix_s - operation.started_unix_s == pytest.approx(4.0)
         assert [(o.state, o.text) for o in context.published] == [
             ("running", "Beginning"),
             *(("running", f"Step {step}") for step in (1, 2, 3)),
@@ -81,11 +81,12 @@ def test_progress_events_are_limited_to_a_few_per_second():
     async def test(context):
         async def work(report):
             for step in range(1000):
-                report("Reading " + "x" * 1000, step / 1000 * 5 - 1)
+                report("Reading " + "x" * 1000, step / 1000 * 5 - 1)  # from -1 to 4
                 await asyncio.sleep(0.001)
 
         start(context, work)
         await asyncio.sleep(2.0)
+        # The start, the end, and the progress during one second.
         assert len(context.published) <= 2 + 1.0 / PROGRESS_PERIOD_S
         assert all(o.progress is None or 0 <= o.progress <= 1 for o in context.published)
         assert all(len(o.text) <= MAX_TEXT_LENGTH for o in context.published)
@@ -109,29 +110,29 @@ def test_equal_requests_share_one_operation_that_outlives_its_caller():
 
 def test_cancel_waits_for_the_cleanup_and_can_be_repeated():
     async def test(context):
-        steps = []
+        cleanup_steps = []
 
         async def work(report):
             try:
                 await asyncio.sleep(1e6)
             finally:
-                steps.append("cleaning")
+                cleanup_steps.append("cleaning")
                 await asyncio.sleep(1.5)
-                steps.append("clean")
+                cleanup_steps.append("clean")
 
-        started = start(context, work)
+        operation = start(context, work)
         await asyncio.sleep(1)
-        ended = await context.operations.cancel(started.id)
-        assert (ended.state, ended.error, steps) == ("cancelled", None, ["cleaning", "clean"])
-        assert await context.operations.cancel(started.id) == ended
+        operation = await context.operations.cancel(operation.id)
+        assert (operation.state, operation.error, cleanup_steps) == ("cancelled", None, ["cleaning", "clean"])
+        assert await context.operations.cancel(operation.id) == operation
 
     run_test(test)
 
 
 def test_an_operation_can_be_cancelled_before_its_first_step():
     async def test(context):
-        started = start(context)
-        assert (await context.operations.cancel(started.id)).state == "cancelled"
+        operation = start(context)
+        assert (await context.operations.cancel(operation.id)).state == "cancelled"
 
     run_test(test)
 
@@ -144,11 +145,11 @@ def test_a_raised_exception_becomes_the_operations_error(error, code):
         async def work(report):
             raise error
 
-        started = start(context, work)
+        operation = start(context, work)
         with pytest.raises(type(error) if isinstance(error, NoReply) else Exception):
-            await context.operations.wait(started.id)
-        ended = context.operations.get(started.id)
-        assert (ended.state, ended.error.code, ended.result) == ("failed", code, None)
+            await context.operations.wait(operation.id)
+        operation = context.operations.get(operation.id)
+        assert (operation.state, operation.error.code, operation.result) == ("failed", code, None)
 
     run_test(test)
 
@@ -158,9 +159,9 @@ def test_a_too_large_result_fails_the_operation():
         async def work(report):
             return {"all": "x" * MAX_RESULT_LENGTH}
 
-        started = start(context, work)
+        operation = start(context, work)
         await asyncio.sleep(0.1)
-        assert (context.operations.get(started.id).state, context.operations.get(started.id).result) == (
+        assert (context.operations.get(operation.id).state, context.operations.get(operation.id).result) == (
             "failed",
             None,
         )
@@ -172,14 +173,14 @@ def test_when_a_vehicle_is_lost_only_the_operations_that_need_it_fail():
     async def test(context):
         upload = start(context, kind="upload", vehicle="1", needs_vehicle=True)
         dry_run = start(context, kind="dry_run", vehicle="1")
-        other = start(context, kind="upload", vehicle="2", needs_vehicle=True)
+        other_upload = start(context, kind="upload", vehicle="2", needs_vehicle=True)
         await asyncio.sleep(1)
         context.operations.vehicle_lost("1", "silent for 5 s")
         await asyncio.sleep(LINK_GRACE_S + 0.01)
-        lost = context.operations.get(upload.id)
-        assert (lost.state, lost.text) == ("failed", "Vehicle 1 was lost: silent for 5 s")
-        assert isinstance(lost.error, Disconnected)
-        assert [context.operations.get(o.id).state for o in (dry_run, other)] == ["running", "running"]
+        failed_upload = context.operations.get(upload.id)
+        assert (failed_upload.state, failed_upload.text) == ("failed", "Vehicle 1 was lost: silent for 5 s")
+        assert isinstance(failed_upload.error, Disconnected)
+        assert [context.operations.get(o.id).state for o in (dry_run, other_upload)] == ["running", "running"]
 
     run_test(test)
 
@@ -190,22 +191,22 @@ def test_an_operation_that_detects_the_loss_itself_fails_with_its_own_error():
             await asyncio.sleep(1.5)
             raise NoReply("The vehicle sent 12 of 929 parameters.", deadline_s=1)
 
-        started = start(context, work, vehicle="1", needs_vehicle=True)
+        operation = start(context, work, vehicle="1", needs_vehicle=True)
         await asyncio.sleep(1)
         context.operations.vehicle_lost("1", "its link was closed")
         await asyncio.sleep(5)
-        assert context.operations.get(started.id).text == "The vehicle sent 12 of 929 parameters."
+        assert context.operations.get(operation.id).text == "The vehicle sent 12 of 929 parameters."
 
     run_test(test)
 
 
 def test_when_the_server_stops_all_operations_are_cancelled_and_no_operation_starts():
     async def test(context):
-        started = [start(context, vehicle=str(n)) for n in range(3)]
+        operations = [start(context, vehicle=str(n)) for n in range(3)]
         await asyncio.sleep(1)
         await context.operations.close()
-        assert {context.operations.get(o.id).state for o in started} == {"cancelled"}
-        assert context.operations.get(started[0].id).text == "The server stopped."
+        assert {context.operations.get(o.id).state for o in operations} == {"cancelled"}
+        assert context.operations.get(operations[0].id).text == "The server stopped."
         with pytest.raises(Refused, match="shutting down"):
             start(context)
 
@@ -214,23 +215,23 @@ def test_when_the_server_stops_all_operations_are_cancelled_and_no_operation_sta
 
 def test_running_operations_are_limited_and_the_oldest_ended_are_dropped():
     async def test(context):
-        async def short(report):
+        async def short_work(report):
             await asyncio.sleep(0.01)
 
         running = [start(context, kind="dry_run", vehicle=str(n)) for n in range(MAX_RUNNING)]
         with pytest.raises(Refused, match="which is the limit"):
-            start(context, short)
+            start(context, short_work)
         await context.operations.cancel(running[0].id)
-        ended = []
+        ended_ids = []
         for _ in range(MAX_ENDED + 10):
-            ended.append(start(context, short).id)
+            ended_ids.append(start(context, short_work).id)
             await asyncio.sleep(0.02)
         assert len(context.operations.all()) == MAX_RUNNING - 1 + MAX_ENDED
         with pytest.raises(UnknownOperation):
             context.operations.get(running[0].id)
         with pytest.raises(UnknownOperation):
-            context.operations.get(ended[9])
-        assert context.operations.get(ended[10]).state == "succeeded"
+            context.operations.get(ended_ids[9])
+        assert context.operations.get(ended_ids[10]).state == "succeeded"
         assert context.operations.get(running[1].id).state == "running"
 
     run_test(test)

@@ -34,15 +34,18 @@ def test_the_corridor_begins_at_the_start_and_contains_all_flights():
 
 def dry_run_with_roles(**changes):
     """A dry run of two vehicles that start 20 m apart."""
-    single = mission_dry_run()
-    lead = single["monte_carlo"]["corridor"]
-    left = {**lead, "position_ned_m": [[n, e + 20.0, d] for n, e, d in lead["position_ned_m"]]}
-    roles = {"lead": {"corridor": lead}, "left": {"corridor": left}}
-    return {**single, "together": {"monte_carlo": {"roles": roles}}, **changes}
+    vehicle_dry_run = mission_dry_run()
+    lead_corridor = vehicle_dry_run["monte_carlo"]["corridor"]
+    left_corridor = {
+        **lead_corridor,
+        "position_ned_m": [[n, e + 20.0, d] for n, e, d in lead_corridor["position_ned_m"]],
+    }
+    roles = {"lead": {"corridor": lead_corridor}, "left": {"corridor": left_corridor}}
+    return {**vehicle_dry_run, "together": {"monte_carlo": {"roles": roles}}, **changes}
 
 
 LEFT_START_NED_M = (START_NED_M[0], START_NED_M[1] + 20.0, START_NED_M[2] + 3.0)
-"""The start of the second role's vehicle, 3 m lower."""
+"""Start of the vehicle of the role "left": 20 m east of START_NED_M and 3 m lower."""
 
 
 def test_the_corridor_of_a_role_begins_at_its_own_vehicle():
@@ -88,19 +91,19 @@ PLAN_START_NED_M = (START_NED_M[0] + 1.0, START_NED_M[1] - 1.0, -2.0)
 
 def plan_dry_run(**changes):
     """A dry run of a waypoint plan that started 1 m south and 1 m east of `PLAN_START_NED_M`."""
-    single = mission_dry_run()
+    vehicle_dry_run = mission_dry_run()
     path_ned_m = [[0.0, 0.0, 0.0], [5.0, 0.0, -8.0], [10.0, 0.0, 0.0]]
     nominal = {
-        **single["nominal"], "finished": True, "landed": True, "duration_s": 4.0,
+        **vehicle_dry_run["nominal"], "finished": True, "landed": True, "duration_s": 4.0,
         "path": {"t_s": [0.0, 2.0, 4.0], "position_ned_m": path_ned_m},
         "steps": [{"place": "item 1", "title": "Return home", "row": 0, "start_s": 0.0, "end_s": 4.0}],
     }  # fmt: skip
-    return {**single, "kind": "waypoint_plan", "nominal": {**nominal, **changes}}
+    return {**vehicle_dry_run, "kind": "waypoint_plan", "nominal": {**nominal, **changes}}
 
 
 def test_the_path_of_a_plan_begins_at_the_vehicles_altitude_and_the_dry_runs_horizontal_position():
-    planned, corridor = path_of(plan_dry_run(), PLAN, PLAN_START_NED_M, ORIGIN)
-    assert planned.passes[0].leg.points[1] == pytest.approx(
+    path, corridor = path_of(plan_dry_run(), PLAN, PLAN_START_NED_M, ORIGIN)
+    assert path.passes[0].leg.points[1] == pytest.approx(
         (2.0, START_NED_M[0] + 5.0, START_NED_M[1], -10.0), abs=0.01
     )
     assert corridor.position_ned_m[1] == pytest.approx(

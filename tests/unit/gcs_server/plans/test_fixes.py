@@ -69,17 +69,18 @@ PLANS: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
     "fence_invalid": ([TAKEOFF, waypoint(20)], {"fence": [SELF_CROSSING_FENCE]}),
 }
 """For each finding code: items, and other fields of the plan or PX4's parameters."""
-FLY = "{step: fly, points: [{offset_ned_m: [20, 0, -10]}]"
+OPEN_FLY = "{step: fly, points: [{offset_ned_m: [20, 0, -10]}]"
+"""A step without its closing brace, so that fields can be appended."""
 FLY_HIGH = "{step: fly, points: [{offset_ned_m: [20, 0, -150]}, {offset_ned_m: [40, 0, -50]}]}"
 FLY_GLOBAL = "{step: fly, points: [{lat_deg: 47.4002, lon_deg: 8.5, alt_amsl_m: 500}]}"
 MISSIONS: dict[str, tuple[list[str], dict[str, Any]]] = {
-    "takeoff_missing": ([FLY + "}", "{step: land}"], {}),
+    "takeoff_missing": ([OPEN_FLY + "}", "{step: land}"], {}),
     "takeoff_in_air": (["TAKE_OFF", "{step: take_off, height_m: 8}", "{step: land}"], {}),
-    "landing_missing": (["TAKE_OFF", FLY + "}"], {}),
+    "landing_missing": (["TAKE_OFF", OPEN_FLY + "}"], {}),
     "estimate_missing": (["TAKE_OFF", FLY_GLOBAL, "{step: land}"], {}),
-    "speed_too_high": (["TAKE_OFF", FLY + ", speed_m_s: 9}", "{step: land}"], {"MPC_XY_VEL_MAX": 8.0}),
+    "speed_too_high": (["TAKE_OFF", OPEN_FLY + ", speed_m_s: 9}", "{step: land}"], {"MPC_XY_VEL_MAX": 8.0}),
     "speed_too_high of the mission": (
-        ["TAKE_OFF", FLY + "}", "{step: land}"],
+        ["TAKE_OFF", OPEN_FLY + "}", "{step: land}"],
         {"limits": {"speed_m_s": 14.0}},
     ),
     "tilt_exceeded": (
@@ -92,39 +93,40 @@ MISSIONS: dict[str, tuple[list[str], dict[str, Any]]] = {
     "altitude_fence": (["TAKE_OFF", FLY_HIGH], {"GF_MAX_VER_DIST": 80.0}),
     "limit_exceeded": (["TAKE_OFF", FLY_HIGH], {"height_max_m": 40.0}),
     "altitude_below_home": (["TAKE_OFF", "{step: fly, points: [{offset_ned_m: [20, 0, 3]}]}"], {}),
-    "gimbal_steep": (["TAKE_OFF", "{step: gimbal, track: fixed, pitch_rad: 2}", FLY + "}"], {}),
+    "gimbal_steep": (["TAKE_OFF", "{step: gimbal, track: fixed, pitch_rad: 2}", OPEN_FLY + "}"], {}),
     "gimbal_steep of a sweep": (
         ["TAKE_OFF", "{step: gimbal, track: sweep, pitch_rad: -1.2, sweep_pitch_rad: 0.6}"],
         {},
     ),
 }
-OTHER_FIELDS = {"planned_home", "hover_speed_m_s", "fence", "limits"}
+"""For each finding code: steps, of which TAKE_OFF is a take-off, and other fields or PX4's parameters."""
+DOCUMENT_FIELDS = {"planned_home", "hover_speed_m_s", "fence", "limits"}
 
 
-def make_plan(items: list[dict[str, Any]], more: dict[str, Any]) -> Plan:
-    fields = {name: value for name, value in more.items() if name in OTHER_FIELDS}
+def make_plan(items: list[dict[str, Any]], extras: dict[str, Any]) -> Plan:
+    fields = {name: value for name, value in extras.items() if name in DOCUMENT_FIELDS}
     text = json.dumps({"planned_home": HOME, "items": items, **fields})
     return Plan.model_validate_json(text)
 
 
-def make_mission(steps: list[str], more: dict[str, Any]) -> OffboardMission:
+def make_mission(steps: list[str], extras: dict[str, Any]) -> OffboardMission:
     lines = "".join(f"- {step.replace('TAKE_OFF', '{step: take_off, height_m: 10}')}\n" for step in steps)
-    extra = f"limits: {json.dumps(more['limits'])}\n" if "limits" in more else ""
-    return read(f"name: Test\n{extra}steps:\n{lines}")
+    limits_line = f"limits: {json.dumps(extras['limits'])}\n" if "limits" in extras else ""
+    return read(f"name: Test\n{limits_line}steps:\n{lines}")
 
 
 def check(
-    document: dict[str, Any], more: dict[str, Any], home: dict[str, float] | None
+    document: dict[str, Any], extras: dict[str, Any], home: dict[str, float] | None
 ) -> list[dict[str, Any]]:
     """Findings as the API returns them."""
     arguments = {
         "plan": json.dumps(document),
-        "parameters": {name: value for name, value in more.items() if name.isupper()},
+        "parameters": {name: value for name, value in extras.items() if name.isupper()},
         "unknown_parameters": [],
         "home": home,
         "origin": None,
         "reported": None,
-        "operator": OperatorArea(height_max_m=more.get("height_max_m")).to_json(),
+        "operator": OperatorArea(height_max_m=extras.get("height_max_m")).to_json(),
         "power": {"hover_power_w": 200.0, "battery_wh": 5000.0, "mass_kg": 2.0},
         "elevation": [],
     }
@@ -133,33 +135,33 @@ def check(
 
 def cases() -> dict[str, dict[str, Any]]:
     """The plans and the finding that is to be fixed, by name."""
-    by_name: dict[str, dict[str, Any]] = {}
-    for kind, table, make in (("plan", PLANS, make_plan), ("mission", MISSIONS, make_mission)):
-        for name, (parts, more) in table.items():
-            document = json.loads(documents.write(make(parts, more)))  # type: ignore[operator]
-            findings = check(document, more, None)
-            found = next(each for each in findings if each["code"] == name.split()[0])
-            by_name[f"{kind}: {name}"] = {"more": more, "document": document, "finding": found}
-    return by_name
+    cases_by_name: dict[str, dict[str, Any]] = {}
+    for kind, table, make_document in (("plan", PLANS, make_plan), ("mission", MISSIONS, make_mission)):
+        for name, (elements, extras) in table.items():
+            document = json.loads(documents.write(make_document(elements, extras)))  # type: ignore[operator]
+            findings = check(document, extras, None)
+            finding = next(each for each in findings if each["code"] == name.split()[0])
+            cases_by_name[f"{kind}: {name}"] = {"more": extras, "document": document, "finding": finding}
+    return cases_by_name
 
 
-def stored(name: str) -> dict[str, Any]:
+def read_stored(name: str) -> dict[str, Any]:
     return json.loads((FOLDER / name).read_text(encoding="utf-8"))
 
 
-NAMES = [f"{kind}: {name}" for kind, table in (("plan", PLANS), ("mission", MISSIONS)) for name in table]
+CASE_NAMES = [f"{kind}: {name}" for kind, table in (("plan", PLANS), ("mission", MISSIONS)) for name in table]
 
 
-def test_the_stored_cases_are_up_to_date() -> None:
-    assert cases() == stored("cases.json")
-    assert list(stored("fixed.json")) == NAMES
+def test_the_stored_cases_equal_the_generated_cases() -> None:
+    assert cases() == read_stored("cases.json")
+    assert list(read_stored("fixed.json")) == CASE_NAMES
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", CASE_NAMES)
 def test_the_fix_removes_the_finding_and_adds_no_error(name: str) -> None:
-    case, fixed = stored("cases.json")[name], stored("fixed.json")[name]
+    case, fixed_document = read_stored("cases.json")[name], read_stored("fixed.json")[name]
     before = check(case["document"], case["more"], None)
-    after = check(fixed, case["more"], None)
+    after = check(fixed_document, case["more"], None)
     fixed_finding = (case["finding"]["code"], json.dumps(case["finding"]["place"]))
     assert fixed_finding not in {(each["code"], json.dumps(each["place"])) for each in after}
     errors = {each["code"] for each in before if each["severity"] == "error"}

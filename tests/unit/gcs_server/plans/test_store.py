@@ -17,6 +17,8 @@ ANNA, BOB = ("anna", "anna's tab"), ("bob", "bob's tab")
 
 
 class Clock:
+    """A clock that advances by one second at each reading."""
+
     def __init__(self):
         self.now_s = 1000.0
 
@@ -25,9 +27,9 @@ class Clock:
         return self.now_s
 
 
-def plan(speed_m_s=5.0, count=1):
+def plan(speed_m_s=5.0, item_count=1):
     item = {"kind": "return_home"}
-    text = json.dumps({"hover_speed_m_s": speed_m_s, "items": [item] * count})
+    text = json.dumps({"hover_speed_m_s": speed_m_s, "items": [item] * item_count})
     return Plan.model_validate_json(text)
 
 
@@ -45,7 +47,7 @@ def run_with_store(tmp_path, work):
 
 def test_plans_and_versions_are_stored_across_a_restart(tmp_path):
     async def work(context):
-        first = await context.store.create("Tower", plan(count=3), by=ANNA)
+        first = await context.store.create("Tower", plan(item_count=3), by=ANNA)
         assert (first.version, first.changed_by, first.item_count) == (1, "anna", 3)
         second = await context.store.save(first.id, "Old tower", plan(7.0), base_version=1, by=BOB)
         assert (second.id, second.name, second.version) == (first.id, "Old tower", 2)
@@ -56,7 +58,7 @@ def test_plans_and_versions_are_stored_across_a_restart(tmp_path):
         head, document = await reopened.get(first.id)
         assert (head, plan_document.read(document)) == (second, plan(7.0))
         head, document = await reopened.get(first.id, 1)
-        assert (head, plan_document.read(document)) == (first, plan(count=3))
+        assert (head, plan_document.read(document)) == (first, plan(item_count=3))
         reopened.close()
 
     run_with_store(tmp_path, work)
@@ -70,9 +72,9 @@ def test_a_save_based_on_an_older_version_is_refused_and_the_error_names_the_oth
             context.store.save(first.id, "Tower", plan(9.0), base_version=1, by=ANNA),
             context.store.delete(first.id, base_version=1, by=ANNA),
         ):
-            with pytest.raises(PlanConflict, match="version 2, saved by bob") as raised:
+            with pytest.raises(PlanConflict, match="version 2, saved by bob") as error:
                 await change
-            details = raised.value.details()
+            details = error.value.details()
             assert (details["version"], details["changed_unix_s"]) == (2, second.changed_unix_s)
         assert plan_document.read((await context.store.get(first.id))[1]) == plan(6.0)
 
@@ -83,7 +85,8 @@ def test_of_two_concurrent_saves_one_is_refused(tmp_path):
     async def work(context):
         first = await context.store.create("Tower", plan(), by=ANNA)
         saves = [
-            context.store.save(first.id, "Tower", plan(speed), base_version=1, by=BOB) for speed in (2.0, 3.0)
+            context.store.save(first.id, "Tower", plan(speed_m_s), base_version=1, by=BOB)
+            for speed_m_s in (2.0, 3.0)
         ]
         results = await asyncio.gather(*saves, return_exceptions=True)
         assert sorted(type(result).__name__ for result in results) == ["PlanConflict", "PlanVersion"]
@@ -95,9 +98,11 @@ def test_of_two_concurrent_saves_one_is_refused(tmp_path):
 def test_a_save_with_a_cancelled_caller_is_complete_or_absent(tmp_path):
     async def work(context):
         first = await context.store.create("Tower", plan(), by=ANNA)
-        saving = asyncio.ensure_future(context.store.save(first.id, "T", plan(2.0), base_version=1, by=BOB))
+        save_task = asyncio.ensure_future(
+            context.store.save(first.id, "T", plan(2.0), base_version=1, by=BOB)
+        )
         await asyncio.sleep(0)
-        saving.cancel()
+        save_task.cancel()
         head, document = await context.store.get(first.id)  # waits for the save: one thread
         saved = head.version == 2
         assert plan_document.read(document) == (plan(2.0) if saved else plan())
@@ -131,8 +136,8 @@ def test_only_the_newest_versions_are_kept(tmp_path, monkeypatch):
 
     async def work(context):
         head = await context.store.create("Tower", plan(), by=ANNA)
-        for base in range(1, 6):
-            head = await context.store.save(head.id, "Tower", plan(), base_version=base, by=ANNA)
+        for base_version in range(1, 6):
+            head = await context.store.save(head.id, "Tower", plan(), base_version=base_version, by=ANNA)
         assert [each.version for each in await context.store.versions(head.id)] == [6, 5, 4]
         with pytest.raises(UnknownPlan, match="has no version 3"):
             await context.store.get(head.id, 3)
@@ -152,7 +157,7 @@ def test_number_and_size_of_plans_are_limited_and_deleted_plans_do_not_count(tmp
         third = await context.store.create("c", plan(), by=ANNA)
         monkeypatch.setattr(plan_store, "MAX_TOTAL_BYTES", 1000)
         with pytest.raises(Refused, match="MB, which is the limit"):
-            await context.store.save(third.id, "c", plan(count=50), base_version=1, by=ANNA)
+            await context.store.save(third.id, "c", plan(item_count=50), base_version=1, by=ANNA)
 
     run_with_store(tmp_path, work)
 

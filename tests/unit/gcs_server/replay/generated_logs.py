@@ -3,10 +3,11 @@
 import random
 import struct
 
-from vehicle_sim.mavlink import generated_dialect as sim
+from vehicle_sim.mavlink import generated_dialect as sim_dialect
 
 BEGIN_US = 1_752_220_800_000_000
 HOLD, OFFBOARD, RTL = 4 << 16 | 3 << 24, 6 << 16, 4 << 16 | 5 << 24
+"""PX4's custom modes: main mode << 16 | sub mode << 24."""
 
 
 def record(time_us, raw):
@@ -17,23 +18,23 @@ class FrameSource:
     """One system that packs messages with its own sequence numbers."""
 
     def __init__(self, system_id, component_id=1):
-        self.wire = sim.MAVLink(None, system_id, component_id)
+        self.mavlink = sim_dialect.MAVLink(None, system_id, component_id)
 
     def frame(self, message):
-        raw = bytes(message.pack(self.wire))
-        self.wire.seq = (self.wire.seq + 1) % 256
+        raw = bytes(message.pack(self.mavlink))
+        self.mavlink.seq = (self.mavlink.seq + 1) % 256
         return raw
 
 
-def heartbeat(mode, *, armed=False, autopilot=12, kind=2):
-    base = 1 | (128 if armed else 0)
-    return sim.MAVLink_heartbeat_message(kind, autopilot, base, mode, 4 if armed else 3, 3)
+def heartbeat(mode, *, armed=False, autopilot=12, mav_type=2):
+    base_mode = 1 | (128 if armed else 0)
+    return sim_dialect.MAVLink_heartbeat_message(mav_type, autopilot, base_mode, mode, 4 if armed else 3, 3)
 
 
 def flight(seed=1, seconds=40, systems=(1, 7), begin_us=BEGIN_US):
-    """(time, raw) of each record of a random flight, in the order of a log."""
+    """(time [µs], frame) of each record of a random flight, in the order of a log."""
     rng = random.Random(seed)
-    out = []
+    records = []
     station = FrameSource(255, 190)
     for system_id in systems:
         autopilot, gimbal = FrameSource(system_id), FrameSource(system_id, 154)
@@ -44,33 +45,33 @@ def flight(seed=1, seconds=40, systems=(1, 7), begin_us=BEGIN_US):
             frames = []
             if step % 10 == 3:
                 frames.append(autopilot.frame(heartbeat(mode, armed=armed)))
-                frames.append(gimbal.frame(heartbeat(0, autopilot=8, kind=26)))
+                frames.append(gimbal.frame(heartbeat(0, autopilot=8, mav_type=26)))
             if step == 25:
                 frames.append(
                     autopilot.frame(
-                        sim.MAVLink_home_position_message(
+                        sim_dialect.MAVLink_home_position_message(
                             473977420, 85455940, 489_000 + system_id, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0, 0
                         )
                     )
                 )
             if rng.random() < 0.02:
                 mode, armed = rng.choice((HOLD, OFFBOARD, RTL)), rng.random() < 0.7
-                frames.append(autopilot.frame(sim.MAVLink_current_mode_message(0, mode, mode)))
+                frames.append(autopilot.frame(sim_dialect.MAVLink_current_mode_message(0, mode, mode)))
             if rng.random() < 0.03:
                 text = f"note {system_id} at {step}".encode()
                 frames.append(
-                    autopilot.frame(sim.MAVLink_statustext_message(rng.randrange(3, 7), text, 0, 0))
+                    autopilot.frame(sim_dialect.MAVLink_statustext_message(rng.randrange(3, 7), text, 0, 0))
                 )
             frames.append(
                 autopilot.frame(
-                    sim.MAVLink_attitude_quaternion_message(
+                    sim_dialect.MAVLink_attitude_quaternion_message(
                         boot_ms, 1.0, 0.0, 0.0, rng.random(), 0.0, 0.0, 0.1
                     )
                 )
             )
             frames.append(
                 autopilot.frame(
-                    sim.MAVLink_global_position_int_message(
+                    sim_dialect.MAVLink_global_position_int_message(
                         boot_ms,
                         473977420 + step,
                         85455940,
@@ -84,13 +85,15 @@ def flight(seed=1, seconds=40, systems=(1, 7), begin_us=BEGIN_US):
                 )
             )
             if step % 20 == 0:
-                frames.append(autopilot.frame(sim.MAVLink_extended_sys_state_message(0, 2 if armed else 1)))
-            out += [(at_us, raw) for raw in frames]
-        out += [
-            (begin_us + second * 1_000_000, station.frame(heartbeat(0, autopilot=8, kind=6)))
+                frames.append(
+                    autopilot.frame(sim_dialect.MAVLink_extended_sys_state_message(0, 2 if armed else 1))
+                )
+            records += [(at_us, raw) for raw in frames]
+        records += [
+            (begin_us + second * 1_000_000, station.frame(heartbeat(0, autopilot=8, mav_type=6)))
             for second in range(seconds)
         ]
-    return sorted(out, key=lambda r: r[0])
+    return sorted(records, key=lambda r: r[0])
 
 
 def log_bytes(records):

@@ -29,7 +29,7 @@ from tests.unit.gcs_server.replay.generated_logs import (
 )
 
 
-def many_senders(count, step_us=100):
+def log_of_many_senders(count, step_us=100):
     """A log of records, each with another combination of system, component and message."""
     return b"".join(
         record(BEGIN_US + i * step_us, frame(1 + i % 250, i // 250 % 255, 500 + i // 63_750))
@@ -58,7 +58,7 @@ def index_of(path):
 
 
 def test_senders_and_messages_beyond_the_limit_are_omitted_and_counted(write_log):
-    index = index_of(write_log(many_senders(index_module.MAX_KEYS + 2000)))
+    index = index_of(write_log(log_of_many_senders(index_module.MAX_KEYS + 2000)))
     assert index.left_out == 2000
     assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.MAX_KEYS
 
@@ -66,28 +66,31 @@ def test_senders_and_messages_beyond_the_limit_are_omitted_and_counted(write_log
 def test_too_many_events_are_cut_and_counted(write_log, monkeypatch):
     monkeypatch.setattr(index_module, "MAX_EVENT_RECORDS", 30)
     autopilot = FrameSource(1)
-    switching = [(BEGIN_US + i, autopilot.frame(heartbeat(i % 2 << 16))) for i in range(100)]
-    index = index_of(write_log(log_bytes(switching)))
-    assert len(index.changes) == 60
+    mode_changes = [(BEGIN_US + i, autopilot.frame(heartbeat(i % 2 << 16))) for i in range(100)]
+    index = index_of(write_log(log_bytes(mode_changes)))
+    assert len(index.changes) == 60  # time and offset of 30 changes
     assert index.left_out == 70
 
 
 def test_checkpoints_are_limited_and_seeking_restores_every_state(write_log, monkeypatch):
     monkeypatch.setattr(records, "BATCH_BYTES", 8192)
     path = write_log(log_bytes(flight(seconds=120)))
-    full = index_of(path)
+    full_index = index_of(path)
     monkeypatch.setattr(index_module, "MAX_CHECKPOINT_NUMBERS", 200)
-    thinned = index_of(path)
-    assert len(thinned.checkpoints) < len(full.checkpoints) / 2
-    assert sum(len(c.newest) for c in thinned.checkpoints) <= 200
+    thinned_index = index_of(path)
+    assert len(thinned_index.checkpoints) < len(full_index.checkpoints) / 2
+    assert sum(len(c.newest) for c in thinned_index.checkpoints) <= 200
     with open_log(path) as file:
         for fraction in (0.0, 0.3, 0.7, 1.0):
-            at_us = int(full.begin_us + fraction * (full.end_us - full.begin_us))
-            assert newest(state_at(file, thinned, at_us)) == newest(state_at(file, full, at_us))
+            at_us = int(full_index.begin_us + fraction * (full_index.end_us - full_index.begin_us))
+            assert newest_frames(state_at(file, thinned_index, at_us)) == newest_frames(
+                state_at(file, full_index, at_us)
+            )
 
 
-def newest(state):
+def newest_frames(state):
     """The last frame of each message that is fed after seeking."""
+    # Bytes 5 to 9 of a MAVLink 2 frame are the system, component and message id.
     return {raw[5:10]: raw for raw in (r.raw for r in state.records)}
 
 
@@ -100,7 +103,7 @@ def test_seeking_restores_a_limited_number_of_changes(write_log, monkeypatch):
     index = index_of(path)
     with open_log(path) as file:
         state = state_at(file, index, index.end_us)
-    assert len(state.records) <= 11
+    assert len(state.records) <= 11  # both limits, and the last record
     assert state.records[-1].time_us == index.end_us
 
 
@@ -109,7 +112,7 @@ def test_an_index_is_unchanged_after_its_conversion_to_bytes(write_log):
     assert from_bytes(to_bytes(index)) == index
 
 
-def test_too_much_memory_is_reported_as_text(write_log, monkeypatch):
+def test_a_recording_that_needs_too_much_memory_is_reported_as_text(write_log, monkeypatch):
     def use_too_much_memory(file):
         raise MemoryError
 
@@ -123,8 +126,8 @@ def test_a_gzip_bomb_is_refused_in_the_list_and_when_opened(write_log, monkeypat
     path = write_log(gzip.compress(bytes(3_000_000)), "bomb.tlog.gz")
     with pytest.raises(OSError, match="unpacks to more than"):
         open_log(path)
-    listed = Catalogue(path.parent).all(frozenset())
-    assert "unpacks to more than" in listed[0].problem
+    recordings = Catalogue(path.parent).all(frozenset())
+    assert "unpacks to more than" in recordings[0].problem
 
 
 def test_unpacking_leaves_free_disk_space(write_log, monkeypatch):
@@ -146,11 +149,11 @@ def test_a_file_name_that_is_not_text_is_not_listed(tmp_path):
     assert [info.name for info in Catalogue(tmp_path).all(frozenset())] == ["whole.tlog"]
 
 
-@pytest.mark.parametrize("playing", ["fast", "seeking"])
-def test_the_number_of_records_per_loop_iteration_is_limited(write_log, monkeypatch, playing):
+@pytest.mark.parametrize("action", ["fast", "seeking"])
+def test_the_number_of_records_per_loop_iteration_is_limited(write_log, monkeypatch, action):
     """A recording with thousands of senders at the same time must not delay real vehicles."""
     monkeypatch.setattr(tlog, "RECORDS_PER_TICK", 50)
-    path = write_log(many_senders(3000, step_us=10))
+    path = write_log(log_of_many_senders(3000, step_us=10))
     records_per_iteration = []
 
     async def scenario():
@@ -160,22 +163,22 @@ def test_the_number_of_records_per_loop_iteration_is_limited(write_log, monkeypa
         await link.opened()
         loop = asyncio.get_running_loop()
 
-        enough = asyncio.Event()
+        enough_records = asyncio.Event()
 
         def on_iteration():
             nonlocal handle
             trace.write("|")
             if trace.getvalue().count(".") >= 1000:
-                enough.set()
+                enough_records.set()
             handle = loop.call_soon(on_iteration)
 
         handle = loop.call_soon(on_iteration)
-        if playing == "seeking":
+        if action == "seeking":
             link.pause()
             await link.seek(BEGIN_US + 30_000)
         else:
             async with asyncio.timeout(20):
-                await enough.wait()
+                await enough_records.wait()
         handle.cancel()
         await link.close()
         records_per_iteration.extend(len(part) for part in trace.getvalue().split("|"))

@@ -40,8 +40,8 @@ class FakeReplayLink(Link):
         self._received(record.raw, self._peers["log"], self.clock.monotonic_s())
 
 
-def fleet_after(records, until_us, begin_us, *, ticks):
-    """The state of each vehicle after these records."""
+def states_after(records, until_us, begin_us, *, with_ticks):
+    """The state of each vehicle after these records; `with_ticks`: the fleet also ticks every 250 ms."""
 
     async def scenario():
         testbed = MemoryTestbed()
@@ -49,7 +49,7 @@ def fleet_after(records, until_us, begin_us, *, ticks):
         testbed.router.add(link)
         tick_us = begin_us
         for record in records:
-            while ticks and record.time_us - tick_us > 250_000:
+            while with_ticks and record.time_us - tick_us > 250_000:
                 tick_us += 250_000
                 testbed.fleet.tick()
             link.feed(record)
@@ -66,8 +66,8 @@ def state_of(vehicle):
     topics = {name: vehicle.topic(name) for name in TOPICS}
     events = [(round(e.unix_s, 3), e.kind, e.severity, e.text) for e in vehicle.events.since()]
     # After seeking, links and components connect at the first record that is fed.
-    texts = sorted(e for e in events if e[1] not in ("link", "component"))
-    return vehicle.identity, vehicle.flight_state, vehicle.health.report, topics, texts
+    compared_events = sorted(e for e in events if e[1] not in ("link", "component"))
+    return vehicle.identity, vehicle.flight_state, vehicle.health.report, topics, compared_events
 
 
 def all_records(file):
@@ -78,7 +78,7 @@ def all_records(file):
     return records
 
 
-def compare(path, fraction):
+def compare_seeking_with_playing(path, fraction):
     """Compares seeking to this fraction of the log with playing up to the same time.
 
     Returns:
@@ -90,16 +90,16 @@ def compare(path, fraction):
         records = all_records(file)
         played_records = [r for r in records if r.time_us <= until_us]
         seek_state = state_at(file, index, until_us)
-        after_seeking = fleet_after(seek_state.records, until_us, index.begin_us, ticks=False)
-        after_playing = fleet_after(played_records, until_us, index.begin_us, ticks=True)
+        after_seeking = states_after(seek_state.records, until_us, index.begin_us, with_ticks=False)
+        after_playing = states_after(played_records, until_us, index.begin_us, with_ticks=True)
         assert after_seeking == after_playing
         # after seeking, playing continues with the next record
-        rest = list(seek_state.following)
+        following_records = list(seek_state.following)
         batch = Batch([], seek_state.after, at_end=seek_state.at_end, bytes_skipped=0)
         while not batch.at_end:
             batch = read_batch(file, batch.after)
-            rest += batch.records
-        assert rest == records[len(played_records) :]
+            following_records += batch.records
+        assert following_records == records[len(played_records) :]
         return after_seeking, len(played_records), len(seek_state.records)
 
 
@@ -108,16 +108,16 @@ def compare(path, fraction):
 def test_seeking_equals_playing_in_generated_flights(tmp_path, seed, fraction):
     path = tmp_path / "made.tlog"
     path.write_bytes(log_bytes(flight(seed, seconds=30)))
-    compare(path, fraction)
+    compare_seeking_with_playing(path, fraction)
 
 
 @pytest.mark.parametrize(
-    "fraction", [0.31, 1.0, *(pytest.param(s, marks=pytest.mark.broad) for s in (0.0, 0.77))]
+    "fraction", [0.31, 1.0, *(pytest.param(value, marks=pytest.mark.broad) for value in (0.0, 0.77))]
 )
 def test_seeking_equals_playing_in_a_long_flight_with_checkpoints(tmp_path, fraction):
     path = tmp_path / "long.tlog"
     path.write_bytes(log_bytes(flight(3, seconds=500)))
-    vehicles, played_count, fed_count = compare(path, fraction)
+    vehicles, played_count, fed_count = compare_seeking_with_playing(path, fraction)
     assert fraction == 0.0 or set(vehicles) == {"1", "7"}
     assert fed_count <= 1000, f"{fed_count} of {played_count} frames were needed"
 
@@ -128,7 +128,9 @@ def test_seeking_equals_playing_in_a_long_flight_with_checkpoints(tmp_path, frac
 )
 @pytest.mark.parametrize("fraction", [0.2, pytest.param(0.5, marks=pytest.mark.broad), 0.9])
 def test_seeking_equals_playing_in_flights_of_a_real_px4(shared, name, fraction):
-    vehicles, played_count, fed_count = compare(shared / "px4" / "tlogs" / name, fraction)
+    vehicles, played_count, fed_count = compare_seeking_with_playing(
+        shared / "px4" / "tlogs" / name, fraction
+    )
     assert len(vehicles) == 1
     assert played_count > 10 * fed_count
     ((identity, flight_state, _, topics, events),) = vehicles.values()
@@ -148,8 +150,8 @@ def test_condensed_records_give_the_same_state(tmp_path):
         condensed += condense(records[i : i + 400])
     assert len(condensed) < len(records) / 3
     end_us = records[-1].time_us
-    state = fleet_after(records, end_us, records[0].time_us, ticks=False)
-    assert fleet_after(condensed, end_us, records[0].time_us, ticks=False) == state
+    state = states_after(records, end_us, records[0].time_us, with_ticks=False)
+    assert states_after(condensed, end_us, records[0].time_us, with_ticks=False) == state
 
 
 def test_the_index_has_the_acknowledgements_of_mode_commands():
