@@ -29,9 +29,11 @@ from tests.support.dds_samples import recorded
 RECORDED = recorded()
 NAME, REQUEST_ID = "Fly Mode", 2199029506047954537
 """Values of the recorded registration."""
-REGISTERED: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REGISTER_REPLY])
-CHECK: Values = MESSAGES["ArmingCheckRequest"].decode(RECORDED[CHECK_REQUEST])
-MASK = 1 << 23
+ACCEPTING_REPLY: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REGISTER_REPLY])
+ARMING_CHECK: Values = MESSAGES["ArmingCheckRequest"].decode(RECORDED[CHECK_REQUEST])
+EXTERNAL_1, HOLD = 23, 4
+"""Values of nav_state."""
+MODE_MASK = 1 << EXTERNAL_1
 """can_set_nav_states_mask of VehicleStatus while only external_1 is registered."""
 
 
@@ -42,16 +44,16 @@ def new_mode(now_s: float = 0.0) -> ExternalMode:
 def registered_mode(now_s: float = 0.0) -> ExternalMode:
     external_mode = new_mode(now_s)
     external_mode.step(now_s)
-    external_mode.on_reply(REGISTERED, now_s)
+    external_mode.on_reply(ACCEPTING_REPLY, now_s)
     for _ in range(2):
-        external_mode.on_check_request(CHECK, now_s, can_run=True)
+        external_mode.on_check_request(ARMING_CHECK, now_s, can_run=True)
     return external_mode
 
 
 def fields(messages: list[Message], topic: str) -> dict[str, Any]:
     """Fields of the only message; the message must have this topic."""
-    ((sent, data),) = messages
-    assert sent == topic
+    ((sent_topic, data),) = messages
+    assert sent_topic == topic
     return dict(MESSAGES[SENT_TYPES[topic]].decode(data))
 
 
@@ -59,32 +61,32 @@ def test_the_registration_request_equals_the_recorded_request() -> None:
     ((topic, data),) = new_mode().step(0.0)
     assert topic == REGISTER
     assert RECORDED[REGISTER].removeprefix(data).strip(b"\0") == b"", (
-        "differs in more than the padding of DDS"
+        "the request differs in more than the padding of DDS"
     )
 
 
 def test_a_mode_is_registered_once_px4_has_evaluated_a_check_reply() -> None:
     external_mode = new_mode()
     external_mode.step(0.0)
-    controllers = fields(external_mode.on_reply(REGISTERED, 0.02), CONTROLLERS)
-    assert controllers["source_id"] == 23
+    controllers = fields(external_mode.on_reply(ACCEPTING_REPLY, 0.02), CONTROLLERS)
+    assert controllers["source_id"] == EXTERNAL_1
     assert controllers["flag_control_position_enabled"]
     assert controllers["flag_control_allocation_enabled"]
     assert (external_mode.registration.state, external_mode.registration.mode) == ("registering", None)
-    external_mode.on_check_request(CHECK, 0.3, can_run=True)
+    external_mode.on_check_request(ARMING_CHECK, 0.3, can_run=True)
     assert external_mode.registration.state == "registering"
-    external_mode.on_check_request(CHECK, 0.6, can_run=True)
+    external_mode.on_check_request(ARMING_CHECK, 0.6, can_run=True)
     assert (external_mode.registration.state, external_mode.registration.mode) == ("registered", "external_1")
-    assert external_mode.registration.nav_state == 23
+    assert external_mode.registration.nav_state == EXTERNAL_1
 
 
 def test_each_arming_check_gets_an_immediate_reply_with_the_requirements() -> None:
-    reply = fields(registered_mode().on_check_request(CHECK, 0.9, can_run=True), CHECK_REPLY)
+    reply = fields(registered_mode().on_check_request(ARMING_CHECK, 0.9, can_run=True), CHECK_REPLY)
     assert (reply["request_id"], reply["registration_id"]) == (115, 0)
-    needs = {name for name, value in reply.items() if name.startswith("mode_req_") and value}
-    assert needs == {"mode_req_attitude", "mode_req_local_position", "mode_req_prevent_arming"}
+    requirements = {name for name, value in reply.items() if name.startswith("mode_req_") and value}
+    assert requirements == {"mode_req_attitude", "mode_req_local_position", "mode_req_prevent_arming"}
     assert reply["can_arm_and_run"]
-    assert not fields(registered_mode().on_check_request(CHECK, 0.9, can_run=False), CHECK_REPLY)[
+    assert not fields(registered_mode().on_check_request(ARMING_CHECK, 0.9, can_run=False), CHECK_REPLY)[
         "can_arm_and_run"
     ]
 
@@ -92,27 +94,29 @@ def test_each_arming_check_gets_an_immediate_reply_with_the_requirements() -> No
 def test_a_mode_that_is_not_ready_prevents_arming_but_never_interrupts_a_flight() -> None:
     external_mode = registered_mode()
     external_mode.ready = False
-    status = {"nav_state": 4, "arming_state": 1, "failsafe_defer_state": 0, "can_set_nav_states_mask": MASK}
+    status = status_of(HOLD, 0)
     for armed in (False, True):
         external_mode.on_status({**status, "arming_state": 2 if armed else 1})
-        reply = fields(external_mode.on_check_request(CHECK, 0.9, can_run=True), CHECK_REPLY)
+        reply = fields(external_mode.on_check_request(ARMING_CHECK, 0.9, can_run=True), CHECK_REPLY)
         assert reply["can_arm_and_run"] == armed
 
 
 def test_a_check_reply_differs_from_the_recorded_reply_only_in_the_declared_requirements() -> None:
     recorded_reply = MESSAGES["ArmingCheckReply"].decode(RECORDED[CHECK_REPLY])
-    sent = fields(
+    sent_reply = fields(
         registered_mode().on_check_request({"request_id": recorded_reply["request_id"]}, 0.9, can_run=True),
         CHECK_REPLY,
     )
-    assert {name for name in sent if sent[name] != recorded_reply[name]} == {"mode_req_prevent_arming"}
+    assert {name for name in sent_reply if sent_reply[name] != recorded_reply[name]} == {
+        "mode_req_prevent_arming"
+    }
 
 
 def test_another_version_of_px4s_interface_is_refused_and_named() -> None:
     external_mode = new_mode()
     external_mode.step(0.0)
-    removal = fields(external_mode.on_reply({**REGISTERED, "px4_ros2_api_version": 2}, 0.02), UNREGISTER)
-    assert removal["mode_id"] == 23
+    removal = fields(external_mode.on_reply({**ACCEPTING_REPLY, "px4_ros2_api_version": 2}, 0.02), UNREGISTER)
+    assert removal["mode_id"] == EXTERNAL_1
     assert external_mode.registration.state == "refused"
     assert (
         "has version 2, but this server knows version 1; use PX4 v1.16" in external_mode.registration.reason
@@ -120,16 +124,16 @@ def test_another_version_of_px4s_interface_is_refused_and_named() -> None:
 
 
 def test_without_a_reply_registration_is_refused_after_five_requests() -> None:
-    external_mode, sent, now_s = new_mode(), 0, 0.0
+    external_mode, request_count, now_s = new_mode(), 0, 0.0
     while external_mode.registration.state == "registering" and now_s < 20.0:
-        sent += len(external_mode.step(now_s))
+        request_count += len(external_mode.step(now_s))
         now_s += 0.02
-    assert sent == ATTEMPTS
+    assert request_count == ATTEMPTS
     assert now_s == pytest.approx(5.0, abs=0.1)
     assert external_mode.registration.state == "refused"
     assert "did not answer" in external_mode.registration.reason
     assert external_mode.step(now_s + 10) == []
-    assert external_mode.on_check_request(CHECK, now_s, can_run=True) == []
+    assert external_mode.on_check_request(ARMING_CHECK, now_s, can_run=True) == []
 
 
 @pytest.mark.parametrize(
@@ -143,23 +147,23 @@ def test_without_a_reply_registration_is_refused_after_five_requests() -> None:
 def test_a_refusal_ends_the_registration(refusal: dict[str, Any]) -> None:
     external_mode = new_mode()
     external_mode.step(0.0)
-    assert external_mode.on_reply({**REGISTERED, **refusal}, 0.02) == []
+    assert external_mode.on_reply({**ACCEPTING_REPLY, **refusal}, 0.02) == []
     assert external_mode.registration.state == "refused"
     assert "COM_MODE_ARM_CHK" in external_mode.registration.reason
     assert external_mode.step(5.0) == []
 
 
-@pytest.mark.parametrize("other", [{"request_id": 7}, {"name": (79, *[0] * 24)}])
-def test_a_reply_to_another_program_is_ignored(other: dict[str, Any]) -> None:
+@pytest.mark.parametrize("changes", [{"request_id": 7}, {"name": (79, *[0] * 24)}])
+def test_a_reply_to_another_program_is_ignored(changes: dict[str, Any]) -> None:
     external_mode = new_mode()
     external_mode.step(0.0)
-    assert external_mode.on_reply({**REGISTERED, **other}, 0.02) == []
+    assert external_mode.on_reply({**ACCEPTING_REPLY, **changes}, 0.02) == []
     assert external_mode.registration.nav_state is None
 
 
 def test_a_second_registration_by_a_repeated_request_is_removed() -> None:
     external_mode = registered_mode()
-    second_reply = {**REGISTERED, "arming_check_id": 1, "mode_id": 24}
+    second_reply = {**ACCEPTING_REPLY, "arming_check_id": 1, "mode_id": 24}
     removal = fields(external_mode.on_reply(second_reply, 1.2), UNREGISTER)
     assert (removal["arming_check_id"], removal["mode_id"], removal["mode_executor_id"]) == (1, 24, -1)
     assert external_mode.registration.mode == "external_1"
@@ -173,20 +177,20 @@ def test_without_arming_check_requests_the_mode_is_lost() -> None:
     assert external_mode.registration.state == "lost"
     assert "restarted" in external_mode.registration.reason
     assert external_mode.registration.mode is None
-    assert external_mode.on_check_request(CHECK, 5.0, can_run=True) == []
+    assert external_mode.on_check_request(ARMING_CHECK, 5.0, can_run=True) == []
     assert external_mode.completed(success=True) == []
 
 
 def test_a_mode_that_px4_has_removed_is_lost() -> None:
     external_mode = registered_mode()
-    external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": 0, "nav_state": 4})
+    external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": 0, "nav_state": HOLD})
     assert external_mode.registration.state == "registered", (
         "an old status, from before the registration, has removed the mode"
     )
-    external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": MASK, "nav_state": 4})
-    external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": MASK, "nav_state": 4})
+    external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": MODE_MASK, "nav_state": HOLD})
+    external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": MODE_MASK, "nav_state": HOLD})
     assert external_mode.registration.state == "registered"
-    external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": 0, "nav_state": 4})
+    external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": 0, "nav_state": HOLD})
     assert external_mode.registration.state == "lost"
     assert "no replies in time" in external_mode.registration.reason
 
@@ -194,7 +198,7 @@ def test_a_mode_that_px4_has_removed_is_lost() -> None:
 def test_success_and_failure_of_a_mode_are_reported() -> None:
     external_mode = registered_mode()
     assert fields(external_mode.completed(success=True), COMPLETED) == {
-        "timestamp": 0, "result": 0, "nav_state": 23,
+        "timestamp": 0, "result": 0, "nav_state": EXTERNAL_1,
     }  # fmt: skip
     assert fields(external_mode.completed(success=False), COMPLETED)["result"] == 100
     assert new_mode().completed(success=True) == []
@@ -204,7 +208,7 @@ def test_a_removed_mode_is_unregistered_and_does_not_reply_to_checks() -> None:
     external_mode = registered_mode()
     ((topic, data),) = external_mode.remove()
     assert (topic, data) == (UNREGISTER, RECORDED[UNREGISTER])
-    assert external_mode.on_check_request(CHECK, 2.0, can_run=True) == []
+    assert external_mode.on_check_request(ARMING_CHECK, 2.0, can_run=True) == []
     assert external_mode.remove() == []
     assert new_mode().remove() == []
 
@@ -220,9 +224,9 @@ def test_a_removed_mode_is_unregistered_and_does_not_reply_to_checks() -> None:
     ],
 )
 def test_each_level_enables_its_controller_and_all_controllers_below(level: str, enabled: str) -> None:
-    values = fields([controllers_message(23, level)], CONTROLLERS)
+    values = fields([controllers_message(EXTERNAL_1, level)], CONTROLLERS)
     flags = {name for name, value in values.items() if name.startswith("flag_") and value}
-    assert flags == {f"flag_control_{each}_enabled" for each in enabled.split()}
+    assert flags == {f"flag_control_{controller}_enabled" for controller in enabled.split()}
 
 
 def deferring_mode() -> ExternalMode:
@@ -233,20 +237,21 @@ def deferring_mode() -> ExternalMode:
 
 
 def test_a_registered_mode_sends_px4_the_time_for_deferred_failsafes() -> None:
-    _, overrides = deferring_mode().on_reply(REGISTERED, 0.02)
+    _, overrides = deferring_mode().on_reply(ACCEPTING_REPLY, 0.02)
     values = fields([overrides], OVERRIDES)
     assert (values["defer_failsafes"], values["defer_failsafes_timeout_s"]) == (True, 6)
-    assert (values["source_type"], values["source_id"]) == (0, 23)
+    assert (values["source_type"], values["source_id"]) == (0, EXTERNAL_1)
     assert not values["disable_auto_disarm"]
     without_deferral = new_mode()
     without_deferral.step(0.0)
-    assert {topic for topic, _ in without_deferral.on_reply(REGISTERED, 0.02)} == {CONTROLLERS}
+    assert {topic for topic, _ in without_deferral.on_reply(ACCEPTING_REPLY, 0.02)} == {CONTROLLERS}
 
 
 def status_of(nav_state: int, defer_state: int) -> dict[str, int]:
+    """VehicleStatus of an armed vehicle; `defer_state` as in PX4: 0 disabled, 1 enabled, 2 would failsafe."""
     return {
         "arming_state": 2,
-        "can_set_nav_states_mask": MASK,
+        "can_set_nav_states_mask": MODE_MASK,
         "nav_state": nav_state,
         "failsafe_defer_state": defer_state,
     }
@@ -254,18 +259,18 @@ def status_of(nav_state: int, defer_state: int) -> dict[str, int]:
 
 def test_the_overrides_are_sent_again_if_they_are_missing_while_the_mode_is_active() -> None:
     external_mode = deferring_mode()
-    external_mode.on_reply(REGISTERED, 0.02)
-    assert external_mode.on_status(status_of(4, 0)) == []
-    assert fields(external_mode.on_status(status_of(23, 0)), OVERRIDES)["defer_failsafes"]
-    assert external_mode.on_status(status_of(23, 1)) == []
-    assert registered_mode().on_status(status_of(23, 0)) == []
+    external_mode.on_reply(ACCEPTING_REPLY, 0.02)
+    assert external_mode.on_status(status_of(HOLD, 0)) == []
+    assert fields(external_mode.on_status(status_of(EXTERNAL_1, 0)), OVERRIDES)["defer_failsafes"]
+    assert external_mode.on_status(status_of(EXTERNAL_1, 1)) == []
+    assert registered_mode().on_status(status_of(EXTERNAL_1, 0)) == []
 
 
 def test_a_deferred_failsafe_is_reported_only_for_the_active_mode() -> None:
     external_mode = deferring_mode()
-    external_mode.on_reply(REGISTERED, 0.02)
+    external_mode.on_reply(ACCEPTING_REPLY, 0.02)
     deferred: list[bool] = []
-    for nav_state, defer_state in ((23, 1), (23, 2), (24, 2), (23, 2), (4, 0)):
+    for nav_state, defer_state in ((EXTERNAL_1, 1), (EXTERNAL_1, 2), (24, 2), (EXTERNAL_1, 2), (HOLD, 0)):
         external_mode.on_status(status_of(nav_state, defer_state))
         deferred.append(external_mode.registration.failsafe_deferred)
     assert deferred == [False, True, False, True, False]
@@ -273,8 +278,8 @@ def test_a_deferred_failsafe_is_reported_only_for_the_active_mode() -> None:
 
 def test_a_lost_mode_reports_no_deferred_failsafe() -> None:
     external_mode = deferring_mode()
-    external_mode.on_reply(REGISTERED, 0.02)
-    external_mode.on_status(status_of(23, 2))
+    external_mode.on_reply(ACCEPTING_REPLY, 0.02)
+    external_mode.on_status(status_of(EXTERNAL_1, 2))
     external_mode.step(10.0)
     assert (external_mode.registration.state, external_mode.registration.failsafe_deferred) == ("lost", False)
 
@@ -283,15 +288,15 @@ def mode_with_executor(executor_id: int = 1) -> ExternalMode:
     """A mode whose registration PX4 has answered with this executor id; -1: no executor."""
     external_mode = ExternalMode(ModeDeclaration(NAME, frozenset(), executor=True), REQUEST_ID, 0.0)
     assert fields(external_mode.step(0.0), REGISTER)["register_mode_executor"]
-    external_mode.on_reply({**REGISTERED, "mode_executor_id": executor_id}, 0.02)
+    external_mode.on_reply({**ACCEPTING_REPLY, "mode_executor_id": executor_id}, 0.02)
     for _ in range(2):
-        external_mode.on_check_request(CHECK, 0.3, can_run=True)
+        external_mode.on_check_request(ARMING_CHECK, 0.3, can_run=True)
     return external_mode
 
 
 def test_a_mode_with_an_executor_permits_arming_and_is_removed_with_the_executor() -> None:
     external_mode = mode_with_executor()
-    assert not fields(external_mode.on_check_request(CHECK, 0.6, can_run=True), CHECK_REPLY)[
+    assert not fields(external_mode.on_check_request(ARMING_CHECK, 0.6, can_run=True), CHECK_REPLY)[
         "mode_req_prevent_arming"
     ]
     assert external_mode.registration.executor is not None
@@ -308,7 +313,9 @@ def test_without_a_free_executor_the_registration_is_refused() -> None:
 def test_the_registration_shows_whether_its_executor_is_in_charge() -> None:
     external_mode = mode_with_executor()
     for in_charge in (1, 0):
-        external_mode.on_status({**status_of(23, 0), "executor_in_charge": in_charge, "arming_state": 2})
+        external_mode.on_status(
+            {**status_of(EXTERNAL_1, 0), "executor_in_charge": in_charge, "arming_state": 2}
+        )
         assert external_mode.registration.executor is not None
         assert external_mode.registration.executor.in_charge == bool(in_charge)
     assert registered_mode().registration.executor is None

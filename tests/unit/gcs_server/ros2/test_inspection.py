@@ -25,23 +25,23 @@ class FakePort:
         self.announced: list[Announcement] = []
         self.messages: dict[TopicKey, list[bytes]] = {}
         self.overflowed = False
-        self.refused: str | None = None
-        self.read: set[TopicKey] = set()
+        self.refusal_reason: str | None = None
+        self.open_topics: set[TopicKey] = set()
 
     def announce(self, *keys: TopicKey, publishes: bool = True) -> None:
         for key in keys:
             self.announced.append(Announcement(f"{key} {publishes}", publishes, key))
 
     def announcements(self) -> list[Announcement]:
-        found, self.announced = self.announced, []
-        return found
+        announced, self.announced = self.announced, []
+        return announced
 
     def open(self, key: TopicKey, message: MessageType) -> str | None:
-        self.read.add(key)
-        return self.refused
+        self.open_topics.add(key)
+        return self.refusal_reason
 
     def close(self, key: TopicKey) -> None:
-        self.read.discard(key)
+        self.open_topics.discard(key)
 
     def take(self, key: TopicKey) -> tuple[list[bytes], bool]:
         return self.messages.pop(key, []), self.overflowed
@@ -60,8 +60,8 @@ class InspectionSetup:
         self.session.read(set(namespaces), self.now_s)
 
     def topics(self, namespace: str = "px4_1") -> dict[str, TopicView]:
-        found = self.session.inspection(namespace, self.now_s).topics
-        return {topic.name: topic for topic in found}
+        views = self.session.inspection(namespace, self.now_s).topics
+        return {topic.name: topic for topic in views}
 
 
 @pytest.fixture
@@ -92,15 +92,15 @@ def test_a_topic_of_unknown_type_is_listed_without_being_read(setup: InspectionS
     setup.read("px4_1")
     topic = setup.topics()["/camera/image"]
     assert (topic.type, topic.type_known, topic.rate_hz) == ("sensor_msgs/msg/Image", False, None)
-    assert setup.port.read == set()
+    assert setup.port.open_topics == set()
 
 
 def test_one_topic_with_two_types_is_shown_twice(setup: InspectionSetup) -> None:
-    wrong = TopicKey(status_key().name, "px4_msgs::msg::dds_::VehicleAttitude_")
-    setup.port.announce(status_key(), wrong)
+    key_of_another_type = TopicKey(status_key().name, "px4_msgs::msg::dds_::VehicleAttitude_")
+    setup.port.announce(status_key(), key_of_another_type)
     setup.read("px4_1")
-    shown = setup.session.inspection("px4_1", setup.now_s).topics
-    assert [topic.type for topic in shown] == ["px4_msgs/msg/VehicleAttitude", "px4_msgs/msg/VehicleStatus"]
+    views = setup.session.inspection("px4_1", setup.now_s).topics
+    assert [topic.type for topic in views] == ["px4_msgs/msg/VehicleAttitude", "px4_msgs/msg/VehicleStatus"]
 
 
 def test_a_malformed_message_is_reported_until_a_valid_message_arrives(setup: InspectionSetup) -> None:
@@ -115,15 +115,15 @@ def test_a_malformed_message_is_reported_until_a_valid_message_arrives(setup: In
 
 
 def test_topics_of_other_vehicles_are_neither_read_nor_shown(setup: InspectionSetup) -> None:
-    of_vehicle, of_other_vehicle, shared = (
+    vehicle_topic, other_vehicle_topic, common_topic = (
         status_key(),
         status_key("px4_2"),
         TopicKey("rt/clock", "x::msg::dds_::Clock_"),
     )
-    setup.port.announce(of_other_vehicle, of_vehicle, shared)
+    setup.port.announce(other_vehicle_topic, vehicle_topic, common_topic)
     setup.read("px4_1")
     assert list(setup.topics()) == [f"/px4_1{STATUS}", "/clock"]
-    assert setup.port.read == {of_vehicle}
+    assert setup.port.open_topics == {vehicle_topic}
 
 
 def test_a_vehicle_without_a_namespace_owns_the_topics_under_fmu(setup: InspectionSetup) -> None:
@@ -137,17 +137,17 @@ def test_reading_ends_when_no_client_inspects_the_vehicle_or_the_topic_ends(setu
     first, second = status_key(), status_key("px4_2")
     setup.port.announce(first, second)
     setup.read("px4_1", "px4_2")
-    assert setup.port.read == {first, second}
+    assert setup.port.open_topics == {first, second}
     setup.read("px4_2")
-    assert setup.port.read == {second}
+    assert setup.port.open_topics == {second}
     setup.port.announced = [Announcement(f"{second} True", True, None)]
     setup.read("px4_2")
-    assert setup.port.read == set()
+    assert setup.port.open_topics == set()
     assert setup.topics("px4_2") == {}
 
 
 def test_a_topic_that_dds_cannot_read_states_the_reason(setup: InspectionSetup) -> None:
-    setup.port.refused = "DDS cannot read this topic (out of resources)."
+    setup.port.refusal_reason = "DDS cannot read this topic (out of resources)."
     setup.port.announce(status_key())
     setup.read("px4_1")
     assert setup.topics()[f"/px4_1{STATUS}"].problem == "DDS cannot read this topic (out of resources)."
@@ -173,7 +173,7 @@ def test_endpoints_topics_and_names_are_limited(
     setup.read("px4_1")
     shown = setup.session.inspection("px4_1", setup.now_s)
     assert (len(shown.topics), shown.left_out) == (200, 100)
-    assert len(setup.port.read) == 200
+    assert len(setup.port.open_topics) == 200
 
 
 def test_the_rate_falls_when_a_topic_stops() -> None:

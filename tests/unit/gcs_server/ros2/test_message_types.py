@@ -15,15 +15,18 @@ from tests.support.dds_samples import recorded
 def test_layouts_match_the_published_types(shared: Path) -> None:
     published = json.loads((shared / "px4" / "dds" / "types.json").read_text())["types"]
     for name, message in SHOWN.items():
-        if name not in published:  # nested in a bridged type
+        if name not in published:  # a type inside a published type
             assert name == "PositionSetpoint"
             continue
-        fields = [(name, kind, length or 0) for name, kind, length, _offset in published[name]["fields"]]
-        assert [(each.name, each.type, each.length) for each in message.primitive_fields] == fields, name
+        fields = [
+            (field, field_type, length or 0)
+            for field, field_type, length, _offset in published[name]["fields"]
+        ]
+        assert [(field.name, field.type, field.length) for field in message.primitive_fields] == fields, name
 
 
 def test_every_recorded_sample_decodes_to_its_fields(shared: Path) -> None:
-    checked: set[str] = set()
+    checked_types: set[str] = set()
     for line in (shared / "px4" / "dds" / "samples.jsonl").read_text().splitlines():
         sample = json.loads(line)
         message = SHOWN.get(sample["type"])
@@ -35,15 +38,15 @@ def test_every_recorded_sample_decodes_to_its_fields(shared: Path) -> None:
                 assert values[name] == expected, (sample["topic"], name)
             elif isinstance(expected, float):
                 assert math.isclose(values[name], expected, rel_tol=2e-6, abs_tol=1e-12)
-        checked.add(sample["type"])
-    assert len(checked) > 22
+        checked_types.add(sample["type"])
+    assert len(checked_types) > 22
 
 
 @pytest.mark.parametrize("topic", recorded())
 def test_a_decoded_message_is_encoded_with_the_same_fields_and_its_full_size(topic: str) -> None:
-    types = {"vehicle_status_v1": "VehicleStatus", "vehicle_gps_position": "SensorGps"}
+    types_with_other_names = {"vehicle_status_v1": "VehicleStatus", "vehicle_gps_position": "SensorGps"}
     name = topic.rsplit("/", 1)[1]
-    message = MESSAGES.get(types.get(name, name.title().replace("_", "")))
+    message = MESSAGES.get(types_with_other_names.get(name, name.title().replace("_", "")))
     if message is None:
         return  # a topic that the server does not use
     values = message.decode(recorded()[topic])

@@ -62,13 +62,13 @@ def test_without_cyclone_dds_the_error_says_how_to_install_it(monkeypatch: pytes
         return
 
     monkeypatch.setattr(importlib.util, "find_spec", find_nothing)
-    with pytest.raises(LinkError) as caught:
+    with pytest.raises(LinkError) as error:
         _link("ros2://0")
-    assert "pip install '.[ros2]'" in (caught.value.remedy or "")
+    assert "pip install '.[ros2]'" in (error.value.remedy or "")
 
 
 @pytest.mark.parametrize(
-    ("topic", "found"),
+    ("topic", "expected"),
     [
         ("rt/fmu/out/vehicle_status_v1", ("", "1")),
         ("rt/px4_1/fmu/out/vehicle_status_v1", ("px4_1", "1")),
@@ -79,12 +79,12 @@ def test_without_cyclone_dds_the_error_says_how_to_install_it(monkeypatch: pytes
         ("rt/fmu/out/vehicle_status_v1/x", None),
     ],
 )
-def test_a_vehicle_is_found_by_its_status_topic(topic: str, found: tuple[str, str] | None) -> None:
-    assert parse_status_topic(topic) == found
+def test_a_vehicle_is_found_by_its_status_topic(topic: str, expected: tuple[str, str] | None) -> None:
+    assert parse_status_topic(topic) == expected
 
 
 @pytest.mark.parametrize(
-    ("topic", "found"),
+    ("topic", "expected"),
     [
         ("rt/fmu/out/vehicle_attitude", ("", "VehicleAttitude")),
         ("rt/a/b/fmu/out/vehicle_status_v1", ("a/b", "VehicleStatus")),
@@ -96,10 +96,10 @@ def test_a_vehicle_is_found_by_its_status_topic(topic: str, found: tuple[str, st
     ],
 )
 def test_a_topic_that_the_server_reads_is_found_by_its_name(
-    topic: str, found: tuple[str, str] | None
+    topic: str, expected: tuple[str, str] | None
 ) -> None:
-    read = find_subscription(topic)
-    assert (None if read is None else (read[0], read[1].type)) == found
+    subscription = find_subscription(topic)
+    assert (None if subscription is None else (subscription[0], subscription[1].type)) == expected
 
 
 def test_the_dds_name_of_a_topic_contains_its_namespace() -> None:

@@ -18,9 +18,9 @@ from tests.support.dds_samples import recorded
 
 Decoder = Callable[[Mapping[int, bytes]], tuple[Any, float | None]]
 TYPES = {each.name: each.message for each in SUBSCRIPTIONS}
-STATUS, LANDED = "/fmu/out/vehicle_status_v1", "/fmu/out/vehicle_land_detected"
-LOCAL, GLOBAL = "/fmu/out/vehicle_local_position", "/fmu/out/vehicle_global_position"
-HOME, FLAGS = "/fmu/out/home_position", "/fmu/out/failsafe_flags"
+STATUS, LAND_DETECTED = "/fmu/out/vehicle_status_v1", "/fmu/out/vehicle_land_detected"
+LOCAL_POSITION, GLOBAL_POSITION = "/fmu/out/vehicle_local_position", "/fmu/out/vehicle_global_position"
+HOME_POSITION, FAILSAFE_FLAGS = "/fmu/out/home_position", "/fmu/out/failsafe_flags"
 
 
 def _values(topic: str, **changes: Any) -> dict[str, Any]:
@@ -100,25 +100,25 @@ def test_a_status_has_arming_and_failsafe(
 def test_the_landed_state_depends_on_the_mode(
     setup: ConverterSetup, landed: bool, nav_state: int, state: str
 ) -> None:
-    setup.convert(LANDED, landed=landed)
+    setup.convert(LAND_DETECTED, landed=landed)
     setup.convert(STATUS, nav_state=nav_state)
     payload = encode_payload(setup.by_name["EXTENDED_SYS_STATE"])
     assert reducers.extended_sys_state(reducers.FlightState(), payload, 1.0).landed_state == state
 
 
 def test_positions_velocity_and_time_since_boot_are_converted_unchanged(setup: ConverterSetup) -> None:
-    local, position = _values(LOCAL), _values(GLOBAL)
+    local, position = _values(LOCAL_POSITION), _values(GLOBAL_POSITION)
     offset_us = _values("/fmu/out/timesync_status")["estimated_offset"]
-    setup.convert(LOCAL)
+    setup.convert(LOCAL_POSITION)
     value, boot_s = setup.sample("LOCAL_POSITION_NED", decoders.local_position)
     assert value.position_ned_m == (local["x"], local["y"], local["z"])
     assert value.velocity_ned_m_s == (local["vx"], local["vy"], local["vz"])
     assert boot_s == pytest.approx((local["timestamp"] + offset_us) / 1e6, abs=1e-3)
-    setup.convert(HOME)
-    setup.convert(GLOBAL)
+    setup.convert(HOME_POSITION)
+    setup.convert(GLOBAL_POSITION)
     value, _ = setup.sample("GLOBAL_POSITION_INT", decoders.global_position)
     assert (value.lat_deg, value.lon_deg) == pytest.approx((position["lat"], position["lon"]), abs=1e-7)
-    assert value.alt_home_m == pytest.approx(position["alt"] - _values(HOME)["alt"], abs=2e-3)
+    assert value.alt_home_m == pytest.approx(position["alt"] - _values(HOME_POSITION)["alt"], abs=2e-3)
     assert value.heading_deg == pytest.approx(math.degrees(local["heading"]) % 360, abs=0.01)
 
 
@@ -134,28 +134,28 @@ def test_attitude_battery_gps_and_home_are_converted(setup: ConverterSetup) -> N
     setup.convert("/fmu/out/vehicle_gps_position")
     value, _ = setup.sample("GPS_RAW_INT", decoders.gps)
     assert (value.fix_type, value.satellites, value.hdop) == (3, 10, 0.7)
-    setup.convert(HOME)
+    setup.convert(HOME_POSITION)
     value, _ = setup.sample("HOME_POSITION", decoders.home)
-    assert value.alt_amsl_m == pytest.approx(_values(HOME)["alt"], abs=1e-3)
+    assert value.alt_amsl_m == pytest.approx(_values(HOME_POSITION)["alt"], abs=1e-3)
 
 
-@pytest.mark.parametrize("invalid", ["xy_valid", "z_valid", "v_xy_valid", "v_z_valid"])
+@pytest.mark.parametrize("valid_flag", ["xy_valid", "z_valid", "v_xy_valid", "v_z_valid"])
 def test_an_invalid_estimate_is_not_shown_and_its_flag_is_cleared(
-    setup: ConverterSetup, invalid: str
+    setup: ConverterSetup, valid_flag: str
 ) -> None:
-    setup.convert(LOCAL)
+    setup.convert(LOCAL_POSITION)
     flags_before = setup.by_name["ESTIMATOR_STATUS"].flags
-    messages = setup.convert(LOCAL, **{invalid: False})
+    messages = setup.convert(LOCAL_POSITION, **{valid_flag: False})
     assert [each.get_type() for each in messages] == ["ESTIMATOR_STATUS"]
     assert flags_before & ~messages[0].flags
 
 
 def test_health_has_the_prearm_check_and_manual_control(setup: ConverterSetup) -> None:
-    setup.convert(FLAGS, attitude_invalid=False, manual_control_signal_lost=True)
+    setup.convert(FAILSAFE_FLAGS, attitude_invalid=False, manual_control_signal_lost=True)
     value, _ = setup.sample("SYS_STATUS", decoders.health)
     assert value.ready_to_arm is True
     assert not value.sensors_present & d.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
-    setup.convert(FLAGS, manual_control_signal_lost=False)
+    setup.convert(FAILSAFE_FLAGS, manual_control_signal_lost=False)
     setup.convert(STATUS, pre_flight_checks_pass=False)
     value, _ = setup.sample("SYS_STATUS", decoders.health)
     assert value.ready_to_arm is False
@@ -165,23 +165,23 @@ def test_health_has_the_prearm_check_and_manual_control(setup: ConverterSetup) -
 def test_the_home_of_a_vehicle_disarmed_on_the_ground_is_its_position_until_px4_sends_it(
     setup: ConverterSetup,
 ) -> None:
-    setup.convert(LOCAL)
-    assert not [each for each in setup.convert(GLOBAL) if each.get_type() == "HOME_POSITION"]
-    setup.convert(LANDED, landed=True)
-    setup.convert(GLOBAL)
-    assumed = setup.by_name["HOME_POSITION"]
-    assert assumed.altitude == round(_values(GLOBAL)["alt"] * 1000)
-    setup.convert(HOME, alt=500.0)
-    setup.convert(GLOBAL)
+    setup.convert(LOCAL_POSITION)
+    assert not [each for each in setup.convert(GLOBAL_POSITION) if each.get_type() == "HOME_POSITION"]
+    setup.convert(LAND_DETECTED, landed=True)
+    setup.convert(GLOBAL_POSITION)
+    assumed_home = setup.by_name["HOME_POSITION"]
+    assert assumed_home.altitude == round(_values(GLOBAL_POSITION)["alt"] * 1000)
+    setup.convert(HOME_POSITION, alt=500.0)
+    setup.convert(GLOBAL_POSITION)
     assert setup.by_name["HOME_POSITION"].altitude == 500_000
     assert setup.converter.latched(d.MAVLINK_MSG_ID_HOME_POSITION) is setup.by_name["HOME_POSITION"]
 
 
 def test_in_flight_no_home_is_assumed(setup: ConverterSetup) -> None:
     setup.convert(STATUS, arming_state=2)
-    setup.convert(LANDED, landed=False)
-    setup.convert(LOCAL)
-    setup.convert(GLOBAL)
+    setup.convert(LAND_DETECTED, landed=False)
+    setup.convert(LOCAL_POSITION)
+    setup.convert(GLOBAL_POSITION)
     assert "HOME_POSITION" not in setup.by_name
 
 
@@ -203,21 +203,23 @@ def test_an_invalid_system_or_component_id_is_malformed(changes: dict[str, int])
 
 @pytest.mark.parametrize("lat", [math.nan, math.inf, 91.0, -1e300])
 def test_an_invalid_latitude_is_malformed(setup: ConverterSetup, lat: float) -> None:
-    setup.convert(LOCAL)
+    setup.convert(LOCAL_POSITION)
     with pytest.raises(MalformedMessage, match="not a position"):
-        setup.convert(GLOBAL, lat=lat)
+        setup.convert(GLOBAL_POSITION, lat=lat)
 
 
 @pytest.mark.parametrize("topic", [each.name for each in SUBSCRIPTIONS if each.type != "VehicleCommandAck"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3e38, -3e38])
 def test_extreme_numbers_are_converted_or_refused_as_malformed(topic: str, value: float) -> None:
     setup = ConverterSetup()
-    setup.convert(LOCAL)
-    setup.convert(LANDED, landed=True)
+    setup.convert(LOCAL_POSITION)
+    setup.convert(LAND_DETECTED, landed=True)
     floats = [each for each in TYPES[topic].primitive_fields if each.type.startswith("float")]
-    hostile: dict[str, Any] = {each.name: (value,) * each.length if each.length else value for each in floats}
+    extreme_fields: dict[str, Any] = {
+        each.name: (value,) * each.length if each.length else value for each in floats
+    }
     try:
-        messages = setup.convert(topic, **hostile)
+        messages = setup.convert(topic, **extreme_fields)
     except MalformedMessage:
         return
     for message in messages:
@@ -226,7 +228,7 @@ def test_extreme_numbers_are_converted_or_refused_as_malformed(topic: str, value
 
 def test_before_the_first_status_no_message_is_converted() -> None:
     converter = MavlinkConverter()
-    assert converter.convert(LANDED, _values(LANDED), 0.0) == []
+    assert converter.convert(LAND_DETECTED, _values(LAND_DETECTED), 0.0) == []
     assert converter.address is None
 
 
@@ -236,6 +238,6 @@ def test_texts_name_the_missing_requirements_of_a_mode(setup: ConverterSetup) ->
         "mode_req_global_position": 1 << 5,
         "mode_req_prevent_arming": 1,
     }
-    setup.convert(FLAGS, **flags, battery_unhealthy=True)
+    setup.convert(FAILSAFE_FLAGS, **flags, battery_unhealthy=True)
     assert setup.converter.problems(5) == ["no valid global position estimate", "battery unhealthy"]
     assert "no valid global position estimate" not in setup.converter.problems(4)

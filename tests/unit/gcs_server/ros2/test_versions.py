@@ -10,8 +10,8 @@ from gcs_server.ros2.versions import MAX_TOPICS, REMEDY, USE_OF_TOPIC, TopicVers
 from gcs_server.streamer.schedule.external_modes import READ_TYPES
 from gcs_server.streamer.transport.ros2 import TOPIC_TYPES
 
-READ = {each.name for each in SUBSCRIPTIONS} | set(READ_TYPES)
-SENT = {COMMAND} | set(SENT_TYPES) | set(TOPIC_TYPES)
+READ_TOPICS = {topic.name for topic in SUBSCRIPTIONS} | set(READ_TYPES)
+SENT_TOPICS = {COMMAND} | set(SENT_TYPES) | set(TOPIC_TYPES)
 
 
 def announce(versions: TopicVersions, *names: str, namespace: str = "px4_1") -> None:
@@ -20,7 +20,7 @@ def announce(versions: TopicVersions, *names: str, namespace: str = "px4_1") -> 
 
 
 def test_every_topic_that_the_server_uses_has_its_known_version() -> None:
-    assert set(USE_OF_TOPIC) == READ | SENT
+    assert set(USE_OF_TOPIC) == READ_TOPICS | SENT_TOPICS
 
 
 def test_topics_of_the_known_versions_cause_no_problem() -> None:
@@ -32,12 +32,12 @@ def test_topics_of_the_known_versions_cause_no_problem() -> None:
 @pytest.mark.parametrize("topic", sorted(USE_OF_TOPIC))
 def test_an_unknown_version_of_any_topic_is_reported_with_the_missing_function(topic: str) -> None:
     versions = TopicVersions()
-    known = 1 if topic.endswith("_v1") else 0
-    other = f"{topic.removesuffix('_v1')}_v7"
-    announce(versions, *(each for each in USE_OF_TOPIC if each != topic), other)
+    known_version = 1 if topic.endswith("_v1") else 0
+    unknown_topic = f"{topic.removesuffix('_v1')}_v7"
+    announce(versions, *(name for name in USE_OF_TOPIC if name != topic), unknown_topic)
     (text,) = versions.problems()
     assert text == (
-        f"/px4_1{other} has version 7, but this server knows version {known}. "
+        f"/px4_1{unknown_topic} has version 7, but this server knows version {known_version}. "
         f"Not available: {USE_OF_TOPIC[topic]}. {REMEDY}"
     )
 
@@ -60,7 +60,7 @@ def test_topics_that_other_programs_subscribe_or_publish_are_ignored() -> None:
 def test_each_vehicle_has_one_problem_that_counts_further_topics() -> None:
     versions = TopicVersions()
     announce(versions, "/fmu/out/vehicle_attitude_v1", namespace="")
-    announce(versions, *(f"{topic}_v9" for topic in sorted(SENT)[:5]))
+    announce(versions, *(f"{topic}_v9" for topic in sorted(SENT_TOPICS)[:5]))
     first, second = versions.problems()
     assert first.startswith("/fmu/out/vehicle_attitude_v1 has version 1, but")
     assert ". Further topics with unknown versions: 2. " in second
