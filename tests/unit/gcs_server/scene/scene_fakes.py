@@ -22,7 +22,7 @@ from missions.frames import Quaternion
 
 @dataclass
 class StillClock:
-    """A clock that only the test advances."""
+    """A clock that advances only when the test sets it or code sleeps."""
 
     now_s: float = 1000.0
 
@@ -84,7 +84,7 @@ class FakeFleet:
 
 
 def q_from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Quaternion from roll, pitch and yaw, independent of the tested code."""
+    """Quaternion from roll, pitch and yaw [rad], independent of the tested code."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)

@@ -12,8 +12,8 @@ from gcs_server.scene.scene import Scene
 from missions.frames import rotate, yaw_from_q
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying_vehicle
 
-HALF = math.sqrt(0.5)
-EAST = (HALF, 0.0, 0.0, HALF)
+SQRT_HALF = math.sqrt(0.5)
+Q_EAST = (SQRT_HALF, 0.0, 0.0, SQRT_HALF)
 """q_ned_frd of a level vehicle with heading east."""
 RESULT = {
     "nominal": {
@@ -21,7 +21,7 @@ RESULT = {
         "path": {
             "t_s": [0.0, 10.0, 20.0],
             "position_ned_m": [(0.0, 0.0, 0.0), (0.0, 0.0, -10.0), (0.0, 40.0, -10.0)],
-            "q_ned_frd": [EAST, EAST, EAST],
+            "q_ned_frd": [Q_EAST, Q_EAST, Q_EAST],
             "gimbal_rad": [(0.0, 0.0), (-math.pi / 2, 0.0), (0.0, math.pi)],
         },
     },
@@ -34,13 +34,13 @@ RESULT = {
     },
     "together": None,
 }
-NOT_FLOWN = {"nominal": {**RESULT["nominal"], "path": None}, "monte_carlo": None, "together": None}
+RESULT_WITHOUT_PATH = {"nominal": {**RESULT["nominal"], "path": None}, "monte_carlo": None, "together": None}
 START_ENU_M = (100.0, 200.0, 5.0)
 
 
 def path():
-    (found,) = paths_of(RESULT)
-    return found
+    (only_path,) = paths_of(RESULT)
+    return only_path
 
 
 def test_the_position_in_a_dry_run_is_interpolated_and_stays_at_the_ends_of_its_path():
@@ -75,60 +75,60 @@ def test_the_corridor_has_the_width_and_height_of_the_simulated_flights():
 
 
 def test_each_role_has_its_own_corridor():
-    narrow = RESULT["monte_carlo"]
-    wide = {"corridor": {**narrow["corridor"], "horizontal_m": {"p95": [4.0, 4.0, 9.0]}}}
+    narrow_result = RESULT["monte_carlo"]
+    wide_result = {"corridor": {**narrow_result["corridor"], "horizontal_m": {"p95": [4.0, 4.0, 9.0]}}}
     flights = {"lead": RESULT["nominal"], "left": RESULT["nominal"]}
-    together = {"roles": flights, "monte_carlo": {"roles": {"lead": narrow, "left": wide}}}
-    lead, left = paths_of({**RESULT, "together": together})
-    assert (lead.role, left.role) == ("lead", "left")
-    assert lead.corridor_enu_m is not None
-    assert left.corridor_enu_m is not None
-    np.testing.assert_allclose(lead.corridor_enu_m[2][0], (40, 3, 8))
-    np.testing.assert_allclose(left.corridor_enu_m[2][0], (40, 9, 8))
+    together = {"roles": flights, "monte_carlo": {"roles": {"lead": narrow_result, "left": wide_result}}}
+    lead_path, left_path = paths_of({**RESULT, "together": together})
+    assert (lead_path.role, left_path.role) == ("lead", "left")
+    assert lead_path.corridor_enu_m is not None
+    assert left_path.corridor_enu_m is not None
+    np.testing.assert_allclose(lead_path.corridor_enu_m[2][0], (40, 3, 8))
+    np.testing.assert_allclose(left_path.corridor_enu_m[2][0], (40, 9, 8))
 
 
 def test_a_single_flight_has_no_corridor_and_a_flight_without_samples_has_no_path():
     (single_flight,) = paths_of({**RESULT, "monte_carlo": None})
     assert corridor_mesh(single_flight) is None
     assert corridor_edges(single_flight) is None
-    assert paths_of(NOT_FLOWN) == ()
+    assert paths_of(RESULT_WITHOUT_PATH) == ()
 
 
 def test_each_of_several_vehicles_has_a_path_labelled_with_its_role():
-    flights = {"lead": RESULT["nominal"], "left": NOT_FLOWN["nominal"], "right": RESULT["nominal"]}
+    flights = {"lead": RESULT["nominal"], "left": RESULT_WITHOUT_PATH["nominal"], "right": RESULT["nominal"]}
     together = {"roles": flights, "monte_carlo": None}
-    found = paths_of({"nominal": RESULT["nominal"], "monte_carlo": None, "together": together})
-    assert [each.role for each in found] == ["lead", "right"]
-    assert pose_at(found[1], 15.0, START_ENU_M).label == "right · 10.0 m above the start"
+    paths = paths_of({"nominal": RESULT["nominal"], "monte_carlo": None, "together": together})
+    assert [each.role for each in paths] == ["lead", "right"]
+    assert pose_at(paths[1], 15.0, START_ENU_M).label == "right · 10.0 m above the start"
 
 
-def dry_run_after(scene, **request):
+def dry_run_after_request(scene, **request):
     return scene.set_view("page", ViewRequest.model_validate(request)).dry_run
 
 
 def test_a_view_keeps_the_shown_time_until_a_new_request():
     requested_ids: list[str] = []
 
-    def results(dry_run: str):
+    def find_paths(dry_run: str):
         requested_ids.append(dry_run)
         if dry_run not in ("1", "2"):
             raise UnknownDryRun(f"There is no result of a dry run {dry_run!r}.")
-        return paths_of(RESULT if dry_run == "1" else NOT_FLOWN)
+        return paths_of(RESULT if dry_run == "1" else RESULT_WITHOUT_PATH)
 
-    scene = Scene(FakeFleet([flying_vehicle("1")]), StillClock(), dry_runs=results)
-    first = dry_run_after(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})
-    later = dry_run_after(scene, dry_run={"id": "1", "t_s": 4.0})
+    scene = Scene(FakeFleet([flying_vehicle("1")]), StillClock(), dry_runs=find_paths)
+    first = dry_run_after_request(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})
+    later = dry_run_after_request(scene, dry_run={"id": "1", "t_s": 4.0})
     assert (first.t_s, first.follow, later.t_s, later.follow) == (3.0, True, 4.0, False)
     assert first.paths is later.paths
     assert requested_ids == ["1"]
-    assert dry_run_after(scene, mode="free") is later
-    assert dry_run_after(scene, dry_run={"id": "1", "t_s": None}).t_s is None
-    later = dry_run_after(scene, dry_run={"id": "1", "t_s": 4.0})
+    assert dry_run_after_request(scene, mode="free") is later
+    assert dry_run_after_request(scene, dry_run={"id": "1", "t_s": None}).t_s is None
+    later = dry_run_after_request(scene, dry_run={"id": "1", "t_s": 4.0})
     with pytest.raises(UnknownDryRun):
-        dry_run_after(scene, dry_run={"id": "9", "t_s": 0.0})
-    assert dry_run_after(scene, mode="chase") is later
-    assert dry_run_after(scene, dry_run={"id": "2", "t_s": 0.0}) is None
-    assert dry_run_after(scene, dry_run=None) is None
+        dry_run_after_request(scene, dry_run={"id": "9", "t_s": 0.0})
+    assert dry_run_after_request(scene, mode="chase") is later
+    assert dry_run_after_request(scene, dry_run={"id": "2", "t_s": 0.0}) is None
+    assert dry_run_after_request(scene, dry_run=None) is None
 
 
 @pytest.mark.parametrize("t_s", [-1.0, math.nan, math.inf])

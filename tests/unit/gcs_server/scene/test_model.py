@@ -24,7 +24,7 @@ SOLIDS = {
     "box": model.rounded_box((0.2, 0.1, 0.05)),
 }
 
-HEADING_RAD = math.pi / 2
+HEADING_NORTH_RAD = math.pi / 2
 """Heading north, as yaw in ENU: anticlockwise from east."""
 
 
@@ -55,9 +55,9 @@ def test_rotors_do_not_touch():
     "direction", [(2.0, 0, 0), (0, 3.0, 0), (0, 0, -1.0), (-1.0, 0, 0), (1.0, -2.0, 0.5)]
 )
 def test_a_line_is_turned_along_its_direction(direction):
-    along = rotate(model.q_along(direction), (1.0, 0.0, 0.0))
+    turned_axis = rotate(model.q_along(direction), (1.0, 0.0, 0.0))
     length = math.dist(direction, (0, 0, 0))
-    assert along == pytest.approx(tuple(c / length for c in direction), abs=1e-9)
+    assert turned_axis == pytest.approx(tuple(c / length for c in direction), abs=1e-9)
 
 
 def test_a_line_of_zero_length_is_not_turned():
@@ -89,8 +89,8 @@ def test_a_trail_is_bounded_and_keeps_its_ends():
 
 def test_hovering_adds_no_points_to_a_trail():
     trail = Trail()
-    added = [trail.add((math.sin(i) * 0.05, math.cos(i) * 0.05, 10.0)) for i in range(500)]
-    assert sum(added) == 1
+    was_added = [trail.add((math.sin(i) * 0.05, math.cos(i) * 0.05, 10.0)) for i in range(500)]
+    assert sum(was_added) == 1
 
 
 def test_a_position_jump_starts_a_new_trail_and_nan_is_not_drawn():
@@ -110,8 +110,8 @@ def test_the_drawn_position_converges_to_the_vehicles_position():
     smoother, measured = Smoother(), pose()
     smoother.step(measured, 0.03)
     moved = replace(measured, position_enu_m=(1.0, 0.0, 10.0))
-    first = smoother.step(moved, 0.03)
-    assert 0.0 < first.position_enu_m[0] < 1.0
+    first_step = smoother.step(moved, 0.03)
+    assert 0.0 < first_step.position_enu_m[0] < 1.0
     for _ in range(60):
         smoother.step(moved, 0.03)
     assert smoother.pose.position_enu_m == moved.position_enu_m
@@ -125,12 +125,12 @@ def test_a_position_jump_is_not_smoothed():
 
 def test_rotors_turn_in_their_directions_and_stop_when_disarmed():
     smoother, measured = Smoother(), pose()
-    before = smoother.rotor_angles_rad
+    old_angles = smoother.rotor_angles_rad
     smoother.step(measured, 0.02)
-    turned = [
-        math.remainder(b - a, 2 * math.pi) for a, b in zip(before, smoother.rotor_angles_rad, strict=True)
+    turns_rad = [
+        math.remainder(b - a, 2 * math.pi) for a, b in zip(old_angles, smoother.rotor_angles_rad, strict=True)
     ]
-    assert [math.copysign(1, t) for t in turned] == list(model.ROTOR_SPINS)
+    assert [math.copysign(1, t) for t in turns_rad] == list(model.ROTOR_SPINS)
     stopped_angles = smoother.rotor_angles_rad
     smoother.step(replace(measured, motors=(0.0, 0.0, 0.0, 0.0)), 0.02)
     assert smoother.rotor_angles_rad == stopped_angles
@@ -144,34 +144,34 @@ def test_the_heading_of_the_chase_view_turns_smoothly_and_in_the_shorter_directi
         return smoother.heading_enu_rad
 
     assert step(3.1, 0.03) == pytest.approx(3.1)
-    after = step(-3.1, 0.03)
-    assert 3.1 < after < math.pi  # over π, not back through 0
+    heading_rad = step(-3.1, 0.03)
+    assert 3.1 < heading_rad < math.pi  # over π, not back through 0
     for _ in range(100):
-        after = step(-3.1, 0.03)
-    assert after == pytest.approx(-3.1, abs=1e-3)
+        heading_rad = step(-3.1, 0.03)
+    assert heading_rad == pytest.approx(-3.1, abs=1e-3)
 
 
 @pytest.mark.parametrize("mode", ["chase", "top"])
 def test_chase_and_top_views_keep_the_vehicle_in_the_middle(mode):
     measured = pose()
-    world = world_pose(mode, measured, HEADING_RAD)
+    world = world_pose(mode, measured, HEADING_NORTH_RAD)
     assert in_world(world, (0.0, 0.0, 0.0)) == pytest.approx(measured.position_enu_m, abs=1e-9)
 
 
 def test_the_chase_view_points_along_the_heading():
     measured = pose()  # heading north
-    ahead = in_world(world_pose("chase", measured, HEADING_RAD), (5.0, 0.0, 0.0))
-    assert ahead == pytest.approx((0.0, 5.0, 10.0), abs=1e-6)
-    behind = in_world(world_pose("chase", measured, HEADING_RAD), CAMERAS["chase"].position_m)
-    assert behind[1] < 0
+    point_ahead = in_world(world_pose("chase", measured, HEADING_NORTH_RAD), (5.0, 0.0, 0.0))
+    assert point_ahead == pytest.approx((0.0, 5.0, 10.0), abs=1e-6)
+    camera_position = in_world(world_pose("chase", measured, HEADING_NORTH_RAD), CAMERAS["chase"].position_m)
+    assert camera_position[1] < 0
 
 
 def test_the_gimbal_view_points_along_the_camera_axis():
     measured = pose()  # camera 0.5 rad down
     world = world_pose("gimbal", measured, 0.0)
-    camera_position, ahead = in_world(world, (0.0, 0.0, 0.0)), in_world(world, (1.0, 0.0, 0.0))
-    assert ahead[2] - camera_position[2] == pytest.approx(-math.sin(0.5), abs=1e-9)
-    assert ahead[1] - camera_position[1] == pytest.approx(math.cos(0.5), abs=1e-9)
+    camera_position, point_ahead = in_world(world, (0.0, 0.0, 0.0)), in_world(world, (1.0, 0.0, 0.0))
+    assert point_ahead[2] - camera_position[2] == pytest.approx(-math.sin(0.5), abs=1e-9)
+    assert point_ahead[1] - camera_position[1] == pytest.approx(math.cos(0.5), abs=1e-9)
 
 
 def test_the_free_view_does_not_move_the_scene():

@@ -145,12 +145,12 @@ def test_measured_points_are_drawn_for_a_limited_time():
     down = DistanceSensor(0, (0.0, 0.0, 1.0), 2.0, 0.1, 20.0, None, 0.0)
     vehicle.values["distance_sensors"] = DistanceSensors((ahead, down))
     vehicle.values["obstacle_distance"] = ObstacleDistance("north", 0.0, 5.0, (3.0, 20.01, None), 0.1, 20.0)
-    with_sensors = drawn_pose(vehicle)
-    x, y, z = with_sensors.position_enu_m
-    assert with_sensors.measured_points_enu_m == (
+    pose = drawn_pose(vehicle)
+    x, y, z = pose.position_enu_m
+    assert pose.measured_points_enu_m == (
         pytest.approx((x + 4.0, y, z)),
         pytest.approx((x, y + 3.0, z)),
     )
-    assert upright_lines(with_sensors.measured_points_enu_m).shape == (2, 2, 3)
+    assert upright_lines(pose.measured_points_enu_m).shape == (2, 2, 3)
     assert upright_lines(((1.0, 2.0, 3.0),))[0, 1, 2] == pytest.approx(3.0 + HALF_HEIGHT_M)
     assert drawn_pose(vehicle, now_s=DRAWN_FOR_S + 0.1).measured_points_enu_m == ()

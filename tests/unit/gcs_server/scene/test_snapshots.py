@@ -42,8 +42,8 @@ def test_the_mirror_has_all_drawn_topics():
     setup.step(stalled=["7"])
     mirrored = setup.mirror.get("1")
     for topic in DRAWN_TOPICS:
-        expected, found = vehicle.topic(topic), mirrored.topic(topic)
-        assert (found and found.value) == (expected and expected.value)
+        sample, mirrored_sample = vehicle.topic(topic), mirrored.topic(topic)
+        assert (mirrored_sample and mirrored_sample.value) == (sample and sample.value)
     assert (mirrored.identity.simulated, mirrored.identity.replayed) == (True, False)
     assert setup.mirror.target("1") == OffboardTarget((1.0, 2.0, 3.0), None, 0.5)
     assert setup.mirror.stalled == {"7"}
@@ -71,19 +71,19 @@ def test_a_topic_without_a_value_is_removed():
 def test_vehicles_that_no_view_follows_are_in_every_third_snapshot():
     setup = BuilderAndMirror(*(flying_vehicle(str(i)) for i in range(1, 8)))
     assert len(setup.step("4").changed) == 7
-    ids = [[v.id for v in setup.step("4").changed] for _ in range(3)]
-    assert all("4" in each for each in ids)
-    assert sorted(i for each in ids for i in each if i != "4") == ["1", "2", "3", "5", "6", "7"]
+    ids_of_snapshots = [[v.id for v in setup.step("4").changed] for _ in range(3)]
+    assert all("4" in ids for ids in ids_of_snapshots)
+    assert sorted(i for ids in ids_of_snapshots for i in ids if i != "4") == ["1", "2", "3", "5", "6", "7"]
     assert [v.id for v in setup.mirror.all()] == [str(i) for i in range(1, 8)]
 
 
 def test_a_new_vehicle_with_the_id_of_a_removed_vehicle_is_another_vehicle():
     setup = BuilderAndMirror(flying_vehicle("1"), flying_vehicle("2"))
     setup.step()
-    earlier = setup.mirror.get("1")
+    earlier_vehicle = setup.mirror.get("1")
     setup.fleet.vehicles[0] = flying_vehicle("1")
     setup.step()
-    assert setup.mirror.get("1") is not earlier
+    assert setup.mirror.get("1") is not earlier_vehicle
     setup.fleet.vehicles = setup.fleet.vehicles[1:]
     setup.step()
     with pytest.raises(UnknownVehicle):
@@ -91,9 +91,9 @@ def test_a_new_vehicle_with_the_id_of_a_removed_vehicle_is_another_vehicle():
 
 
 def test_a_vehicle_that_cannot_be_read_is_reported_and_the_other_vehicles_are_drawn():
-    broken = flying_vehicle("1")
-    setup = BuilderAndMirror(broken, flying_vehicle("2"))
-    broken.values["attitude"] = object()  # cannot be encoded
+    broken_vehicle = flying_vehicle("1")
+    setup = BuilderAndMirror(broken_vehicle, flying_vehicle("2"))
+    broken_vehicle.values["attitude"] = object()  # cannot be encoded
     setup.step()
     assert [v.id for v in setup.mirror.all()] == ["2"]
     (fault,) = setup.builder.faults
@@ -101,9 +101,9 @@ def test_a_vehicle_that_cannot_be_read_is_reported_and_the_other_vehicles_are_dr
 
 
 def test_a_vehicle_whose_snapshot_cannot_be_decoded_is_reported_and_the_other_vehicles_are_drawn():
-    broken = flying_vehicle("1")
-    setup = BuilderAndMirror(broken, flying_vehicle("2"))
-    broken.values["attitude"] = status()
+    broken_vehicle = flying_vehicle("1")
+    setup = BuilderAndMirror(broken_vehicle, flying_vehicle("2"))
+    broken_vehicle.values["attitude"] = status()
     setup.step()
     assert setup.mirror.get("2").topic("attitude") is not None
     (fault,) = setup.mirror.faults

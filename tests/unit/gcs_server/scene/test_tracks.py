@@ -19,7 +19,7 @@ from tests.unit.gcs_server.scene.scene_fakes import (
 )
 
 
-def points(track: Track) -> list[tuple[float, float, float]]:
+def trail_points(track: Track) -> list[tuple[float, float, float]]:
     return [*track.trail.sealed, *track.trail.recent[1 if track.trail.sealed else 0 :]]
 
 
@@ -48,13 +48,13 @@ def test_the_trail_is_complete_when_a_view_opens():
     add_flight_north(vehicle, clock, 100)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     (track,) = tracks.update(clock.monotonic_s(), 0.03).values()
-    assert points(track) == [pytest.approx((0.0, -float(ago_s), 10.0)) for ago_s in range(100, 0, -1)]
+    assert trail_points(track) == [pytest.approx((0.0, -float(ago_s), 10.0)) for ago_s in range(100, 0, -1)]
     tracks.update(clock.monotonic_s() + 0.03, 0.03)
-    assert points(track)[-1] == pytest.approx((0.0, 0.0, 10.0))
+    assert trail_points(track)[-1] == pytest.approx((0.0, 0.0, 10.0))
     assert vehicle.history_requests == 1
 
 
-def test_a_gap_is_filled_without_duplicates():
+def test_a_gap_of_a_trail_is_filled_without_duplicates():
     clock = StillClock()
     vehicle = flying_vehicle()
     vehicle.clock = clock
@@ -69,7 +69,7 @@ def test_a_gap_is_filled_without_duplicates():
     for _ in range(2):
         (same_track,) = tracks.update(clock.monotonic_s(), 0.03).values()
     assert same_track is track
-    assert [p[1] for p in points(track)] == pytest.approx([-60.0, *range(-29, 1)])
+    assert [p[1] for p in trail_points(track)] == pytest.approx([-60.0, *range(-29, 1)])
 
 
 def test_the_trail_restarts_after_a_long_gap():
@@ -78,11 +78,11 @@ def test_the_trail_restarts_after_a_long_gap():
     vehicle.clock = clock
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     for _ in range(2):
-        (first,) = tracks.update(clock.monotonic_s(), 0.03).values()
+        (first_track,) = tracks.update(clock.monotonic_s(), 0.03).values()
     clock.now_s += 1000.0
     (track,) = tracks.update(clock.monotonic_s(), 0.03).values()
-    assert first.trail.recent
-    assert points(track) == []
+    assert first_track.trail.recent
+    assert trail_points(track) == []
 
 
 def test_one_trail_per_update_is_built_and_the_followed_vehicle_is_first():
@@ -103,28 +103,29 @@ def test_vehicles_that_no_view_follows_are_updated_every_third_time():
     poses = {v: track.smoother.pose for v, track in tracks.update(0.03, 0.03, {"4"}).items()}
     for vehicle in vehicles:
         vehicle.values["local_position"] = local_position(1.0, 0.0, -10.0)
-    changed = []
+    changed_ids = []
     for index in range(2, 5):
-        now = {v: track.smoother.pose for v, track in tracks.update(index * 0.03, 0.03, {"4"}).items()}
-        changed.append({v for v in now if now[v] is not poses[v]})
-        poses = now
-    assert [len(each) for each in changed] == [3, 3, 3]
-    assert all("4" in each for each in changed)
-    assert set.union(*changed) == {v.id for v in vehicles}
-    norths = {v: pose.position_enu_m[1] for v, pose in poses.items()}
-    last = changed[-1]  # a vehicle updated after three periods has moved as far as the followed vehicle
-    assert [norths[v] for v in last] == pytest.approx([norths["4"]] * len(last))
+        new_poses = {v: track.smoother.pose for v, track in tracks.update(index * 0.03, 0.03, {"4"}).items()}
+        changed_ids.append({v for v in new_poses if new_poses[v] is not poses[v]})
+        poses = new_poses
+    assert [len(ids) for ids in changed_ids] == [3, 3, 3]
+    assert all("4" in ids for ids in changed_ids)
+    assert set.union(*changed_ids) == {v.id for v in vehicles}
+    north_m = {v: pose.position_enu_m[1] for v, pose in poses.items()}
+    last_changed_ids = changed_ids[-1]
+    # A vehicle that is updated after three periods has moved as far as the followed vehicle.
+    assert [north_m[v] for v in last_changed_ids] == pytest.approx([north_m["4"]] * len(last_changed_ids))
 
 
-def test_a_few_vehicles_are_all_updated_each_time():
+def test_if_there_are_few_vehicles_each_update_covers_all_of_them():
     vehicles = [flying_vehicle(str(i)) for i in range(1, 4)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     for index in range(3):
-        before = {v: track.smoother.pose for v, track in tracks.update(index * 0.03, 0.03).items()}
+        poses_before = {v: track.smoother.pose for v, track in tracks.update(index * 0.03, 0.03).items()}
         for vehicle in vehicles:
             vehicle.values["local_position"] = local_position(float(index), 0.0, -10.0)
-    after = {v: track.smoother.pose for v, track in tracks.update(0.2, 0.03).items()}
-    assert all(after[v] is not before[v] for v in ("1", "2", "3"))
+    poses_after = {v: track.smoother.pose for v, track in tracks.update(0.2, 0.03).items()}
+    assert all(poses_after[v] is not poses_before[v] for v in ("1", "2", "3"))
 
 
 def test_another_vehicle_with_the_same_id_has_no_trail_of_the_first_vehicle():
@@ -132,11 +133,11 @@ def test_another_vehicle_with_the_same_id_has_no_trail_of_the_first_vehicle():
     tracks = Tracks(fleet, None, SystemClock())
     for _ in range(2):
         tracks.update(clock.monotonic_s(), 0.03)
-    other = flying_vehicle("1")
-    other.values = {"global_position": global_position(-33.0, 151.0, 50.0)}
-    fleet.vehicles = [other]
+    other_vehicle = flying_vehicle("1")
+    other_vehicle.values = {"global_position": global_position(-33.0, 151.0, 50.0)}
+    fleet.vehicles = [other_vehicle]
     (track,) = tracks.update(clock.monotonic_s() + 5, 0.03).values()
-    assert points(track) == []
+    assert trail_points(track) == []
     # There is only one vehicle, so its position is the origin of the scene.
     assert track.smoother.pose.position_enu_m == pytest.approx((0.0, 0.0, 0.0))
 
@@ -155,7 +156,7 @@ def test_global_positions_are_used_for_the_trail_if_there_are_no_local_positions
         for ago_s in (3, 2, 1)
     ]
     (track,) = Tracks(FakeFleet([vehicle]), None, SystemClock()).update(clock.monotonic_s(), 0.03).values()
-    assert [p[1] for p in points(track)] == pytest.approx([-3.335, -2.223, -1.112], abs=0.01)
+    assert [p[1] for p in trail_points(track)] == pytest.approx([-3.335, -2.223, -1.112], abs=0.01)
 
 
 def test_a_replayed_vehicles_trail_uses_the_recordings_time():
@@ -163,8 +164,8 @@ def test_a_replayed_vehicles_trail_uses_the_recordings_time():
     vehicle.clock = replay_clock
     add_flight_north(vehicle, replay_clock, 4)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
-    (track,) = tracks.update(9e5, 0.03).values()
-    assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1])
+    (track,) = tracks.update(9e5, 0.03).values()  # the server's time differs from the recording's
+    assert [p[1] for p in trail_points(track)] == pytest.approx([-4, -3, -2, -1])
     replay_clock.now_s += 2.0  # played at half speed, without a view
     vehicle.stored_samples.append(
         Sample(
@@ -176,17 +177,17 @@ def test_a_replayed_vehicles_trail_uses_the_recordings_time():
         )
     )
     tracks.update(9e5 + 4.0, 0.03)
-    assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1, 1])
+    assert [p[1] for p in trail_points(track)] == pytest.approx([-4, -3, -2, -1, 1])
 
 
 def test_a_vehicle_with_an_invalid_position_is_not_drawn_and_the_other_vehicles_are() -> None:
-    broken, intact = flying_vehicle("1"), flying_vehicle("2")
-    tracks = Tracks(FakeFleet([broken, intact]), None, SystemClock())
-    broken.values["local_position"] = local_position("north", 0.0, -10.0)  # not a number
+    broken_vehicle, intact_vehicle = flying_vehicle("1"), flying_vehicle("2")
+    tracks = Tracks(FakeFleet([broken_vehicle, intact_vehicle]), None, SystemClock())
+    broken_vehicle.values["local_position"] = local_position("north", 0.0, -10.0)  # not a number
     assert list(tracks.update(1.0, 0.03)) == ["2"]
-    assert intact.history_requests == 1, "the trail of the other vehicle was not built"
+    assert intact_vehicle.history_requests == 1, "the trail of the other vehicle was not built"
     (fault,) = tracks.isolation.faults
     assert "vehicle 1" in fault
-    broken.values["local_position"] = local_position(0.0, 0.0, -10.0)
+    broken_vehicle.values["local_position"] = local_position(0.0, 0.0, -10.0)
     assert list(tracks.update(1.1, 0.03)) == ["1", "2"]
     assert tracks.isolation.faults == []

@@ -34,21 +34,21 @@ yaws = st.one_of(
 )
 ORIGIN = LocalOrigin(47.4, 8.5, 480.0)
 L_SHAPE = ((-60.0, -60.0), (60.0, -60.0), (60.0, 0.0), (0.0, 0.0), (0.0, 60.0), (-60.0, 60.0))
-FENCED = Region(-40.0, 0.0, (Circle((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
-limit = st.floats(0.5, 15)
+FENCED_REGION = Region(-40.0, 0.0, (Circle((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
+limit_values = st.floats(0.5, 15)
 
 
 @st.composite
-def bounds(draw, region=FENCED):
+def bounds(draw, region=FENCED_REGION):
     return Bounds(
-        speed_m_s=draw(limit),
-        climb_m_s=draw(limit),
-        descent_m_s=draw(limit),
+        speed_m_s=draw(limit_values),
+        climb_m_s=draw(limit_values),
+        descent_m_s=draw(limit_values),
         tilt_rad=draw(st.floats(0.05, 1.2)),
-        acceleration_m_s2=draw(limit),
-        acceleration_up_m_s2=draw(limit),
-        acceleration_down_m_s2=draw(limit),
-        rates_rad_s=(draw(limit), draw(limit), draw(limit)),
+        acceleration_m_s2=draw(limit_values),
+        acceleration_up_m_s2=draw(limit_values),
+        acceleration_down_m_s2=draw(limit_values),
+        rates_rad_s=(draw(limit_values), draw(limit_values), draw(limit_values)),
         slew_velocity_m_s2=draw(st.sampled_from((math.inf, 2.0))),
         slew_attitude_rad_s=draw(st.sampled_from((math.inf, 0.5))),
         approach_m_s=draw(st.sampled_from((math.inf, 3.0))),
@@ -59,13 +59,15 @@ def bounds(draw, region=FENCED):
     )
 
 
-inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59), st.floats(-39, -1)).filter(
-    lambda p: FENCED.breach((p[0], p[1])) is None
+inside_positions = st.tuples(st.floats(-59, 59), st.floats(-59, 59), st.floats(-39, -1)).filter(
+    lambda p: FENCED_REGION.breach((p[0], p[1])) is None
 )
-well_inside = inside.filter(
-    lambda p: all(FENCED.breach((p[0] + n, p[1] + e)) is None for n, e in ((1, 0), (-1, 0), (0, 1), (0, -1)))
+well_inside_positions = inside_positions.filter(
+    lambda p: all(
+        FENCED_REGION.breach((p[0] + n, p[1] + e)) is None for n, e in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    )
 )
-vehicle_motions = st.builds(VehicleMotion, inside, st.tuples(*[st.floats(-12, 12)] * 3), angles)
+vehicle_motions = st.builds(VehicleMotion, inside_positions, st.tuples(*[st.floats(-12, 12)] * 3), angles)
 unit_quaternions = st.builds(q_from_euler, angles, st.floats(-1.5, 1.5), angles)
 setpoints = st.one_of(
     st.builds(lambda p, y: Position(p, **y), vectors, yaws),
@@ -88,7 +90,7 @@ setpoints = st.one_of(
 )
 
 
-def at_most(value, maximum):
+def is_at_most(value, maximum):
     return value <= maximum * (1 + 1e-9) + 1e-6
 
 
@@ -104,10 +106,10 @@ def inside_fence(position_ned, limits):
 def assert_speeds_within(velocity, limits):
     n, e, d = velocity
     if n is not None:
-        assert at_most(math.hypot(n, e), limits.speed_m_s)
+        assert is_at_most(math.hypot(n, e), limits.speed_m_s)
     if d is not None:
-        assert at_most(d, limits.descent_m_s)
-        assert at_most(-d, limits.climb_m_s)
+        assert is_at_most(d, limits.descent_m_s)
+        assert is_at_most(-d, limits.climb_m_s)
 
 
 def assert_stops_inside(velocity, motion, limits):
@@ -120,7 +122,7 @@ def assert_stops_inside(velocity, motion, limits):
             stop_m
             <= limits.region.distance_to_edge_m((position[0], position[1]), (n / speed, e / speed)) + 1e-6
         )
-    stop_m = abs(d) * 0.6 + d**2 / 2
+    stop_m = abs(d) * 0.6 + d**2 / 2  # a delay of 0.6 s, and 1 m/s²
     remaining_m = (
         (limits.region.down_max_m - position[2]) if d > 0 else (position[2] - limits.region.down_min_m)
     )
@@ -134,8 +136,8 @@ def test_any_setpoint_is_sent_within_the_limits(requested, limits, motion, previ
     sent = result.setpoint
     assert sent is not None
     assert is_finite(sent)
-    rate = getattr(sent, "yaw_rate_ned_rad_s", None)
-    assert rate is None or at_most(abs(rate), limits.rates_rad_s[2])
+    yaw_rate = getattr(sent, "yaw_rate_ned_rad_s", None)
+    assert yaw_rate is None or is_at_most(abs(yaw_rate), limits.rates_rad_s[2])
     if isinstance(sent, Position | Trajectory):
         n, e, d = sent.position_ned_m
         if n is not None:
@@ -146,21 +148,23 @@ def test_any_setpoint_is_sent_within_the_limits(requested, limits, motion, previ
         assert_speeds_within(sent.velocity_ned_m_s, limits)
         assert_stops_inside(sent.velocity_ned_m_s, motion, limits)
     if isinstance(sent, VelocityBody):
-        ned = ned_from_heading(sent.velocity_frd_m_s, motion.yaw_ned_rad)
-        assert_speeds_within(ned, limits)
-        assert_stops_inside(ned, motion, limits)
+        velocity_ned_m_s = ned_from_heading(sent.velocity_frd_m_s, motion.yaw_ned_rad)
+        assert_speeds_within(velocity_ned_m_s, limits)
+        assert_stops_inside(velocity_ned_m_s, motion, limits)
     if isinstance(sent, Acceleration):
         n, e, d = sent.acceleration_ned_m_s2
-        assert at_most(math.hypot(n, e), min(limits.acceleration_m_s2, 9.80665 * math.tan(limits.tilt_rad)))
-        assert at_most(-d, limits.acceleration_up_m_s2)
-        assert at_most(d, limits.acceleration_down_m_s2)
+        assert is_at_most(
+            math.hypot(n, e), min(limits.acceleration_m_s2, 9.80665 * math.tan(limits.tilt_rad))
+        )
+        assert is_at_most(-d, limits.acceleration_up_m_s2)
+        assert is_at_most(d, limits.acceleration_down_m_s2)
     if isinstance(sent, Attitude):
         assert math.hypot(*sent.q_ned_frd) == pytest.approx(1, abs=1e-6)
-        assert at_most(tilt_from_q(sent.q_ned_frd), limits.tilt_rad + 1e-6)
+        assert is_at_most(tilt_from_q(sent.q_ned_frd), limits.tilt_rad + 1e-6)
         assert 0 <= sent.thrust <= 1
     if isinstance(sent, Rates):
         for value, maximum in zip(sent.rates_frd_rad_s, limits.rates_rad_s, strict=True):
-            assert at_most(abs(value), maximum)
+            assert is_at_most(abs(value), maximum)
     if isinstance(sent, PositionGlobal):
         position_ned = ORIGIN.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m)
         assert inside_fence(position_ned[:2], limits)
@@ -171,16 +175,16 @@ def test_any_setpoint_is_sent_within_the_limits(requested, limits, motion, previ
 
 @given(setpoints, bounds(), st.sampled_from((math.nan, math.inf, -math.inf)))
 def test_values_that_are_not_finite_are_never_sent(requested, limits, not_finite):
-    broken = None
+    invalid_setpoint = None
     if isinstance(requested, Velocity):
-        broken = Velocity((not_finite, 0.0, 0.0))
+        invalid_setpoint = Velocity((not_finite, 0.0, 0.0))
     elif isinstance(requested, Rates):
-        broken = Rates((0.0, not_finite, 0.0), 0.5)
+        invalid_setpoint = Rates((0.0, not_finite, 0.0), 0.5)
     elif isinstance(requested, Attitude):
-        broken = Attitude((1.0, 0.0, 0.0, 0.0), not_finite)
+        invalid_setpoint = Attitude((1.0, 0.0, 0.0, 0.0), not_finite)
     else:
-        broken = Position((0.0, 0.0, not_finite))
-    result = apply_limits(broken, limits, None)
+        invalid_setpoint = Position((0.0, 0.0, not_finite))
+    result = apply_limits(invalid_setpoint, limits, None)
     assert result.setpoint is None
     assert "not a finite number" in result.stop_reason
 
@@ -198,24 +202,26 @@ def flight(requested, limits, motion, seconds, tau_s=0.5, dt_s=0.05):
     position, velocity = list(motion.position_ned_m), list(motion.velocity_ned_m_s)
     previous = None
     for _ in range(int(seconds / dt_s)):
-        current = VehicleMotion(tuple(position), tuple(velocity), motion.yaw_ned_rad)
-        previous = apply_limits(requested, limits, current, previous, dt_s).setpoint
+        motion_now = VehicleMotion(tuple(position), tuple(velocity), motion.yaw_ned_rad)
+        previous = apply_limits(requested, limits, motion_now, previous, dt_s).setpoint
         setpoint_velocity = previous.velocity_ned_m_s
         for axis in range(3):
             acceleration = max(-5.0, min(5.0, (setpoint_velocity[axis] - velocity[axis]) / tau_s))
             velocity[axis] += acceleration * dt_s
             position[axis] += velocity[axis] * dt_s
-        yield current
+        yield motion_now
 
 
 @settings(max_examples=40, deadline=None, phases=[Phase.generate])  # shrinking would take minutes
-@given(well_inside, st.floats(-math.pi, math.pi), st.floats(3, 12), st.sampled_from((-3.0, 0.0, 3.0)))
+@given(
+    well_inside_positions, st.floats(-math.pi, math.pi), st.floats(3, 12), st.sampled_from((-3.0, 0.0, 3.0))
+)
 def test_with_a_velocity_towards_any_fence_the_vehicle_stays_inside(start, course, speed, velocity_down_m_s):
-    limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, descent_m_s=4.0, region=FENCED)
+    limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, descent_m_s=4.0, region=FENCED_REGION)
     requested = Velocity((speed * math.cos(course), speed * math.sin(course), velocity_down_m_s))
-    for current in flight(requested, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), seconds=50):
-        n, e, d = current.position_ned_m
-        assert FENCED.breach((n, e)) is None
+    for motion_now in flight(requested, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), seconds=50):
+        n, e, d = motion_now.position_ned_m
+        assert FENCED_REGION.breach((n, e)) is None
         assert -40.0 <= d <= 0.0
 
 
@@ -235,9 +241,9 @@ def test_outside_the_fence_only_velocities_back_inside_are_sent():
         0.0,
         0.0,
     )
-    stopped = apply_limits(Velocity((3.0, 0.0, 0.0)), limits, motion)
-    assert stopped.setpoint.velocity_ned_m_s == (-1.0, 0.0, 0.0)
-    assert "only a velocity back inside" in stopped.notes[0]
+    result = apply_limits(Velocity((3.0, 0.0, 0.0)), limits, motion)
+    assert result.setpoint.velocity_ned_m_s == (-1.0, 0.0, 0.0)
+    assert "only a velocity back inside" in result.notes[0]
 
 
 def test_near_the_edge_of_the_fence_the_vehicle_is_moved_back():
@@ -260,7 +266,7 @@ def test_outside_the_fence_a_target_beyond_it_is_moved_inside():
     [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates((0.0, 0.0, 0.0), 0.5), Acceleration((0.0, 0.0, 0.0))],
 )
 def test_streams_without_position_control_are_stopped_before_the_fence(requested):
-    limits = Bounds(region=FENCED)
+    limits = Bounds(region=FENCED_REGION)
     assert (
         apply_limits(requested, limits, VehicleMotion((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop_reason
         is None
@@ -288,8 +294,11 @@ def test_a_far_target_is_approached_at_the_operators_speed():
     result = apply_limits(Position((100.0, 0.0, -10.0)), limits, motion)
     assert result.setpoint.position_ned_m[0] == pytest.approx(3.0 / 0.95)
     assert result.notes == ("speed limited to 3 m/s",)
-    close = Position((102.0, 0.0, -10.0))
-    assert apply_limits(close, limits, VehicleMotion((100.0, 0.0, -10.0), (0.0, 0.0, 0.0))).setpoint == close
+    near_target = Position((102.0, 0.0, -10.0))
+    assert (
+        apply_limits(near_target, limits, VehicleMotion((100.0, 0.0, -10.0), (0.0, 0.0, 0.0))).setpoint
+        == near_target
+    )
 
 
 @given(st.floats(0, 200))
