@@ -55,7 +55,7 @@ class ConnectionsSetup:
             if key is not None:
                 self.connections.admit(connection, key)
                 self.connections.set_busy(connection, True)
-                self.connections.set_busy(connection, busy)
+                self.connections.set_busy(connection, busy)  # not busy: its request has ended
         return connection
 
 
@@ -97,7 +97,7 @@ def test_at_the_limit_only_a_client_in_control_is_served(setup):
     assert setup.connections.admit(pilot, "pilot") == 0
 
 
-def test_an_address_at_its_limit_gets_429_unless_the_client_is_in_control(setup):
+def test_an_address_at_its_limit_gets_status_429_unless_the_client_is_in_control(setup):
     for n in range(8):
         setup.connect("7.7.7.7", f"busy {n}", busy=True)
     assert setup.connections.admit(setup.connect("7.7.7.7"), "not_in_control") == 429
@@ -137,7 +137,7 @@ def test_beyond_the_total_of_unread_bytes_even_a_client_in_control_is_closed(set
     assert len(setup.connections) == 0
 
 
-def test_the_warning_lasts_a_minute(setup):
+def test_the_warning_about_refused_clients_lasts_a_minute(setup):
     assert setup.connections.warning() is None
     for _ in range(5):
         setup.connect()

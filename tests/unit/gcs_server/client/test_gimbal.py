@@ -16,7 +16,7 @@ class FakeVehicle:
         return {"command": "gimbal/angles", "limited": self.limited}
 
 
-def test_angles_returns_the_limit_at_which_the_gimbal_stopped():
+def test_the_angles_call_returns_the_limit_at_which_the_gimbal_stopped():
     for limited in (None, REACHED_LIMIT):
         vehicle = FakeVehicle(limited)
         assert asyncio.run(Gimbal(vehicle).angles(-90, 0)) == limited

@@ -81,7 +81,7 @@ def test_a_save_based_on_an_older_version_is_refused_and_the_error_names_the_oth
     run_with_store(tmp_path, work)
 
 
-def test_of_two_concurrent_saves_one_is_refused(tmp_path):
+def test_one_of_two_concurrent_saves_is_refused(tmp_path):
     async def work(context):
         first = await context.store.create("Tower", plan(), by=ANNA)
         saves = [

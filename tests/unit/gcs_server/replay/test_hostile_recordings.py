@@ -63,7 +63,7 @@ def test_senders_and_messages_beyond_the_limit_are_omitted_and_counted(write_log
     assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.MAX_KEYS
 
 
-def test_too_many_events_are_cut_and_counted(write_log, monkeypatch):
+def test_events_beyond_the_limit_are_omitted_and_counted(write_log, monkeypatch):
     monkeypatch.setattr(index_module, "MAX_EVENT_RECORDS", 30)
     autopilot = FrameSource(1)
     mode_changes = [(BEGIN_US + i, autopilot.frame(heartbeat(i % 2 << 16))) for i in range(100)]

@@ -64,7 +64,7 @@ def test_garbage_affects_only_the_records_around_it(index, garbage):
 
 @settings(deadline=None)
 @given(st.binary(max_size=4000))
-def test_random_bytes_never_raise(random_bytes):
+def test_random_bytes_raise_no_error(random_bytes):
     batch = parse_all(random_bytes)
     assert batch.after.offset == len(random_bytes)
     assert batch.bytes_skipped + sum(len(r.raw) + 8 for r in batch.records) == len(random_bytes)

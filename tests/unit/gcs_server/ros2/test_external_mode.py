@@ -112,7 +112,7 @@ def test_a_check_reply_differs_from_the_recorded_reply_only_in_the_declared_requ
     }
 
 
-def test_another_version_of_px4s_interface_is_refused_and_named() -> None:
+def test_another_version_of_px4s_interface_is_refused_and_the_reason_names_it() -> None:
     external_mode = new_mode()
     external_mode.step(0.0)
     removal = fields(external_mode.on_reply({**ACCEPTING_REPLY, "px4_ros2_api_version": 2}, 0.02), UNREGISTER)

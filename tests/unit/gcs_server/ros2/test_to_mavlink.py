@@ -79,7 +79,7 @@ def test_a_status_has_the_mode_that_px4_would_send_over_mavlink(
         (2, True, True, d.MAV_STATE_CRITICAL),
     ],
 )
-def test_a_status_has_arming_and_failsafe(
+def test_a_status_has_the_arming_state_and_the_failsafe_state(
     setup: ConverterSetup, arming_state: int, failsafe: bool, armed: bool, state: int
 ) -> None:
     setup.convert(STATUS, arming_state=arming_state, failsafe=failsafe)

@@ -116,17 +116,22 @@ def test_a_view_keeps_the_shown_time_until_a_new_request():
         return paths_of(RESULT if dry_run == "1" else RESULT_WITHOUT_PATH)
 
     scene = Scene(FakeFleet([flying_vehicle("1")]), StillClock(), dry_runs=find_paths)
-    first = dry_run_after_request(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})
-    later = dry_run_after_request(scene, dry_run={"id": "1", "t_s": 4.0})
-    assert (first.t_s, first.follow, later.t_s, later.follow) == (3.0, True, 4.0, False)
-    assert first.paths is later.paths
+    first_dry_run = dry_run_after_request(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})
+    later_dry_run = dry_run_after_request(scene, dry_run={"id": "1", "t_s": 4.0})
+    assert (first_dry_run.t_s, first_dry_run.follow, later_dry_run.t_s, later_dry_run.follow) == (
+        3.0,
+        True,
+        4.0,
+        False,
+    )
+    assert first_dry_run.paths is later_dry_run.paths
     assert requested_ids == ["1"]
-    assert dry_run_after_request(scene, mode="free") is later
+    assert dry_run_after_request(scene, mode="free") is later_dry_run
     assert dry_run_after_request(scene, dry_run={"id": "1", "t_s": None}).t_s is None
-    later = dry_run_after_request(scene, dry_run={"id": "1", "t_s": 4.0})
+    later_dry_run = dry_run_after_request(scene, dry_run={"id": "1", "t_s": 4.0})
     with pytest.raises(UnknownDryRun):
         dry_run_after_request(scene, dry_run={"id": "9", "t_s": 0.0})
-    assert dry_run_after_request(scene, mode="chase") is later
+    assert dry_run_after_request(scene, mode="chase") is later_dry_run
     assert dry_run_after_request(scene, dry_run={"id": "2", "t_s": 0.0}) is None
     assert dry_run_after_request(scene, dry_run=None) is None
 

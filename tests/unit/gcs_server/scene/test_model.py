@@ -76,7 +76,7 @@ def test_every_grid_scale_has_a_label(step_m):
     assert np.isfinite(strokes.scale_marks(step_m)).all()
 
 
-def test_a_trail_is_bounded_and_keeps_its_ends():
+def test_the_number_of_points_of_a_trail_is_limited_and_its_ends_are_kept():
     trail = Trail()
     for i in range(20_000):
         trail.add((i * 0.3, 0.0, 5.0))
@@ -107,32 +107,35 @@ def pose():
 
 
 def test_the_drawn_position_converges_to_the_vehicles_position():
-    smoother, measured = Smoother(), pose()
-    smoother.step(measured, 0.03)
-    moved = replace(measured, position_enu_m=(1.0, 0.0, 10.0))
-    first_step = smoother.step(moved, 0.03)
+    smoother, measured_pose = Smoother(), pose()
+    smoother.step(measured_pose, 0.03)
+    moved_pose = replace(measured_pose, position_enu_m=(1.0, 0.0, 10.0))
+    first_step = smoother.step(moved_pose, 0.03)
     assert 0.0 < first_step.position_enu_m[0] < 1.0
     for _ in range(60):
-        smoother.step(moved, 0.03)
-    assert smoother.pose.position_enu_m == moved.position_enu_m
+        smoother.step(moved_pose, 0.03)
+    assert smoother.pose.position_enu_m == moved_pose.position_enu_m
 
 
 def test_a_position_jump_is_not_smoothed():
-    smoother, measured = Smoother(), pose()
-    smoother.step(measured, 0.03)
-    assert smoother.step(replace(measured, position_enu_m=(100.0, 0.0, 0.0)), 0.03).position_enu_m[0] == 100.0
+    smoother, measured_pose = Smoother(), pose()
+    smoother.step(measured_pose, 0.03)
+    assert (
+        smoother.step(replace(measured_pose, position_enu_m=(100.0, 0.0, 0.0)), 0.03).position_enu_m[0]
+        == 100.0
+    )
 
 
 def test_rotors_turn_in_their_directions_and_stop_when_disarmed():
-    smoother, measured = Smoother(), pose()
+    smoother, measured_pose = Smoother(), pose()
     old_angles = smoother.rotor_angles_rad
-    smoother.step(measured, 0.02)
+    smoother.step(measured_pose, 0.02)
     turns_rad = [
         math.remainder(b - a, 2 * math.pi) for a, b in zip(old_angles, smoother.rotor_angles_rad, strict=True)
     ]
     assert [math.copysign(1, t) for t in turns_rad] == list(model.ROTOR_SPINS)
     stopped_angles = smoother.rotor_angles_rad
-    smoother.step(replace(measured, motors=(0.0, 0.0, 0.0, 0.0)), 0.02)
+    smoother.step(replace(measured_pose, motors=(0.0, 0.0, 0.0, 0.0)), 0.02)
     assert smoother.rotor_angles_rad == stopped_angles
 
 
@@ -153,22 +156,24 @@ def test_the_heading_of_the_chase_view_turns_smoothly_and_in_the_shorter_directi
 
 @pytest.mark.parametrize("mode", ["chase", "top"])
 def test_chase_and_top_views_keep_the_vehicle_in_the_middle(mode):
-    measured = pose()
-    world = world_pose(mode, measured, HEADING_NORTH_RAD)
-    assert in_world(world, (0.0, 0.0, 0.0)) == pytest.approx(measured.position_enu_m, abs=1e-9)
+    measured_pose = pose()
+    world = world_pose(mode, measured_pose, HEADING_NORTH_RAD)
+    assert in_world(world, (0.0, 0.0, 0.0)) == pytest.approx(measured_pose.position_enu_m, abs=1e-9)
 
 
 def test_the_chase_view_points_along_the_heading():
-    measured = pose()  # heading north
-    point_ahead = in_world(world_pose("chase", measured, HEADING_NORTH_RAD), (5.0, 0.0, 0.0))
+    measured_pose = pose()  # heading north
+    point_ahead = in_world(world_pose("chase", measured_pose, HEADING_NORTH_RAD), (5.0, 0.0, 0.0))
     assert point_ahead == pytest.approx((0.0, 5.0, 10.0), abs=1e-6)
-    camera_position = in_world(world_pose("chase", measured, HEADING_NORTH_RAD), CAMERAS["chase"].position_m)
+    camera_position = in_world(
+        world_pose("chase", measured_pose, HEADING_NORTH_RAD), CAMERAS["chase"].position_m
+    )
     assert camera_position[1] < 0
 
 
 def test_the_gimbal_view_points_along_the_camera_axis():
-    measured = pose()  # camera 0.5 rad down
-    world = world_pose("gimbal", measured, 0.0)
+    measured_pose = pose()  # camera 0.5 rad down
+    world = world_pose("gimbal", measured_pose, 0.0)
     camera_position, point_ahead = in_world(world, (0.0, 0.0, 0.0)), in_world(world, (1.0, 0.0, 0.0))
     assert point_ahead[2] - camera_position[2] == pytest.approx(-math.sin(0.5), abs=1e-9)
     assert point_ahead[1] - camera_position[1] == pytest.approx(math.cos(0.5), abs=1e-9)

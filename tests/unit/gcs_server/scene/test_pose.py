@@ -141,9 +141,9 @@ def test_measured_points_are_drawn_for_a_limited_time():
     vehicle = flying_vehicle()
     vehicle.values["attitude"] = attitude(yaw=math.pi / 2)
     assert drawn_pose(vehicle).measured_points_enu_m == ()
-    ahead = DistanceSensor(1, (1.0, 0.0, 0.0), 4.0, 0.1, 20.0, None, 0.0)
-    down = DistanceSensor(0, (0.0, 0.0, 1.0), 2.0, 0.1, 20.0, None, 0.0)
-    vehicle.values["distance_sensors"] = DistanceSensors((ahead, down))
+    sensor_ahead = DistanceSensor(1, (1.0, 0.0, 0.0), 4.0, 0.1, 20.0, None, 0.0)
+    sensor_below = DistanceSensor(0, (0.0, 0.0, 1.0), 2.0, 0.1, 20.0, None, 0.0)
+    vehicle.values["distance_sensors"] = DistanceSensors((sensor_ahead, sensor_below))
     vehicle.values["obstacle_distance"] = ObstacleDistance("north", 0.0, 5.0, (3.0, 20.01, None), 0.1, 20.0)
     pose = drawn_pose(vehicle)
     x, y, z = pose.position_enu_m

@@ -40,11 +40,11 @@ def test_the_mirror_has_all_drawn_topics():
     vehicle = flying_vehicle("1")
     setup = BuilderAndMirror(vehicle, offboard=lambda _: ((1.0, 2.0, 3.0), None, 0.5))
     setup.step(stalled=["7"])
-    mirrored = setup.mirror.get("1")
+    mirrored_vehicle = setup.mirror.get("1")
     for topic in DRAWN_TOPICS:
-        sample, mirrored_sample = vehicle.topic(topic), mirrored.topic(topic)
+        sample, mirrored_sample = vehicle.topic(topic), mirrored_vehicle.topic(topic)
         assert (mirrored_sample and mirrored_sample.value) == (sample and sample.value)
-    assert (mirrored.identity.simulated, mirrored.identity.replayed) == (True, False)
+    assert (mirrored_vehicle.identity.simulated, mirrored_vehicle.identity.replayed) == (True, False)
     assert setup.mirror.target("1") == OffboardTarget((1.0, 2.0, 3.0), None, 0.5)
     assert setup.mirror.stalled == {"7"}
 
@@ -137,12 +137,12 @@ def test_a_history_that_is_received_after_a_pause_is_not_used():
     vehicle.clock = clock
     setup = BuilderAndMirror(vehicle)
     setup.step()
-    mirrored = setup.mirror.get("1")
-    assert mirrored.history(("local_position",), 0.0) is None
+    mirrored_vehicle = setup.mirror.get("1")
+    assert mirrored_vehicle.history(("local_position",), 0.0) is None
     setup.mirror.store_history(setup.requests[0][0], setup.builder.history(*setup.requests[0]))
     clock.now_s += 30.0
     setup.step()
-    assert mirrored.history(("local_position",), 0.0) is None
+    assert mirrored_vehicle.history(("local_position",), 0.0) is None
     assert len(setup.requests) == 2
 
 

@@ -96,7 +96,7 @@ def test_one_trail_per_update_is_built_and_the_followed_vehicle_is_first():
     assert [v.history_requests for v in vehicles] == [1, 1, 1, 1, 1]
 
 
-def test_vehicles_that_no_view_follows_are_updated_every_third_time():
+def test_every_third_update_covers_vehicles_that_no_view_follows():
     vehicles = [flying_vehicle(str(i)) for i in range(1, 8)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     tracks.update(0.0, 0.03, {"4"})  # the first update covers all vehicles

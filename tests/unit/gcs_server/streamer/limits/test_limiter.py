@@ -190,7 +190,7 @@ def test_values_that_are_not_finite_are_never_sent(requested, limits, not_finite
 
 
 @given(vectors, bounds())
-def test_without_a_position_no_velocity_is_sent_inside_a_fence(velocity, limits):
+def test_without_a_position_only_zero_velocities_are_sent_if_there_is_a_fence(velocity, limits):
     for requested in (Velocity(velocity), VelocityBody(velocity)):
         sent = apply_limits(requested, limits, None).setpoint
         values = getattr(sent, "velocity_ned_m_s", None) or getattr(sent, "velocity_frd_m_s", None)
