@@ -110,7 +110,7 @@ class TestedServer:
             if transport.closed or transport.reading_paused:
                 return start
             transport.protocol.data_received(data[start : start + piece_bytes])
-        for _ in range(50):
+        for _ in range(50):  # the application needs some iterations to respond
             await asyncio.sleep(0)
         return len(data)
 

@@ -98,15 +98,13 @@ class SlowLink(Link):
     def request_parameter(self, number):
         return self.sender.send(PARAM_READ, struct.pack("<hBB16s", number, 1, 1, b""), PEER)
 
-    def run_under_load(self, for_s, stop_when=lambda: False):
+    def run_under_load(self, for_s):
         """Sends a setpoint every 20 ms; parameter requests keep 40 packets waiting."""
         for _ in range(round(for_s / 0.02)):
             self.setpoint()
             while self.writer.waiting < 40:
                 self.request_parameter(next(self.parameter_numbers) % 30000)
             self.loop.run(0.02)
-            if stop_when():
-                return
 
     def sent_frames_of(self, msg_id):
         return [(at_s, frame) for at_s, frame in self.line.sent_frames if frame.msg_id == msg_id]

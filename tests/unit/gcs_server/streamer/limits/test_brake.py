@@ -27,6 +27,8 @@ from missions.setpoints import (
 
 NOW_S = 50.0
 STILL = (0.0, 0.0, 0.0)
+STEP_S = 0.05
+"""Time step of the simulated flights; a scan every four steps."""
 POSITION_GAIN = 0.95
 """Default of PX4's MPC_XY_P [1/s]."""
 HOVERING = VehicleMotion((0.0, 0.0, -5.0), STILL, 0.0)
@@ -220,7 +222,7 @@ def test_the_braked_vehicle_always_stops_before_a_wall(wall_m, speed, course, by
         requested = Position((100.0 * math.cos(course), 100.0 * math.sin(course), -5.0))
     scan, memory = Scan(0.0, rays, (None,) * 72, 20.0), BrakeMemory()
     for step in range(300):
-        now_s = step * 0.05
+        now_s = step * STEP_S
         if step % 4 == 0:
             distances_m = tuple(
                 d if ray[0] > 0.05 and (d := (wall_m - n) / ray[0]) < 20.0 else None for ray in rays
@@ -236,9 +238,9 @@ def test_the_braked_vehicle_always_stops_before_a_wall(wall_m, speed, course, by
             )
         else:
             velocity_ne_m_s = sent_setpoint.velocity_ned_m_s
-        vn += max(-3.0, min(3.0, (velocity_ne_m_s[0] - vn) / 0.5)) * 0.05
-        ve += max(-3.0, min(3.0, (velocity_ne_m_s[1] - ve) / 0.5)) * 0.05
-        n, e = n + vn * 0.05, e + ve * 0.05
+        vn += max(-3.0, min(3.0, (velocity_ne_m_s[0] - vn) / 0.5)) * STEP_S
+        ve += max(-3.0, min(3.0, (velocity_ne_m_s[1] - ve) / 0.5)) * STEP_S
+        n, e = n + vn * STEP_S, e + ve * STEP_S
         assert n < wall_m - 0.5
 
 
@@ -261,10 +263,10 @@ def fly_braked(requested, seed, wind_m_s, seconds=60.0):
     random = Random(seed)
     n = e = vn = ve = drift_n = drift_e = 0.0
     scan, memory = Scan(0.0, RAYS, (None,) * 72, 20.0), BrakeMemory()
-    for step in range(int(seconds / 0.05)):
-        now_s = step * 0.05
-        drift_n += 0.05 * (random.gauss(0.0, 0.4) - drift_n / 4.0)
-        drift_e += 0.05 * (random.gauss(0.0, 0.4) - drift_e / 4.0)
+    for step in range(int(seconds / STEP_S)):
+        now_s = step * STEP_S
+        drift_n += STEP_S * (random.gauss(0.0, 0.4) - drift_n / 4.0)
+        drift_e += STEP_S * (random.gauss(0.0, 0.4) - drift_e / 4.0)
         if step % 4 == 0:
             scan = Scan(now_s, RAYS, tuple(distance_to_the_box(ray, n, e) for ray in RAYS), 20.0)
         motion = VehicleMotion((n + drift_n, e + drift_e, -5.0), (vn, ve, 0.0), 0.0)
@@ -277,9 +279,9 @@ def fly_braked(requested, seed, wind_m_s, seconds=60.0):
             feed_n + POSITION_GAIN * (target_n - n - drift_n),
             feed_e + POSITION_GAIN * (target_e - e - drift_e),
         )
-        vn += max(-3.0, min(3.0, (setpoint_n - vn) / 0.5)) * 0.05
-        ve += max(-3.0, min(3.0, (setpoint_e + wind_m_s - ve) / 0.5)) * 0.05
-        n, e = n + vn * 0.05, e + ve * 0.05
+        vn += max(-3.0, min(3.0, (setpoint_n - vn) / 0.5)) * STEP_S
+        ve += max(-3.0, min(3.0, (setpoint_e + wind_m_s - ve) / 0.5)) * STEP_S
+        n, e = n + vn * STEP_S, e + ve * STEP_S
         yield n, e
 
 
