@@ -17,12 +17,12 @@ from gcs_server.streamer.missions.preparation import (
 )
 from gcs_server.streamer.missions.start import Start
 
-FIRST, SECOND = cast(Start, object()), cast(Start, object())
+FIRST_START, SECOND_START = cast(Start, object()), cast(Start, object())
 INPUTS = CompileInputs((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
 
 
 @pytest.mark.parametrize(
-    ("change", "compiles", "ready"),
+    ("change", "compiled_again", "ready"),
     [
         ({}, False, True),
         ({"position_ned_m": (0.2, 0.0, -0.1)}, False, True),
@@ -34,35 +34,36 @@ INPUTS = CompileInputs((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
         ({"settings": {"height_max_m": 40.0}}, True, False),
     ],
 )
-def test_a_mission_is_compiled_again_after_a_change(
-    change: dict[str, Any], compiles: bool, ready: bool
+def test_a_mission_is_compiled_again_after_a_large_change(
+    change: dict[str, Any], compiled_again: bool, ready: bool
 ) -> None:
-    preparation = Preparation(FIRST, INPUTS)
-    assert preparation.update(5.0, replace(INPUTS, **change)) == compiles
+    preparation = Preparation(FIRST_START, INPUTS)
+    assert preparation.update(5.0, replace(INPUTS, **change)) == compiled_again
     assert preparation.ready == ready
     assert preparation.reason == ("" if ready else COMPILING)
 
 
 def test_without_a_position_the_mission_is_not_ready() -> None:
-    preparation = Preparation(FIRST, INPUTS)
+    preparation = Preparation(FIRST_START, INPUTS)
     assert preparation.update(5.0, None)
     assert not preparation.ready
 
 
-def test_a_mission_is_compiled_once_at_a_time_and_not_continuously() -> None:
-    preparation, moved = Preparation(FIRST, INPUTS), replace(INPUTS, position_ned_m=(30.0, 0.0, 0.0))
-    assert preparation.update(5.0, moved)
-    assert not preparation.update(9.0, moved)
-    preparation.succeeded(SECOND, moved, 10.0)
+def test_a_mission_is_not_compiled_twice_at_a_time_and_not_continuously() -> None:
+    preparation = Preparation(FIRST_START, INPUTS)
+    inputs_elsewhere = replace(INPUTS, position_ned_m=(30.0, 0.0, 0.0))
+    assert preparation.update(5.0, inputs_elsewhere)
+    assert not preparation.update(9.0, inputs_elsewhere)
+    preparation.succeeded(SECOND_START, inputs_elsewhere, 10.0)
     assert not preparation.update(10.1, INPUTS)
     assert preparation.update(10.0 + MIN_INTERVAL_S, INPUTS)
-    preparation.succeeded(SECOND, INPUTS, 12.0)
+    preparation.succeeded(SECOND_START, INPUTS, 12.0)
     assert not preparation.update(20.0, INPUTS)
-    assert preparation.start is SECOND
+    assert preparation.start is SECOND_START
 
 
 def test_a_mission_that_cannot_be_compiled_does_not_begin_and_is_tried_again() -> None:
-    preparation = Preparation(FIRST, INPUTS)
+    preparation = Preparation(FIRST_START, INPUTS)
     assert preparation.update(5.0, replace(INPUTS, settings={}))
     preparation.failed("The path leaves the geofence.", 6.0)
     assert not preparation.update(6.1, INPUTS)

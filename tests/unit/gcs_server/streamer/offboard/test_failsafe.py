@@ -7,7 +7,7 @@ from gcs_server.streamer.offboard.failsafe import Failsafe
 
 @pytest.mark.parametrize(
     ("failsafe", "expected"),
-    [
+    [  # COM_OF_LOSS_T [s], COM_OBL_RC_ACT, whether an RC transmitter is connected
         (Failsafe(1.0, 0, False), "lands at its current position"),
         (Failsafe(1.0, 0, True), "RC pilot"),
         (Failsafe(0.5, 3, False), "after 0.5 s the vehicle returns to launch"),
@@ -17,5 +17,5 @@ from gcs_server.streamer.offboard.failsafe import Failsafe
         (Failsafe(1.0, 42, False), "unknown to this server"),
     ],
 )
-def test_the_failsafe_action_is_described_as_text(failsafe, expected):
+def test_the_text_of_a_failsafe_describes_its_action(failsafe, expected):
     assert expected in failsafe.text()

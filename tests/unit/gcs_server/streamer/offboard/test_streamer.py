@@ -46,7 +46,7 @@ class Vehicle:
         self.mode_error = None
         self.latest_command = None
         self.mode_request_hangs = False
-        self.sent = []
+        self.sent_ids = []
         self.mode_requests = []
 
     def require_commandable(self):
@@ -59,7 +59,7 @@ class Vehicle:
         pass
 
     async def set_mode(self, name):
-        self.mode_requests.append((name, len(self.sent)))
+        self.mode_requests.append((name, len(self.sent_ids)))
         if self.mode_request_hangs:
             await asyncio.sleep(30)
         if self.mode_error:
@@ -89,19 +89,19 @@ class Vehicle:
         return Sample(name, None, 0.0, now_s, values[name]) if name in values else None
 
     def send_payload(self, msg_id, payload):
-        self.sent.append(msg_id)
+        self.sent_ids.append(msg_id)
         return True
 
 
 def make_streamer(clock, stalls=()):
-    """A streamer whose scheduler runs in the loop, except from `stalls[n][0]` to `stalls[n][1]` [s]."""
+    """Supervisor and streamer; the scheduler runs in the event loop, except in `stalls` (from, to) [s]."""
     supervisor, streams = Supervisor(clock), InLoopScheduler(clock)
     began_s = clock.monotonic_s()
 
     async def run():
         while True:
-            since_s = clock.monotonic_s() - began_s
-            if not any(from_s <= since_s < to_s for from_s, to_s in stalls):
+            elapsed_s = clock.monotonic_s() - began_s
+            if not any(from_s <= elapsed_s < to_s for from_s, to_s in stalls):
                 streams.step()
             await clock.sleep(0.004)
 
@@ -128,17 +128,17 @@ def run_test(scenario, stalls=()):
 def test_setpoints_are_streamed_before_offboard_is_requested_and_the_failsafe_is_reported():
     async def scenario(vehicle):
         status = await vehicle.offboard.start(StreamRequest(POSITION, 60.0, client="me"))
-        ((mode, sent_before),) = vehicle.mode_requests
+        ((mode, sent_before_request),) = vehicle.mode_requests
         assert mode == "offboard"
-        assert sent_before == pytest.approx(60, abs=2)  # 1.2 s at 50 Hz
+        assert sent_before_request == pytest.approx(60, abs=2)  # 1.2 s at 50 Hz
         assert (status.state, status.client) == ("streaming", "me")
         assert "lands at its current position" in status.if_stream_stops
         with pytest.raises(Refused, match="already"):
             await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
         await vehicle.offboard.stop()
-        count = len(vehicle.sent)
+        sent_count = len(vehicle.sent_ids)
         await asyncio.sleep(0.1)
-        assert len(vehicle.sent) == count
+        assert len(vehicle.sent_ids) == sent_count
         assert vehicle.status.mode == "hold"
 
     run_test(scenario)
@@ -162,10 +162,10 @@ def test_offboard_is_not_requested_without_a_steady_stream():
         assert vehicle.mode_requests == []
         assert not vehicle.offboard.status().streaming
 
-    run_test(scenario, stalls=[(n + 0.1, n + 1.0) for n in range(10)])
+    run_test(scenario, stalls=[(n + 0.1, n + 1.0) for n in range(10)])  # runs for 0.1 s of each second
 
 
-def test_a_refusal_stops_the_stream_and_is_raised():
+def test_a_refused_mode_request_stops_the_stream_and_raises_the_error():
     async def scenario(vehicle):
         vehicle.mode_error = Rejected("Offboard is not available", reasons=("no",))
         with pytest.raises(Rejected, match="not available"):
@@ -177,7 +177,7 @@ def test_a_refusal_stops_the_stream_and_is_raised():
     run_test(scenario)
 
 
-def test_a_refused_start_explains_the_missing_prerequisite():
+def test_the_refusal_of_a_start_names_the_reason():
     async def scenario(vehicle):
         vehicle.has_position = False
         with pytest.raises(Refused, match="estimate"):
@@ -188,7 +188,7 @@ def test_a_refused_start_explains_the_missing_prerequisite():
         vehicle.status.mode = "offboard"
         with pytest.raises(Refused, match="another program"):
             await vehicle.offboard.start(StreamRequest(POSITION))
-        assert vehicle.sent == []
+        assert vehicle.sent_ids == []
 
     run_test(scenario)
 
@@ -224,21 +224,21 @@ def test_shutdown_stops_all_streams_at_the_same_time_within_the_deadline(monkeyp
     async def run():
         clock = LoopClock(asyncio.get_running_loop())
         supervisor, streamer = make_streamer(clock)
-        fleet = [Vehicle(clock) for _ in range(3)]
-        for number, vehicle in enumerate(fleet, 1):
+        vehicles = [Vehicle(clock) for _ in range(3)]
+        for number, vehicle in enumerate(vehicles, 1):
             vehicle.id = str(number)
             streamer.attach(vehicle)
         streamer.start(supervisor)
         try:
-            await asyncio.gather(*(v.offboard.start(StreamRequest(POSITION, 60.0)) for v in fleet))
-            fleet[1].mode_request_hangs = fleet[2].mode_request_hangs = True
+            await asyncio.gather(*(v.offboard.start(StreamRequest(POSITION, 60.0)) for v in vehicles))
+            vehicles[1].mode_request_hangs = vehicles[2].mode_request_hangs = True
             began_s = clock.monotonic_s()
             results = {s.vehicle: s for s in await streamer.stop_all()}
             assert clock.monotonic_s() - began_s < 0.5
             assert results["1"].error is None
-            assert [type(results[v].error) for v in "23"] == [NoReply, NoReply]
-            assert [v.status.mode for v in fleet] == ["hold", "offboard", "offboard"]
-            assert [e.severity for e in fleet[1].events.since()] == [4]
+            assert [type(results[v].error) for v in ("2", "3")] == [NoReply, NoReply]
+            assert [v.status.mode for v in vehicles] == ["hold", "offboard", "offboard"]
+            assert [e.severity for e in vehicles[1].events.since()] == [4]
         finally:
             streamer.close()
             await supervisor.close()

@@ -14,15 +14,15 @@ from tests.support.offboard_missions import flight_steps, timeline
 
 GOAL = Position((10.0, 0.0, -2.0), 0.0)
 ORIGIN = LocalOrigin(47.4, 8.5, 480.0)
-STILL = (0.0, 0.0, 0.0)
+ZERO_VELOCITY = (0.0, 0.0, 0.0)
 
 
 class Stream:
-    """A setpoint pipeline of a vehicle at the origin, 2 m high, with fake sensors."""
+    """A setpoint pipeline of a vehicle 2 m above the origin, with fake sensors; also its fake transport."""
 
     def __init__(self):
         self.pipeline, self.now_s = SetpointPipeline(self), 100.0
-        self.ahead_m, self.avoidance, self.bounds, self.scan_age_s = 3.0, None, Bounds(), 0.0
+        self.distance_ahead_m, self.avoidance, self.bounds, self.scan_age_s = 3.0, None, Bounds(), 0.0
         self.mission_avoidance = None
         self.position = (0.0, 0.0, -2.0)
         self.report_codes = []
@@ -33,11 +33,11 @@ class Stream:
     def snapshot(self):
         received_s = self.now_s - self.scan_age_s
         scans = (
-            Scan(received_s, ((1.0, 0.0, 0.0),), (self.ahead_m,), 20.0),
+            Scan(received_s, ((1.0, 0.0, 0.0),), (self.distance_ahead_m,), 20.0),
             Scan(received_s, ((0.0, 0.0, 1.0),), (2.0,), 30.0),
         )
         return Snapshot(
-            self.now_s, "offboard", self.position, STILL, 0.0,
+            self.now_s, "offboard", self.position, ZERO_VELOCITY, 0.0,
             bounds=self.bounds, scans=scans, avoidance=self.avoidance,
             mission_avoidance=self.mission_avoidance,
         )  # fmt: skip
@@ -67,10 +67,10 @@ def test_with_avoidance_off_only_the_brake_acts(stream):
     assert stream.report_codes == ["limited"]
 
 
-def test_the_operator_can_switch_the_brake_off_but_avoidance_keeps_the_brake_on(stream):
+def test_the_operator_can_switch_off_the_brake_unless_avoidance_is_on(stream):
     stream.bounds = Bounds(obstacle_brake=False)
     assert stream.send(GOAL) == GOAL
-    stream.avoidance, stream.ahead_m = "over", 0.8
+    stream.avoidance, stream.distance_ahead_m = "over", 0.8
     velocity = Velocity((3.0, 0.0, 0.0))
     assert stream.send(velocity).velocity_ned_m_s[0] < 0.0
 
@@ -80,7 +80,7 @@ def test_the_operator_can_switch_the_brake_off_but_avoidance_keeps_the_brake_on(
     [
         GOAL,
         Trajectory((10.0, 0.0, -2.0), (1.0, 0.0, 0.0), yaw_ned_rad=0.0),
-        PositionGlobal(47.4 + 10.0 / 111_195.0, 8.5, 482.0, yaw_ned_rad=0.0),
+        PositionGlobal(47.4 + 10.0 / 111_195.0, 8.5, 482.0, yaw_ned_rad=0.0),  # 10 m north
         Path((PathPoint(0.0, (0.0, 0.0, -2.0), 0.0), PathPoint(5.0, (10.0, 0.0, -2.0), 0.0))),
     ],
     ids=lambda requested: requested.type,
@@ -116,13 +116,13 @@ def test_without_a_position_or_without_sensor_data_the_vehicle_is_stopped(stream
     assert stream.send(GOAL).position_ned_m == (0.0, 0.0, -2.0)
     assert stream.pipeline.avoiding.state == "stopped"
     stream.scan_age_s, stream.position = 0.0, None
-    assert stream.continue_sending().velocity_ned_m_s == STILL
+    assert stream.continue_sending().velocity_ned_m_s == ZERO_VELOCITY
     assert "position estimate" in stream.pipeline.avoiding.text
     assert stream.report_codes.count("avoidance_stopped") == 1
 
 
 def test_a_sensor_that_stops_sending_is_reported_once_and_the_stream_continues(stream):
-    stream.ahead_m = None
+    stream.distance_ahead_m = None
     stream.send(Position((3.0, 0.0, -2.0), 0.0), 2)
     stream.scan_age_s = 2.5
     assert stream.continue_sending(5) == Position((3.0, 0.0, -2.0), 0.0)
@@ -161,38 +161,38 @@ def mission_script(step):
     return Script("Test", timeline(flight_steps(step)).segments[1:-1])
 
 
-AVOIDING, NOT_AVOIDING, AROUND = (
-    f"step: fly, points: [{{position_ned_m: [10, 0, -10]}}], avoidance: {word}"
-    for word in ("true", "false", "around")
+AVOIDANCE_STEP, STEP_WITHOUT_AVOIDANCE, AROUND_STEP = (
+    f"step: fly, points: [{{position_ned_m: [10, 0, -10]}}], avoidance: {avoidance}"
+    for avoidance in ("true", "false", "around")
 )
 
 
-def test_each_step_of_a_mission_states_what_avoidance_tries_first(stream):
-    stream.position, stream.mission_avoidance, stream.ahead_m = (0.0, 0.0, -10.0), "over", 15.0
-    for step, direction in ((AVOIDING, "over"), (AROUND, "around"), (AVOIDING, "over")):
+def test_avoidance_first_tries_the_way_that_the_mission_step_states(stream):
+    stream.position, stream.mission_avoidance, stream.distance_ahead_m = (0.0, 0.0, -10.0), "over", 15.0
+    for step, way in ((AVOIDANCE_STEP, "over"), (AROUND_STEP, "around"), (AVOIDANCE_STEP, "over")):
         stream.send(mission_script(step))
-        assert stream.pipeline.avoiding.way == direction
+        assert stream.pipeline.avoiding.way == way
     stream.avoidance = "around"
-    stream.send(mission_script(AVOIDING))
+    stream.send(mission_script(AVOIDANCE_STEP))
     assert stream.pipeline.avoiding.way == "around", "the mission overrode the operator's choice"
 
 
-def test_a_missions_avoidance_acts_only_in_steps_with_avoidance_and_while_it_is_enabled(stream):
-    stream.position, stream.mission_avoidance, stream.ahead_m = (0.0, 0.0, -10.0), "over", 15.0
-    for step, active in ((AVOIDING, True), (NOT_AVOIDING, False)):
+def test_avoidance_of_a_mission_acts_only_while_enabled_and_in_steps_with_avoidance(stream):
+    stream.position, stream.mission_avoidance, stream.distance_ahead_m = (0.0, 0.0, -10.0), "over", 15.0
+    for step, active in ((AVOIDANCE_STEP, True), (STEP_WITHOUT_AVOIDANCE, False)):
         stream.send(mission_script(step))
         assert (stream.pipeline.avoiding is not None) == active
     stream.mission_avoidance = None
-    stream.send(mission_script(AVOIDING))
+    stream.send(mission_script(AVOIDANCE_STEP))
     assert stream.pipeline.avoiding is None
     stream.avoidance = "around"
-    stream.send(mission_script(NOT_AVOIDING))
+    stream.send(mission_script(STEP_WITHOUT_AVOIDANCE))
     assert stream.pipeline.avoiding.state == "clear"
 
 
 def test_a_detour_continues_into_a_step_without_avoidance(stream):
     stream.position, stream.mission_avoidance = (0.0, 0.0, -10.0), "over"
-    stream.send(mission_script(AVOIDING), 3)
+    stream.send(mission_script(AVOIDANCE_STEP), 3)
     assert stream.pipeline.avoiding.state == "over"
-    stream.send(mission_script(NOT_AVOIDING), 3)
+    stream.send(mission_script(STEP_WITHOUT_AVOIDANCE), 3)
     assert stream.pipeline.avoiding.state == "over"

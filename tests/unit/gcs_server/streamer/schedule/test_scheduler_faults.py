@@ -33,33 +33,32 @@ class SchedulerSetup:
     """A scheduler with one stream, run step by step, and the time of each sent setpoint."""
 
     def __init__(self):
-        self.clock, self.sent = Clock(), []
-        self.streams = StreamScheduler(self.clock, server_silent_limit_s=1.5)
-        self.streams.attach("1", self, (1, 1))
-        assert self.streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, self.snapshot())
-        assert self.streams.engage("1", self.snapshot())
+        self.clock, self.sent_at_s = Clock(), []
+        self.scheduler = StreamScheduler(self.clock, server_silent_limit_s=1.5)
+        self.scheduler.attach("1", self, (1, 1))
+        assert self.scheduler.begin("1", StreamRequest(HOVER, 60.0), 50.0, self.snapshot())
+        assert self.scheduler.engage("1", self.snapshot())
 
     def send_payload(self, msg_id, payload):
-        self.sent.append(self.clock.now_s)
+        self.sent_at_s.append(self.clock.now_s)
         return True
 
     def snapshot(self):
         return Snapshot(self.clock.now_s, "offboard", (0.0, 0.0, -5.0), (0.0, 0.0, 0.0), 0.0, armed=True)
 
     def update_snapshots(self):
-        self.streams.update_snapshots({"1": self.snapshot()})
+        self.scheduler.update_snapshots({"1": self.snapshot()})
 
-    def run(self, seconds, *, server_alive, steps=True):
+    def run(self, seconds, *, server_alive):
         end_s = self.clock.now_s + seconds
         while self.clock.now_s < end_s - 1e-9:
             self.clock.now_s += 0.01
             if server_alive:
                 self.update_snapshots()
-            if steps:
-                assert self.streams.step() > self.clock.now_s  # otherwise the scheduler would never wait
+            assert self.scheduler.step() > self.clock.now_s  # otherwise the scheduler would never wait
 
     def codes(self):
-        return [report.code for _, report in self.streams.take_reports()]
+        return [report.code for _, report in self.scheduler.take_reports()]
 
 
 def test_an_event_loop_stall_of_0_4_s_leaves_no_gap():
@@ -67,22 +66,22 @@ def test_an_event_loop_stall_of_0_4_s_leaves_no_gap():
     setup.run(1.0, server_alive=True)
     setup.run(0.4, server_alive=False)
     setup.run(1.0, server_alive=True)
-    assert max(b - a for a, b in zip(setup.sent, setup.sent[1:], strict=False)) < 0.045
+    assert max(b - a for a, b in zip(setup.sent_at_s, setup.sent_at_s[1:], strict=False)) < 0.045
     assert setup.codes() == []
 
 
 def test_an_event_loop_stall_of_3_s_ends_the_stream_with_an_event():
     setup = SchedulerSetup()
     setup.run(1.0, server_alive=True)
-    stalled_s = setup.clock.now_s
+    stall_start_s = setup.clock.now_s
     setup.run(3.0, server_alive=False)
-    assert setup.sent[-1] - stalled_s == pytest.approx(1.5, abs=0.03)
-    count = len(setup.sent)
+    assert setup.sent_at_s[-1] - stall_start_s == pytest.approx(1.5, abs=0.03)
+    sent_count = len(setup.sent_at_s)
     setup.run(5.0, server_alive=True)
-    assert len(setup.sent) == count
+    assert len(setup.sent_at_s) == sent_count
     assert setup.codes() == ["server_silent"]
-    assert not setup.streams.change("1", StreamRequest(HOVER, 60.0), setup.snapshot())
-    assert setup.streams.state("1").last_end.code == "server_silent"
+    assert not setup.scheduler.change("1", StreamRequest(HOVER, 60.0), setup.snapshot())
+    assert setup.scheduler.state("1").last_end.code == "server_silent"
 
 
 @pytest.mark.parametrize("first", ["update_snapshots", "begin of another vehicle"])
@@ -90,41 +89,41 @@ def test_a_resumed_process_sends_no_old_setpoints(first):
     setup = SchedulerSetup()
     setup.run(1.0, server_alive=True)
     setup.clock.now_s += 3.0  # the process was stopped: neither the event loop nor the scheduler ran
-    count = len(setup.sent)
+    sent_count = len(setup.sent_at_s)
     if first == "update_snapshots":
         setup.update_snapshots()
     else:
-        setup.streams.attach("2", setup, (2, 1))
-        setup.streams.begin("2", StreamRequest(HOVER, 60.0), 50.0, setup.snapshot())
-        setup.streams.end("2", "stopped", "")
+        setup.scheduler.attach("2", setup, (2, 1))
+        setup.scheduler.begin("2", StreamRequest(HOVER, 60.0), 50.0, setup.snapshot())
+        setup.scheduler.end("2", "stopped", "")
     setup.run(1.0, server_alive=True)
-    assert len(setup.sent) == count
+    assert len(setup.sent_at_s) == sent_count
     assert setup.codes() == ["server_silent"]
 
 
-class Broken:
+class BrokenSender:
     def send_payload(self, msg_id, payload):
         raise ValueError("broken")
 
 
 def test_one_vehicles_fault_does_not_affect_other_streams():
     setup = SchedulerSetup()
-    setup.streams.attach("bad", Broken(), (2, 1))
-    assert setup.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, setup.snapshot())
-    count = len(setup.sent)
+    setup.scheduler.attach("bad", BrokenSender(), (2, 1))
+    assert setup.scheduler.begin("bad", StreamRequest(HOVER, 60.0), 50.0, setup.snapshot())
+    sent_count = len(setup.sent_at_s)
     setup.run(1.0, server_alive=True)
-    assert setup.streams.active() == ["1"]
-    reports = setup.streams.take_reports()
+    assert setup.scheduler.active() == ["1"]
+    reports = setup.scheduler.take_reports()
     assert [(vehicle, report.code) for vehicle, report in reports] == [("bad", "fault")]
-    assert len(setup.sent) - count == pytest.approx(50, abs=2)
+    assert len(setup.sent_at_s) - sent_count == pytest.approx(50, abs=2)
 
 
-def setup_with_two():
+def setup_with_two_streams():
     """A scheduler with a second stream, to vehicle "bad"."""
     setup = SchedulerSetup()
-    setup.streams.attach("bad", setup, (2, 1))
-    assert setup.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, setup.snapshot())
-    assert setup.streams.engage("bad", setup.snapshot())
+    setup.scheduler.attach("bad", setup, (2, 1))
+    assert setup.scheduler.begin("bad", StreamRequest(HOVER, 60.0), 50.0, setup.snapshot())
+    assert setup.scheduler.engage("bad", setup.snapshot())
     return setup
 
 
@@ -137,26 +136,28 @@ def setup_with_two():
     ],
 )
 def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(changes):
-    setup = setup_with_two()
-    setup.streams.update_snapshots({"bad": replace(setup.snapshot(), **changes), "1": setup.snapshot()})
+    setup = setup_with_two_streams()
+    setup.scheduler.update_snapshots({"bad": replace(setup.snapshot(), **changes), "1": setup.snapshot()})
     setup.run(1.0, server_alive=True)
-    assert setup.streams.active() == ["1"]
-    assert [(vehicle, report.code) for vehicle, report in setup.streams.take_reports()] == [("bad", "fault")]
+    assert setup.scheduler.active() == ["1"]
+    assert [(vehicle, report.code) for vehicle, report in setup.scheduler.take_reports()] == [
+        ("bad", "fault")
+    ]
 
 
 def test_a_fault_after_a_stall_does_not_affect_other_streams(monkeypatch):
-    """After a stall of the loop all streams end, even if one of them has a fault."""
-    setup = setup_with_two()
+    """After a stall of the event loop all streams end, even if one of them has a fault."""
+    setup = setup_with_two_streams()
     setup.run(0.5, server_alive=True)
-    machine = setup.streams._streams["bad"].machine
+    machine = setup.scheduler._streams["bad"].machine
 
-    def broken(*_):
+    def fail(*_):
         raise ValueError("broken")
 
-    monkeypatch.setattr(machine, "tick", broken)
+    monkeypatch.setattr(machine, "tick", fail)
     setup.clock.now_s += 3.0
     setup.update_snapshots()
-    reports = dict(setup.streams.take_reports())
+    reports = dict(setup.scheduler.take_reports())
     assert (reports["1"].code, reports["bad"].code) == ("server_silent", "fault")
 
 
@@ -168,17 +169,17 @@ def test_implausible_numbers_count_as_unknown_and_are_never_sent(invalid_number)
     frames = []
     setup.send_payload = lambda msg_id, payload: frames.append((msg_id, payload)) or True
     request = StreamRequest(Velocity((1.0, 0.0, 0.0)), 0.5, OnExpiry("hold"))
-    assert setup.streams.change("1", request, setup.snapshot())
+    assert setup.scheduler.change("1", request, setup.snapshot())
     for field in ("position_ned_m", "velocity_ned_m_s"):
-        now = replace(setup.snapshot(), **{field: (0.0, invalid_number, 0.0)})
-        assert getattr(now.plausible(), field) is None
-        assert now.plausible().position_at(setup.clock.now_s) is None
+        implausible = replace(setup.snapshot(), **{field: (0.0, invalid_number, 0.0)})
+        assert getattr(implausible.plausible(), field) is None
+        assert implausible.plausible().position_at(setup.clock.now_s) is None
     for _ in range(100):
         setup.clock.now_s += 0.01
         implausible = replace(setup.snapshot(), position_ned_m=(0.0, invalid_number, 0.0), yaw_ned_rad=0.0)
-        setup.streams.update_snapshots({"1": implausible})
-        setup.streams.step()
-    assert setup.streams.state("1").phase == "landing"
+        setup.scheduler.update_snapshots({"1": implausible})
+        setup.scheduler.step()
+    assert setup.scheduler.state("1").phase == "landing"
     sent = [payload for msg_id, payload in frames if msg_id == MSG_SET_POSITION_TARGET_LOCAL_NED]
     assert all(abs(value) < 100 for payload in sent for value in struct.unpack_from("<9f", payload, 4))
 
@@ -191,73 +192,75 @@ def start_group(setup, *ids):
         "g", requests, {v: StreamRequest(Velocity((1.0, 0.0, 0.0)), 60.0) for v in ids}, minimum_m=3.0,
         start_s=now_s, duration_s=60.0,
     )  # fmt: skip
-    setup.streams.watch(guard)
+    setup.scheduler.watch(guard)
     return {v: Bounds(origin=LocalOrigin(47.0, 8.0 + i * 1.3e-4, 500.0)) for i, v in enumerate(ids)}
 
 
-def test_a_fault_of_a_member_does_not_prevent_the_others_from_holding(monkeypatch):
-    setup = setup_with_two()
+def test_a_fault_of_a_group_member_does_not_prevent_other_members_from_holding(monkeypatch):
+    setup = setup_with_two_streams()
     bounds = start_group(setup, "bad", "1")
 
-    def update_snapshots(**more):
+    def update_snapshots(**changes):
         setup.clock.now_s += 0.05
-        setup.streams.update_snapshots(
-            {v: replace(setup.snapshot(), bounds=b, **more) for v, b in bounds.items()}
+        setup.scheduler.update_snapshots(
+            {v: replace(setup.snapshot(), bounds=b, **changes) for v, b in bounds.items()}
         )
-        setup.streams.step()
+        setup.scheduler.step()
 
     update_snapshots()
     update_snapshots()
-    assert setup.streams.guard("g").phase == "flying"
+    assert setup.scheduler.guard("g").phase == "flying"
 
-    def broken(*_):
+    def fail(*_):
         raise ValueError("broken")
 
-    monkeypatch.setattr(setup.streams._streams["bad"].machine, "force_hold", broken)
+    monkeypatch.setattr(setup.scheduler._streams["bad"].machine, "force_hold", fail)
     update_snapshots(position_ned_m=None)
-    assert setup.streams.guard("g").held == {"bad", "1"}
-    assert setup.streams.state("bad").phase == "idle"
-    assert setup.streams.state("1").phase in ("to_hold", "landing")
+    assert setup.scheduler.guard("g").held == {"bad", "1"}
+    assert setup.scheduler.state("bad").phase == "idle"
+    assert setup.scheduler.state("1").phase in ("to_hold", "landing")
 
 
 @pytest.mark.parametrize("invalid_number", [math.nan, math.inf, 1e300])
-def test_if_a_member_has_implausible_numbers_only_its_group_holds(invalid_number):
-    setup = setup_with_two()
+def test_if_a_group_member_has_implausible_numbers_only_its_group_holds(invalid_number):
+    setup = setup_with_two_streams()
     bounds = start_group(setup, "bad")
     for _ in range(3):
         setup.clock.now_s += 0.05
-        lost = replace(setup.snapshot(), position_ned_m=(invalid_number, 0.0, 0.0), bounds=bounds["bad"])
-        setup.streams.update_snapshots({"bad": lost, "1": setup.snapshot()})
-        setup.streams.step()
-    assert [(name, finding.code) for name, finding in setup.streams.take_findings()] == [
+        implausible = replace(
+            setup.snapshot(), position_ned_m=(invalid_number, 0.0, 0.0), bounds=bounds["bad"]
+        )
+        setup.scheduler.update_snapshots({"bad": implausible, "1": setup.snapshot()})
+        setup.scheduler.step()
+    assert [(name, finding.code) for name, finding in setup.scheduler.take_findings()] == [
         ("g", "place_unknown")
     ]
-    assert setup.streams.state("1").phase == "streaming"
+    assert setup.scheduler.state("1").phase == "streaming"
 
 
 def test_if_a_guard_fails_its_group_holds_and_other_streams_continue(monkeypatch):
-    setup = setup_with_two()
+    setup = setup_with_two_streams()
     bounds = start_group(setup, "bad")
 
-    def broken(*_):
+    def fail(*_):
         raise ZeroDivisionError("broken")
 
-    monkeypatch.setattr(setup.streams._guards["g"], "check", broken)
+    monkeypatch.setattr(setup.scheduler._guards["g"], "check", fail)
     for _ in range(10):
         setup.clock.now_s += 0.05
-        setup.streams.update_snapshots(
+        setup.scheduler.update_snapshots(
             {"bad": replace(setup.snapshot(), bounds=bounds["bad"]), "1": setup.snapshot()}
         )
-        assert setup.streams.step() > setup.clock.now_s
-    findings = setup.streams.take_findings()
+        assert setup.scheduler.step() > setup.clock.now_s
+    findings = setup.scheduler.take_findings()
     assert [(name, finding.code) for name, finding in findings] == [("g", "fault")]
-    assert setup.streams.state("bad").phase == "to_hold"
-    assert setup.streams.state("1").phase == "streaming"
+    assert setup.scheduler.state("bad").phase == "to_hold"
+    assert setup.scheduler.state("1").phase == "streaming"
 
 
-def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
-    numbers = []
-    link = MemoryLink("memory", outgoing=lambda data, _: numbers.append(data[4]))
+def test_all_threads_share_the_sequence_numbers_of_a_link_without_duplicates_or_gaps():
+    sequence_numbers = []
+    link = MemoryLink("memory", outgoing=lambda data, _: sequence_numbers.append(data[4]))
     link._state = "open"
     link.now_s = lambda: 0.0  # time does not pass, so nothing expires on a busy machine
     sender = FrameSender(link, 255, 190, lambda _: None)
@@ -274,7 +277,7 @@ def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
         thread.start()
     for thread in threads:
         thread.join()
-    assert numbers == [i & 0xFF for i in range(8000)]
+    assert sequence_numbers == [i & 0xFF for i in range(8000)]
 
 
 @pytest.mark.parametrize(("stall_s", "continues"), [(0.4, True), (2.0, False)])
@@ -283,8 +286,8 @@ def test_a_stall_of_0_4_s_does_not_end_the_stream_and_a_stall_of_2_s_does(stall_
     setup.run(1.0, server_alive=True)
     setup.run(stall_s, server_alive=False)
     setup.run(3.0, server_alive=True)
-    sending = setup.clock.now_s - setup.sent[-1] < 0.05
-    assert sending == continues
+    is_sending = setup.clock.now_s - setup.sent_at_s[-1] < 0.05
+    assert is_sending == continues
     assert setup.codes() == ([] if continues else ["server_silent"])
     if not continues:  # the stream ended within 1.5 s, so PX4's own failsafe acts
-        assert setup.clock.now_s - setup.sent[-1] == pytest.approx(stall_s - 1.5 + 3.0, abs=0.05)
+        assert setup.clock.now_s - setup.sent_at_s[-1] == pytest.approx(stall_s - 1.5 + 3.0, abs=0.05)

@@ -12,6 +12,9 @@ from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
 
 SETPOINT, COMMAND = 84, 76
+"""Ids of SET_POSITION_TARGET_LOCAL_NED and COMMAND_LONG."""
+POSITION_AND_YAW, VELOCITY_AND_YAW, VELOCITY_AND_YAW_RATE = 2552, 2503, 1479
+"""Type masks of SET_POSITION_TARGET_LOCAL_NED that use only these fields."""
 HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.5)
 NORTH = Velocity(velocity_ned_m_s=(3.0, 0.0, 0.0), yaw_ned_rad=0.0)
 
@@ -31,7 +34,7 @@ class Flight:
         self.loop_message_s = self.now_s
         self.last_snapshot = None
         self.sent = []
-        self.sending = []
+        self.unread_messages = []
 
     def snapshot(self):
         if self.loop_alive or self.last_snapshot is None:
@@ -39,7 +42,7 @@ class Flight:
         return self.last_snapshot
 
     def send_payload(self, msg_id, payload):
-        self.sending.append((round(self.now_s, 3), msg_id, fields(msg_id, payload)))
+        self.unread_messages.append((round(self.now_s, 3), msg_id, decode(msg_id, payload)))
         return True
 
     def begin(self, setpoint, **validity):
@@ -65,8 +68,8 @@ class Flight:
                 self.loop_message_s = self.now_s
             for item in self.stream.tick(self.now_s, self.snapshot(), self.loop_message_s):
                 self.transport.send(item)
-            messages += self.sending
-            self.sending.clear()
+            messages += self.unread_messages
+            self.unread_messages.clear()
             self.now_s = min(end_s, max(self.now_s + 0.001, self.stream.due_s(self.loop_message_s)))
         self.sent += messages
         return messages
@@ -75,7 +78,7 @@ class Flight:
         return [report.code for report in self.stream.reports]
 
 
-def fields(msg_id, payload):
+def decode(msg_id, payload):
     if msg_id == COMMAND:
         values = struct.unpack("<fffffffHBBB", payload)
         return {
@@ -126,30 +129,30 @@ def test_a_changed_setpoint_is_sent_immediately():
     flight.run(0.05)
     assert flight.change(NORTH, valid_for_s=60)
     messages = flight.run(0.01)
-    assert [sent["mask"] for _, _, sent in messages] == [2503]
+    assert [sent["mask"] for _, _, sent in messages] == [VELOCITY_AND_YAW]
 
 
 def test_setpoints_without_yaw_keep_the_heading_from_the_start():
     flight = start_flight(Velocity(velocity_ned_m_s=(1.0, 0.0, 0.0)), valid_for_s=60)
     flight.change(Velocity(velocity_ned_m_s=(2.0, 0.0, 0.0)), valid_for_s=60)
     _, _, sent = flight.run(0.02)[0]
-    assert sent["mask"] == 2503
+    assert sent["mask"] == VELOCITY_AND_YAW
     assert sent["yaw"] == pytest.approx(0.25)
 
 
-def test_after_a_client_is_killed_the_stream_holds_the_position_and_then_requests_hold():
+def test_after_a_setpoint_expires_the_stream_holds_the_position_and_then_requests_hold():
     flight = start_flight(NORTH, valid_for_s=0.5, on_expiry=OnExpiry("hold", 2.0))
     flight.velocity = (3.0, 0.0, 0.0)
     assert all(sent["velocity"][0] == 3.0 for _, _, sent in flight.run(0.49))
     flight.position = (10.0, 2.0, -5.0)
     flight.run(0.02)
-    holding = flight.run(1.9)
-    assert {sent["mask"] for _, _, sent in holding} == {2552}
-    assert holding[-1][2]["position"] == pytest.approx((10.0, 2.0, -5.0), abs=0.1)
+    hold_messages = flight.run(1.9)
+    assert {sent["mask"] for _, _, sent in hold_messages} == {POSITION_AND_YAW}
+    assert hold_messages[-1][2]["position"] == pytest.approx((10.0, 2.0, -5.0), abs=0.1)
     assert flight.report_codes() == ["expired"]
     requests = [sent for _, msg_id, sent in flight.run(0.2) if msg_id == COMMAND]
-    assert [(a["command"], a["param1"], a["main_mode"], a["sub_mode"]) for a in requests] == [
-        (176, 1.0, 4.0, 3.0)
+    assert [(r["command"], r["param1"], r["main_mode"], r["sub_mode"]) for r in requests] == [
+        (176, 1.0, 4.0, 3.0)  # MAV_CMD_DO_SET_MODE, Hold
     ]
     assert [m for _, m, _ in flight.run(0.1)].count(SETPOINT) >= 4, (
         "the stream ended before the vehicle was in Hold"
@@ -183,9 +186,9 @@ def test_on_expiry_without_a_position_estimate_the_stream_requests_land():
     flight = start_flight(NORTH, valid_for_s=0.5)
     flight.position = None
     messages = flight.run(1.0)
-    assert [(s["main_mode"], s["sub_mode"]) for _, m, s in messages if m == COMMAND] == [(4.0, 6.0)]
-    last = [sent for _, m, sent in messages if m == SETPOINT][-1]
-    assert (last["mask"], last["velocity"]) == (1479, (0.0, 0.0, 0.0))
+    assert [(s["main_mode"], s["sub_mode"]) for _, m, s in messages if m == COMMAND] == [(4.0, 6.0)]  # Land
+    last_setpoint = [sent for _, m, sent in messages if m == SETPOINT][-1]
+    assert (last_setpoint["mask"], last_setpoint["velocity"]) == (VELOCITY_AND_YAW_RATE, (0.0, 0.0, 0.0))
     flight.mode = "land"
     assert flight.run(1.0) == []
     assert flight.report_codes() == ["expired", "landing"]
@@ -195,7 +198,7 @@ def test_on_expiry_the_stream_requests_land_or_stops():
     flight = start_flight(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("land"))
     assert COMMAND in [m for _, m, _ in flight.run(0.6)]
     flight = start_flight(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("stop_stream"))
-    assert flight.run(3.0)[-1][0] < 100.0 + 1.2 + 0.52
+    assert flight.run(3.0)[-1][0] < 100.0 + 1.2 + 0.52  # start, time before Offboard, validity
     assert flight.report_codes() == ["expired"]
 
 
@@ -219,7 +222,7 @@ def test_expiry_during_a_stall_holds_the_vehicles_current_position():
     flight.loop_alive = False
     flight.snapshot()
     messages = flight.run(0.3)
-    assert messages[-1][2]["mask"] == 2552
+    assert messages[-1][2]["mask"] == POSITION_AND_YAW
     assert 1.2 < messages[-1][2]["position"][0] < 1.6
 
 
@@ -233,11 +236,11 @@ def test_leaving_offboard_ends_the_stream(mode):
     assert not flight.change(HOVER, valid_for_s=1)
 
 
-def test_stop_holds_the_position_and_sends_nothing_afterwards():
+def test_a_stopped_stream_holds_the_position_until_its_end_and_then_sends_nothing():
     flight = start_flight(NORTH, valid_for_s=60)
     flight.run(0.3)
     flight.stream.request_stop(flight.now_s, flight.snapshot())
-    assert {sent["mask"] for _, _, sent in flight.run(0.2)} == {2552}
+    assert {sent["mask"] for _, _, sent in flight.run(0.2)} == {POSITION_AND_YAW}
     assert not flight.change(NORTH, valid_for_s=60), "a late setpoint cancelled the stop"
     flight.stream.end("stopped", "stopped by the client")
     assert flight.run(5.0) == []

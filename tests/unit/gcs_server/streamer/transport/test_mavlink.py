@@ -21,32 +21,32 @@ from missions.setpoints import (
     Velocity,
     VelocityBody,
 )
-from vehicle_sim.mavlink import generated_dialect as sim
+from vehicle_sim.mavlink import generated_dialect as pymavlink_dialect
 
 number = st.floats(-1000, 1000, width=32)
 angle = st.floats(-3.125, 3.125, width=32)
 vector = st.tuples(number, number, number)
-axis = st.none() | number
-partial = st.tuples(axis, axis, axis)
+optional_number = st.none() | number
+partial_vector = st.tuples(optional_number, optional_number, optional_number)
 TARGET = (7, 1)
 
 
-def encode_and_decode(setpoint, now_s=12.5):
+def encode_and_decode(setpoint):
     """Encodes a setpoint and decodes it with pymavlink."""
     msg_id, payload = mavlink.encode(setpoint, TARGET)
-    raw = encode_frame(msg_id, mavlink.with_time(payload, now_s), 3, 255, 190)
-    (message,) = sim.MAVLink(None).parse_buffer(raw)
+    raw = encode_frame(msg_id, mavlink.with_time(payload, 12.5), 3, 255, 190)
+    (message,) = pymavlink_dialect.MAVLink(None).parse_buffer(raw)
     assert (message.target_system, message.target_component) == TARGET
     assert message.time_boot_ms == 12500
     return message
 
 
-def ignored(values, bits, mask):
+def without_ignored(values, bits, mask):
     """The values, with None for values that the mask ignores."""
     return tuple(None if mask & bit else value for value, bit in zip(values, bits, strict=True))
 
 
-# Setpoint, message id, frame and type mask, as PX4's documentation has them.
+# Setpoint, message id, frame and type mask of PX4's documentation.
 DOCUMENTED_MASKS = [
     (Position((1.0, 2.0, -3.0), yaw_ned_rad=0.5), 84, 1, 2552),
     (Position((1.0, 2.0, -3.0), yaw_rate_ned_rad_s=0.5), 84, 1, 1528),
@@ -74,14 +74,14 @@ def test_message_frame_and_mask_match_px4s_documentation(setpoint, msg_id, frame
 POSITION, VELOCITY, ACCELERATION = (1, 2, 4), (8, 16, 32), (64, 128, 256)
 
 
-@given(partial, partial, partial, axis, axis)
-def test_none_sets_the_ignore_bit_and_other_values_arrive(position, velocity, acceleration, yaw, rate):
+@given(partial_vector, partial_vector, partial_vector, optional_number, optional_number)
+def test_empty_fields_are_ignored_and_other_fields_arrive(position, velocity, acceleration, yaw, rate):
     m = encode_and_decode(Trajectory(position, velocity, acceleration, yaw, rate))
-    assert ignored((m.x, m.y, m.z), POSITION, m.type_mask) == position
-    assert ignored((m.vx, m.vy, m.vz), VELOCITY, m.type_mask) == velocity
-    assert ignored((m.afx, m.afy, m.afz), ACCELERATION, m.type_mask) == acceleration
+    assert without_ignored((m.x, m.y, m.z), POSITION, m.type_mask) == position
+    assert without_ignored((m.vx, m.vy, m.vz), VELOCITY, m.type_mask) == velocity
+    assert without_ignored((m.afx, m.afy, m.afz), ACCELERATION, m.type_mask) == acceleration
     assert not m.type_mask & 512  # the force bit is never set
-    (received_yaw, received_rate) = ignored((m.yaw, m.yaw_rate), (1024, 2048), m.type_mask)
+    (received_yaw, received_rate) = without_ignored((m.yaw, m.yaw_rate), (1024, 2048), m.type_mask)
     assert (received_yaw is None, received_rate is None) == (yaw is None, rate is None)
     if yaw is not None:
         assert -math.pi - 1e-6 <= received_yaw <= math.pi + 1e-6
@@ -92,7 +92,7 @@ def test_none_sets_the_ignore_bit_and_other_values_arrive(position, velocity, ac
 
 @given(vector, angle)
 def test_a_body_velocity_never_has_an_ignore_bit_of_velocity(velocity, yaw):
-    """PX4 would ignore the whole message."""
+    """PX4 ignores a message with one of these bits."""
     m = encode_and_decode(VelocityBody(velocity, yaw_ned_rad=yaw))
     assert m.type_mask & 0b111111111 == 0b111000111
     assert (m.vx, m.vy, m.vz) == velocity
@@ -106,14 +106,14 @@ def test_a_global_position_is_encoded_within_two_centimetres(lat, lon, alt):
     assert m.alt == alt
 
 
-@given(st.tuples(angle, angle, angle, angle), axis, st.floats(0, 1, width=32))
+@given(st.tuples(angle, angle, angle, angle), optional_number, st.floats(0, 1, width=32))
 def test_attitude_and_thrust_arrive(q, rate, thrust):
     m = encode_and_decode(Attitude(q, thrust, yaw_rate_ned_rad_s=rate))
     assert tuple(m.q) == q
     assert m.thrust == thrust
     assert m.type_mask & 128 == 0  # the attitude is used
     assert m.type_mask & 64 == 0  # the thrust is used
-    assert ignored((m.body_yaw_rate,), (4,), m.type_mask) == (rate,)
+    assert without_ignored((m.body_yaw_rate,), (4,), m.type_mask) == (rate,)
 
 
 @given(vector, st.floats(0, 1, width=32))
@@ -143,6 +143,6 @@ def test_types_without_a_mavlink_message_have_no_encoder():
 def test_mode_commands_are_do_set_mode_with_a_confirmation_of_at_most_255(mode, sub):
     payload = mavlink.mode_command(mode, TARGET, 300)
     raw = encode_frame(mavlink.MSG_COMMAND_LONG, payload, 0, 255, 190)
-    (m,) = sim.MAVLink(None).parse_buffer(raw)
+    (m,) = pymavlink_dialect.MAVLink(None).parse_buffer(raw)
     assert (m.command, m.param1, m.param2, m.param3) == (176, 1, 4, sub)
     assert (m.target_system, m.target_component, m.confirmation) == (7, 1, 255)

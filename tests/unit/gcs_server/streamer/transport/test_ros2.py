@@ -36,10 +36,10 @@ from missions.setpoints import (
 )
 
 NOW_US = 1_795_000_000_000_000
-HALF = (0.0, 0.0, -0.5)
-"""Half thrust, upwards in FRD."""
-LEVEL = (1.0, 0.0, 0.0, 0.0)
-EXPECTED: list[tuple[DirectSetpoint, str, dict[str, dict[str, Any]]]] = [
+HALF_THRUST = (0.0, 0.0, -0.5)
+"""Upwards, in FRD."""
+LEVEL_ATTITUDE = (1.0, 0.0, 0.0, 0.0)
+EXPECTED_MESSAGES: list[tuple[DirectSetpoint, str, dict[str, dict[str, Any]]]] = [
     (
         Position((1.0, 2.0, -3.0), 0.5),
         "position",
@@ -61,19 +61,26 @@ EXPECTED: list[tuple[DirectSetpoint, str, dict[str, dict[str, Any]]]] = [
         {"trajectory_setpoint": {"position": (1.0, 0.0, -3.0), "velocity": (0.5, 0.0, 0.0)}},
     ),
     (
-        Attitude(LEVEL, 0.5, 0.25),
+        Attitude(LEVEL_ATTITUDE, 0.5, 0.25),
         "attitude",
-        {"vehicle_attitude_setpoint": {"q_d": LEVEL, "thrust_body": HALF, "yaw_sp_move_rate": 0.25}},
+        {
+            "vehicle_attitude_setpoint": {
+                "q_d": LEVEL_ATTITUDE, "thrust_body": HALF_THRUST, "yaw_sp_move_rate": 0.25,
+            },
+        },
     ),
     (
         Rates((0.5, 0.25, -0.5), 0.5),
         "body_rate",
-        {"vehicle_rates_setpoint": {"roll": 0.5, "pitch": 0.25, "yaw": -0.5, "thrust_body": HALF}},
+        {"vehicle_rates_setpoint": {"roll": 0.5, "pitch": 0.25, "yaw": -0.5, "thrust_body": HALF_THRUST}},
     ),
     (
         ThrustTorque((0.0, 0.0, -0.5), (0.0, 0.25, 0.0)),
         "thrust_and_torque",
-        {"vehicle_thrust_setpoint": {"xyz": HALF}, "vehicle_torque_setpoint": {"xyz": (0.0, 0.25, 0.0)}},
+        {
+            "vehicle_thrust_setpoint": {"xyz": HALF_THRUST},
+            "vehicle_torque_setpoint": {"xyz": (0.0, 0.25, 0.0)},
+        },
     ),
     (
         Actuators((0.5, None, 0.5, 0.25), (0.0,)),
@@ -114,7 +121,7 @@ def _equal_or_both_nan(sent: Any, expected: Any) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("setpoint", "flag", "expected"), EXPECTED, ids=lambda each: getattr(each, "type", "")
+    ("setpoint", "flag", "expected"), EXPECTED_MESSAGES, ids=lambda each: getattr(each, "type", "")
 )
 def test_each_setpoint_type_is_sent_with_its_control_mode_and_topics(
     setpoint: DirectSetpoint, flag: str, expected: dict[str, dict[str, Any]]
@@ -133,7 +140,7 @@ def test_each_setpoint_type_is_sent_with_its_control_mode_and_topics(
 
 
 @pytest.mark.parametrize(
-    ("setpoint", "flag", "expected"), EXPECTED, ids=lambda each: getattr(each, "type", "")
+    ("setpoint", "flag", "expected"), EXPECTED_MESSAGES, ids=lambda each: getattr(each, "type", "")
 )
 def test_the_topics_of_a_setpoint_type_include_the_topics_of_its_messages(
     setpoint: DirectSetpoint, flag: str, expected: dict[str, Any]
@@ -152,7 +159,7 @@ def test_before_offboard_only_the_control_mode_is_sent() -> None:
     assert topics.needed == {"/fmu/in/trajectory_setpoint"}
 
 
-def test_a_mode_is_requested_as_the_streams_component() -> None:
+def test_a_mode_request_has_the_system_and_component_id_of_the_stream() -> None:
     transport, topics = _transport(), Topics()
     assert transport.send(ModeRequest("land", 2), topics)
     topic, command = topics.sent[0]
@@ -163,7 +170,7 @@ def test_a_mode_is_requested_as_the_streams_component() -> None:
 
 
 @pytest.mark.parametrize("setpoint", [VelocityBody((1.0, 0.0, 0.0)), PositionGlobal(47.0, 8.0, 500.0)])
-def test_a_setpoint_in_another_frame_is_refused_by_the_transport(setpoint: DirectSetpoint) -> None:
+def test_the_transport_refuses_setpoints_that_are_not_in_the_local_frame(setpoint: DirectSetpoint) -> None:
     with pytest.raises(ValueError, match=f"carries {setpoint.type}"):
         encode(setpoint)
 
@@ -196,7 +203,7 @@ def test_a_stream_continues_over_mavlink_only_if_mavlink_has_a_message_for_the_s
     assert mavlink.ids == [84]
 
 
-def test_a_failed_transmission_is_reported() -> None:
+def test_a_failed_transmission_is_reported_and_a_setpoint_without_any_message_is_refused() -> None:
     topics = Topics()
     transport = VehicleTransport(Mavlink(), (1, 1), lambda: topics, _transport())
     transport.load(Position((0.0, 0.0, -5.0)))
@@ -212,13 +219,13 @@ def _snapshot(yaw: float | None = math.pi / 2, origin: LocalOrigin | None = None
 
 def test_a_velocity_along_the_heading_turns_with_the_vehicle() -> None:
     resolved = ResolvedSetpoint(VelocityBody((2.0, 0.0, -1.0), None, 0.1), 0.0, _snapshot(0.0), None)
-    first, turned = resolved.at(0.0, _snapshot(0.0)), resolved.at(1.0, _snapshot())
-    assert isinstance(first, Velocity)
-    assert isinstance(turned, Velocity)
-    assert first.velocity_ned_m_s == pytest.approx((2.0, 0.0, -1.0))
-    assert turned.velocity_ned_m_s == pytest.approx((0.0, 2.0, -1.0))
-    assert turned.yaw_rate_ned_rad_s == 0.1
-    assert resolved.at(2.0, _snapshot(None)) == turned
+    before_turn, after_turn = resolved.at(0.0, _snapshot(0.0)), resolved.at(1.0, _snapshot())
+    assert isinstance(before_turn, Velocity)
+    assert isinstance(after_turn, Velocity)
+    assert before_turn.velocity_ned_m_s == pytest.approx((2.0, 0.0, -1.0))
+    assert after_turn.velocity_ned_m_s == pytest.approx((0.0, 2.0, -1.0))
+    assert after_turn.yaw_rate_ned_rad_s == 0.1
+    assert resolved.at(2.0, _snapshot(None)) == after_turn
 
 
 def test_a_global_position_is_sent_in_the_local_frame() -> None:
@@ -236,6 +243,6 @@ def test_a_global_position_is_sent_in_the_local_frame() -> None:
 def test_streams_of_thrust_or_motor_setpoints_stop_without_a_position_if_a_fence_is_set(
     setpoint: DirectSetpoint,
 ) -> None:
-    fenced = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
+    fenced_bounds = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     assert apply_limits(setpoint, Bounds(), None).stop_reason is None
-    assert "No valid position estimate" in (apply_limits(setpoint, fenced, None).stop_reason or "")
+    assert "No valid position estimate" in (apply_limits(setpoint, fenced_bounds, None).stop_reason or "")

@@ -1,4 +1,4 @@
-"""Every setpoint type is supported by each step from request to message."""
+"""Every setpoint type is supported from the request to the message."""
 
 from typing import get_args
 

@@ -13,7 +13,7 @@ from gcs_server.streamer.waypoints import interrupted
 from gcs_server.streamer.waypoints.interrupted import FlightProgress, ProgressStore
 from missions.values import HomePosition
 
-KEY, OTHER = VehicleKey(1, None), VehicleKey(1, "0011223344556677")
+KEY, OTHER_KEY = VehicleKey(1, None), VehicleKey(1, "0011223344556677")
 HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
 PROGRESS = FlightProgress(0xFFFF_FFFF, "Field", 12, 10, False, 1_700_000_000.5, HOME)
 
@@ -29,7 +29,7 @@ def test_progress_is_available_after_a_restart_for_the_same_vehicle_only(tmp_pat
     store.save(KEY, PROGRESS)
     store.close()
     reopened = store_in(tmp_path / "flights")
-    assert (reopened.find(KEY), reopened.find(OTHER)) == (PROGRESS, None)
+    assert (reopened.find(KEY), reopened.find(OTHER_KEY)) == (PROGRESS, None)
     reopened.save(KEY, replace(PROGRESS, finished=True, name=None, home=None))
     reopened.close()
     assert store_in(tmp_path / "flights").find(KEY).finished
@@ -55,12 +55,12 @@ def test_progress_is_available_after_a_restart_for_the_same_vehicle_only(tmp_pat
 def test_an_unreadable_file_causes_a_warning_and_the_next_flight_replaces_it(tmp_path, field, value):
     store = store_in(tmp_path)
     store.save(KEY, PROGRESS)
-    store.save(OTHER, PROGRESS)
+    store.save(OTHER_KEY, PROGRESS)
     store.close()
     file = tmp_path / "system-1.json"
     file.write_text(json.dumps({**json.loads(file.read_text()), field: value}))
     reopened = store_in(tmp_path)
-    assert (reopened.find(KEY), reopened.find(OTHER)) == (None, PROGRESS)
+    assert (reopened.find(KEY), reopened.find(OTHER_KEY)) == (None, PROGRESS)
     (warning,) = reopened.warnings()
     assert "system-1.json cannot be read" in warning
     reopened.save(KEY, PROGRESS)
@@ -69,7 +69,7 @@ def test_an_unreadable_file_causes_a_warning_and_the_next_flight_replaces_it(tmp
 
 
 def test_a_file_that_cannot_be_written_causes_a_warning_and_the_progress_stays_in_memory(tmp_path):
-    (tmp_path / "flights").write_text("a file in the place of the folder")
+    (tmp_path / "flights").write_text("a file instead of the folder")
     store = ProgressStore(Records(tmp_path / "flights"))
     store.save(KEY, PROGRESS)
     store.close()
