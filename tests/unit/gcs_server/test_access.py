@@ -1,4 +1,4 @@
-"""Access control of requests: a table of callers, sign-in, and invalid requests."""
+"""Access control: which requests are allowed, sign-in, and invalid requests."""
 
 import re
 from pathlib import Path
@@ -38,15 +38,16 @@ def request_head(method="GET", path="/", query="", *, host="localhost:8080", sec
     return RequestHead.from_scope({**scope, "scheme": "https" if secure else "http"})
 
 
-def code(access, request):
+def refusal_code(access, request):
+    """The code of the refusal; if the request is not refused, the decision."""
     verdict = access.decide(request)
     return verdict.code if isinstance(verdict, Refusal) else verdict
 
 
-ALL = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
+METHODS = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
 
 
-@pytest.mark.parametrize("method", ALL)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("headers", "expected"),
     [
@@ -82,7 +83,7 @@ ALL = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
     ],
 )
 def test_on_loopback_no_token_is_needed_and_only_pages_of_the_server_are_allowed(method, headers, expected):
-    assert code(LOOPBACK_ONLY, request_head(method, **headers)) == expected
+    assert refusal_code(LOOPBACK_ONLY, request_head(method, **headers)) == expected
 
 
 @pytest.mark.parametrize(
@@ -91,28 +92,28 @@ def test_on_loopback_no_token_is_needed_and_only_pages_of_the_server_are_allowed
 )
 def test_from_another_site_only_a_link_to_the_page_is_allowed(method, dest, expected):
     headers = {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate", "sec_fetch_dest": dest}
-    assert code(LOOPBACK_ONLY, request_head(method, **headers)) == expected
+    assert refusal_code(LOOPBACK_ONLY, request_head(method, **headers)) == expected
 
 
-@pytest.mark.parametrize("access", [ALL_INTERFACES, LOOPBACK_WITH_TOKEN], ids=["bound to all", "on loopback"])
+@pytest.mark.parametrize("access", [ALL_INTERFACES, LOOPBACK_WITH_TOKEN], ids=["all interfaces", "loopback"])
 @pytest.mark.parametrize("method", ["GET", "POST", "WEBSOCKET"])
 @pytest.mark.parametrize("path", ["/", "/docs", "/api/v1/health", "/scene/", "/assets/a.js", "/nothing"])
 def test_with_a_token_every_request_must_send_the_token(access, method, path):
     same_origin = {"origin": "http://localhost:8080"}
-    assert code(access, request_head(method, path)) == "token_missing"
-    assert code(access, request_head(method, path, authorization="Bearer wrong")) == "token_wrong"
-    assert code(access, request_head(method, path, authorization=BEARER)) is None
-    assert code(access, request_head(method, path, cookie=COOKIE, **same_origin)) is None
+    assert refusal_code(access, request_head(method, path)) == "token_missing"
+    assert refusal_code(access, request_head(method, path, authorization="Bearer wrong")) == "token_wrong"
+    assert refusal_code(access, request_head(method, path, authorization=BEARER)) is None
+    assert refusal_code(access, request_head(method, path, cookie=COOKIE, **same_origin)) is None
     assert (
-        code(access, request_head(method, path, cookie=f"{ALL_INTERFACES.cookie_name}={TOKEN}"))
+        refusal_code(access, request_head(method, path, cookie=f"{ALL_INTERFACES.cookie_name}={TOKEN}"))
         == "token_missing"
     )
     assert (
-        code(access, request_head(method, path, cookie=COOKIE, origin="http://evil.example"))
+        refusal_code(access, request_head(method, path, cookie=COOKIE, origin="http://evil.example"))
         == "foreign_origin"
     )
     foreign_bearer = request_head(method, path, authorization=BEARER, origin="http://evil.example")
-    assert code(access, foreign_bearer) == "foreign_origin"
+    assert refusal_code(access, foreign_bearer) == "foreign_origin"
 
 
 @pytest.mark.parametrize(
@@ -138,7 +139,7 @@ def test_with_a_token_every_request_must_send_the_token(access, method, path):
             "POST",
             {"cookie": COOKIE, "origin": f"https://{REMOTE_HOST}"},
             None,
-        ),  # a proxy in front of the server that uses https
+        ),  # the proxy in front of the server uses https
         ("POST", {"cookie": COOKIE, "origin": f"http://{REMOTE_HOST}", "secure": True}, "foreign_origin"),
         ("POST", {"host": "rebound.example", "origin": "http://rebound.example"}, "token_missing"),
         ("GET", {"host": "whatever.name", "authorization": BEARER}, None),
@@ -147,12 +148,12 @@ def test_with_a_token_every_request_must_send_the_token(access, method, path):
 def test_from_other_machines_a_cookie_needs_the_pages_origin_and_a_bearer_token_does_not(
     method, headers, expected
 ):
-    assert code(ALL_INTERFACES, request_head(method, **{"host": REMOTE_HOST, **headers})) == expected
+    assert refusal_code(ALL_INTERFACES, request_head(method, **{"host": REMOTE_HOST, **headers})) == expected
 
 
-def test_on_loopback_a_token_does_not_allow_foreign_host_names():
+def test_on_loopback_foreign_host_names_are_refused_even_with_the_token():
     assert (
-        code(LOOPBACK_WITH_TOKEN, request_head(host="rebound.example", authorization=BEARER))
+        refusal_code(LOOPBACK_WITH_TOKEN, request_head(host="rebound.example", authorization=BEARER))
         == "foreign_host"
     )
 
@@ -177,11 +178,11 @@ def test_the_sign_in_link_leaves_no_token_in_the_address(path, query, location):
     ) == SignedIn(location)
 
 
-def test_only_navigation_to_the_link_signs_in():
+def test_a_sign_in_link_works_only_as_a_get_request_that_is_not_from_another_site():
     for method in ("POST", "PUT", "DELETE", "WEBSOCKET"):
-        assert code(ALL_INTERFACES, request_head(method, query=f"token={TOKEN}")) == "token_missing"
+        assert refusal_code(ALL_INTERFACES, request_head(method, query=f"token={TOKEN}")) == "token_missing"
     assert (
-        code(ALL_INTERFACES, request_head(query=f"token={TOKEN}", origin="http://evil.example"))
+        refusal_code(ALL_INTERFACES, request_head(query=f"token={TOKEN}", origin="http://evil.example"))
         == "foreign_origin"
     )
 
@@ -192,7 +193,7 @@ def test_the_sign_in_form_is_accepted_if_a_token_is_set_and_only_from_the_server
         == FormSent()
     )
     assert (
-        code(ALL_INTERFACES, request_head("POST", SIGN_IN_PATH, origin="http://evil.example"))
+        refusal_code(ALL_INTERFACES, request_head("POST", SIGN_IN_PATH, origin="http://evil.example"))
         == "foreign_origin"
     )
     assert LOOPBACK_ONLY.decide(request_head("POST", SIGN_IN_PATH)) is None
@@ -207,26 +208,26 @@ def test_the_cookie_is_valid_for_this_site_only_and_does_not_contain_the_token()
     assert "Secure" not in cookie
     assert TOKEN not in cookie
     assert ALL_INTERFACES.cookie(secure=True).endswith("; Secure")
-    other = Access(loopback_only=False, token=TOKEN + "x")
-    assert other.cookie_name != ALL_INTERFACES.cookie_name, (
+    other_server = Access(loopback_only=False, token=TOKEN + "x")
+    assert other_server.cookie_name != ALL_INTERFACES.cookie_name, (
         "two servers on one machine would use the same cookie"
     )
-    assert other.cookie_value != ALL_INTERFACES.cookie_value
+    assert other_server.cookie_value != ALL_INTERFACES.cookie_value
 
 
-garbage = st.text(st.characters(max_codepoint=255), max_size=60)
+any_text = st.text(st.characters(max_codepoint=255), max_size=60)
 
 
 @given(
-    st.sampled_from(ALL),
-    garbage,
-    garbage,
+    st.sampled_from(METHODS),
+    any_text,
+    any_text,
     st.lists(
         st.tuples(
             st.sampled_from(
                 ["host", "origin", "cookie", "authorization", "sec-fetch-site", "sec-fetch-mode", "accept"]
             ),
-            garbage,
+            any_text,
         ),
         max_size=6,
     ),
@@ -243,21 +244,21 @@ def test_invalid_requests_are_never_allowed_and_never_raise(method, path, query,
     form_fields(query.encode("latin-1"))
 
 
-@given(garbage)
+@given(any_text)
 def test_sign_in_redirects_only_to_this_server(address):
     assert re.match(r"/(?![/\\])[\x21-\x7e]*\Z", local_path(address))
 
 
 def test_the_sign_in_page_uses_the_pages_colours():
-    tokens = (Path(__file__).parents[3] / "web/src/ui/tokens.css").read_text()
-    dark, light = re.split(r"\[data-theme=.light.\]", tokens)
+    tokens_css = (Path(__file__).parents[3] / "web/src/ui/tokens.css").read_text()
+    dark_css, light_css = re.split(r"\[data-theme=.light.\]", tokens_css)
     style = (FOLDER / "style.css").read_text()
     colours = re.findall(r"--(\S+): light-dark\((#\w+), (#\w+)\);", style)
     assert len(colours) >= 9
-    for name, in_light, in_dark in colours:
-        if name != "shade":
-            assert f"--{name}: {in_light};" in light
-            assert f"--{name}: {in_dark};" in dark
+    for name, light_colour, dark_colour in colours:
+        if name != "shade":  # only the sign-in page has this colour
+            assert f"--{name}: {light_colour};" in light_css
+            assert f"--{name}: {dark_colour};" in dark_css
 
 
 def test_the_sign_in_page_escapes_its_texts():

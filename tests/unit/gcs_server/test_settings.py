@@ -14,7 +14,7 @@ def test_flags_override_environment_file_and_defaults(tmp_path):
     assert settings.system_id == 255
 
 
-def test_links_from_the_environment():
+def test_links_in_the_environment_are_separated_by_commas():
     settings = load({}, {"GCS_LINKS": "udpin://127.0.0.1:1, tcp://h:2"})
     assert settings.links == ("udpin://127.0.0.1:1", "tcp://h:2")
 
@@ -29,7 +29,7 @@ def test_links_from_the_environment():
         ("schema_version = \n", "config", "TOML"),
     ],
 )
-def test_the_error_about_an_invalid_settings_file_names_the_file(tmp_path, text, field, expected):
+def test_the_error_about_an_invalid_settings_file_names_the_field(tmp_path, text, field, expected):
     file = tmp_path / "gcs.toml"
     file.write_text(text)
     with pytest.raises(InvalidRequest) as error:

@@ -8,18 +8,18 @@ from gcs_server.clock import SystemClock
 from gcs_server.supervise import Supervisor
 
 
-class CountingClock(SystemClock):
+class SleepRecorder(SystemClock):
     def __init__(self):
-        self.slept = []
+        self.sleeps_s = []
 
     async def sleep(self, seconds):
-        self.slept.append(seconds)
+        self.sleeps_s.append(seconds)
         await asyncio.sleep(0)
 
 
 def test_failing_work_is_started_again_with_back_off_and_few_log_lines(caplog):
     async def scenario():
-        clock = CountingClock()
+        clock = SleepRecorder()
         supervisor = Supervisor(clock)
         runs = []
 
@@ -31,8 +31,8 @@ def test_failing_work_is_started_again_with_back_off_and_few_log_lines(caplog):
         with caplog.at_level(logging.INFO):
             await supervisor.start("worker", work)
         assert len(runs) == 12
-        assert clock.slept[:5] == [0.2, 0.4, 0.8, 1.6, 3.2]
-        assert max(clock.slept) == 5.0
+        assert clock.sleeps_s[:5] == [0.2, 0.4, 0.8, 1.6, 3.2]
+        assert max(clock.sleeps_s) == 5.0
         assert len(caplog.records) == 6
         assert supervisor.names() == []
 
@@ -41,7 +41,7 @@ def test_failing_work_is_started_again_with_back_off_and_few_log_lines(caplog):
 
 def test_an_update_is_repeated_at_its_period_also_after_a_failure():
     async def scenario():
-        clock = CountingClock()
+        clock = SleepRecorder()
         supervisor, calls, done = Supervisor(clock), [], asyncio.Event()
 
         def update():
@@ -54,23 +54,23 @@ def test_an_update_is_repeated_at_its_period_also_after_a_failure():
         supervisor.repeat("update", update, 0.7)
         await done.wait()
         await supervisor.close()
-        assert clock.slept[:3] == [0.7, 0.2, 0.7]
+        assert clock.sleeps_s[:3] == [0.7, 0.2, 0.7]  # 0.2 s after the failure
 
     asyncio.run(scenario())
 
 
-def test_close_ends_all_tasks_and_a_failed_single_task_is_logged(caplog):
+def test_close_cancels_repeated_work_and_the_failure_of_single_work_is_logged(caplog):
     async def scenario():
         supervisor = Supervisor(SystemClock())
 
         async def forever():
             await asyncio.sleep(3600)
 
-        async def fails():
+        async def fail_once():
             raise RuntimeError("once")
 
         task = supervisor.start("forever", forever)
-        await supervisor.spawn("single", fails())
+        await supervisor.spawn("single", fail_once())
         assert supervisor.names() == ["forever"]
         await supervisor.close()
         assert task.cancelled()
@@ -83,10 +83,10 @@ def test_work_cancelled_before_its_first_step_causes_no_warning(recwarn):
     async def scenario():
         supervisor = Supervisor(SystemClock())
 
-        async def never_begun():
+        async def work():
             raise AssertionError("must not run: the task was cancelled before its first step")
 
-        supervisor.spawn("single", never_begun())
+        supervisor.spawn("single", work())
         await supervisor.close()
 
     asyncio.run(scenario())

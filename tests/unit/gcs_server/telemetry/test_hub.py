@@ -15,9 +15,12 @@ from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.samples import Estimator, Hud, Sample
 from tests.simulated_time import run_in_simulated_time
 
+LONE_SURROGATE = "\ud800"
+"""A character that cannot be encoded as UTF-8."""
+
 
 class Fleet:
-    """A fake fleet of one vehicle; the test sets its samples and calls the subscribers in `callbacks`."""
+    """A fake fleet of one vehicle; the test sets its samples and publishes its events."""
 
     def __init__(self):
         self.samples = {}
@@ -37,6 +40,9 @@ class Fleet:
     def subscribe(self, callback):
         self.callbacks.append(callback)
         return lambda: self.callbacks.remove(callback)
+
+    def publish(self, event):
+        self.callbacks[0](event)
 
     def set_climb(self, climb_m_s, at_s):
         self.samples["hud"] = Sample("hud", 1.5, 1e9 + at_s, at_s, Hud(1.0, 1.0, climb_m_s, 50))
@@ -63,8 +69,8 @@ class Socket:
         self.closed = code
 
     def samples(self, topic):
-        frames = [frame for frame in self.sent if frame["type"] == "samples"]
-        return [s for f in frames for s in f["samples"] if s["topic"] == topic]
+        messages = [message for message in self.sent if message["type"] == "samples"]
+        return [s for message in messages for s in message["samples"] if s["topic"] == topic]
 
     def values(self, topic):
         return [sample["value"] for sample in self.samples(topic)]
@@ -85,10 +91,10 @@ def run_test(scenario):
         fleet, socket = Fleet(), Socket()
         hub = Hub(LoopClock(asyncio.get_running_loop()), fleet)
         async with asyncio.timeout(60), asyncio.TaskGroup() as group:
-            serving = group.create_task(hub.serve(socket))
+            hub_task = group.create_task(hub.serve(socket))
             await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["hud"], "rate_hz": 100}))
             await scenario(fleet, socket, hub)
-            serving.cancel()
+            hub_task.cancel()
 
     run_in_simulated_time(run)
 
@@ -110,18 +116,20 @@ def test_a_slow_client_gets_the_newest_value_and_no_backlog():
     run_test(scenario)
 
 
-def test_a_topic_from_the_servers_state_is_sent_after_a_subscription_and_when_it_changes():
+def test_a_topic_from_the_servers_state_is_sent_after_each_subscription_and_change():
     async def scenario(fleet, socket, hub):
-        message = json.dumps({"type": "subscribe", "topics": ["hud", "identity", "offboard"], "rate_hz": 50})
-        stream = {"state": "idle"}
-        fleet.vehicle.offboard = SimpleNamespace(status=lambda: dict(stream))
-        await socket.messages.put(message)
+        subscription = json.dumps(
+            {"type": "subscribe", "topics": ["hud", "identity", "offboard"], "rate_hz": 50}
+        )
+        stream_status = {"state": "idle"}
+        fleet.vehicle.offboard = SimpleNamespace(status=lambda: dict(stream_status))
+        await socket.messages.put(subscription)
         await asyncio.sleep(30)
         assert socket.values("offboard") == [{"state": "idle"}], "an unchanged value was repeated"
-        stream["state"] = "streaming"
+        stream_status["state"] = "streaming"
         await asyncio.sleep(0.2)
         assert socket.values("offboard")[1:] == [{"state": "streaming"}]
-        await socket.messages.put(message)
+        await socket.messages.put(subscription)
         await asyncio.sleep(0.2)
         assert socket.values("offboard")[2:] == [{"state": "streaming"}], (
             "the new subscription did not get the value"
@@ -140,10 +148,10 @@ def test_the_topics_of_a_vehicle_that_is_added_again_are_sent_again():
         await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
         await asyncio.sleep(5)
         for kind in ("vehicle_removed", "vehicle_added"):
-            fleet.callbacks[0](Event(1, kind, "1", 1e9, 5, "its link was closed"))
+            fleet.publish(Event(1, kind, "1", 1e9, 5, "its link was closed"))
         await asyncio.sleep(0.1)
-        frames = [f["event"]["kind"] if f["type"] == "event" else f["type"] for f in socket.sent]
-        assert frames == ["hello", "samples", "vehicle_removed", "vehicle_added", "samples"]
+        kinds = [f["event"]["kind"] if f["type"] == "event" else f["type"] for f in socket.sent]
+        assert kinds == ["hello", "samples", "vehicle_removed", "vehicle_added", "samples"]
 
     run_test(scenario)
 
@@ -157,7 +165,7 @@ def test_a_replaced_vehicle_is_announced_before_its_samples():
         socket.writable.clear()
         replays.append({"name": "replay-1"})
         await asyncio.sleep(0.1)
-        fleet.callbacks[0](Event(1, "vehicle_removed", "1", 1e9, 5, "the replay was moved to another time"))
+        fleet.publish(Event(1, "vehicle_removed", "1", 1e9, 5, "the replay was moved to another time"))
         socket.writable.set()
         await asyncio.sleep(0.1)
         assert [f["type"] for f in socket.sent] == ["hello", "samples", "replays", "event", "samples"]
@@ -178,13 +186,13 @@ def test_every_event_is_sent_and_too_many_unread_events_disconnect_the_client():
     async def scenario(fleet, socket, hub):
         await asyncio.sleep(0.02)
         for n in range(10):
-            fleet.callbacks[0](event(n))
+            fleet.publish(event(n))
         await asyncio.sleep(0.05)
         texts = [f["event"]["text"] for f in socket.sent if f["type"] == "event"]
         assert texts == [f"text {n}" for n in range(10)]
         socket.writable.clear()
         for n in range(EVENT_QUEUE_LENGTH + 5):
-            fleet.callbacks[0](event(n))
+            fleet.publish(event(n))
         socket.writable.set()
         await asyncio.sleep(0.05)
         assert socket.closed == CLOSE_TOO_SLOW
@@ -194,9 +202,9 @@ def test_every_event_is_sent_and_too_many_unread_events_disconnect_the_client():
 
 def test_a_topic_that_cannot_be_encoded_does_not_affect_other_topics():
     async def scenario(fleet, socket, hub):
-        message = {"type": "subscribe", "topics": ["hud", "estimator", "gps"], "rate_hz": 100}
-        await socket.messages.put(json.dumps(message))
-        fleet.samples["estimator"] = Sample("estimator", 1.5, 1e9, 1.0, Estimator("\ud800", 0.0, 0.0))
+        subscription = {"type": "subscribe", "topics": ["hud", "estimator", "gps"], "rate_hz": 100}
+        await socket.messages.put(json.dumps(subscription))
+        fleet.samples["estimator"] = Sample("estimator", 1.5, 1e9, 1.0, Estimator(LONE_SURROGATE, 0.0, 0.0))
         fleet.set_climb(1.0, 1.0)
         await asyncio.sleep(0.05)
         fleet.set_climb(2.0, 2.0)
@@ -214,8 +222,8 @@ def test_a_topic_that_cannot_be_encoded_does_not_affect_other_topics():
 def test_an_event_that_cannot_be_encoded_is_not_sent():
     async def scenario(fleet, socket, hub):
         await asyncio.sleep(0.02)
-        fleet.callbacks[0](Event(1, "status_text", "1", 1e9, 4, "text", {"value": "\ud800"}))
-        fleet.callbacks[0](event(2))
+        fleet.publish(Event(1, "status_text", "1", 1e9, 4, "text", {"value": LONE_SURROGATE}))
+        fleet.publish(event(2))
         await asyncio.sleep(0.05)
         assert [f["event"]["text"] for f in socket.sent if f["type"] == "event"] == ["text 2"]
 
@@ -225,7 +233,7 @@ def test_an_event_that_cannot_be_encoded_is_not_sent():
 @pytest.mark.parametrize(
     "message", ['{"type": "subscribe", "rate_hz": 0}', "[]", '{"type": "subscribe", "topics": "all"}']
 )
-def test_an_invalid_request_is_explained_and_the_socket_stays_open(message):
+def test_an_invalid_request_causes_an_error_message_and_the_socket_stays_open(message):
     async def scenario(fleet, socket, hub):
         await socket.messages.put(message)
         await asyncio.sleep(0.05)
@@ -260,7 +268,7 @@ def test_unread_events_are_also_limited_by_their_size():
         await asyncio.sleep(0.02)
         socket.writable.clear()
         for n in range(50):
-            fleet.callbacks[0](Event(n, "status_text", "1", 1e9, 4, "x" * 100_000))
+            fleet.publish(Event(n, "status_text", "1", 1e9, 4, "x" * 100_000))
         (client,) = hub._clients
         assert sum(map(len, client._events)) < EVENT_QUEUE_CHARACTERS + 200_000
         socket.writable.set()
@@ -278,7 +286,7 @@ def test_unread_events_are_also_limited_by_their_size():
         '{"type": "subscribe", "topics": ["' + "x" * 70_000 + '"]}',
     ],
 )
-def test_a_too_long_request_is_explained_briefly(message):
+def test_the_error_about_a_too_long_request_is_short(message):
     async def scenario(fleet, socket, hub):
         await socket.messages.put(message)
         await asyncio.sleep(0.05)
@@ -289,7 +297,7 @@ def test_a_too_long_request_is_explained_briefly(message):
     run_test(scenario)
 
 
-def test_ros_2_topics_are_inspected_only_for_a_client_that_names_them():
+def test_ros_2_topics_are_inspected_twice_a_second_and_only_for_a_client_that_names_them():
     async def scenario(fleet, socket, hub):
         inspections = []
         hub.set_ros2_topics_source(

@@ -1,4 +1,4 @@
-"""The order of events from a link with losses and repeats, and requests for missing events."""
+"""Events over a link that loses and repeats messages: their order, and requests for missing events."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,22 +14,23 @@ def started_stream(sequence):
 
 @given(
     st.integers(0, 65535),
-    st.lists(st.integers(0, 30), min_size=1, max_size=80).map(lambda steps: [1, *steps]),
+    st.lists(st.integers(0, 30), min_size=1, max_size=80).map(lambda offsets: [1, *offsets]),
 )
-def test_events_received_in_any_order_and_repeatedly_are_passed_on_once_and_in_order(first, offsets):
-    stream, out = started_stream(first), []
+def test_events_received_in_any_order_or_repeatedly_are_passed_on_once_and_in_order(first_sequence, offsets):
+    stream, passed_on = started_stream(first_sequence), []
     for offset in offsets:
-        sequence = (first + offset) & 0xFFFF
-        out += stream.take(sequence, sequence)
+        sequence = (first_sequence + offset) & 0xFFFF
+        passed_on += stream.take(sequence, sequence)
     received = set(offsets) | {0}
     first_missing = next(n for n in range(32) if n not in received)
-    assert out == [(first + n) & 0xFFFF for n in range(1, first_missing)]
+    assert passed_on == [(first_sequence + n) & 0xFFFF for n in range(1, first_missing)]
     assert stream.lost == 0
-    missing = stream.next_request(0.0)
+    request = stream.next_request(0.0)
     after_gap = [n for n in received if n > first_missing]
-    assert missing == (
-        None if not after_gap else ((first + first_missing) & 0xFFFF, (first + min(after_gap) - 1) & 0xFFFF)
-    )
+    if after_gap:
+        assert request == tuple((first_sequence + n) & 0xFFFF for n in (first_missing, min(after_gap) - 1))
+    else:
+        assert request is None
 
 
 def test_a_gap_is_requested_again_and_finally_skipped():

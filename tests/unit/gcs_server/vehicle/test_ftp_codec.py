@@ -46,21 +46,21 @@ def test_every_error_code_has_a_text():
 
 
 @given(st.integers(0, 1000), st.lists(st.tuples(st.integers(-5, 1100), st.integers(0, 300)), max_size=30))
-def test_pieces_in_any_order_are_joined_to_the_file(size, cuts):
+def test_pieces_in_any_order_are_joined_to_the_file(size, spans):
     content = bytes(i * 7 % 251 for i in range(size))
-    pieces, covered = PartialFile(size), set()
-    for offset, length in cuts:
+    file, covered = PartialFile(size), set()
+    for offset, length in spans:
         data = content[max(offset, 0) : max(offset, 0) + length] if offset >= 0 else bytes(length)
-        fits = bool(data) and offset >= 0 and offset + len(data) <= size
-        new = fits and not set(range(offset, offset + len(data))) <= covered
-        assert pieces.put(offset, data) == new
-        covered |= set(range(offset, offset + len(data))) if fits else set()
-        assert pieces.received == len(covered)
-    while (part := pieces.first_missing) is not None:
+        fits_into_file = bool(data) and offset >= 0 and offset + len(data) <= size
+        adds_bytes = fits_into_file and not set(range(offset, offset + len(data))) <= covered
+        assert file.put(offset, data) == adds_bytes
+        covered |= set(range(offset, offset + len(data))) if fits_into_file else set()
+        assert file.received == len(covered)
+    while (part := file.first_missing) is not None:
         assert not covered & set(range(*part))
-        pieces.put(part[0], content[part[0] : part[1]])
-    assert pieces.complete
-    assert pieces.content == content
+        file.put(part[0], content[part[0] : part[1]])
+    assert file.complete
+    assert file.content == content
 
 
 def test_the_recorded_listings_and_refusals_are_read(shared):
@@ -70,8 +70,8 @@ def test_the_recorded_listings_and_refusals_are_read(shared):
     def reply(name):
         fields = dialogues[name]["received"][0]["fields"]["payload"]
         data = bytes.fromhex(fields["data_hex"])
-        head = {"sequence": fields["seq_number"], "request_opcode": fields["req_opcode"]}
-        return codec.Packet(opcode=fields["opcode"], size=len(data), data=data, **head)
+        header = {"sequence": fields["seq_number"], "request_opcode": fields["req_opcode"]}
+        return codec.Packet(opcode=fields["opcode"], size=len(data), data=data, **header)
 
     entries, count = codec.parse_listing(reply("ftp_list_dot").data)
     assert count == 9
@@ -101,12 +101,12 @@ def test_a_path_that_does_not_fit_into_a_packet_is_refused(path):
         codec.request(codec.Opcode.OPEN_FILE_RO, 0, path=path)
 
 
-def put_every_second_byte(pieces):
-    for offset in range(0, pieces.size, 2):
-        pieces.put(offset, b"x")
+def put_every_second_byte(file):
+    for offset in range(0, file.size, 2):
+        file.put(offset, b"x")
 
 
-def test_the_work_for_a_piece_does_not_grow_with_the_pieces_before_it():
+def test_the_work_for_a_piece_does_not_grow_with_the_number_of_earlier_pieces():
     few_lines, many_lines = (
         count_lines_run(lambda n=n: put_every_second_byte(PartialFile(n))) for n in (1_000, 4_000)
     )
@@ -114,13 +114,13 @@ def test_the_work_for_a_piece_does_not_grow_with_the_pieces_before_it():
 
 
 def test_the_number_of_missing_parts_is_limited():
-    pieces = PartialFile(100_000)
-    put_every_second_byte(pieces)
-    assert pieces.missing_count <= MAX_MISSING_PARTS
-    assert pieces.received == MAX_MISSING_PARTS
-    while (part := pieces.first_missing) is not None:
-        assert pieces.put(part[0], bytes(part[1] - part[0]))
-    assert pieces.received == pieces.size
+    file = PartialFile(100_000)
+    put_every_second_byte(file)
+    assert file.missing_count <= MAX_MISSING_PARTS
+    assert file.received == MAX_MISSING_PARTS
+    while (part := file.first_missing) is not None:
+        assert file.put(part[0], bytes(part[1] - part[0]))
+    assert file.received == file.size
 
 
 def test_an_implausible_file_size_is_ignored():

@@ -31,8 +31,8 @@ class VehicleStateSetup:
         self.state.take(Frame(message.get_msgId(), 1, component_id, 0, raw, self.clock.now_s))
 
     def lost_after_s(self, *messages, component_id=AUTOPILOT, within_s=30.0):
-        """Time until the vehicle counts as lost while it sends these messages, checked every 0.5 s; None: it
-        does not."""
+        """Time until the vehicle counts as lost while it sends these messages, checked every 0.5 s; None if
+        it does not."""
         began_s = self.clock.now_s
         while self.clock.now_s < began_s + within_s:
             self.clock.now_s += 0.5
@@ -45,6 +45,7 @@ class VehicleStateSetup:
 
 @pytest.fixture
 def setup():
+    """A vehicle that has sent one heartbeat."""
     state_setup = VehicleStateSetup()
     state_setup.take(HEARTBEAT)
     return state_setup
@@ -55,16 +56,16 @@ ATTITUDE = d.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
 
 
 def test_a_vehicle_that_sends_nothing_is_lost_after_three_and_a_half_seconds(setup):
-    assert setup.lost_after_s() == 4.0
+    assert setup.lost_after_s() == 4.0  # the first check after 3.5 s
     assert setup.state.reason_lost() == "no messages for 4.0 s"
 
 
-def test_a_vehicle_that_sends_other_messages_is_not_lost_after_missing_heartbeats(setup):
+def test_a_vehicle_that_sends_other_messages_is_not_lost_after_9_s_without_heartbeats(setup):
     assert setup.lost_after_s(ATTITUDE, within_s=9.0) is None
 
 
-def test_without_a_heartbeat_for_ten_seconds_the_vehicle_is_lost(setup):
-    assert setup.lost_after_s(ATTITUDE) == 10.5
+def test_a_vehicle_without_a_heartbeat_for_ten_seconds_is_lost(setup):
+    assert setup.lost_after_s(ATTITUDE) == 10.5  # the first check after 10 s
     assert "no heartbeat for 10 s" in setup.state.reason_lost()
 
 

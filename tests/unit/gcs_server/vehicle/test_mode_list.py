@@ -26,42 +26,42 @@ class Vehicle:
         self.clock = SimpleNamespace(monotonic_s=lambda: self.now_s)
         self.identity = SimpleNamespace(system_id=1, component_id=1)
         self.status = SimpleNamespace(link_lost=False)
-        self.list = ModeList(self)  # type: ignore[arg-type]
+        self.mode_list = ModeList(self)  # type: ignore[arg-type]
 
     def send(self, message: Any) -> bool:
         self.sent.append(message)
         return True
 
     def announce(self, mode: str, name: bytes, properties: int = SELECTABLE) -> None:
-        self.list.take(MODE_ENTRY.pack(BY_NAME[mode].custom_mode, properties, 25, 18, 0, name))
+        self.mode_list.take(MODE_ENTRY.pack(BY_NAME[mode].custom_mode, properties, 25, 18, 0, name))
 
     def wait(self, seconds: float) -> None:
         for _ in range(round(seconds * 4)):
-            self.list.tick()
+            self.mode_list.tick()
             self.now_s += 0.25
 
 
-def state(mode: str) -> FlightState:
-    numbers = {"custom_mode": BY_NAME[mode].custom_mode, "autopilot": d.MAV_AUTOPILOT_PX4}
-    return replace(FlightState(), **numbers)
+def flight_state(mode: str) -> FlightState:
+    fields = {"custom_mode": BY_NAME[mode].custom_mode, "autopilot": d.MAV_AUTOPILOT_PX4}
+    return replace(FlightState(), **fields)
 
 
-def test_without_a_change_nothing_is_requested() -> None:
+def test_without_a_change_of_the_list_nothing_is_requested() -> None:
     vehicle = Vehicle()
     for _ in range(3):
-        vehicle.list.changed(b"\x05")
-    vehicle.list.entered(state("hold"), state("position"))
+        vehicle.mode_list.changed(b"\x05")
+    vehicle.mode_list.entered(flight_state("hold"), flight_state("position"))
     vehicle.wait(10.0)
     assert vehicle.sent == []
 
 
 def test_a_changed_list_is_requested_until_all_external_modes_have_arrived() -> None:
     vehicle = Vehicle()
-    vehicle.list.changed(b"\x05")
-    vehicle.list.changed(b"\x06")
+    vehicle.mode_list.changed(b"\x05")
+    vehicle.mode_list.changed(b"\x06")
     vehicle.wait(1.0)
     (request,) = vehicle.sent
-    assert (request.command, request.param1) == (512, d.MAVLINK_MSG_ID_AVAILABLE_MODES)
+    assert (request.command, request.param1) == (d.MAV_CMD_REQUEST_MESSAGE, d.MAVLINK_MSG_ID_AVAILABLE_MODES)
     for mode in EXTERNAL - {"external_8"}:
         vehicle.announce(mode, b"(Mode not available)", NOT_SELECTABLE)
     vehicle.wait(ATTEMPT_EVERY_S)
@@ -74,7 +74,7 @@ def test_a_changed_list_is_requested_until_all_external_modes_have_arrived() -> 
 
 def test_the_list_is_requested_only_a_few_times_if_the_vehicle_does_not_send_it() -> None:
     vehicle = Vehicle()
-    vehicle.list.entered(state("hold"), state("external_3"))
+    vehicle.mode_list.entered(flight_state("hold"), flight_state("external_3"))
     vehicle.wait(60.0)
     assert len(vehicle.sent) == ATTEMPTS
 
@@ -82,7 +82,7 @@ def test_the_list_is_requested_only_a_few_times_if_the_vehicle_does_not_send_it(
 def test_a_mode_that_this_server_registered_keeps_its_name_and_needs_no_list() -> None:
     vehicle = Vehicle()
     vehicle.mode_names.external["external_3"] = "Ours"
-    vehicle.list.entered(state("hold"), state("external_3"))
+    vehicle.mode_list.entered(flight_state("hold"), flight_state("external_3"))
     vehicle.wait(5.0)
     assert vehicle.sent == []
     vehicle.announce("external_3", b"Theirs")
@@ -92,7 +92,7 @@ def test_a_mode_that_this_server_registered_keeps_its_name_and_needs_no_list() -
 def test_while_the_link_is_lost_nothing_is_requested() -> None:
     vehicle = Vehicle()
     vehicle.status.link_lost = True
-    vehicle.list.entered(state("hold"), state("external_3"))
+    vehicle.mode_list.entered(flight_state("hold"), flight_state("external_3"))
     vehicle.wait(5.0)
     assert vehicle.sent == []
     vehicle.status.link_lost = False

@@ -14,10 +14,11 @@ from gcs_server.storage.cache import MAX_FILES, Cache
 from gcs_server.vehicle import param_document, param_metadata
 from gcs_server.vehicle.param_table import MAX_PARAMETERS, Param, ParamReport, ParamTable, read_report
 
-INT32, REAL32 = 6, 9
+INT32, REAL32, REAL64 = 6, 9, 10
+"""MAV_PARAM_TYPE."""
 
 
-def packed(name, bits, index=0, count=2, kind=REAL32):
+def payload(name, bits, index=0, count=2, kind=REAL32):
     return struct.pack("<4sHH16sB", bits, count, index, name.encode(), kind)
 
 
@@ -39,7 +40,7 @@ def test_every_parameter_of_the_recorded_vehicle_is_decoded_and_has_metadata(met
         is_integer = recorded["type"] == "int32"
         bits = struct.pack("<i", recorded["value"]) if is_integer else struct.pack("<f", recorded["value"])
         report = read_report(
-            packed(name, bits, recorded["index"], len(recorded_parameters), INT32 if is_integer else REAL32)
+            payload(name, bits, recorded["index"], len(recorded_parameters), INT32 if is_integer else REAL32)
         )
         assert report is not None
         assert table.put(report)
@@ -54,11 +55,11 @@ def test_every_parameter_of_the_recorded_vehicle_is_decoded_and_has_metadata(met
         assert default is True, name
     assert table.complete
     assert table.missing(5) == []
-    loaded = ParamTable.load(table_with_hash(table, 77).dump(), 77, 929)
+    loaded = ParamTable.load(put_hash(table, 77).dump(), 77, 929)
     assert loaded.all() == table.all()
 
 
-def table_with_hash(table, value):
+def put_hash(table, value):
     table.put(ParamReport(Param("_HASH_CHECK", value, True), 65535, table.count))
     return table
 
@@ -72,7 +73,7 @@ def test_nearly_all_recorded_values_are_within_their_ranges(metadata, recorded_p
         except InvalidRequest as error:
             out_of_range.add((name, name in str(error), "force" in (error.remedy or "")))
     assert len(out_of_range) < 10, sorted(out_of_range)
-    assert all(named and forced for _, named, forced in out_of_range)
+    assert all(names_parameter and names_force for _, names_parameter, names_force in out_of_range)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +85,7 @@ def test_nearly_all_recorded_values_are_within_their_ranges(metadata, recorded_p
         ("COM_OF_LOSS_T", -1.0, "from 0 to 60 s"),
     ],
 )
-def test_a_value_out_of_range_is_refused_with_the_range(metadata, name, value, expected):
+def test_the_refusal_of_a_value_out_of_range_names_the_range(metadata, name, value, expected):
     with pytest.raises(InvalidRequest, match=expected) as caught:
         metadata[name].check(value)
     assert caught.value.field == "value"
@@ -99,15 +100,18 @@ def test_the_error_about_a_range_with_one_limit_names_the_limit():
     maximum_only = param_metadata.ParamMetadata("A", False, "G", "Standard", max=2, unit="s")
     with pytest.raises(InvalidRequest, match="at most 2 s"):
         maximum_only.check(3)
-    for invalid in (b"[]", b'{"version": 2, "parameters": []}', b"x"):
-        with pytest.raises(ValueError, match=r"."):
-            param_document.parse(invalid)
+
+
+@pytest.mark.parametrize("invalid", [b"[]", b'{"version": 2, "parameters": []}', b"x"])
+def test_an_invalid_document_is_refused_with_a_reason(invalid):
+    with pytest.raises(ValueError, match=r"."):
+        param_document.parse(invalid)
 
 
 @given(st.binary(min_size=4, max_size=4), st.sampled_from([1, 2, 3, 4, 5, 6, 9, 10]))
 def test_the_bits_of_a_value_are_unchanged_in_report_and_cache(bits, kind):
-    report = read_report(packed("ABCDEFGHIJKLMNOP", bits, kind=kind))
-    if kind == 10:
+    report = read_report(payload("ABCDEFGHIJKLMNOP", bits, kind=kind))
+    if kind == REAL64:
         assert report is None  # a double has more than 32 bits
         return
     assert report.param.name == "ABCDEFGHIJKLMNOP"
@@ -117,7 +121,7 @@ def test_the_bits_of_a_value_are_unchanged_in_report_and_cache(bits, kind):
     table = ParamTable()
     table.put(report)
     table.put(ParamReport(Param("Z", math.inf, False), 1, 2))
-    loaded = ParamTable.load(table_with_hash(table, 5).dump(), 5, 2).get("ABCDEFGHIJKLMNOP")
+    loaded = ParamTable.load(put_hash(table, 5).dump(), 5, 2).get("ABCDEFGHIJKLMNOP")
     assert loaded.is_integer == report.param.is_integer
     assert loaded.value == report.param.value or (math.isnan(loaded.value) and math.isnan(report.param.value))
 
@@ -125,7 +129,7 @@ def test_the_bits_of_a_value_are_unchanged_in_report_and_cache(bits, kind):
 def test_a_damaged_cache_and_a_cache_of_other_parameters_are_not_used():
     table = ParamTable()
     table.put(ParamReport(Param("A", 1, True), 0, 1))
-    content = table_with_hash(table, 9).dump()
+    content = put_hash(table, 9).dump()
     assert ParamTable.load(content, 9, 1).get("A").value == 1
     assert ParamTable.load(content, 8, 1) is None
     assert ParamTable.load(content, 9, 2) is None
@@ -133,7 +137,7 @@ def test_a_damaged_cache_and_a_cache_of_other_parameters_are_not_used():
     assert ParamTable.load(b"[]", 9, 1) is None
 
 
-def test_a_parameter_of_a_list_with_another_length_is_not_stored_by_index():
+def test_a_parameter_report_with_another_list_length_is_not_stored():
     table = ParamTable()
     assert table.put(ParamReport(Param("A", 1, True), 0, 3))
     assert table.put(ParamReport(Param("B", 1, True), 65535, 4))  # requested by name, so it has no index
@@ -141,7 +145,7 @@ def test_a_parameter_of_a_list_with_another_length_is_not_stored_by_index():
     assert not table.put(ParamReport(Param("C", 1, True), 1, 4))
 
 
-def test_the_cache_keeps_the_newest_files_and_never_fails(tmp_path):
+def test_the_cache_keeps_the_newest_files_and_ignores_write_errors(tmp_path):
     cache = Cache(tmp_path / "cache")
     assert cache.read("a.json") is None
     for n in range(MAX_FILES + 5):
@@ -152,11 +156,11 @@ def test_the_cache_keeps_the_newest_files_and_never_fails(tmp_path):
     assert cache.read("big") is None
     with pytest.raises(ValueError, match="not a valid name"):
         cache.read("../token")
-    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "file").write_text("a file instead of the folder")
     Cache(tmp_path / "file").write("a", b"x")
 
 
-def test_a_refusal_lists_a_limited_number_of_choices():
+def test_the_refusal_of_a_value_lists_a_limited_number_of_choices():
     choices = tuple(param_metadata.Choice(n, "x" * 300) for n in range(256))
     for metadata in (
         param_metadata.ParamMetadata("A", True, "G", "Standard", choices=choices),

@@ -26,9 +26,9 @@ def test_an_airspeed_that_is_not_a_number_is_unknown() -> None:
     assert "NaN" not in json.dumps(asdict(sample))
 
 
-def test_both_encodings_of_no_mission_are_decoded_as_zero_items() -> None:
-    for state, mode in ((0, 0), (1, 2)):
-        message = d.MAVLink_mission_current_message(0, 65535, state, mode, 0, 0, 0)
+def test_mission_current_without_a_mission_is_decoded_as_zero_items_in_both_versions() -> None:
+    for mission_state, mission_mode in ((0, 0), (1, 2)):
+        message = d.MAVLink_mission_current_message(0, 65535, mission_state, mission_mode, 0, 0, 0)
         decoded = decoders.mission({d.MAVLINK_MSG_ID_MISSION_CURRENT: encode_payload(message)})
         assert decoded is not None
         assert decoded[0].count == 0
@@ -51,8 +51,8 @@ def test_the_firmware_version_is_decoded() -> None:
 def test_a_message_unknown_to_the_dialect_does_not_affect_other_frames() -> None:
     heartbeat = encode_frame(0, encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)), 7, 1, 1)
     payload = bytes(range(40))
-    head = struct.pack("<BBBBBBB", 0xFD, len(payload), 0, 0, 8, 1, 1) + GLOBAL_POSITION.to_bytes(3, "little")
+    header = struct.pack("<7B", 0xFD, len(payload), 0, 0, 8, 1, 1) + GLOBAL_POSITION.to_bytes(3, "little")
     parser = FrameParser()
-    frames = parser.feed(heartbeat + head + payload + b"\x12\x34" + heartbeat, 0.0)
+    frames = parser.feed(heartbeat + header + payload + b"\x12\x34" + heartbeat, 0.0)
     assert [frame.msg_id for frame in frames] == [0, GLOBAL_POSITION, 0]
     assert (parser.frames_unknown, parser.bytes_skipped, parser.crc_errors) == (1, 0, 0)

@@ -12,6 +12,9 @@ from gcs_server.vehicle.ranging_decoder import distance_sensors, obstacle_distan
 from gcs_server.vehicle.samples import Sample
 from missions.frames import q_from_euler
 
+DOWN, CUSTOM = d.MAV_SENSOR_ROTATION_PITCH_270, d.MAV_SENSOR_ROTATION_CUSTOM
+BODY = d.MAV_FRAME_BODY_FRD
+
 
 def sensor(measured_cm, *, sensor_id=0, orientation=0, time_ms=1000, max_cm=2000, **more):
     message = d.MAVLink_distance_sensor_message(
@@ -28,7 +31,7 @@ def obstacle_sectors(distances, *, step=5, max_cm=2000, **more):
 
 def test_each_sensor_has_direction_distance_range_and_age():
     value, boot_s = distance_sensors(
-        sensor(300, orientation=25, time_ms=900) | sensor(1234, sensor_id=1, horizontal_fov=0.5)
+        sensor(300, orientation=DOWN, time_ms=900) | sensor(1234, sensor_id=1, horizontal_fov=0.5)
     )
     down, ahead = value.sensors
     assert (down.direction_frd, down.distance_m, down.behind_s) == ((0.0, 0.0, 1.0), 3.0, 0.1)
@@ -39,12 +42,12 @@ def test_each_sensor_has_direction_distance_range_and_age():
 def test_an_invalid_signal_is_unknown_and_a_sensor_without_a_known_direction_is_ignored():
     value, _ = distance_sensors(sensor(300, signal_quality=1))
     assert value.sensors[0].distance_m is None
-    turned = q_from_euler(0.0, 0.0, math.pi / 2)
-    value, _ = distance_sensors(sensor(300, orientation=100, quaternion=turned))
+    turned_right = q_from_euler(0.0, 0.0, math.pi / 2)
+    value, _ = distance_sensors(sensor(300, orientation=CUSTOM, quaternion=turned_right))
     assert value.sensors[0].direction_frd == pytest.approx((0.0, 1.0, 0.0))
     for unusable in (
         sensor(300, orientation=13),
-        sensor(300, orientation=100, quaternion=[math.nan] * 4),
+        sensor(300, orientation=CUSTOM, quaternion=[math.nan] * 4),
         sensor(300, max_cm=0),
     ):
         with pytest.raises(Unusable):
@@ -53,11 +56,11 @@ def test_an_invalid_signal_is_unknown_and_a_sensor_without_a_known_direction_is_
 
 def test_sectors_are_decoded_with_step_offset_and_frame():
     value, boot_s = obstacle_distance(
-        obstacle_sectors([500, 2001], step=0, increment_f=7.5, angle_offset=-15.0, frame=12)
+        obstacle_sectors([500, 2001], step=0, increment_f=7.5, angle_offset=-15.0, frame=BODY)
     )
     assert (value.frame, value.first_deg, value.step_deg, boot_s) == ("body", -15.0, 7.5, 5.0)
     assert value.distances_m[:3] == (5.0, 20.01, None)
-    assert len(value.distances_m) == 48, "more than a full circle"
+    assert len(value.distances_m) == 48, "the sectors are more than a full circle"
     assert obstacle_distance(obstacle_sectors([500]))[0].frame == "north"
     for unusable in (
         obstacle_sectors([500], step=0),
@@ -73,25 +76,25 @@ def sample(decoded, received_s=100.0):
 
 
 def test_rays_turn_with_the_vehicle_and_have_their_time_of_measurement():
-    east = q_from_euler(0.0, 0.0, math.pi / 2)
-    sensors = sample(distance_sensors(sensor(300, orientation=25, time_ms=500) | sensor(2500, sensor_id=1)))
-    sectors = sample(obstacle_distance(obstacle_sectors([500, 2001], frame=12)))
-    down, ahead, circle = scans_of((sensors, sectors), east, 100.5)
+    facing_east = q_from_euler(0.0, 0.0, math.pi / 2)
+    sensors = sample(distance_sensors(sensor(300, orientation=DOWN, time_ms=500) | sensor(2500, sensor_id=1)))
+    sectors = sample(obstacle_distance(obstacle_sectors([500, 2001], frame=BODY)))
+    down, ahead, sector_scan = scans_of((sensors, sectors), facing_east, 100.5)
     assert (down.directions_ned[0], down.distances_m, down.measured_s) == (
         pytest.approx((0.0, 0.0, 1.0)), (3.0,), 99.5,
     )  # fmt: skip
     assert ahead.directions_ned[0] == pytest.approx((0.0, 1.0, 0.0))
     assert ahead.distances_m == (None,), "a distance beyond the range of 20 m was used"
-    assert circle.directions_ned[0] == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
-    assert circle.distances_m == (5.0, None)
-    assert circle.half_angle_rad == pytest.approx(math.radians(2.5))
-    assert all(scan.plausible for scan in (down, ahead, circle))
-    assert scans_of((sensors, sectors, None), east, 104.0) == ()
+    assert sector_scan.directions_ned[0] == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
+    assert sector_scan.distances_m == (5.0, None)
+    assert sector_scan.half_angle_rad == pytest.approx(math.radians(2.5))
+    assert all(scan.plausible for scan in (down, ahead, sector_scan))
+    assert scans_of((sensors, sectors, None), facing_east, 104.0) == ()
 
 
 def test_sectors_in_the_body_frame_tilt_with_the_vehicle_and_sectors_in_the_north_frame_do_not():
     nose_down = q_from_euler(0.0, -0.3, 0.0)
-    body = scans_of((sample(obstacle_distance(obstacle_sectors([500], frame=12))),), nose_down, 100.0)[0]
+    body = scans_of((sample(obstacle_distance(obstacle_sectors([500], frame=BODY))),), nose_down, 100.0)[0]
     north = scans_of((sample(obstacle_distance(obstacle_sectors([500], frame=0))),), nose_down, 100.0)[0]
     assert body.directions_ned[0][2] == pytest.approx(math.sin(0.3))
     assert north.directions_ned[0] == (1.0, 0.0, 0.0)

@@ -8,6 +8,7 @@ import struct
 import pytest
 
 from gcs_server.mavlink.codec import FrameParser, full_payload
+from gcs_server.mavlink.dialect import MAVLINK_MSG_ID_EVENT
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle import event_document, readiness
 from gcs_server.vehicle.check_texts import CHECKS, MANUAL_CONTROL_ID, MODE_NEEDS
@@ -24,12 +25,12 @@ from gcs_server.vehicle.readiness import (
 )
 from tests.executed_lines import count_lines_run
 
-GPS = "no valid global position"
-POSITION = "no valid position estimate"
-STICKS = "no RC transmitter or joystick"
-MISSION = "there is no mission to fly"
-SIGNAL = "no offboard setpoints received"
-GROUND = "this mode cannot take off from the ground"
+NO_GLOBAL_POSITION = "no valid global position"
+NO_POSITION = "no valid position estimate"
+NO_STICKS = "no RC transmitter or joystick"
+NO_MISSION = "there is no mission to fly"
+NO_SETPOINTS = "no offboard setpoints received"
+NO_TAKEOFF = "this mode cannot take off from the ground"
 
 
 def last_report(payloads, definitions=None):
@@ -48,16 +49,16 @@ def all_reports(payloads, definitions=None):
             reports.append(joiner.end(event.arguments))
         elif joiner.collecting:
             modes, component = modes_and_component(event.arguments)
-            head = (event.id, event.name, event.level, modes, component, event.text, event.remedy)
-            joiner.add(Finding(*head, event.arguments))
+            finding_fields = (event.id, event.name, event.level, modes, component, event.text, event.remedy)
+            joiner.add(Finding(*finding_fields, event.arguments))
     return [r for r in reports if r is not None]
 
 
-def payload(event_id, level, arguments=b""):
+def event_payload(event_id, level, arguments=b""):
     return struct.pack("<IIHBBB40s", event_id, 0, 1, 0, 0, level, arguments)
 
 
-def recorded(shared, group):
+def recorded_dialogues(shared, group):
     """(id, EVENT payloads) of each recorded dialogue with events."""
     for line in (shared / "px4/dialogues" / f"{group}.jsonl").read_text().splitlines():
         dialogue = json.loads(line)
@@ -84,40 +85,45 @@ def px4_definitions(shared):
     return event_document.parse(lzma.decompress((shared / "px4/events.json.xz").read_bytes()))
 
 
-ARMING = {
+ARMING_CAUSES = {
     "nogps_prearm_checks": {
-        "hold": {POSITION, GPS}, "position": {POSITION, STICKS}, "mission": {POSITION, GPS, MISSION},
-        "rtl": {POSITION, GPS}, "offboard": {SIGNAL}, "stabilized": {STICKS}, "manual": {STICKS},
-        "altitude": {STICKS}, "land": {POSITION}, "takeoff": {POSITION},
+        "hold": {NO_POSITION, NO_GLOBAL_POSITION}, "position": {NO_POSITION, NO_STICKS},
+        "mission": {NO_POSITION, NO_GLOBAL_POSITION, NO_MISSION}, "rtl": {NO_POSITION, NO_GLOBAL_POSITION},
+        "offboard": {NO_SETPOINTS}, "stabilized": {NO_STICKS}, "manual": {NO_STICKS},
+        "altitude": {NO_STICKS}, "land": {NO_POSITION}, "takeoff": {NO_POSITION},
     },
-    "nogps_setmode_rtl": {"rtl": {POSITION, GPS, GROUND}, "land": {GROUND, POSITION}},
+    "nogps_setmode_rtl": {
+        "rtl": {NO_POSITION, NO_GLOBAL_POSITION, NO_TAKEOFF}, "land": {NO_TAKEOFF, NO_POSITION},
+    },
     "lowbat_armed_wait": {"hold": {"the battery level is critical"}},
-    "arm_in_mode_land": {"land": {GROUND}, "hold": set(), "position": {STICKS}, "offboard": {SIGNAL}},
-    "param_arm_arm_mis_req": {"hold": {MISSION}, "position": {MISSION, STICKS}},
+    "arm_in_mode_land": {
+        "land": {NO_TAKEOFF}, "hold": set(), "position": {NO_STICKS}, "offboard": {NO_SETPOINTS},
+    },
+    "param_arm_arm_mis_req": {"hold": {NO_MISSION}, "position": {NO_MISSION, NO_STICKS}},
     "param_arm_two_mags_required": {"hold": {"too few compasses were found"}},
     "param_arm_odid_required": {"hold": {"the Open Drone ID system is missing"}},
     "air_flight_termination": {"hold": {"the flight was terminated"}},
-    "offboard_disarmed_with_stream": {"offboard": set(), "hold": set(), "mission": {MISSION}},
+    "offboard_disarmed_with_stream": {"offboard": set(), "hold": set(), "mission": {NO_MISSION}},
 }  # fmt: skip
 """For each dialogue and mode: the causes that prevent arming."""
-RUNNING = {
+RUNNING_CAUSES = {
     "nogps_prearm_checks": {
-        "hold": {POSITION, GPS},
-        "offboard": {SIGNAL},
-        "land": {POSITION},
-        "stabilized": {STICKS},
+        "hold": {NO_POSITION, NO_GLOBAL_POSITION},
+        "offboard": {NO_SETPOINTS},
+        "land": {NO_POSITION},
+        "stabilized": {NO_STICKS},
     },
-    "air_flight_termination": {"hold": set(), "mission": {MISSION}},
+    "air_flight_termination": {"hold": set(), "mission": {NO_MISSION}},
     "setmode_disarmed_auto_external1": {"external_1": {"the external mode is not registered"}},
 }
 """For each dialogue and mode: the causes that prevent flying in the mode."""
 
 
-@pytest.mark.parametrize(("expected", "running"), [(ARMING, False), (RUNNING, True)])
-def test_the_recorded_refusals_have_the_right_cause_for_each_mode(shared, expected, running):
+@pytest.mark.parametrize(("expected", "running"), [(ARMING_CAUSES, False), (RUNNING_CAUSES, True)])
+def test_recorded_reports_have_the_expected_causes_for_each_mode(shared, expected, running):
     dialogues = {}
     for file in sorted((shared / "px4/dialogues").glob("*.jsonl")):
-        for name, payloads in recorded(shared, file.stem):
+        for name, payloads in recorded_dialogues(shared, file.stem):
             dialogues.setdefault(name, payloads)
     for name, by_mode in expected.items():
         found = [
@@ -130,7 +136,7 @@ def test_the_recorded_refusals_have_the_right_cause_for_each_mode(shared, expect
 def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_definitions):
     reports = 0
     for file in sorted((shared / "px4/dialogues").glob("*.jsonl")):
-        for name, payloads in recorded(shared, file.stem):
+        for name, payloads in recorded_dialogues(shared, file.stem):
             for definitions in (None, px4_definitions):
                 report = last_report(payloads, definitions)
                 if report is None:
@@ -142,28 +148,28 @@ def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_defin
                     # the recorded vehicle had no external modes, which are shown only if they have a name
                     assert bool(mode.arming) != mode.can_arm, (name, mode.mode)
                     assert bool(mode.running) != mode.can_run, (name, mode.mode)
-                for cause in view.findings:
-                    assert cause.cause[0].isupper()
-                    assert cause.cause.endswith((".", "!"))
-                    assert "{" not in cause.cause + (cause.remedy or "")
-                    assert "<" not in cause.cause + (cause.remedy or "")
-                    assert cause.component is not None
-                    assert not cause.name.startswith("event_"), cause
+                for finding in view.findings:
+                    assert finding.cause[0].isupper()
+                    assert finding.cause.endswith((".", "!"))
+                    assert "{" not in finding.cause + (finding.remedy or "")
+                    assert "<" not in finding.cause + (finding.remedy or "")
+                    assert finding.component is not None
+                    assert not finding.name.startswith("event_"), finding
     assert reports > 40
 
 
-def test_the_vehicles_texts_are_preferred_and_filled_with_values(shared, px4_definitions):
+def test_texts_of_the_vehicle_are_used_before_texts_of_the_server_and_contain_values(shared, px4_definitions):
     name = "param_arm_two_mags_required"
     by_name = {}
-    for dialogue, payloads in recorded(shared, "command"):
+    for dialogue, payloads in recorded_dialogues(shared, "command"):
         by_name[dialogue] = payloads
     for file in ("arming_denied", "param", "arming"):
-        by_name |= dict(recorded(shared, file))
-    found = last_report(by_name[name], px4_definitions).findings
-    compass = next(f for f in found if f.name == "check_mag_sys_has_mag_missing")
+        by_name |= dict(recorded_dialogues(shared, file))
+    findings = last_report(by_name[name], px4_definitions).findings
+    compass = next(f for f in findings if f.name == "check_mag_sys_has_mag_missing")
     assert compass.cause == "Found 1 compass (required: 2)"
     assert "SYS_HAS_MAG" in compass.remedy
-    sticks = next(f for f in found if f.id == MANUAL_CONTROL_ID)
+    sticks = next(f for f in findings if f.id == MANUAL_CONTROL_ID)
     assert sticks.cause == "No manual control input"
 
 
@@ -173,7 +179,7 @@ def test_check_names_match_px4(px4_definitions):
     assert mode_checks - set(MODE_NEEDS) == {18648929}  # take-off is denied, but the mode can be flown
 
 
-def test_event_texts_are_filled_in_by_their_format():
+def test_the_placeholders_of_an_event_text_are_replaced_by_the_arguments():
     document = {
         "version": 2,
         "components": {
@@ -206,19 +212,21 @@ def test_event_texts_are_filled_in_by_their_format():
 def test_the_restrictions_of_all_chunks_apply_and_a_report_with_a_missing_chunk_is_dropped():
     def chunk(number, can_arm, errors, *checks):
         return [
-            payload(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", number, errors, 0, can_arm, can_arm)),
+            event_payload(
+                ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", number, errors, 0, can_arm, can_arm)
+            ),
             *checks,
-            payload(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", number, 1, 0, 0)),
+            event_payload(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", number, 1, 0, 0)),
         ]
 
-    mission = payload(17154777, 0x66, struct.pack("<IB", 8, 20))
-    unknown = payload(1 << 24 | 5, 0x33, struct.pack("<IB", 0xFFFFFFFF, 29))
-    first, second = chunk(0, 0b11000, 1, mission), chunk(1, 0b10100, 2, unknown)
+    no_mission = event_payload(17154777, 0x66, struct.pack("<IB", 8, 20))
+    unknown_event = event_payload(1 << 24 | 5, 0x33, struct.pack("<IB", 0xFFFFFFFF, 29))
+    first, second = chunk(0, 0b11000, 1, no_mission), chunk(1, 0b10100, 2, unknown_event)
     report = last_report(first + second)
     assert (report.can_arm, report.errors, len(report.findings)) == (0b10000, 3, 2)
-    assert [f.cause for f in report.causes(3)] == [
+    assert [f.cause for f in report.causes(BY_NAME["mission"].nav_state)] == [
         "unknown event 16777221 from component 1 (autopilot)",
-        MISSION,
+        NO_MISSION,
     ]
     assert readiness.readiness_of(report, 0, "own").findings[0].name == "event_16777221"
     assert last_report(second) is None
@@ -235,9 +243,9 @@ def test_every_event_of_recorded_flights_has_a_text(shared, px4_definitions):
     for path in sorted((shared / "px4/tlogs").glob("*.tlog*")):
         content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
         stream, in_order, parser = EventStream(), [], FrameParser()
-        for record in records(content):
-            for frame in parser.feed(record, 0.0):
-                if frame.msg_id == 410:
+        for raw_frame in tlog_frames(content):
+            for frame in parser.feed(raw_frame, 0.0):
+                if frame.msg_id == MAVLINK_MSG_ID_EVENT:
                     event = full_payload(frame)
                     in_order += stream.take(int.from_bytes(event[8:10], "little"), event)
         assert stream.lost == 0, path.name
@@ -253,8 +261,8 @@ def test_every_event_of_recorded_flights_has_a_text(shared, px4_definitions):
     assert reports > 20
 
 
-def records(content):
-    """Frames of a telemetry log; eight bytes of time before each frame are skipped."""
+def tlog_frames(content):
+    """The frames of a telemetry log, without the eight bytes of time before each frame."""
     offset = 0
     while offset + 8 + 12 <= len(content):
         size = content[offset + 9] + 12
@@ -277,7 +285,7 @@ def hostile_report(chunks, findings):
 
 
 @pytest.mark.parametrize(("chunks", "findings"), [(1, 20_000), (250, 80)])
-def test_a_too_long_report_is_cut_and_counted(chunks, findings):
+def test_a_too_long_report_is_cut_and_its_findings_are_counted(chunks, findings):
     report = hostile_report(chunks, findings)
     assert len(report.findings) == MAX_FINDINGS
     view = readiness.readiness_of(report, 0.0, "vehicle")
