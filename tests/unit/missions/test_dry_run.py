@@ -61,7 +61,7 @@ def test_a_plan_is_flown_to_its_end_and_each_step_has_its_time(single_run):
     assert single_run.length_m == pytest.approx(23.0, abs=3.0)
 
 
-def test_battery_and_distances_match_the_flight(single_run):
+def test_battery_and_distances_of_a_result_match_its_flight(single_run):
     assert single_run.battery_end_share == pytest.approx(1.0 - single_run.duration_s / 300.0, abs=0.015)
     assert single_run.fence_distance_m == pytest.approx(15.0, abs=1.5)
     assert single_run.obstacle_distance_m == pytest.approx(5.5, abs=1.0)
@@ -100,11 +100,11 @@ def test_the_progress_callback_can_end_a_dry_run():
     class Cancelled(Exception):
         pass
 
-    def stop(now_s: float, ended: int) -> None:
+    def cancel(now_s: float, ended_count: int) -> None:
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        dry_run(flyable(short_plan()), AIRCRAFT, report=stop)
+        dry_run(flyable(short_plan()), AIRCRAFT, report=cancel)
 
 
 def test_a_mission_that_px4_refuses_is_refused_with_its_reason():
@@ -115,12 +115,12 @@ def test_a_mission_that_px4_refuses_is_refused_with_its_reason():
     assert run.document()["path"] is None
 
 
-def test_the_error_names_an_item_that_px4_does_not_store():
-    terrain = item_at(Takeoff, 0.0, 0.0, 5.0).model_copy(
+def test_the_error_names_the_item_that_px4_does_not_accept():
+    terrain_takeoff = item_at(Takeoff, 0.0, 0.0, 5.0).model_copy(
         update={"altitude": Altitude(value_m=5.0, reference="terrain")}
     )
     with pytest.raises(PlanError, match="item 1: PX4 does not accept command 22 in frame 11"):
-        flyable(Plan(planned_home=HOME, items=(terrain,)))
+        flyable(Plan(planned_home=HOME, items=(terrain_takeoff,)))
     with pytest.raises(PlanError, match="nothing to fly"):
         flyable(Plan(planned_home=HOME))
 
@@ -141,10 +141,9 @@ def evaluate_flight(*, fence_radius_m: float | None = None, battery_end: float =
     step = (t_s > 5.0).astype(int)
     steps = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
     track = Track(t_s, positions, battery, step, steps)
-    flight = Flight(Conditions(), track, True, False, True, ())
-    return evaluate(
-        flight, flyable(short_plan(5.0, fence_radius_m=fence_radius_m)), AIRCRAFT, Site(obstacles), 1.0
-    )
+    flight = Flight(Conditions(), track, finished=True, collided=False, landed=True, findings=())
+    plan = flyable(short_plan(5.0, fence_radius_m=fence_radius_m))
+    return evaluate(flight, plan, AIRCRAFT, Site(obstacles), computing_s=1.0)
 
 
 def test_a_flight_outside_the_fence_causes_a_finding_with_step_position_and_distance():
@@ -164,9 +163,9 @@ def test_a_battery_below_its_reserve_causes_a_finding(battery_end, code):
 
 
 def test_the_battery_consumption_is_known_from_an_endurance_or_from_sim_bat_drain():
-    unknown = replace(AIRCRAFT, endurance_s=None)
-    assert not unknown.battery_is_known
-    assert replace(unknown, parameters={"SIM_BAT_DRAIN": 60.0}).battery_is_known
+    unknown_endurance = replace(AIRCRAFT, endurance_s=None)
+    assert not unknown_endurance.battery_is_known
+    assert replace(unknown_endurance, parameters={"SIM_BAT_DRAIN": 60.0}).battery_is_known
 
 
 def test_a_flight_near_an_obstacle_causes_a_finding_with_its_name():

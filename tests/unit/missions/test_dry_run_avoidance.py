@@ -23,7 +23,7 @@ pytestmark = pytest.mark.flight
 BOX = block(ORIGIN, (12.0, 14.0), (-3.0, 3.0), 6.0, name="the box")
 
 
-def through_the_box(avoidance: str, obstacle=BOX) -> OffboardMission:
+def mission_through_the_box(avoidance: str, obstacle=BOX) -> OffboardMission:
     steps = f"""
 - {{step: take_off, height_m: 4}}
 - {{step: fly, points: [{{offset_ned_m: [28, 0, -4]}}], speed_m_s: 3, avoidance: {avoidance}}}
@@ -32,38 +32,38 @@ def through_the_box(avoidance: str, obstacle=BOX) -> OffboardMission:
     return mission(steps, home=HOME, obstacles=(obstacle,))
 
 
-def fly_avoiding(document: OffboardMission, max_duration_s: float = 60.0) -> DryRun:
+def dry_run_among_obstacles(document: OffboardMission, max_duration_s: float = 60.0) -> DryRun:
     site = Site(prisms_of(document.obstacles, AIRCRAFT.home))
     flyable = replace(FlyableMission.from_mission(document, AIRCRAFT), max_duration_s=max_duration_s)
     return dry_run(flyable, AIRCRAFT, site=site)
 
 
 def test_without_avoidance_the_flight_ends_at_the_box() -> None:
-    found = fly_avoiding(through_the_box("false"))
-    assert not found.finished
-    (hit,) = [each for each in found.findings if each.code == "obstacle_hit"]
-    assert (hit.severity, hit.step) == ("error", "step 2")
-    assert "Collision with the box" in hit.message
-    assert hit.position_ned_m is not None
-    assert hit.position_ned_m[0] == pytest.approx(11.7, abs=0.5)
+    result = dry_run_among_obstacles(mission_through_the_box("false"))
+    assert not result.finished
+    (collision,) = [each for each in result.findings if each.code == "obstacle_hit"]
+    assert (collision.severity, collision.step) == ("error", "step 2")
+    assert "Collision with the box" in collision.message
+    assert collision.position_ned_m is not None
+    assert collision.position_ned_m[0] == pytest.approx(11.7, abs=0.5)
 
 
 def test_with_avoidance_the_vehicle_climbs_over_the_box_and_descends_behind_it() -> None:
-    found = fly_avoiding(through_the_box("over"))
-    assert (found.finished, found.landed) == (True, True)
-    assert [(each.code, each.severity, each.step) for each in found.findings] == [
+    result = dry_run_among_obstacles(mission_through_the_box("over"))
+    assert (result.finished, result.landed) == (True, True)
+    assert [(each.code, each.severity, each.step) for each in result.findings] == [
         ("obstacle_avoided", "warning", "step 2"),
         ("obstacle_near", "warning", "step 2"),
     ]
-    assert found.track is not None
-    north, _, down = found.track.position_ned_m.T
-    above = (north > 11.0) & (north < 15.0)
-    assert (-down[above]).min() > 6.4, "the vehicle flew too low over the box"
-    behind = north > 27.0
-    assert np.flatnonzero(behind)[0] > np.flatnonzero(above)[-1]
-    assert -down[behind][0] < 5.5, "the vehicle did not return to its path"
-    assert found.obstacle_distance_m is not None
-    assert 0.4 < found.obstacle_distance_m < 2.0
+    assert result.track is not None
+    north, _, down = result.track.position_ned_m.T
+    above_box = (north > 11.0) & (north < 15.0)
+    assert (-down[above_box]).min() > 6.4, "the vehicle flew too low over the box"
+    at_goal = north > 27.0
+    assert np.flatnonzero(at_goal)[0] > np.flatnonzero(above_box)[-1]
+    assert -down[at_goal][0] < 5.5, "the vehicle did not return to its path"
+    assert result.obstacle_distance_m is not None
+    assert 0.4 < result.obstacle_distance_m < 2.0
 
 
 @pytest.mark.story
@@ -71,9 +71,9 @@ def test_if_avoidance_finds_no_path_the_vehicle_stops_in_front_of_the_obstacle()
     corridor = block(ORIGIN, (-10.0, 40.0), (-1.5, 1.5), 0.0).polygon
     wall = block(ORIGIN, (12.0, 14.0), (-20.0, 20.0), 40.0, name="the wall")
     fence = (FencePolygon(inclusion=True, polygon=corridor),)
-    document = through_the_box("around", wall).model_copy(update={"fence": fence})
-    found = fly_avoiding(document, max_duration_s=21.0)
-    codes = {each.code for each in found.findings}
+    document = mission_through_the_box("around", wall).model_copy(update={"fence": fence})
+    result = dry_run_among_obstacles(document, max_duration_s=21.0)
+    codes = {each.code for each in result.findings}
     assert {"avoidance_stopped", "not_finished"} <= codes
     assert "obstacle_hit" not in codes
 
@@ -89,7 +89,7 @@ def run_task(document: OffboardMission) -> dict:
 
 
 def test_a_dry_run_task_flies_with_the_obstacles_of_the_document() -> None:
-    result = json.loads(json.dumps(run_task(through_the_box("false"))))
+    result = json.loads(json.dumps(run_task(mission_through_the_box("false"))))
     assert result["assumed"] == []
     assert "obstacle_hit" in {each["code"] for each in result["nominal"]["findings"]}
 

@@ -50,8 +50,8 @@ def fly(
         index = int(np.searchsorted(along_m, wait_at_m))
         along_m = np.insert(along_m, index, np.full(round(wait_s / TICK_S), min(wait_at_m, corners_m[-1])))
     position = np.stack([np.interp(along_m, corners_m, axis) for axis in path.T], axis=1)
-    begins_m = [begin_m for _, begin_m in steps]
-    step = np.searchsorted(begins_m, along_m, side="right") - 1
+    step_starts_m = [start_m for _, start_m in steps]
+    step = np.searchsorted(step_starts_m, along_m, side="right") - 1
     track_steps = tuple(Step(name, "", None) for name, _ in steps)
     t_s = TICK_S * np.arange(len(along_m))
     return Track(t_s, position, np.ones(len(t_s)), step, track_steps, finished=finished)
@@ -74,7 +74,7 @@ def test_a_flight_that_waits_anywhere_or_flies_slower_does_not_deviate(path, see
 
 
 @pytest.mark.parametrize("name", ["straight", "curved"])
-def test_a_flight_beside_the_path_deviates_by_this_distance_whatever_its_delays(name):
+def test_a_flight_beside_the_path_deviates_by_its_distance_and_delays_have_no_effect(name):
     path = PATHS[name]
     ahead = np.gradient(path, axis=0)
     right = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1)[:, None]
@@ -88,9 +88,9 @@ def test_each_pass_of_a_path_that_retraces_itself_has_its_own_deviation():
     path = np.array([[0.0, 0.0], [60.0, 0.0], [0.0, 0.0]])
     flown_path = np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 5.0], [0.0, 5.0]])
     stations_ned_m, across, _ = compare(fly(path), fly(flown_path, waits_s={20.0: 40.0}))
-    turn = int(stations_ned_m[:, 0].argmax())
-    assert across[: turn - 12] == pytest.approx(0.0, abs=0.05)
-    assert across[turn + 12 :] == pytest.approx(5.0, abs=0.05)
+    turn_index = int(stations_ned_m[:, 0].argmax())
+    assert across[: turn_index - 12] == pytest.approx(0.0, abs=0.05)
+    assert across[turn_index + 12 :] == pytest.approx(5.0, abs=0.05)
 
 
 def test_each_pass_of_a_path_that_crosses_itself_has_its_own_deviation():
@@ -105,12 +105,14 @@ def test_each_pass_of_a_path_that_crosses_itself_has_its_own_deviation():
 
 
 def test_the_climb_and_the_descent_at_one_position_are_compared_separately():
-    column = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [0.0, 0.0, 0.0]])
+    vertical_path = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [0.0, 0.0, 0.0]])
     flown_path = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [3.0, 0.0, -30.0], [3.0, 0.0, 0.0]])
-    stations_ned_m, across, above = compare(fly(column), fly(flown_path, waits_s={15.0: 20.0, 33.0: 9.0}))
-    top = int(stations_ned_m[:, 2].argmin())
-    assert across[: top - 8] == pytest.approx(0.0, abs=0.05)
-    assert across[top + 8 :] == pytest.approx(3.0, abs=0.05)
+    stations_ned_m, across, above = compare(
+        fly(vertical_path), fly(flown_path, waits_s={15.0: 20.0, 33.0: 9.0})
+    )
+    top_index = int(stations_ned_m[:, 2].argmin())
+    assert across[: top_index - 8] == pytest.approx(0.0, abs=0.05)
+    assert across[top_index + 8 :] == pytest.approx(3.0, abs=0.05)
     assert above == pytest.approx(0.0, abs=0.05)
 
 
@@ -126,9 +128,9 @@ def test_a_detour_and_a_drift_while_hovering_are_deviations_only_where_they_happ
 
 
 def test_a_short_deviation_between_two_stations_of_a_long_path_is_detected():
-    rows = np.array([[0.0, 0.0], [1500.0, 0.0], [1500.0, 30.0], [0.0, 30.0]])
-    bump = np.array([[0.0, 0.0], [707.0, 0.0], [709.0, 3.0], [711.0, 0.0], [1500.0, 0.0], *rows[2:].tolist()])
-    stations_ned_m, across, _ = compare(fly(rows, speed_m_s=10.0), fly(bump, speed_m_s=10.0))
+    path = np.array([[0.0, 0.0], [1500.0, 0.0], [1500.0, 30.0], [0.0, 30.0]])
+    bump = np.array([[0.0, 0.0], [707.0, 0.0], [709.0, 3.0], [711.0, 0.0], [1500.0, 0.0], *path[2:].tolist()])
+    stations_ned_m, across, _ = compare(fly(path, speed_m_s=10.0), fly(bump, speed_m_s=10.0))
     assert len(stations_ned_m) == MAX_STATIONS
     assert 2.0 < across.max() <= 3.01
     away_from_bump = (abs(stations_ned_m[:, 0] - 709.0) > 30.0) & (stations_ned_m[:, 0] < 1490.0)
@@ -137,25 +139,25 @@ def test_a_short_deviation_between_two_stations_of_a_long_path_is_detected():
 
 # --- incomplete flights and other branches ----------------------------------------------------------
 
-LEGS = (("step 1", 0.0), ("step 2", 40.0), ("step 3", 80.0))
+STEPS = (("step 1", 0.0), ("step 2", 40.0), ("step 3", 80.0))
 
 
 @pytest.mark.parametrize("end_m", [25.0, 60.0, 110.0])
 def test_a_flight_that_ends_early_is_compared_up_to_its_end(end_m):
     path = np.array([[0.0, 0.0], [120.0, 0.0]])
-    beginning = np.array([[0.0, 2.0], [end_m, 2.0]])
-    steps = tuple(each for each in LEGS if each[1] < end_m)
+    flown_path = np.array([[0.0, 2.0], [end_m, 2.0]])
+    steps = tuple(each for each in STEPS if each[1] < end_m)
     stations_ned_m, across, _ = compare(
-        fly(path, steps=LEGS), fly(beginning, speed_m_s=3.0, steps=steps, finished=False)
+        fly(path, steps=STEPS), fly(flown_path, speed_m_s=3.0, steps=steps, finished=False)
     )
-    before = stations_ned_m[:, 0] <= end_m - SPACING_M
-    assert across[before] == pytest.approx(2.0, abs=0.01)
+    up_to_end = stations_ned_m[:, 0] <= end_m - SPACING_M
+    assert across[up_to_end] == pytest.approx(2.0, abs=0.01)
     assert np.isnan(across[stations_ned_m[:, 0] > end_m + 2 * SPACING_M]).all()
 
 
 def test_steps_after_the_end_of_an_incomplete_nominal_flight_are_not_compared():
-    path, further = np.array([[0.0, 0.0], [60.0, 0.0]]), np.array([[0.0, 1.0], [90.0, 1.0], [90.0, 90.0]])
-    _, across, _ = compare(fly(path, steps=LEGS[:2], finished=False), fly(further, steps=LEGS))
+    path, longer_path = np.array([[0.0, 0.0], [60.0, 0.0]]), np.array([[0.0, 1.0], [90.0, 1.0], [90.0, 90.0]])
+    _, across, _ = compare(fly(path, steps=STEPS[:2], finished=False), fly(longer_path, steps=STEPS))
     assert across == pytest.approx(1.0, abs=0.05)
 
 
@@ -165,14 +167,15 @@ def test_the_steps_of_another_branch_are_not_compared():
     circumference_m = 2 * math.pi * 15.0
     branch = (("step 1", 0.0), ("step 2.1", 40.0), ("step 3", 40.0 + circumference_m))
     nominal = fly(with_round, steps=branch)
-    other = fly(np.array([[0.0, 0.0], [120.0, 0.0]]), steps=(("step 1", 0.0), ("step 3", 40.0)))
-    stations_ned_m, across, _ = compare(nominal, other)
+    without_round = fly(np.array([[0.0, 0.0], [120.0, 0.0]]), steps=(("step 1", 0.0), ("step 3", 40.0)))
+    stations_ned_m, across, _ = compare(nominal, without_round)
     on_round = stations_ned_m[:, 1] > 1.0
     assert np.isnan(across[on_round]).all()
     assert across[~np.isnan(across)] == pytest.approx(0.0, abs=0.1)
-    straight_share = 120.0 / SPACING_M / (1 + 217.0 / SPACING_M)  # of the stations, those of the common steps
+    # The share of the stations that belong to the common steps; the nominal path is 217 m long.
+    straight_share = 120.0 / SPACING_M / (1 + 217.0 / SPACING_M)
     assert np.isfinite(across).sum() > 0.8 * straight_share * len(stations_ned_m)
-    assert corridor(nominal, [other, nominal]).width_m < 0.1
+    assert corridor(nominal, [without_round, nominal]).width_m < 0.1
 
 
 def test_a_flight_without_any_common_step_is_not_compared():
@@ -199,15 +202,15 @@ def test_a_corridor_has_the_quantiles_of_its_flights():
 
 def test_an_incomplete_flight_widens_the_corridor_only_where_it_flew():
     path = np.array([[0.0, 0.0], [40.0, 0.0]])
-    broken = fly(np.array([[0.0, 5.0], [16.0, 5.0]]), finished=False)
-    found = corridor(fly(path), [broken, fly(path + np.array([0.0, -3.0]))])
+    incomplete_flight = fly(np.array([[0.0, 5.0], [16.0, 5.0]]), finished=False)
+    found = corridor(fly(path), [incomplete_flight, fly(path + np.array([0.0, -3.0]))])
     assert found.width_m == pytest.approx(5.0)
     assert found.horizontal.greatest[-1] == pytest.approx(3.0)
 
 
-def test_the_stations_begin_and_end_with_the_flight_also_without_any_motion():
-    hovering = fly(np.array([[0.0, 0.0], [0.0, 0.0]]), waits_s={0.0: 20.0})
-    found = corridor(hovering, [replace(hovering, position_ned_m=hovering.position_ned_m + 2.0)])
+def test_the_stations_of_a_flight_without_motion_extend_from_its_start_to_its_end():
+    hover_flight = fly(np.array([[0.0, 0.0], [0.0, 0.0]]), waits_s={0.0: 20.0})
+    found = corridor(hover_flight, [replace(hover_flight, position_ned_m=hover_flight.position_ned_m + 2.0)])
     assert (found.t_s[0], found.t_s[-1]) == pytest.approx((0.0, 20.0))
     assert found.width_m == pytest.approx(2.0 * math.sqrt(2.0))
     assert found.vertical.greatest == pytest.approx(-2.0)

@@ -20,16 +20,17 @@ from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN, flyable, short_plan
 
 STEP_DEG = 1e-4
 """Size of a cell; about 11 m from north to south."""
-SIZE = 41
+CELLS = 41
+"""Cells from north to south, and from west to east."""
 
 
 def ground(amsl_m_at) -> Ground:
     """Elevation data around home; `amsl_m_at` returns the ground's altitude AMSL [m] at a distance north of
     home [m]."""
-    north_deg = HOME.lat_deg + STEP_DEG * (SIZE // 2)
-    rows = [float(amsl_m_at(111_195.0 * STEP_DEG * (SIZE // 2 - row))) for row in range(SIZE)]
-    amsl_m = np.repeat(np.array(rows, dtype=np.float32)[:, None], SIZE, axis=1)
-    return Ground(north_deg, HOME.lon_deg - STEP_DEG * (SIZE // 2), STEP_DEG, STEP_DEG, amsl_m)
+    north_deg = HOME.lat_deg + STEP_DEG * (CELLS // 2)
+    rows = [float(amsl_m_at(111_195.0 * STEP_DEG * (CELLS // 2 - row))) for row in range(CELLS)]
+    amsl_m = np.repeat(np.array(rows, dtype=np.float32)[:, None], CELLS, axis=1)
+    return Ground(north_deg, HOME.lon_deg - STEP_DEG * (CELLS // 2), STEP_DEG, STEP_DEG, amsl_m)
 
 
 def position_deg(north_m: float) -> tuple[float, float]:
@@ -63,16 +64,16 @@ def test_a_large_plan_has_a_coarser_grid():
 
 
 def test_unknown_ground_is_level_and_reported():
-    known, assumed = ground_grid(
+    grid, assumed = ground_grid(
         ground(lambda north_m: math.nan if north_m > 60.0 else 700.0 + 0.2 * north_m),
         ORIGIN,
         [position_deg(80.0)],
     )
-    assert known is not None
-    assert np.isfinite(known.altitudes_home_m).all()
+    assert grid is not None
+    assert np.isfinite(grid.altitudes_home_m).all()
     assert "Where the elevation files have no data" in assumed[1]
-    level, assumed = ground_grid(ground(lambda _: math.nan), ORIGIN, [position_deg(80.0)])
-    assert level is None
+    grid, assumed = ground_grid(ground(lambda _: math.nan), ORIGIN, [position_deg(80.0)])
+    assert grid is None
     assert assumed == ["The elevation files do not cover the start: the dry run flies over level ground."]
 
 
@@ -88,7 +89,7 @@ def test_a_vehicle_lands_on_higher_ground():
 
 
 @pytest.mark.flight
-def test_a_path_into_rising_ground_ends_with_a_collision_in_every_flight():
+def test_every_flight_of_a_path_into_rising_ground_ends_with_a_collision():
     batch = monte_carlo(flyable(short_plan(45.0)), AIRCRAFT, flights=1, site=Site(ground=plateau(20.0)))
     (finding,) = [each for each in batch.nominal.findings if each.code == "obstacle_hit"]
     assert "the ground" in finding.message
@@ -100,8 +101,8 @@ def test_a_path_into_rising_ground_ends_with_a_collision_in_every_flight():
 @pytest.mark.story
 @pytest.mark.flight
 def test_a_flight_that_touches_a_gentle_slope_has_a_finding_with_its_position():
-    gentle = GroundGrid(-60.0, -60.0, 10.0, np.repeat(np.arange(25.0)[:, None] * 0.8, 13, axis=1))
-    site = Site(ground=replace(gentle, altitudes_home_m=gentle.altitudes_home_m - 4.8))
+    slope = GroundGrid(-60.0, -60.0, 10.0, np.repeat(np.arange(25.0)[:, None] * 0.8, 13, axis=1))
+    site = Site(ground=replace(slope, altitudes_home_m=slope.altitudes_home_m - 4.8))
     run = dry_run(flyable(short_plan(100.0)), AIRCRAFT, site=site)
     (finding,) = [each for each in run.findings if each.code == "ground_touched"]
     assert (finding.severity, finding.step) == ("error", "item 2")
@@ -115,9 +116,11 @@ def test_each_vehicle_of_a_mission_starts_on_its_own_ground():
     steps = "[{step: take_off, height_m: 3}, {step: meet, meeting: up}, {step: land}]"
     mission = read(f"name: Hops\nroles:\n  lead: {{steps: {steps}}}\n  left: {{steps: {steps}}}\n")
     lat_deg, lon_deg = position_deg(45.0)
-    upper = replace(AIRCRAFT, home=HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m))
+    upper_aircraft = replace(
+        AIRCRAFT, home=HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m)
+    )
     site = Site(ground=plateau(8.0))
-    result = dry_run_together(mission, {"lead": AIRCRAFT, "left": upper}, Conditions(), site=site)
+    result = dry_run_together(mission, {"lead": AIRCRAFT, "left": upper_aircraft}, Conditions(), site=site)
     for role, height_m in (("lead", 0.0), ("left", 8.0)):
         run = result.roles[role]
         assert (run.finished, run.landed) == (True, True)

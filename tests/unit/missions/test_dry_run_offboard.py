@@ -1,4 +1,4 @@
-"""Dry runs of offboard missions: the runner is the same as for real vehicles."""
+"""Dry runs of offboard missions, with the same runner as for real vehicles."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_gimbal_step_sets_the_pitch_of_the_gimbal(flight):
     assert flight.track.gimbal_rad[index, 0] == pytest.approx(-0.5, abs=0.05)
 
 
-def test_a_step_takes_its_planned_time(flight):
+def test_a_fly_step_takes_its_planned_time(flight):
     assert flight.track is not None
     timeline = FlyableMission.from_mission(mission(STEPS), AIRCRAFT).timeline
     fly_step = next(step for step in flight.steps if step.title == "North")
@@ -100,10 +100,10 @@ def test_fields_that_a_setpoint_does_not_control_are_nan():
     ]
     for setpoint, fields in zip(received.trajectories, expected, strict=True):
         assert repr(setpoint[:6]) == repr(fields)  # NaN is not equal to itself
-    assert received.attitudes[0][0] == 7
+    assert received.attitudes[0][0] == 7  # type mask: the body rates are not used
 
 
-def test_a_dry_run_task_reports_progress_and_returns_json():
+def test_a_dry_run_task_reports_progress_and_can_be_cancelled():
     reports: list[tuple[str, float | None]] = []
 
     class Cancelled(Exception):

@@ -18,17 +18,17 @@ from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN
 WALL = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0)
 
 
-def test_parameters_of_the_vehicles_airframe_are_not_used():
-    real = {
+def test_airframe_parameters_of_a_real_vehicle_are_not_used_and_those_of_a_simulator_are():
+    parameters = {
         "MPC_XY_CRUISE": 7.0,
         "MC_ROLLRATE_P": 0.3,
         "MPC_THR_HOVER": 0.3,
         "CAL_ACC0_ID": 0.0,
         "RTL_TYPE": math.nan,
     }
-    assert Aircraft(HOME, parameters=real).simulated_parameters() == {"MPC_XY_CRUISE": 7.0}
-    simulated = Aircraft(HOME, parameters={**real, "SIH_MASS": 1.4}).simulated_parameters()
-    assert set(simulated) == {"MPC_XY_CRUISE", "MC_ROLLRATE_P", "MPC_THR_HOVER", "SIH_MASS"}
+    assert Aircraft(HOME, parameters=parameters).simulated_parameters() == {"MPC_XY_CRUISE": 7.0}
+    of_simulator = Aircraft(HOME, parameters={**parameters, "SIH_MASS": 1.4}).simulated_parameters()
+    assert set(of_simulator) == {"MPC_XY_CRUISE", "MC_ROLLRATE_P", "MPC_THR_HOVER", "SIH_MASS"}
 
 
 @pytest.mark.parametrize(
@@ -40,17 +40,17 @@ def test_parameters_of_the_vehicles_airframe_are_not_used():
         ({"gusts_m_s": -1.0}, "gusts_m_s"),
     ],
 )
-def test_impossible_conditions_are_refused_with_the_field(fields, expected):
+def test_the_refusal_of_impossible_conditions_names_the_field_or_range(fields, expected):
     with pytest.raises(PlanError, match=expected):
         Conditions(**fields)
 
 
 def test_random_conditions_depend_on_seed_and_number_and_have_the_given_spread():
     nominal, spread = Conditions(wind_ned_m_s=(3.0, 0.0, 0.0), gusts_m_s=1.0), Spread(wind_m_s=2.0)
-    drawn = [spread.draw(nominal, 5, number) for number in range(400)]
-    assert drawn[17] == spread.draw(nominal, 5, 17)
-    assert drawn[17] != spread.draw(nominal, 6, 17)
-    north = np.array([each.wind_ned_m_s[0] for each in drawn])
+    drawn_conditions = [spread.draw(nominal, 5, number) for number in range(400)]
+    assert drawn_conditions[17] == spread.draw(nominal, 5, 17)
+    assert drawn_conditions[17] != spread.draw(nominal, 6, 17)
+    north = np.array([each.wind_ned_m_s[0] for each in drawn_conditions])
     assert north.mean() == pytest.approx(3.0, abs=0.4)
     assert north.std() == pytest.approx(2.0, abs=0.3)
     assert abs(north - 3.0).max() <= 6.0
@@ -74,8 +74,8 @@ def test_the_distance_to_the_fence_is_negative_outside_and_includes_the_vehicles
     assert FenceDistance(zones, ORIGIN, 0.0, 0.0).distance_m(positions) == pytest.approx(
         [20.0, -10.0, -5.0], abs=0.1
     )
-    high = FenceDistance((), ORIGIN, 40.0, 8.0)
-    assert high.distance_m(positions) == pytest.approx([3.0, -20.0, 3.0], abs=0.01)
+    cylinder = FenceDistance((), ORIGIN, 40.0, 8.0)
+    assert cylinder.distance_m(positions) == pytest.approx([3.0, -20.0, 3.0], abs=0.01)
     assert FenceDistance((), ORIGIN, 0.0, 0.0).distance_m(positions).tolist() == [math.inf] * 3
 
 
@@ -84,16 +84,16 @@ def test_the_distance_to_an_obstacle_is_measured_to_its_nearest_side_edge_or_roo
     distances, nearest = obstacle_distance_m([Obstacle("far", 500.0, 0.0, 1.0, 1.0, 1.0), WALL], positions)
     assert distances == pytest.approx([9.0, 3.0, 0.0, 5.0])
     assert nearest.tolist() == [1, 1, 1, 1]
-    turned = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0, yaw_ned_rad=math.pi / 2)
-    assert obstacle_distance_m([turned], positions)[0][0] == pytest.approx(7.0)
+    turned_wall = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0, yaw_ned_rad=math.pi / 2)
+    assert obstacle_distance_m([turned_wall], positions)[0][0] == pytest.approx(7.0)
 
 
-def test_a_vehicle_whose_flight_has_ended_uses_no_more_computing_time():
-    def decide() -> None:
+def test_the_autopilot_of_a_vehicle_whose_flight_has_ended_is_not_updated():
+    def fail() -> None:
         raise AssertionError("the autopilot of vehicle 1 was updated")
 
     fleet = Fleet([AIRCRAFT, AIRCRAFT], [Conditions(), Conditions()])
-    fleet.vehicles[1].autopilot.update = decide
+    fleet.vehicles[1].autopilot.update = fail
     with pytest.raises(AssertionError):
         fleet.tick()
     fleet.retire(1)

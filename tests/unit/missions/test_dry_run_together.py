@@ -1,4 +1,4 @@
-"""Dry runs of a mission for several vehicles: the runners are the same as for real vehicles."""
+"""Dry runs of a mission for several vehicles, with the same runners as for real vehicles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN
 
 pytestmark = pytest.mark.flight
 
-APART_M = 12.0
+START_DISTANCE_M = 12.0
 CROSSING = """
 name: Crossing
 minimum_separation_m: {minimum_m}
@@ -39,14 +39,14 @@ roles:
 """
 
 
-def aircraft() -> dict[str, Aircraft]:
-    lat_deg, lon_deg, _ = ORIGIN.to_geodetic((0.0, APART_M, 0.0))
+def role_aircraft() -> dict[str, Aircraft]:
+    lat_deg, lon_deg, _ = ORIGIN.to_geodetic((0.0, START_DISTANCE_M, 0.0))
     left_home = HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m)
     return {"lead": AIRCRAFT, "left": replace(AIRCRAFT, home=left_home)}
 
 
 def fly_crossing(height_m: float, minimum_m: float) -> DryRunTogether:
-    return dry_run_together(read(CROSSING.format(height_m=height_m, minimum_m=minimum_m)), aircraft())
+    return dry_run_together(read(CROSSING.format(height_m=height_m, minimum_m=minimum_m)), role_aircraft())
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_all_vehicles_fly_from_their_positions_and_wait_for_each_other(crossing_
     assert (lead.finished, left.finished, lead.landed, left.landed) == (True,) * 4
     assert lead.track is not None
     assert left.track is not None
-    assert left.track.position_ned_m[0] == pytest.approx((0.0, APART_M, 0.0), abs=0.1)
+    assert left.track.position_ned_m[0] == pytest.approx((0.0, START_DISTANCE_M, 0.0), abs=0.1)
     assert left.track.position_ned_m[-1] == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
     fly_steps = [next(step for step in run.steps if step.place.endswith("step 3")) for run in (lead, left)]
     assert fly_steps[0].start_s == pytest.approx(fly_steps[1].start_s, abs=1.0), (
@@ -68,7 +68,7 @@ def test_all_vehicles_fly_from_their_positions_and_wait_for_each_other(crossing_
     assert left.track.q_ned_frd is not None, "the second vehicle has no track of its own"
 
 
-def test_the_smallest_distance_is_reported_and_above_the_minimum(crossing_at_two_altitudes):
+def test_the_smallest_distance_is_reported_and_causes_no_finding_above_the_minimum(crossing_at_two_altitudes):
     (closest,) = crossing_at_two_altitudes.closest
     assert closest.roles == ("lead", "left")
     assert 3.0 < closest.distance_m < 8.0
@@ -76,7 +76,9 @@ def test_the_smallest_distance_is_reported_and_above_the_minimum(crossing_at_two
 
 
 def test_two_vehicles_that_cross_at_the_same_altitude_cause_a_finding_with_position_and_time():
-    role_requests = {role: {"aircraft": asdict(each), "origin": None} for role, each in aircraft().items()}
+    role_requests = {
+        role: {"aircraft": asdict(each), "origin": None} for role, each in role_aircraft().items()
+    }
     for each in role_requests.values():
         each["aircraft"]["home"] = each["aircraft"]["home"].model_dump()
     text = CROSSING.format(height_m=4, minimum_m=3)
@@ -89,7 +91,7 @@ def test_two_vehicles_that_cross_at_the_same_altitude_cause_a_finding_with_posit
     found = result["nominal"]["findings"][0]
     assert (found["code"], found["severity"], found["step"]) == ("separation", "error", "lead, step 3")
     assert "lead (lead, step 3) and left (left, step 3)" in found["text"]
-    assert 0.0 < found["position_ned_m"][1] < APART_M
+    assert 0.0 < found["position_ned_m"][1] < START_DISTANCE_M
     assert result["nominal"]["finished"] is True
     assert result["monte_carlo"] is None
     assert list(result["together"]["roles"]) == ["lead", "left"]
@@ -98,26 +100,26 @@ def test_two_vehicles_that_cross_at_the_same_altitude_cause_a_finding_with_posit
 
 
 def test_a_finding_of_several_roles_is_reported_once_with_the_names_of_the_roles():
-    drain = {"code": "battery_unknown", "step": None, "text": "The drain is not known."}
-    step = {"code": "fence_touched", "step": "left, step 2", "text": "It leaves the fence."}
-    roles = {"lead": {"findings": [drain]}, "left": {"findings": [step, drain]}}
+    battery_finding = {"code": "battery_unknown", "step": None, "text": "The drain is not known."}
+    fence_finding = {"code": "fence_touched", "step": "left, step 2", "text": "It leaves the fence."}
+    roles = {"lead": {"findings": [battery_finding]}, "left": {"findings": [fence_finding, battery_finding]}}
     assert [each["text"] for each in findings_of(roles)] == [
         "lead and left: The drain is not known.",
         "It leaves the fence.",
     ]
-    assert drain["text"] == "The drain is not known."
+    assert battery_finding["text"] == "The drain is not known."
 
 
 @pytest.fixture(scope="module")
 def batch() -> MonteCarloTogether:
     """Four flights in which the vehicles cross 4 m above each other; the minimum separation is 3 m."""
     mission = read(CROSSING.format(height_m=7, minimum_m=3))
-    return monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=4, seed=5)
+    return monte_carlo_together(mission, role_aircraft(), Conditions((0.0, 2.0, 0.0)), flights=4, seed=5)
 
 
 @pytest.mark.story
 def test_each_role_of_a_monte_carlo_run_has_its_own_corridor(batch):
-    for role, east_m in (("lead", 0.0), ("left", APART_M)):
+    for role, east_m in (("lead", 0.0), ("left", START_DISTANCE_M)):
         role_flights = batch.roles[role]
         assert len(role_flights.flights) == 4
         assert all(each.finished for each in role_flights.flights)
@@ -137,8 +139,8 @@ def test_distances_and_chances_cover_all_flights(batch):
     (pair,) = batch.closest
     assert pair.roles == ("lead", "left")
     assert pair.distance_m.least <= pair.distance_m.p50 <= pair.distance_m.greatest
-    near = pair.distance_m.least < 3.0
-    assert (pair.nearer_than_minimum.count > 0) == near
+    too_near = pair.distance_m.least < 3.0  # minimum_separation_m
+    assert (pair.nearer_than_minimum.count > 0) == too_near
     assert batch.chances["nearer_than_minimum"].count == pair.nearer_than_minimum.count
     assert batch.chances["not_finished"].count == 0
     assert batch.chances["separation"].count >= batch.chances["nearer_than_minimum"].count
@@ -147,17 +149,19 @@ def test_distances_and_chances_cover_all_flights(batch):
 @pytest.mark.story
 def test_a_flight_with_the_same_number_is_the_same_in_a_batch_of_any_size(batch):
     mission = read(CROSSING.format(height_m=7, minimum_m=3))
-    single_flight = monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=1, seed=5)
+    single_flight = monte_carlo_together(
+        mission, role_aircraft(), Conditions((0.0, 2.0, 0.0)), flights=1, seed=5
+    )
     assert single_flight.roles["left"].flights[0] == batch.roles["left"].flights[0]
 
 
 @pytest.mark.story
 def test_vehicles_that_cross_at_the_same_altitude_come_too_near_in_every_flight():
     mission = read(CROSSING.format(height_m=3, minimum_m=3))
-    found = monte_carlo_together(mission, aircraft(), flights=2)
-    assert (found.chances["separation"].count, found.chances["nearer_than_minimum"].count) == (2, 2)
-    assert found.closest[0].distance_m.greatest < 3.0
-    document = json.loads(json.dumps(found.document()))
+    result = monte_carlo_together(mission, role_aircraft(), flights=2)
+    assert (result.chances["separation"].count, result.chances["nearer_than_minimum"].count) == (2, 2)
+    assert result.closest[0].distance_m.greatest < 3.0
+    document = json.loads(json.dumps(result.document()))
     assert document["closest"][0]["nearer_than_minimum"]["share"] == 1.0
     assert set(document["roles"]["lead"]) >= {"corridor", "duration_s", "flights", "chances"}
 
@@ -165,7 +169,7 @@ def test_vehicles_that_cross_at_the_same_altitude_come_too_near_in_every_flight(
 def test_too_many_flights_of_all_vehicles_are_refused():
     mission = read(CROSSING.format(height_m=4, minimum_m=3))
     with pytest.raises(PlanError, match="201 flights of 2 vehicles, but 1 to 200 are allowed"):
-        monte_carlo_together(mission, aircraft(), flights=201)
+        monte_carlo_together(mission, role_aircraft(), flights=201)
 
 
 def test_each_role_needs_a_vehicle():

@@ -15,21 +15,21 @@ from missions.avoidance.scans import (
     sensor_range_m,
 )
 
-AHEAD = Scan(10.0, ((1.0, 0.0, 0.0),), (5.0,), 20.0)
-DOWN = Scan(10.0, ((0.0, 0.0, 1.0),), (3.0,), 30.0)
+SCAN_AHEAD = Scan(10.0, ((1.0, 0.0, 0.0),), (5.0,), 20.0)
+SCAN_DOWN = Scan(10.0, ((0.0, 0.0, 1.0),), (3.0,), 30.0)
 
 
 def test_old_measurements_are_not_used():
-    assert recent_scans((AHEAD, DOWN), 11.0, 1.0) == (AHEAD, DOWN)
-    assert recent_scans((AHEAD,), 11.1, 1.0) == ()
+    assert recent_scans((SCAN_AHEAD, SCAN_DOWN), 11.0, 1.0) == (SCAN_AHEAD, SCAN_DOWN)
+    assert recent_scans((SCAN_AHEAD,), 11.1, 1.0) == ()
 
 
 def test_a_sensor_measures_only_in_its_direction():
-    assert sensor_range_m((AHEAD, DOWN), math.radians(10)) == 20.0
-    assert sensor_range_m((AHEAD, DOWN), math.radians(20)) is None
-    assert sensor_range_m((AHEAD,), math.radians(90), yaw_change_rad=math.radians(90)) == 20.0
-    assert (measures_level(AHEAD), measures_down(AHEAD), measures_outwards(AHEAD)) == (True, False, True)
-    assert (measures_level(DOWN), measures_down(DOWN), measures_outwards(DOWN)) == (False, True, False)
+    assert sensor_range_m((SCAN_AHEAD, SCAN_DOWN), math.radians(10)) == 20.0
+    assert sensor_range_m((SCAN_AHEAD, SCAN_DOWN), math.radians(20)) is None
+    assert sensor_range_m((SCAN_AHEAD,), math.radians(90), yaw_change_rad=math.radians(90)) == 20.0
+    for scan, directions in ((SCAN_AHEAD, (True, False, True)), (SCAN_DOWN, (False, True, False))):
+        assert (measures_level(scan), measures_down(scan), measures_outwards(scan)) == directions
 
 
 @pytest.mark.parametrize(
@@ -45,12 +45,12 @@ def test_a_sensor_measures_only_in_its_direction():
 )
 def test_a_scan_with_impossible_values_is_implausible(scan):
     assert not scan.plausible
-    assert AHEAD.plausible
+    assert SCAN_AHEAD.plausible
 
 
-def test_a_measured_point_keeps_its_position_for_a_limited_time():
+def test_a_measured_point_is_remembered_at_its_position_for_a_limited_time():
     memory = ObstacleMemory()
-    memory.add(AHEAD, (1.0, 2.0, -3.0), 0.0)
+    memory.add(SCAN_AHEAD, (1.0, 2.0, -3.0), 0.0)
     assert memory.columns_above(2.0, 11.0).tolist() == [[6.0, 2.0, 3.0]]
     assert not len(memory.columns_above(3.0, 11.0))
     assert not len(memory.columns_above(2.0, 10.0 + KEPT_S + 0.1))
@@ -59,23 +59,23 @@ def test_a_measured_point_keeps_its_position_for_a_limited_time():
 def test_only_the_highest_point_of_a_cell_is_used_and_low_points_are_ignored():
     memory = ObstacleMemory()
     for height_m in (1.0, 3.0, 2.0):
-        memory.add(AHEAD, (0.0, 0.0, -height_m), 0.5)
-    memory.add(AHEAD, (0.0, 3.0, -0.4), 0.5)
+        memory.add(SCAN_AHEAD, (0.0, 0.0, -height_m), 0.5)
+    memory.add(SCAN_AHEAD, (0.0, 3.0, -0.4), 0.5)
     assert memory.columns_above(0.0, 10.0).tolist() == [[5.0, 0.0, 3.0]]
 
 
 def test_memory_is_limited_and_the_oldest_points_are_dropped():
     memory = ObstacleMemory()
     for number in range(MAX_COLUMNS + 10):
-        memory.add(AHEAD, (0.0, float(number), -1.0), 0.0)
-    kept = memory.columns_above(0.0, 10.0)
-    assert len(kept) == MAX_COLUMNS
-    assert kept[:, 1].min() == 10.0
+        memory.add(SCAN_AHEAD, (0.0, float(number), -1.0), 0.0)
+    columns = memory.columns_above(0.0, 10.0)
+    assert len(columns) == MAX_COLUMNS
+    assert columns[:, 1].min() == 10.0
 
 
 def test_columns_have_positions_along_and_beside_a_line():
     memory = ObstacleMemory()
-    memory.add(AHEAD, (0.0, 1.0, -1.0), 0.0)
+    memory.add(SCAN_AHEAD, (0.0, 1.0, -1.0), 0.0)
     columns = along_line(memory.columns_above(0.0, 10.0), (0.0, 0.0), (8.0, 0.0))
     assert columns.along_m.tolist() == [5.0]
     assert columns.across_m.tolist() == [1.0]
@@ -94,5 +94,5 @@ def test_columns_have_positions_along_and_beside_a_line():
     ],
 )
 def test_a_measured_obstacle_on_a_straight_line_is_found(end, first_m):
-    assert first_on_line((AHEAD, DOWN), (0.0, 0.0, -2.0), end) == first_m
-    assert first_on_line((DOWN,), (0.0, 0.0, -2.0), end) is None
+    assert first_on_line((SCAN_AHEAD, SCAN_DOWN), (0.0, 0.0, -2.0), end) == first_m
+    assert first_on_line((SCAN_DOWN,), (0.0, 0.0, -2.0), end) is None
