@@ -12,7 +12,7 @@ from missions.offboard.reader import read
 from missions.plan import Plan
 from missions.values import Altitude, HomePosition
 
-TOWER = Path(__file__).parents[3] / "missions" / "examples" / "tower_inspection.yaml"
+TOWER_MISSION_FILE = Path(__file__).parents[3] / "missions" / "examples" / "tower_inspection.yaml"
 AT_20_M = {"value_m": 20.0, "reference": "home"}
 PLAN = Plan.model_validate_json(
     json.dumps(
@@ -40,7 +40,7 @@ def test_each_format_is_detected_by_its_content_and_returns_the_items(name):
 
 @pytest.mark.parametrize("name", any_format.MISSION_FORMATS)
 def test_a_mission_is_detected_by_its_content_and_returned_unchanged(name):
-    mission = read(TOWER.read_bytes())
+    mission = read(TOWER_MISSION_FILE.read_bytes())
     data = any_format.write(name, mission).data
     assert any_format.recognise(data, "renamed.bin") == name
     assert any_format.read(name, data).plan == mission
@@ -48,13 +48,13 @@ def test_a_mission_is_detected_by_its_content_and_returned_unchanged(name):
 
 def test_the_refusal_of_a_format_names_the_formats_that_can_store_the_plan():
     with pytest.raises(PlanError, match="Write it as yaml or json"):
-        any_format.write("kml", read(TOWER.read_bytes()))
+        any_format.write("kml", read(TOWER_MISSION_FILE.read_bytes()))
     with pytest.raises(PlanError, match="convert it to an offboard mission first"):
         any_format.write("yaml", PLAN)
 
 
-def test_lost_comments_are_reported():
-    assert "comments" in any_format.read("yaml", TOWER.read_bytes()).notes[0]
+def test_the_loss_of_the_comments_of_a_yaml_file_is_reported():
+    assert "comments" in any_format.read("yaml", TOWER_MISSION_FILE.read_bytes()).notes[0]
 
 
 def test_a_plan_document_is_returned_unchanged():
@@ -81,6 +81,6 @@ def test_points_without_altitude_are_refused_unless_the_import_gives_an_altitude
     with pytest.raises(PlanError):
         any_format.read("geojson", line)
     options = ImportOptions(Altitude(value_m=30.0, reference="amsl"))
-    found = any_format.read("geojson", line, options).plan
-    assert {item.altitude.value_m for item in found.items} == {30.0}
-    assert found.planned_home is None or isinstance(found.planned_home, HomePosition)
+    imported_plan = any_format.read("geojson", line, options).plan
+    assert {item.altitude.value_m for item in imported_plan.items} == {30.0}
+    assert imported_plan.planned_home is None or isinstance(imported_plan.planned_home, HomePosition)

@@ -83,13 +83,13 @@ def limits_requiring(takeoff_land_required: int) -> CheckLimits:
 GOOD = plan(
     TAKEOFF, wp(100), wp(100, 100), LAND, fence=(square(300), circle(20, inclusion=False, north_m=-50))
 )
-SELF_INTERSECTING = FencePolygon(
+SELF_INTERSECTING_ZONE = FencePolygon(
     inclusion=False, polygon=tuple(Point(**at(n, e)) for n, e in ((500, 0), (510, 10), (510, 0), (500, 10)))
 )
 TERRAIN = alt(30, "terrain")
-WITHOUT_POSITION = (0.0, 0.0, 0.0, None, None, None, 20.0)
+PARAMS_WITHOUT_POSITION = (0.0, 0.0, 0.0, None, None, None, 20.0)
 POWER = PowerModel(hover_power_w=200.0, battery_wh=3.0, mass_kg=1.5)
-DEFAULTS, ENDURANCE = CheckLimits(), CheckLimits(power=POWER)
+DEFAULTS, POWER_LIMITS = CheckLimits(), CheckLimits(power=POWER)
 CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
     ("plan_empty", plan(), DEFAULTS, None),
     ("home_missing", plan(TAKEOFF, planned_home=None), DEFAULTS, None),
@@ -101,7 +101,7 @@ CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
     ("command_refused", plan(TAKEOFF, CommandItem(command=18, frame=3, params=(0,) * 7)), DEFAULTS, 1),
     ("command_refused", plan(TAKEOFF, SetServo(servo=1.0, pulse_us=1500.0)), DEFAULTS, 1),
     ("command_refused", plan(TAKEOFF, CameraZoom(zoom_type=2.0, value=50.0)), DEFAULTS, 1),
-    ("place_missing", plan(CommandItem(command=22, frame=3, params=WITHOUT_POSITION)), DEFAULTS, 0),
+    ("place_missing", plan(CommandItem(command=22, frame=3, params=PARAMS_WITHOUT_POSITION)), DEFAULTS, 0),
     ("vtol_item", plan(CommandItem(command=84, frame=3, params=(0,) * 7)), DEFAULTS, 0),
     ("value_not_sendable", plan(TAKEOFF, Digicam(shoot=0.5)), DEFAULTS, 1),
     ("set_home_place", plan(TAKEOFF, SetHome(use_current=0.0)), DEFAULTS, 1),
@@ -126,14 +126,14 @@ CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
     ("fence_violation", plan(TAKEOFF, wp(9), fence=(circle(3, inclusion=False, north_m=9),)), DEFAULTS, 1),
     ("fence_crossed", plan(TAKEOFF, wp(99), fence=(circle(9, inclusion=False, north_m=50),)), DEFAULTS, 1),
     ("fence_home_outside", plan(TAKEOFF, fence=(square(50, north_m=200),)), DEFAULTS, None),
-    ("fence_invalid", plan(TAKEOFF, fence=(SELF_INTERSECTING,)), DEFAULTS, None),
+    ("fence_invalid", plan(TAKEOFF, fence=(SELF_INTERSECTING_ZONE,)), DEFAULTS, None),
     ("rally_outside_fence", plan(TAKEOFF, fence=(square(9),), rally_points=(
         RallyPoint(**at(50), altitude=alt(20)),)), DEFAULTS, None),
     ("rally_terrain", plan(TAKEOFF, rally_points=(RallyPoint(**at(5), altitude=TERRAIN),)), DEFAULTS, None),
     ("too_many_items", plan(TAKEOFF, fence=(square(300),) * 17), DEFAULTS, None),
-    ("endurance_exceeded", plan(TAKEOFF, wp(100), wp(0), wp(100)), ENDURANCE, None),
+    ("endurance_exceeded", plan(TAKEOFF, wp(100), wp(0), wp(100)), POWER_LIMITS, None),
     ("parameters_unknown", GOOD, CheckLimits(unknown_parameters=("MPC_XY_VEL_MAX",)), None),
-    ("endurance_endless", plan(TAKEOFF, wp(9), Jump(target_index=1, repeat=-1)), ENDURANCE, None),
+    ("endurance_endless", plan(TAKEOFF, wp(9), Jump(target_index=1, repeat=-1)), POWER_LIMITS, None),
 ]  # fmt: skip
 
 
@@ -144,7 +144,7 @@ def test_a_good_plan_has_no_findings() -> None:
 @pytest.mark.parametrize(
     ("code", "document", "limits", "row"), CASES, ids=[f"{n}-{case[0]}" for n, case in enumerate(CASES)]
 )
-def test_each_finding_has_its_item_a_message_and_a_fix(
+def test_each_finding_has_the_index_of_its_item_and_a_message_and_a_fix(
     code: str, document: Plan, limits: CheckLimits, row: int | None
 ) -> None:
     found = {finding.code: finding for finding in check(document, limits)}
@@ -184,7 +184,7 @@ def test_a_check_that_raises_becomes_a_finding_and_the_other_checks_continue(
 
 @settings(deadline=None, max_examples=40)
 @given(plan=plans(altitudes=RESOLVED_ALTITUDES))
-def test_all_checks_of_any_plan_are_completed(plan: Plan) -> None:
+def test_no_check_raises_for_any_plan(plan: Plan) -> None:
     limits = CheckLimits(power=POWER)
     assert "check_failed" not in {finding.code for finding in check(plan, limits)}
 

@@ -44,17 +44,19 @@ def test_a_path_starts_and_ends_at_rest_and_keeps_the_last_point(steps):
 def test_velocity_and_acceleration_are_the_derivatives_of_position(steps, fraction):
     curve = PathCurve(path_of(steps), None)
     t_s, dt_s = fraction * curve.duration_s, 1e-4
-    if min(abs(t_s - point) for point in curve._times) < 2 * dt_s:
+    if min(abs(t_s - point_s) for point_s in curve._times) < 2 * dt_s:
         return  # the acceleration may change stepwise at a point
     before, sample, after = (curve.at(t_s + offset) for offset in (-dt_s, 0.0, dt_s))
-    for order in ("position_ned_m", "velocity_ned_m_s"):
-        rate = (np.array(getattr(after, order)) - np.array(getattr(before, order))) / (2 * dt_s)
-        reported = sample.velocity_ned_m_s if order == "position_ned_m" else sample.acceleration_ned_m_s2
-        assert rate == pytest.approx(np.array(reported), rel=1e-3, abs=0.05)
+    for field, derivative in (
+        ("position_ned_m", sample.velocity_ned_m_s),
+        ("velocity_ned_m_s", sample.acceleration_ned_m_s2),
+    ):
+        difference = np.array(getattr(after, field)) - np.array(getattr(before, field))
+        assert difference / (2 * dt_s) == pytest.approx(np.array(derivative), rel=1e-3, abs=0.05)
 
 
 @given(steps, st.lists(st.floats(0, 1), min_size=1, max_size=20))
-def test_sampling_many_times_equals_sampling_each_time(steps, fractions):
+def test_samples_of_a_list_of_times_equal_the_samples_of_each_time(steps, fractions):
     curve = PathCurve(path_of(steps), None)
     times = np.array([fraction * curve.duration_s for fraction in fractions])
     positions, velocities = curve.sample(times)
@@ -64,7 +66,7 @@ def test_sampling_many_times_equals_sampling_each_time(steps, fractions):
         assert velocity == pytest.approx(np.array(sample.velocity_ned_m_s), abs=1e-6, rel=1e-6)
 
 
-def test_yaw_changes_by_the_shorter_rotation():
+def test_between_two_points_yaw_turns_in_the_shorter_direction():
     points = (PathPoint(0.0, (0.0, 0.0, 0.0), 3.0), PathPoint(2.0, (1.0, 0.0, 0.0), -3.0))
     yaw = PathCurve(Path(points), None).at(1.0).yaw_ned_rad
     assert abs(yaw) == pytest.approx(math.pi)

@@ -1,4 +1,4 @@
-"""Estimates compared with numbers calculated by hand."""
+"""Estimates of time, length and energy, compared with numbers calculated by hand."""
 
 from __future__ import annotations
 
@@ -42,35 +42,37 @@ def test_a_straight_flight_takes_the_time_of_its_trapezoidal_profile() -> None:
     assert (found.energy_wh, found.endless, found.known_altitudes) == (None, False, True)
 
 
-def test_short_legs_never_reach_the_speed() -> None:
+def test_a_short_leg_is_flown_without_reaching_the_cruise_speed() -> None:
     assert travel_time_s(3.0, 5.0, 3.0) == pytest.approx(2.0)
     assert travel_time_s(0.0, 5.0, 3.0) == 0.0
 
 
-def test_steep_legs_take_their_vertical_time() -> None:
+def test_a_steep_leg_takes_the_time_of_its_climb() -> None:
     found = estimate(a_plan(TAKEOFF, waypoint_at(1, alt_m=80.0)), VEHICLE)
     assert found.time_s == pytest.approx(CLIMB_S + 60.0 / 3.0)
 
 
-def test_waits_speed_changes_and_jumps_are_included() -> None:
-    plain = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE).time_s
-    waits = estimate(a_plan(TAKEOFF, Delay(delay_s=7.0), waypoint_at(100, hold_s=3.0)), VEHICLE).time_s
-    assert waits == pytest.approx(plain + 10.0)
-    fast = estimate(a_plan(TAKEOFF, ChangeSpeed(speed_m_s=10.0), waypoint_at(100)), VEHICLE).time_s
-    assert fast == pytest.approx(CLIMB_S + 100.0 / 10.0 + 10.0 / 3.0)
-    looped = estimate(
+def test_the_estimate_includes_waits_speed_changes_and_jumps() -> None:
+    plain_s = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE).time_s
+    with_waits_s = estimate(a_plan(TAKEOFF, Delay(delay_s=7.0), waypoint_at(100, hold_s=3.0)), VEHICLE).time_s
+    assert with_waits_s == pytest.approx(plain_s + 10.0)
+    fast_s = estimate(a_plan(TAKEOFF, ChangeSpeed(speed_m_s=10.0), waypoint_at(100)), VEHICLE).time_s
+    assert fast_s == pytest.approx(CLIMB_S + 100.0 / 10.0 + 10.0 / 3.0)
+    with_jump = estimate(
         a_plan(TAKEOFF, waypoint_at(100), waypoint_at(200), Jump(target_index=1, repeat=2)), VEHICLE
     )
-    assert looped.length_m == pytest.approx(20.0 + 100.0 + 5 * 100.0)
+    assert with_jump.length_m == pytest.approx(20.0 + 100.0 + 5 * 100.0)  # climb, approach, 5 legs
 
 
-def test_the_descents_of_a_landing_and_a_return_are_included() -> None:
-    landed = estimate(a_plan(TAKEOFF, Land(lat_deg=0.0, lon_deg=8.0, altitude=alt(0.0))), VEHICLE)
-    assert landed.time_s == pytest.approx(CLIMB_S + land_time_s(20.0, VEHICLE))
+def test_the_estimate_includes_the_descents_of_a_landing_and_a_return() -> None:
+    with_landing = estimate(a_plan(TAKEOFF, Land(lat_deg=0.0, lon_deg=8.0, altitude=alt(0.0))), VEHICLE)
+    assert with_landing.time_s == pytest.approx(CLIMB_S + land_time_s(20.0, VEHICLE))
     assert land_time_s(20.0, VEHICLE) == pytest.approx(15.0 / 1.5 + 5.0 / 0.7)
-    returned = estimate(a_plan(TAKEOFF, waypoint_at(100), ReturnHome()), VEHICLE)
-    assert returned.length_m == pytest.approx(20.0 + 100.0 + 10.0 + 100.0 + 30.0)
-    assert returned.climb_m == pytest.approx(30.0)
+    with_return = estimate(a_plan(TAKEOFF, waypoint_at(100), ReturnHome()), VEHICLE)
+    assert with_return.length_m == pytest.approx(
+        20.0 + 100.0 + 10.0 + 100.0 + 30.0
+    )  # out at 20 m, back at 30 m
+    assert with_return.climb_m == pytest.approx(30.0)
 
 
 def test_pictures_are_counted_along_the_path() -> None:
@@ -82,7 +84,7 @@ def test_pictures_are_counted_along_the_path() -> None:
         waypoint_at(200),
         PhotoStart(count=3.0),
     )
-    assert estimate(plan, VEHICLE).photos == 1 + 3 + 3
+    assert estimate(plan, VEHICLE).photos == 1 + 3 + 3  # at once, every 30 m, PhotoStart
 
 
 def test_energy_is_hover_power_plus_the_work_of_climbing() -> None:
@@ -114,5 +116,5 @@ def test_valid_parameters_of_the_vehicle_are_used_and_invalid_parameters_are_ign
 
 
 def test_unknown_altitudes_are_reported() -> None:
-    terrain = Waypoint(lat_deg=0.0, lon_deg=8.0, altitude=Altitude(value_m=20.0, reference="terrain"))
-    assert not estimate(a_plan(TAKEOFF, terrain), VEHICLE).known_altitudes
+    above_terrain = Waypoint(lat_deg=0.0, lon_deg=8.0, altitude=Altitude(value_m=20.0, reference="terrain"))
+    assert not estimate(a_plan(TAKEOFF, above_terrain), VEHICLE).known_altitudes

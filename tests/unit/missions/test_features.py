@@ -1,5 +1,5 @@
-"""GeoJSON and KML: the server reads its own files completely, and from other files only what the formats
-define."""
+"""GeoJSON and KML: the server's own files are read completely, other files as far as the formats define
+them."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from missions.plan import Plan
 from missions.values import Altitude, HomePosition, Point
 from tests.support.plan_strategies import RESOLVED_ALTITUDES, plans
 
-HOME_20 = ImportOptions(altitude=Altitude(value_m=20.0, reference="home"))
+AT_20_M = ImportOptions(altitude=Altitude(value_m=20.0, reference="home"))
 
 
 @settings(deadline=None, max_examples=40)
 @given(plan=plans(altitudes=RESOLVED_ALTITUDES))
-def test_any_plan_is_unchanged_after_geojson_and_kml(plan: Plan) -> None:
+def test_any_plan_is_unchanged_after_writing_and_reading_geojson_and_kml(plan: Plan) -> None:
     without_speeds = plan.model_copy(update={"hover_speed_m_s": None, "cruise_speed_m_s": None})
     for written, read in ((geojson.write(plan), geojson.read), (kml.write(plan), kml.read)):
         assert read(written.data).plan == without_speeds
@@ -32,8 +32,8 @@ def test_any_plan_is_unchanged_after_geojson_and_kml(plan: Plan) -> None:
     assert kml.read(kml.write_kmz(plan).data).plan == without_speeds
 
 
-def collection(*features: tuple[str | None, object]) -> bytes:
-    found = [
+def feature_collection(*features: tuple[str | None, object]) -> bytes:
+    feature_objects = [
         {
             "type": "Feature",
             "geometry": kind and {"type": kind, "coordinates": coordinates},
@@ -41,7 +41,7 @@ def collection(*features: tuple[str | None, object]) -> bytes:
         }
         for kind, coordinates in features
     ]
-    return json.dumps({"type": "FeatureCollection", "features": found}).encode()
+    return json.dumps({"type": "FeatureCollection", "features": feature_objects}).encode()
 
 
 def positions(found: Imported) -> list[tuple[float, float]]:
@@ -52,16 +52,16 @@ def positions(found: Imported) -> list[tuple[float, float]]:
 def test_points_and_lines_of_other_programs_become_waypoints_and_areas_stay_areas() -> None:
     square = [[8.0, 47.0], [8.1, 47.0], [8.1, 47.1], [8.0, 47.0]]
     found = geojson.read(
-        collection(
+        feature_collection(
             ("Point", [8.5, 47.5, 900.0]),
             ("LineString", [[8.6, 47.6], [8.7, 47.7]]),
             ("MultiPolygon", [[square, square]]),
             (None, None),
         ),
-        HOME_20,
+        AT_20_M,
     )
     assert positions(found) == [(47.5, 8.5), (47.6, 8.6), (47.7, 8.7)]
-    assert {item.altitude for item in found.plan.items if isinstance(item, Waypoint)} == {HOME_20.altitude}
+    assert {item.altitude for item in found.plan.items if isinstance(item, Waypoint)} == {AT_20_M.altitude}
     (area,) = found.areas
     assert area.outer == tuple(Point(lat_deg=lat, lon_deg=lon) for lon, lat in square[:3])
     assert len(area.holes) == 1
@@ -71,7 +71,7 @@ def test_points_and_lines_of_other_programs_become_waypoints_and_areas_stay_area
 
 def test_an_altitude_without_a_reference_is_never_used() -> None:
     with pytest.raises(PlanError, match="feature 1, its altitude: the file does not state"):
-        geojson.read(collection(("Point", [8.5, 47.5, 900.0])))
+        geojson.read(feature_collection(("Point", [8.5, 47.5, 900.0])))
 
 
 KML = """<?xml version="1.0" encoding="UTF-8"?>
@@ -94,10 +94,10 @@ def test_the_altitude_mode_of_kml_is_the_reference_of_its_altitudes(mode: str, r
     assert found.areas[0].name == "field"
 
 
-def test_kml_clamped_to_the_ground_needs_an_altitude() -> None:
+def test_kml_without_altitudes_needs_an_altitude_from_the_import() -> None:
     with pytest.raises(PlanError, match=r"feature 1 \(path\), its altitude"):
         kml.read((KML % "clampToGround").encode())
-    assert len(kml.read((KML % "clampToGround").encode(), HOME_20).plan.items) == 2
+    assert len(kml.read((KML % "clampToGround").encode(), AT_20_M).plan.items) == 2
 
 
 def test_written_kml_has_altitudes_above_mean_sea_level() -> None:
@@ -150,7 +150,7 @@ def kmz_file(name: str, content: bytes) -> bytes:
         (kmz_file("doc.kml", b"<kml/>")[:40], "it cannot be unpacked"),
         (b"PK\x03\x04" + b"\x00" * 100, "it cannot be unpacked"),
     ],
-    ids=["bomb", "no document", "cut off", "zeros"],
+    ids=["larger than 8 MiB", "no document", "incomplete", "zeros"],
 )
 def test_a_hostile_kmz_is_not_unpacked(data: bytes, message: str) -> None:
     with pytest.raises(PlanError, match=message):

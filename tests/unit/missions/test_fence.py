@@ -11,33 +11,33 @@ from missions.fence import Circle, CircleFence, Polygon, PolygonFence, Region
 from missions.geodesy import LocalOrigin
 
 L_SHAPE = ((-60.0, -60.0), (60.0, -60.0), (60.0, 0.0), (0.0, 0.0), (0.0, 60.0), (-60.0, 60.0))
-FENCED = Region(-40.0, 0.0, (Circle((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
-ROUNDING_STEPS = [(n, e) for n in (-1e-6, 0.0, 1e-6) for e in (-1e-6, 0.0, 1e-6)]
+FENCED_REGION = Region(-40.0, 0.0, (Circle((0.0, 0.0), 70.0, "70 m"),), (Polygon(L_SHAPE, "the fence"),))
+ROUNDING_STEPS_M = [(n, e) for n in (-1e-6, 0.0, 1e-6) for e in (-1e-6, 0.0, 1e-6)]
 metres = st.floats(-100, 100)
 positions = st.tuples(metres, metres)
 corners = st.lists(positions, min_size=3, max_size=8)
-inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59)).filter(
-    lambda position: FENCED.breach(position) is None
+positions_inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59)).filter(
+    lambda position: FENCED_REGION.breach(position) is None
 )
 
 
-def is_inside(position, region=FENCED):
-    """Whether the position is inside or at most 1 µm outside: a position on the edge counts as inside."""
-    return any(region.breach((position[0] + n, position[1] + e)) is None for n, e in ROUNDING_STEPS)
+def is_inside(position, region=FENCED_REGION):
+    """Whether the position is inside, on the edge, or at most 1 µm outside."""
+    return any(region.breach((position[0] + n, position[1] + e)) is None for n, e in ROUNDING_STEPS_M)
 
 
 @given(st.lists(positions, min_size=1, max_size=20), corners, st.floats(1, 100))
-def test_checking_many_positions_at_once_equals_checking_each_position(many, corners, radius_m):
+def test_checking_many_positions_at_once_equals_checking_each_position(points, corners, radius_m):
     region = Region(
         circles=(Circle((3.0, -2.0), radius_m, "a circle"),), polygons=(Polygon(tuple(corners), "a fence"),)
     )
-    one_by_one = [region.breach(position) is not None for position in many]
-    assert region.are_outside(np.array(many)).tolist() == one_by_one
+    each_outside = [region.breach(position) is not None for position in points]
+    assert region.are_outside(np.array(points)).tolist() == each_outside
 
 
-@given(inside, positions)
+@given(positions_inside, positions)
 def test_every_position_up_to_the_last_position_inside_is_inside(start, target):
-    end = FENCED.last_position_inside(start, target)
+    end = FENCED_REGION.last_position_inside(start, target)
     for fraction in (step / 20 for step in range(21)):
         assert is_inside(
             (start[0] + (end[0] - start[0]) * fraction, start[1] + (end[1] - start[1]) * fraction)
@@ -52,7 +52,7 @@ def test_a_target_inside_a_convex_region_is_left_unchanged(target):
 
 @given(positions)
 def test_the_nearest_position_inside_is_inside(position):
-    nearest = FENCED.position_inside(position)
+    nearest = FENCED_REGION.position_inside(position)
     assert nearest is not None
     assert is_inside(nearest)
 
@@ -62,33 +62,34 @@ def test_a_region_of_disjoint_fences_has_no_position_inside():
     assert region.position_inside((0.0, 0.0)) is None
 
 
-@given(inside, st.floats(-math.pi, math.pi))
+@given(positions_inside, st.floats(-math.pi, math.pi))
 def test_a_position_at_the_reported_distance_is_on_the_edge(start, direction_rad):
     direction = (math.cos(direction_rad), math.sin(direction_rad))
-    edge_m = FENCED.distance_to_edge_m(start, direction)
-    for distance_m, expected in ((edge_m - 0.01, True), (edge_m + 0.01, False)):
+    edge_m = FENCED_REGION.distance_to_edge_m(start, direction)
+    for distance_m, expected_inside in ((edge_m - 0.01, True), (edge_m + 0.01, False)):
         if distance_m > 0.0:
             position = (start[0] + direction[0] * distance_m, start[1] + direction[1] * distance_m)
             assert (
-                is_inside(position) == expected or min(abs(edge) for edge, _ in FENCED.edges(position)) < 0.02
+                is_inside(position) == expected_inside
+                or min(abs(edge) for edge, _ in FENCED_REGION.edges(position)) < 0.02
             )
 
 
 def test_breach_returns_the_name_of_the_limit_that_the_position_exceeds():
-    assert FENCED.breach((30.0, 30.0)) == "the fence"
-    assert FENCED.breach((-60.0, 60.0)) == "70 m"
-    assert FENCED.breach((-10.0, -10.0)) is None
+    assert FENCED_REGION.breach((30.0, 30.0)) == "the fence"
+    assert FENCED_REGION.breach((-60.0, 60.0)) == "70 m"
+    assert FENCED_REGION.breach((-10.0, -10.0)) is None
 
 
 def test_distances_to_edges_are_negative_outside():
     region = Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),))
-    (distance_m, out), (beyond_m, _) = *region.edges((40.0, 0.0)), *region.edges((60.0, 0.0))
-    assert (distance_m, out, beyond_m) == (10.0, (1.0, 0.0), -10.0)
+    (inside_m, outward), (outside_m, _) = *region.edges((40.0, 0.0)), *region.edges((60.0, 0.0))
+    assert (inside_m, outward, outside_m) == (10.0, (1.0, 0.0), -10.0)
 
 
 @pytest.mark.parametrize(("down_m", "expected_m"), [(-50.0, -40.0), (-10.0, -10.0), (5.0, 0.0)])
 def test_down_is_clamped_to_the_vertical_limits(down_m, expected_m):
-    assert FENCED.clamp_down_m(down_m) == expected_m
+    assert FENCED_REGION.clamp_down_m(down_m) == expected_m
 
 
 def test_a_fence_in_geodetic_coordinates_is_the_same_in_a_local_frame():
@@ -104,5 +105,5 @@ def test_a_fence_in_geodetic_coordinates_is_the_same_in_a_local_frame():
 def test_a_region_states_whether_it_has_horizontal_and_vertical_limits():
     assert not Region().is_limited_horizontally
     assert not Region().is_limited_vertically
-    assert FENCED.is_limited_horizontally
-    assert FENCED.is_limited_vertically
+    assert FENCED_REGION.is_limited_horizontally
+    assert FENCED_REGION.is_limited_vertically

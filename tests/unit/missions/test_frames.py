@@ -1,4 +1,4 @@
-"""Rotations, and limits on an attitude."""
+"""Rotations, and limits of tilt and rotation."""
 
 import math
 
@@ -50,35 +50,34 @@ def test_the_heading_frame_is_a_rotation_about_down(yaw, v):
 
 
 @given(st.floats(-100, 100))
-def test_wrap_pi_keeps_the_angle(angle):
+def test_wrap_pi_returns_the_same_direction_within_plus_or_minus_pi(angle):
     wrapped = frames.wrap_pi(angle)
     assert -math.pi <= wrapped <= math.pi
     assert math.cos(wrapped - angle) == pytest.approx(1.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0), (math.inf, 0.0, 0.0, 1.0)])
-def test_invalid_quaternions_give_none(q):
+def test_an_invalid_quaternion_cannot_be_normalized(q):
     assert frames.normalized(q) is None
 
 
 @given(attitudes, st.floats(0.05, 3.0))
 def test_limit_tilt_keeps_the_direction_of_the_tilt(q, max_rad):
-    limited, changed = frames.limit_tilt(q, max_rad)
-    assert changed == (frames.tilt_from_q(q) > max_rad)
+    limited, is_limited = frames.limit_tilt(q, max_rad)
+    assert is_limited == (frames.tilt_from_q(q) > max_rad)
     assert frames.tilt_from_q(limited) == pytest.approx(min(max_rad, frames.tilt_from_q(q)), abs=1e-6)
     if 0.01 < frames.tilt_from_q(q) < math.pi - 0.01:
         before, after = (frames.rotate(each, (0.0, 0.0, 1.0)) for each in (q, limited))
-        assert math.atan2(after[1], after[0]) - math.atan2(before[1], before[0]) == pytest.approx(
-            0.0, abs=1e-5
-        ) or (abs(abs(math.atan2(after[1], after[0]) - math.atan2(before[1], before[0])) - math.tau) < 1e-5)
+        turn_rad = math.atan2(after[1], after[0]) - math.atan2(before[1], before[0])
+        assert math.remainder(turn_rad, math.tau) == pytest.approx(0.0, abs=1e-5)
 
 
 @given(attitudes, attitudes, st.floats(0.01, 1.0))
-def test_limit_rotation_turns_the_shorter_way_by_the_limit_at_most(start, target, max_rad):
-    limited, short = frames.limit_rotation(start, target, max_rad)
+def test_limit_rotation_rotates_in_the_shorter_direction_by_at_most_the_limit(start, target, max_rad):
+    limited, is_limited = frames.limit_rotation(start, target, max_rad)
     angle = angle_between(start, target)
     assert angle_between(start, limited) <= min(angle, max_rad) + 1e-5
-    if short:
+    if is_limited:
         assert angle_between(limited, target) == pytest.approx(angle - max_rad, abs=1e-4)
     else:
         assert limited == target

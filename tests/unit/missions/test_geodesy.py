@@ -14,7 +14,7 @@ positions = st.tuples(metres, metres, st.floats(-500, 500))
 latitudes, longitudes = st.floats(-80, 80), st.floats(-180, 180)
 
 
-def test_a_degree_north_is_one_degree_of_arc_on_the_sphere():
+def test_a_degree_of_latitude_is_one_degree_of_arc_on_the_sphere():
     assert distance_m(47.0, 8.0, 48.0, 8.0) == pytest.approx(math.radians(1) * EARTH_RADIUS_M)
     assert ORIGIN.to_ned(48.4, 8.5, 480.0) == pytest.approx((math.radians(1) * EARTH_RADIUS_M, 0.0, 0.0))
 
@@ -26,7 +26,7 @@ def test_a_position_converted_to_geodetic_and_back_is_unchanged(lat, lon, positi
 
 
 @given(latitudes, longitudes, positions)
-def test_the_origin_is_found_from_one_position_known_in_both_frames(lat, lon, position):
+def test_the_origin_is_computed_from_a_position_in_both_frames(lat, lon, position):
     origin = LocalOrigin.from_position(lat, lon, 100.0, position)
     assert origin.to_ned(lat, lon, 100.0) == pytest.approx(position, abs=1e-4)
 
@@ -47,6 +47,6 @@ def test_a_position_in_the_frame_of_another_origin_is_the_same_on_the_earth(posi
     assert alt == pytest.approx(expected[2], abs=1e-6)
 
 
-def test_conversion_works_across_the_date_line():
-    east = LocalOrigin(0.0, 179.9999, 0.0).to_ned(0.0, -179.9999, 0.0)[1]
-    assert east == pytest.approx(math.radians(0.0002) * EARTH_RADIUS_M, rel=1e-6)
+def test_positions_on_both_sides_of_the_date_line_have_their_short_distance():
+    east_m = LocalOrigin(0.0, 179.9999, 0.0).to_ned(0.0, -179.9999, 0.0)[1]
+    assert east_m == pytest.approx(math.radians(0.0002) * EARTH_RADIUS_M, rel=1e-6)

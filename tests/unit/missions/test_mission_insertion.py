@@ -23,7 +23,7 @@ from tests.support.offboard_missions import codes
 
 FORMAT = "offboard-gcs-mission"
 HOME = {"lat_deg": 47.0, "lon_deg": 8.0, "alt_amsl_m": 480.0}
-ELSEWHERE = {"lat_deg": 47.001, "lon_deg": 8.002, "alt_amsl_m": 492.0}
+OTHER_HOME = {"lat_deg": 47.001, "lon_deg": 8.002, "alt_amsl_m": 492.0}
 TAKE_OFF, LAND = {"step": "take_off", "height_m": 10}, {"step": "land"}
 CSV = "t_s,north_m,east_m,down_m\n0,0,0,-10\n20,20,0,-10\n"
 
@@ -55,7 +55,7 @@ def insertion_error(
     return raised.value
 
 
-def path_of(found: OffboardMission) -> list[tuple[float, ...]]:
+def segment_ends(found: OffboardMission) -> list[tuple[float, ...]]:
     """The ends of the planned segments, as positions relative to HOME (NED)."""
     assert found.home is not None
     timeline = compile_mission(found)
@@ -85,8 +85,8 @@ def test_take_off_and_landing_are_omitted_from_a_mission_that_is_flown_in_the_ai
     assert "takeoff_in_air" in codes(compile_mission(insert(FIELD, added, ("steps", 2)).mission))
     assert not codes(compile_mission(found.mission))
     two_takeoffs = tower(TAKE_OFF, LAND, TAKE_OFF, fly(30, 0, -12))
-    shorter = insert(FIELD, two_takeoffs, ("steps", 2), in_air=True).mission.missions["Tower"]
-    assert [step.step for step in shorter] == ["land", "take_off", "fly"]
+    remaining_steps = insert(FIELD, two_takeoffs, ("steps", 2), in_air=True).mission.missions["Tower"]
+    assert [step.step for step in remaining_steps] == ["land", "take_off", "fly"]
     error = insertion_error(FIELD, tower(TAKE_OFF, LAND), in_air=True)
     assert (error.field, error.reason) == ("in_air", "without its take-off and landing it has no steps")
 
@@ -133,9 +133,9 @@ def test_the_lists_that_the_inserted_mission_calls_are_copied_under_free_names()
     )
     found = insert(host, added, ("steps", 2)).mission
     assert list(found.missions) == ["round", "photos", "Tower", "round 2"]
-    inner = found.missions["Tower"][1]
-    assert isinstance(inner, Repeat)
-    assert inner.steps == (Call(mission="round 2"),)
+    repeat_step = found.missions["Tower"][1]
+    assert isinstance(repeat_step, Repeat)
+    assert repeat_step.steps == (Call(mission="round 2"),)
     assert found.missions["round 2"][1] == Call(mission="photos")
     assert found.missions["round"] == host.missions["round"]
 
@@ -146,14 +146,14 @@ def test_a_mission_that_was_inserted_before_is_called_again() -> None:
     with_two_calls = insert(with_tower, added, ("steps", 3))
     assert (with_two_calls.called, list(with_two_calls.mission.missions)) == ("Tower", ["Tower", "round"])
     changed = tower(fly(30, 0, -12), call("round"), missions={"round": [fly(2, 0, -9)]})
-    other = insert(with_tower, changed, ("steps", 3))
-    assert (other.called, list(other.mission.missions)) == (
+    with_changed_tower = insert(with_tower, changed, ("steps", 3))
+    assert (with_changed_tower.called, list(with_changed_tower.mission.missions)) == (
         "Tower 2",
         ["Tower", "round", "Tower 2", "round 2"],
     )
 
 
-def test_inserting_a_mission_into_a_copy_of_a_list_that_it_calls_creates_no_loop() -> None:
+def test_a_mission_inserted_into_a_list_with_the_name_of_its_own_list_creates_no_loop() -> None:
     added = tower(call("round"), missions={"round": [fly(1, 0, -9)]})
     host = mission(TAKE_OFF, call("round"), missions={"round": [fly(1, 0, -9)]})
     found = insert(host, added, ("missions", "round", 0)).mission
@@ -171,20 +171,20 @@ def test_the_list_gets_a_valid_free_name(name: str, called: str) -> None:
     assert insert(host, tower().model_copy(update={"name": name}), ("steps", 1)).called == called
 
 
-def chain(depth: int) -> dict[str, Any]:
+def chained_calls(depth: int) -> dict[str, Any]:
     return {
         f"level {i}": [call(f"level {i + 1}") if i < depth else fly(1, 0, -9)] for i in range(1, depth + 1)
     }
 
 
 def test_calls_may_be_nested_eight_deep() -> None:
-    assert insert(FIELD, tower(call("level 1"), missions=chain(7)), ("steps", 1)).called == "Tower"
-    error = insertion_error(FIELD, tower(call("level 1"), missions=chain(8)))
+    assert insert(FIELD, tower(call("level 1"), missions=chained_calls(7)), ("steps", 1)).called == "Tower"
+    error = insertion_error(FIELD, tower(call("level 1"), missions=chained_calls(8)))
     assert "nested deeper than 8" in error.reason
     assert "Replace some calls" in error.fix
 
 
-def test_many_lists_that_call_each_other_take_little_time() -> None:
+def test_a_mission_with_many_lists_that_call_each_other_can_be_inserted() -> None:
     layers = [[f"{layer} {i}" for i in range(12)] for layer in range(7)]
     lists = {
         name: [call(each) for each in below] for names, below in itertools.pairwise(layers) for name in names
@@ -222,7 +222,7 @@ def test_a_mission_for_several_vehicles_is_refused() -> None:
 # --- positions ----------------------------------------------------------------------------------
 
 
-RELATIVE = (
+STEPS_WITH_POSITIONS = (
     TAKE_OFF,
     fly(30, 0, -12),
     {"step": "fly", "points": [{"position_ned_m": [40, 10, -15]}]},
@@ -238,10 +238,12 @@ RELATIVE = (
     {"step": "table", "file": "a.csv", "relative": False},
     LAND,
 )
+HOST = mission(TAKE_OFF, LAND, home=HOME)
+ADDED = tower(*STEPS_WITH_POSITIONS, home=OTHER_HOME, tables={"a.csv": CSV})
 
 
 def test_positions_are_unchanged_if_the_starts_are_the_same() -> None:
-    added = tower(*RELATIVE, home=HOME, tables={"a.csv": CSV})
+    added = tower(*STEPS_WITH_POSITIONS, home=HOME, tables={"a.csv": CSV})
     for home in (None, {**HOME, "alt_amsl_m": 480.3}):
         host = mission(TAKE_OFF, LAND, home=home) if home else mission(TAKE_OFF, LAND)
         found = insert(host, added, ("steps", 1)).mission
@@ -251,34 +253,31 @@ def test_positions_are_unchanged_if_the_starts_are_the_same() -> None:
 
 
 def test_different_starts_need_a_decision_if_positions_are_relative() -> None:
-    host, added = mission(TAKE_OFF, LAND, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
-    error = insertion_error(host, added)
+    error = insertion_error(HOST, ADDED)
     assert error.field == "positions"
     assert "188 m apart" in error.reason
     assert "from_start" in error.fix
-    absolute = tower(RELATIVE[4], home=ELSEWHERE)
-    assert insert(host, absolute, ("steps", 1)).mission.missions["Tower"] == absolute.steps
+    amsl_only = tower(STEPS_WITH_POSITIONS[4], home=OTHER_HOME)
+    assert insert(HOST, amsl_only, ("steps", 1)).mission.missions["Tower"] == amsl_only.steps
 
 
-def test_positions_can_stay_the_same_on_the_earth() -> None:
-    host, added = mission(TAKE_OFF, LAND, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
-    found = insert(host, added, ("steps", 1), in_air=True, positions="same_places")
-    planned_ends = path_of(added)
+def test_inserted_positions_can_stay_at_their_latitude_and_longitude() -> None:
+    found = insert(HOST, ADDED, ("steps", 1), in_air=True, positions="same_places")
+    planned_ends = segment_ends(ADDED)
     assert len(planned_ends) > 6
-    for end, planned in zip(path_of(found.mission), planned_ends, strict=True):
+    for end, planned in zip(segment_ends(found.mission), planned_ends, strict=True):
         assert end == pytest.approx(planned, abs=0.02)
     assert "188 m apart" in found.notes[1]
     assert set(found.mission.tables) == {"a.csv"}  # both frames have the same origin here
 
 
-def test_positions_can_refer_to_the_new_start() -> None:
-    host, added = mission(TAKE_OFF, LAND, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
-    found = insert(host, added, ("steps", 1), positions="from_start")
-    assert found.mission.missions["Tower"] == added.steps
+def test_inserted_positions_can_be_relative_to_the_start_of_the_host_mission() -> None:
+    found = insert(HOST, ADDED, ("steps", 1), positions="from_start")
+    assert found.mission.missions["Tower"] == ADDED.steps
     assert "now refer to the start and home of this mission" in found.notes[0]
 
 
-def test_a_role_has_its_own_start() -> None:
+def test_positions_are_inserted_relative_to_the_start_of_the_role() -> None:
     roles = {
         "a": {"start_ned_m": [0, 0, 0], "steps": [TAKE_OFF]},
         "b": {"start_ned_m": [0, 20, -1], "steps": [TAKE_OFF]},
@@ -287,26 +286,26 @@ def test_a_role_has_its_own_start() -> None:
     host = read_json(
         json.dumps({"format": FORMAT, "name": "Show", "home": HOME, "roles": roles, "missions": lists})
     )
-    added = tower(*RELATIVE[1:-1], home=HOME, tables={"a.csv": CSV})
+    added = tower(*STEPS_WITH_POSITIONS[1:-1], home=HOME, tables={"a.csv": CSV})
     assert insert(host, added, ("roles", "a", "steps", 1)).mission.missions["Tower"] == added.steps
     at = ("roles", "b", "steps", 1)
     assert "20 m apart" in insertion_error(host, added, *at).reason
     found = insert(host, added, at, positions="same_places").mission
     start = planned_starts(found)["b"]
     ends = [each.end_ned_m for each in compile_mission(found, start=start, role="b").segments]
-    plan = compile_mission(added, start=Start(in_air=True)).segments
-    for segment in plan:
+    planned_segments = compile_mission(added, start=Start(in_air=True)).segments
+    for segment in planned_segments:
         if segment.title == "Fly":
             assert min(math.dist(segment.end_ned_m, end) for end in ends) < 0.01
     assert set(found.tables) == {"a.csv", "a 2.csv"}
-    shared = insertion_error(host, added, "missions", "round", 0, positions="same_places")
-    assert "roles that may fly this list have different planned starts" in shared.reason
+    error = insertion_error(host, added, "missions", "round", 0, positions="same_places")
+    assert "roles that may fly this list have different planned starts" in error.reason
     assert insert(host, added, ("missions", "round", 0), positions="from_start").called == "Tower"
     assert 'roles", "lead"' in insertion_error(host, added, "steps", 0).fix
 
 
 def test_positions_that_are_too_far_away_are_refused() -> None:
-    host, added = mission(TAKE_OFF, home=HOME), tower(home={**ELSEWHERE, "lat_deg": 80.0})
+    host, added = mission(TAKE_OFF, home=HOME), tower(home={**OTHER_HOME, "lat_deg": 80.0})
     error = insertion_error(host, added, positions="same_places")
     assert "km from the start" in error.reason
 
@@ -362,7 +361,7 @@ def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
     barn = {"polygon": corners, "top": {"value_m": 8.0, "reference": "home"}}
     actions = {"link_loss": "continue"}
     added = tower(
-        fly(1, 0, -9), fence=[inclusion, exclusion], obstacles=[barn], home=ELSEWHERE, actions=actions
+        fly(1, 0, -9), fence=[inclusion, exclusion], obstacles=[barn], home=OTHER_HOME, actions=actions
     )
     host = mission(TAKE_OFF, LAND, home=HOME, fence=[exclusion])
     found = insert(host, added, ("steps", 1), positions="from_start")
@@ -374,8 +373,8 @@ def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
         "1 obstacle of 'Tower' is added.",
         "The actions of this mission apply: link_loss hold, not continue.",
     )
-    wider = {**inclusion, "radius_m": 400}
-    error = insertion_error(mission(TAKE_OFF, fence=[wider]), tower(fence=[inclusion]))
+    larger_inclusion = {**inclusion, "radius_m": 400}
+    error = insertion_error(mission(TAKE_OFF, fence=[larger_inclusion]), tower(fence=[inclusion]))
     assert (error.place, "stay inside" in error.reason) == ("mission 'Tower', field fence", True)
     assert isinstance(
         insert(mission(TAKE_OFF, fence=[inclusion]), tower(fence=[inclusion]), ("steps", 1)), InsertionResult

@@ -21,12 +21,12 @@ from tests.support.offboard_missions import HOME
 TAKE_OFF, LAND = "{step: take_off, height_m: 10}", "{step: land}"
 
 
-def crossing(wait: str = "") -> OffboardMission:
-    """A mission of two vehicles 40 m apart that fly through the same point, on crossing diagonals."""
+def crossing(meet_step: str = "") -> OffboardMission:
+    """A mission of two vehicles 40 m apart whose diagonal paths cross."""
     return read(
         "name: Crossing\nroles:\n"
-        f"  lead:\n    steps:\n    - {TAKE_OFF}\n    - {fly(40, 40)}\n{wait}    - {LAND}\n"
-        f"  left:\n    steps:\n    - {TAKE_OFF}\n{wait}    - {fly(40, -40)}\n    - {LAND}\n"
+        f"  lead:\n    steps:\n    - {TAKE_OFF}\n    - {fly(40, 40)}\n{meet_step}    - {LAND}\n"
+        f"  left:\n    steps:\n    - {TAKE_OFF}\n{meet_step}    - {fly(40, -40)}\n    - {LAND}\n"
     )
 
 
@@ -34,8 +34,8 @@ def fly(north: float, east: float) -> str:
     return f"{{step: fly, points: [{{offset_ned_m: [{north}, {east}, -10]}}]}}"
 
 
-def compile_apart(mission: OffboardMission, east_m: float = 40.0) -> CompiledRoles:
-    """Compiles the roles for vehicles at this distance; the local origin of each is its own position."""
+def compile_with_distance(mission: OffboardMission, east_m: float = 40.0) -> CompiledRoles:
+    """Compiles the roles for vehicles at this distance; each vehicle is at its own local origin."""
     origin = LocalOrigin(47.0, 8.0, 480.0)
     lat, lon, alt = origin.to_geodetic((0.0, east_m, 0.0))
     starts = {"lead": Start(origin=origin), "left": Start(origin=LocalOrigin(lat, lon, alt))}
@@ -46,7 +46,7 @@ def codes(found: CompiledRoles) -> list[str]:
     return [each.code for each in found.findings]
 
 
-def test_roles_are_read_written_and_counted() -> None:
+def test_a_mission_with_roles_is_unchanged_after_writing_and_its_steps_are_counted() -> None:
     mission = crossing("    - {step: meet, meeting: crossed}\n")
     assert list(mission.roles) == ["lead", "left"]
     assert mission.steps == ()
@@ -119,16 +119,16 @@ def test_a_mission_for_several_vehicles_is_never_compiled_for_one_vehicle() -> N
         compile_mission(crossing(), role="right")
 
 
-def test_each_role_begins_with_a_common_start_and_its_steps_are_named() -> None:
+def test_each_role_begins_with_a_common_start_and_its_steps_have_the_name_of_the_role() -> None:
     found = compile_mission(crossing(), role="left")
-    first = found.segments[0]
-    assert isinstance(first, WaitSegment)
-    assert (first.kind, first.message, first.place) == ("meet", "start", "left, start")
+    start = found.segments[0]
+    assert isinstance(start, WaitSegment)
+    assert (start.kind, start.message, start.place) == ("meet", "start", "left, start")
     assert found.segments[1].place == "left, step 1"
 
 
 def test_vehicles_that_cross_at_the_same_time_cause_a_finding_with_position_and_time() -> None:
-    found = compile_apart(crossing())
+    found = compile_with_distance(crossing())
     assert codes(found) == ["separation"]
     text = found.findings[0].message
     assert "lead, step 2; left, step 2" in text
@@ -136,20 +136,20 @@ def test_vehicles_that_cross_at_the_same_time_cause_a_finding_with_position_and_
     assert found.findings[0].step == "lead, step 2"
 
 
-def test_vehicles_separated_by_a_meeting_give_no_finding() -> None:
-    waiting = read(
+def test_vehicles_that_cross_one_after_the_other_because_of_a_meeting_cause_no_finding() -> None:
+    mission = read(
         "name: Crossing\nroles:\n"
         f"  lead:\n    steps: [{TAKE_OFF}, {fly(40, 60)}, {{step: meet, meeting: passed}}, {LAND}]\n"
         f"  left:\n    steps: [{TAKE_OFF}, {{step: meet, meeting: passed}}, {fly(40, -40)}, {LAND}]\n"
     )
-    found = compile_apart(waiting)
+    found = compile_with_distance(mission)
     assert codes(found) == []
     lead, left = found.timelines.values()
     assert found.duration_s > max(lead.duration_s, left.duration_s)
 
 
 def test_vehicles_too_near_at_the_start_cause_a_finding() -> None:
-    found = compile_apart(crossing(), east_m=4.0)
+    found = compile_with_distance(crossing(), east_m=4.0)
     assert found.findings[0].code == "separation"
     assert "lead, s" in found.findings[0].message
 
@@ -159,9 +159,9 @@ def test_the_documents_minimum_separation_is_used() -> None:
         f"name: Two\nminimum_separation_m: 2\nroles:\n  lead: {{steps: [{TAKE_OFF}, {fly(40, 0)}, {LAND}]}}\n"
         f"  left: {{steps: [{TAKE_OFF}, {fly(40, 0)}, {LAND}]}}\n"
     )
-    assert codes(compile_apart(side_by_side, east_m=5.0)) == []
-    default = side_by_side.model_copy(update={"minimum_separation_m": None})
-    assert codes(compile_apart(default, east_m=5.0)) == ["separation"]
+    assert codes(compile_with_distance(side_by_side, east_m=5.0)) == []
+    with_default_separation = side_by_side.model_copy(update={"minimum_separation_m": None})
+    assert codes(compile_with_distance(with_default_separation, east_m=5.0)) == ["separation"]
 
 
 def test_without_the_vehicles_positions_there_is_no_finding_about_separation() -> None:
@@ -172,8 +172,8 @@ def test_without_the_vehicles_positions_there_is_no_finding_about_separation() -
         name: role.model_copy(update={"start_ned_m": (0.0, east, 0.0)})
         for (name, role), east in zip(mission.roles.items(), (0.0, 40.0), strict=True)
     }
-    placed = mission.model_copy(update={"roles": roles})
-    assert "separation" in codes(compile_roles(placed, vehicles, planned_starts(placed)))
+    with_starts = mission.model_copy(update={"roles": roles})
+    assert "separation" in codes(compile_roles(with_starts, vehicles, planned_starts(with_starts)))
 
 
 def test_a_role_without_a_vehicle_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""Obstacles of plans and missions: their distance from paths, their findings, and what files keep."""
+"""Obstacles of plans and missions: their distance from paths, their findings, and how files store them."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def test_the_distance_of_a_path_is_measured_to_the_nearest_side_or_the_top(path,
     start=st.tuples(st.floats(0, 60), st.floats(-40, 40), st.floats(-20, -1)),
     end=st.tuples(st.floats(0, 60), st.floats(-40, 40), st.floats(-20, -1)),
 )
-def test_the_distance_equals_the_minimum_over_many_positions_of_the_path(start, end) -> None:
+def test_the_distance_of_a_path_equals_the_minimum_over_many_of_its_positions(start, end) -> None:
     line = np.linspace(start, end, 4001)
-    beside = np.hypot(
+    horizontal_m = np.hypot(
         np.maximum(np.abs(line[:, 0] - 25.0) - 5.0, 0.0), np.maximum(np.abs(line[:, 1]) - 5.0, 0.0)
     )
-    least_m = float(np.hypot(beside, np.maximum(-line[:, 2] - 8.0, 0.0)).min())
+    least_m = float(np.hypot(horizontal_m, np.maximum(-line[:, 2] - 8.0, 0.0)).min())
     found = list(shapes(BARN).clearances(np.array([start, end])))
     assert bool(found) == (least_m < 2.0) or least_m == pytest.approx(2.0, abs=0.1)
     for each in found:
@@ -107,63 +107,63 @@ def findings_of(*items, obstacle: Obstacle = BARN) -> list[tuple[str, int | None
         ((item_at(Takeoff, 0, 20), item_at(Waypoint, 50, 20), ReturnHome()), []),
     ],
 )
-def test_the_straight_paths_of_a_plan_are_checked_with_climb_and_landing(items, findings) -> None:
+def test_the_paths_of_a_plan_are_checked_including_climb_and_landing(items, findings) -> None:
     assert findings_of(*items) == findings
 
 
 def test_a_return_and_the_take_off_at_home_are_checked() -> None:
     tower = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 60.0)
-    outward = (item_at(Takeoff, 0, 70), item_at(Waypoint, 50, 70), item_at(Waypoint, 60, 10))
-    assert findings_of(*outward, ReturnHome(), obstacle=tower) == [("obstacle_hit", 3)]
+    outward_items = (item_at(Takeoff, 0, 70), item_at(Waypoint, 50, 70), item_at(Waypoint, 60, 10))
+    assert findings_of(*outward_items, ReturnHome(), obstacle=tower) == [("obstacle_hit", 3)]
     roof = block(ORIGIN, (1.0, 5.0), (-5.0, 5.0), 10.0)
     assert findings_of(item_at(Takeoff, 0, 30), obstacle=roof) == [("obstacle_near", 0)]
 
 
 # --- offboard missions --------------------------------------------------------------------------------
 
-NORTH = "step: fly, points: [{offset_ned_m: [50, 0, %s]}]"
+FLY_NORTH = "step: fly, points: [{offset_ned_m: [50, 0, %s]}]"
 
 
-def compiled(step: str, **rest) -> Timeline:
+def compile_step(step: str, **rest) -> Timeline:
     return compile_mission(mission(flight_steps(step), **{"home": HOME, "obstacles": (BARN,), **rest}))
 
 
 def test_the_compiled_path_of_a_mission_is_checked_with_step_and_position() -> None:
-    (finding,) = compiled(NORTH % -5).findings
+    (finding,) = compile_step(FLY_NORTH % -5).findings
     assert (finding.code, finding.severity, finding.step, finding.obstacle) == (
         "obstacle_hit", "error", "step 2", 0,
     )  # fmt: skip
     assert "passes through Barn near north 2" in finding.message
-    assert codes(compiled(NORTH % -9.5)) == {"obstacle_near"}
-    assert codes(compiled(NORTH % -10.5)) == set()
+    assert codes(compile_step(FLY_NORTH % -9.5)) == {"obstacle_near"}
+    assert codes(compile_step(FLY_NORTH % -10.5)) == set()
 
 
 def test_a_step_with_avoidance_that_passes_through_an_obstacle_is_a_warning() -> None:
-    (finding,) = compiled(NORTH % -5 + ", avoidance: over").findings
+    (finding,) = compile_step(FLY_NORTH % -5 + ", avoidance: over").findings
     assert (finding.code, finding.severity) == ("obstacle_avoided", "warning")
     assert "only the obstacle sensor" in finding.message
 
 
 def test_avoidance_does_not_apply_to_landings_and_velocities() -> None:
-    over = "step: fly, points: [{offset_ned_m: [25, 0, -12]}]"
-    assert codes(compiled(over, avoidance="over")) == {"obstacle_hit"}
-    speed = "step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 15"
-    low = mission(
-        "- {step: take_off, height_m: 5}\n- {" + speed + "}\n- {step: land}\n",
+    step_over_barn = "step: fly, points: [{offset_ned_m: [25, 0, -12]}]"
+    assert codes(compile_step(step_over_barn, avoidance="over")) == {"obstacle_hit"}
+    velocity_step = "step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 15"
+    low_mission = mission(
+        "- {step: take_off, height_m: 5}\n- {" + velocity_step + "}\n- {step: land}\n",
         home=HOME, obstacles=(BARN,), avoidance="over",
     )  # fmt: skip
-    assert "obstacle_hit" in codes(compile_mission(low))
+    assert "obstacle_hit" in codes(compile_mission(low_mission))
 
 
 def test_obstacles_without_a_global_position_are_an_error() -> None:
-    assert codes(compiled(NORTH % -5, home=None)) == {"obstacles_unknown"}
+    assert codes(compile_step(FLY_NORTH % -5, home=None)) == {"obstacles_unknown"}
 
 
 def test_an_obstacle_whose_sides_cross_is_an_error_in_plans_and_missions() -> None:
     a, b, c, d = BARN.polygon
-    crossed = BARN.model_copy(update={"polygon": (a, c, b, d)})
-    assert "obstacle_invalid" in codes(compiled(NORTH % -30, obstacles=(crossed,)))
-    assert ("obstacle_invalid", None) in findings_of(item_at(Takeoff, 0, 30), obstacle=crossed)
+    crossed_barn = BARN.model_copy(update={"polygon": (a, c, b, d)})
+    assert "obstacle_invalid" in codes(compile_step(FLY_NORTH % -30, obstacles=(crossed_barn,)))
+    assert ("obstacle_invalid", None) in findings_of(item_at(Takeoff, 0, 30), obstacle=crossed_barn)
 
 
 # --- files --------------------------------------------------------------------------------------------
@@ -183,15 +183,15 @@ def test_a_qgroundcontrol_file_contains_the_obstacles_under_an_additional_key() 
     written = qgc_plan.write(PLAN).data
     assert qgc_plan.read(written).plan.obstacles == (BARN,)
     assert qgc_plan.write(qgc_plan.read(written).plan).data == written
-    cleared = qgc_plan.read(written).plan.model_copy(update={"obstacles": ()})
-    assert qgc_plan.read(qgc_plan.write(cleared).data).plan.obstacles == ()
-    broken = json.loads(written)
-    broken["offboardGcsObstacles"][0]["top"]["value_m"] = "high"
+    without_obstacles = qgc_plan.read(written).plan.model_copy(update={"obstacles": ()})
+    assert qgc_plan.read(qgc_plan.write(without_obstacles).data).plan.obstacles == ()
+    document = json.loads(written)
+    document["offboardGcsObstacles"][0]["top"]["value_m"] = "high"
     with pytest.raises(PlanError, match=r"obstacle 1, field top\.value_m"):
-        qgc_plan.read(json.dumps(broken))
+        qgc_plan.read(json.dumps(document))
 
 
-def test_a_top_above_the_ground_is_refused() -> None:
+def test_a_top_with_a_height_above_the_ground_is_refused() -> None:
     document = json.loads(plan_document.write(PLAN))
     document["obstacles"][0]["top"]["reference"] = "terrain"
     with pytest.raises(PlanError, match=r"obstacle 1, field top: .*above home or AMSL"):

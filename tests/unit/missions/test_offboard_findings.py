@@ -71,14 +71,14 @@ def test_a_path_outside_the_geofence_causes_a_finding_with_its_position() -> Non
     assert codes(found) == {"fence_crossed"}
     assert found.findings[0].step == "step 2"
     assert "north" in found.findings[0].message
-    inside = text.replace("60, 0", "40, 0")
-    assert compile_mission(read(inside).model_copy(update={"home": HOME})).findings == ()
+    text_inside = text.replace("60, 0", "40, 0")
+    assert compile_mission(read(text_inside).model_copy(update={"home": HOME})).findings == ()
 
 
-CORNERS = ((-4e-4, -4e-4), (4e-4, -4e-4), (4e-4, 4e-4), (-4e-4, 4e-4))
-"""North, east [deg] of home: a rectangle that extends 44 m to north and south, and 30 m to east and west."""
+CORNERS_DEG = ((-4e-4, -4e-4), (4e-4, -4e-4), (4e-4, 4e-4), (-4e-4, 4e-4))
+"""North and east of home; the rectangle extends 44 m to north and south, and 30 m to east and west."""
 HOME_DEG = (HOME.lat_deg, HOME.lon_deg)
-RECTANGLE = PolygonFence(tuple((HOME_DEG[0] + north, HOME_DEG[1] + east) for north, east in CORNERS))
+RECTANGLE = PolygonFence(tuple((HOME_DEG[0] + north, HOME_DEG[1] + east) for north, east in CORNERS_DEG))
 
 
 @pytest.mark.parametrize(
@@ -98,17 +98,17 @@ def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, text
     (finding, *_) = [each for each in found.findings if each.code == "limit_exceeded"]
     assert finding.severity == "error"
     assert text in finding.message
-    wide = OperatorArea(11.0, 61.0, CircleFence(*HOME_DEG, 70.0))
-    assert "limit_exceeded" not in codes(compile_mission(plan, MissionVehicle(operator=wide), start))
+    larger_area = OperatorArea(11.0, 61.0, CircleFence(*HOME_DEG, 70.0))
+    assert "limit_exceeded" not in codes(compile_mission(plan, MissionVehicle(operator=larger_area), start))
 
 
-def test_unknown_parameters_cause_one_finding_with_their_names_also_for_several_vehicles() -> None:
+def test_unknown_parameters_cause_one_finding_that_names_them_also_for_several_vehicles() -> None:
     vehicle = MissionVehicle(limits=CheckLimits(unknown_parameters=("MPC_XY_VEL_MAX", "MPC_ACC_HOR")))
     (finding,) = compile_mission(mission(flight_steps("step: hold, duration_s: 1")), vehicle).findings
     assert (finding.code, finding.severity, finding.step) == ("parameters_unknown", "warning", None)
     assert finding.message.endswith("PX4's defaults are used: MPC_ACC_HOR, MPC_XY_VEL_MAX.")
-    many_unknown = MissionVehicle(limits=CheckLimits(unknown_parameters=("D", "C", "B", "A", "E")))
-    (finding,) = compile_mission(mission(flight_steps("step: hold, duration_s: 1")), many_unknown).findings
+    five_unknown = MissionVehicle(limits=CheckLimits(unknown_parameters=("D", "C", "B", "A", "E")))
+    (finding,) = compile_mission(mission(flight_steps("step: hold, duration_s: 1")), five_unknown).findings
     assert finding.message.endswith("PX4's defaults are used: A, B, C and 2 more.")
     two_roles = mission_for_two(*STEPS["take_off"], *STEPS["meet"], *STEPS["land"])
     found = compile_roles(
@@ -117,7 +117,7 @@ def test_unknown_parameters_cause_one_finding_with_their_names_also_for_several_
     assert [each.code for each in found].count("parameters_unknown") == 1
 
 
-def test_a_reported_and_satisfiable_condition_gives_no_finding() -> None:
+def test_a_condition_that_can_become_true_causes_no_finding_with_or_without_known_reports() -> None:
     wait = flight_steps("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9")
     assert codes(compile_mission(mission(wait))) == set()
     vehicle = MissionVehicle(reported=frozenset({"wind_speed_m_s"}))

@@ -58,20 +58,21 @@ PATTERNS: dict[str, dict[str, Any]] = {
 
 
 def make_pattern(kind: str, **changes: Any) -> tuple[document.PatternDocument, Plan, tuple[MissionStep, ...]]:
+    """A pattern, a plan with its items, and its steps for an offboard mission."""
     pattern = document.read(json.dumps({"kind": kind, **PATTERNS[kind], **changes}))
     plan = Plan(items=document.make(pattern).items)
     items = [item for _, item in plan.simple_items()]
     return pattern, plan, steps_from_pattern(pattern, items)
 
 
-def compiled(steps: tuple[MissionStep, ...]) -> Timeline:
+def compile_steps(steps: tuple[MissionStep, ...]) -> Timeline:
     return compile_mission(OffboardMission(name="Pattern", home=HOME, steps=(TakeOff(height_m=30.0), *steps)))
 
 
 @pytest.mark.parametrize("kind", PATTERNS)
 def test_a_pattern_is_flown_without_errors_along_the_length_of_its_items(kind: str) -> None:
     _, plan, steps = make_pattern(kind)
-    found = compiled(steps)
+    found = compile_steps(steps)
     assert codes(found) == {"landing_missing"}
     approach_m = next(each for each in found.segments if isinstance(each, CurveSegment)).length_m
     path_m = sum(each.length_m for each in found.segments if isinstance(each, CurveSegment)) - approach_m
@@ -81,10 +82,12 @@ def test_a_pattern_is_flown_without_errors_along_the_length_of_its_items(kind: s
 @pytest.mark.parametrize("kind", ["survey", "corridor", "structure"])
 def test_the_mission_takes_the_pictures_of_the_pattern(kind: str) -> None:
     pattern, _, steps = make_pattern(kind)
-    lines = [step for step in steps if isinstance(step, Fly) and step.photo_every_m is not None]
-    assert compiled(steps).photos == pytest.approx(document.make(pattern).photos, abs=len(lines))
+    line_steps = [step for step in steps if isinstance(step, Fly) and step.photo_every_m is not None]
+    assert compile_steps(steps).photos == pytest.approx(document.make(pattern).photos, abs=len(line_steps))
     title = {"survey": "Survey line", "corridor": "Corridor line", "structure": "Structure scan, round"}[kind]
-    assert [step.name for step in lines] == [f"{title} {number + 1}" for number in range(len(lines))]
+    assert [step.name for step in line_steps] == [
+        f"{title} {number + 1}" for number in range(len(line_steps))
+    ]
 
 
 def test_the_nose_points_along_the_lines_of_a_survey() -> None:
@@ -92,16 +95,18 @@ def test_the_nose_points_along_the_lines_of_a_survey() -> None:
     pattern, _, steps = make_pattern("survey")
     heading_deg = document.make(pattern).heading_deg
     assert heading_deg is not None
-    with_photos = [each for each in compiled(steps).segments if any(e.kind == "photo" for e in each.events)]
-    assert len(with_photos) > 2
-    for segment in with_photos:
+    photo_segments = [
+        each for each in compile_steps(steps).segments if any(e.kind == "photo" for e in each.events)
+    ]
+    assert len(photo_segments) > 2
+    for segment in photo_segments:
         setpoint = segment.at(segment.events[0].t_s)
         assert isinstance(setpoint, Trajectory)
-        turned_deg = math.degrees(setpoint.yaw_ned_rad or 0.0) - heading_deg
-        assert abs(math.remainder(turned_deg, 180.0)) < 1.0
+        difference_deg = math.degrees(setpoint.yaw_ned_rad or 0.0) - heading_deg
+        assert abs(math.remainder(difference_deg, 180.0)) < 1.0
 
 
-def test_an_orbit_becomes_one_step_that_can_be_edited() -> None:
+def test_an_orbit_becomes_one_orbit_step_between_two_gimbal_steps() -> None:
     _, _, steps = make_pattern("orbit", clockwise=False, start_deg=90)
     gimbal_step, orbit_step, release_step = steps
     assert isinstance(orbit_step, Orbit)

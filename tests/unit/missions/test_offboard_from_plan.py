@@ -53,8 +53,8 @@ def test_a_return_and_a_landing_end_at_home() -> None:
         Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=alt(20.0)),
         Waypoint(lat_deg=47.0005, lon_deg=8.0, altitude=alt(20.0)),
     )
-    for end in (ReturnHome(), Land(lat_deg=47.0, lon_deg=8.0, altitude=alt(0.0))):
-        found = compile_mission(from_plan(Plan(planned_home=HOME, items=(*items, end)), "x").mission)
+    for last_item in (ReturnHome(), Land(lat_deg=47.0, lon_deg=8.0, altitude=alt(0.0))):
+        found = compile_mission(from_plan(Plan(planned_home=HOME, items=(*items, last_item)), "x").mission)
         assert found.findings == ()
         assert found.segments[-1].end_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
 

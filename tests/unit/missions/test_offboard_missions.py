@@ -56,10 +56,10 @@ def test_the_figure_eight_built_in_python_equals_the_figure_eight_in_the_file() 
 
 def test_the_figure_eight_is_flown_at_five_metres_per_second() -> None:
     found = compile_mission(read((ROOT / "missions/examples/figure_eight.yaml").read_bytes()))
-    eight = next(segment for segment in found.segments if segment.title == "Two rounds")
-    assert isinstance(eight, CurveSegment)
+    figure_segment = next(segment for segment in found.segments if segment.title == "Two rounds")
+    assert isinstance(figure_segment, CurveSegment)
     speeds = np.linalg.norm(
-        eight.curve.sample(np.linspace(0, eight.duration_s, 2000)).velocity_ned_m_s, axis=1
+        figure_segment.curve.sample(np.linspace(0, figure_segment.duration_s, 2000)).velocity_ned_m_s, axis=1
     )
     assert speeds.max() <= 5.0
     assert np.median(speeds) > 4.9
@@ -163,11 +163,12 @@ def test_a_velocity_step_accelerates_and_brakes_within_its_duration() -> None:
     segment = found.segments[1]
     assert segment.at(5.0) == Velocity((pytest.approx(3.0), 0.0, 0.0), 0.0)  # type: ignore[arg-type]
     assert segment.at(10.0) == Velocity((0.0, 0.0, 0.0), 0.0)
+    # At 3 m/s, with 3 m/s² and 4 m/s³, accelerating and braking take v/a + a/j each.
     assert segment.end_ned_m[0] == pytest.approx(3.0 * (10.0 - 3.0 / 3.0 - 3.0 / 4.0))
     assert codes(found) == {"position_not_held"}
 
 
-def test_an_attitude_is_sent_for_its_duration() -> None:
+def test_an_attitude_step_sends_its_attitude_for_its_duration_and_then_a_position() -> None:
     found = timeline(TAKE_OFF + "- {step: attitude, pitch_rad: -0.1, thrust: 0.5, duration_s: 2}\n" + LAND)
     setpoint = found.segments[1].at(1.0)
     assert isinstance(setpoint, Attitude)
@@ -180,9 +181,9 @@ CSV = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n10,20,0,-10\n20,20,20,-10\n"
 
 
 def test_tables_from_csv_and_numpy_are_flown_at_their_own_times() -> None:
-    array = io.BytesIO()
-    np.save(array, np.array([[5, 0, 0, -10, 0], [15, 20, 0, -10, 1], [25, 20, 20, -10, 1]], dtype=float))
-    files = {"a.csv": CSV, "b.npy": array.getvalue()}
+    npy_file = io.BytesIO()
+    np.save(npy_file, np.array([[5, 0, 0, -10, 0], [15, 20, 0, -10, 1], [25, 20, 20, -10, 1]], dtype=float))
+    files = {"a.csv": CSV, "b.npy": npy_file.getvalue()}
     found = timeline(
         TAKE_OFF + "- {step: table, file: a.csv}\n- {step: table, file: b.npy}\n" + LAND, files=files
     )
@@ -249,7 +250,7 @@ def test_the_gimbal_follows_its_track() -> None:
     assert [event.kind for event in found.events] == ["gimbal"] * 5
 
 
-def test_pictures_are_events_at_their_times() -> None:
+def test_the_events_of_pictures_have_the_expected_times_and_positions() -> None:
     found = timeline(
         TAKE_OFF + "- {step: photo, count: 3, interval_s: 2}\n"
         "- {step: fly, points: [{offset_ned_m: [20, 0, -10]}], photo_every_m: 5}\n" + LAND
@@ -265,27 +266,27 @@ def test_pictures_are_events_at_their_times() -> None:
     assert found.photos == 7
 
 
-def test_avoidance_of_mission_or_step_is_in_each_segment() -> None:
+def test_each_segment_has_the_avoidance_of_its_step_or_mission() -> None:
     steps = flight_steps(
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}], avoidance: false",
         "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
     )
-    with_avoidance = compile_mission(mission(steps, avoidance=True)).segments
-    assert [segment.avoidance for segment in with_avoidance] == ["over", None, "over", "over"]
+    segments = compile_mission(mission(steps, avoidance=True)).segments
+    assert [segment.avoidance for segment in segments] == ["over", None, "over", "over"]
     assert not any(segment.avoidance for segment in compile_mission(mission(steps)).segments)
     assert mission(steps).steps[1].avoidance is False
 
 
-def test_a_step_can_choose_another_avoidance_than_its_mission() -> None:
+def test_a_step_can_choose_another_way_of_avoidance_than_its_mission() -> None:
     steps = flight_steps(
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}], avoidance: over",
         "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
         "step: hold, duration_s: 1",
     )
-    around = compile_mission(mission(steps, avoidance="around"))
-    avoidance = [segment.avoidance for segment in around.segments]
+    compiled = compile_mission(mission(steps, avoidance="around"))
+    avoidance = [segment.avoidance for segment in compiled.segments]
     assert avoidance == ["around", "over", "around", "around", "around"]
-    assert around.avoidance == "around"
+    assert compiled.avoidance == "around"
     assert compile_mission(mission(steps)).avoidance == "over"
     with pytest.raises(PlanError, match="give over, around, true or false"):
         mission(steps.replace("avoidance: over", "avoidance: under"))
@@ -337,7 +338,7 @@ def test_the_rest_of_a_mission_is_compiled_from_the_vehicles_position() -> None:
 
 
 EDGE_VALUES = (0.0, -1.0, 0.3, 1e-3, 7.0, 90.0, 9e3, -9e3)
-STEPS = (
+STEP_TEMPLATES = (
     "step: fly, points: [{p}, {q}], curve: smooth, heading: along_path",
     "step: fly, points: [{p}, {q}], look_at: {p}",
     "step: orbit, center: {p}, radius_m: {size}, yaw_ned_rad: {n}",
@@ -350,11 +351,13 @@ STEPS = (
 
 @settings(deadline=None, max_examples=30)
 @given(
-    st.lists(st.tuples(st.sampled_from(STEPS), st.tuples(*[st.sampled_from(EDGE_VALUES)] * 6)), max_size=3)
+    st.lists(
+        st.tuples(st.sampled_from(STEP_TEMPLATES), st.tuples(*[st.sampled_from(EDGE_VALUES)] * 6)), max_size=3
+    )
 )
-def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, tuple[float, ...]]]) -> None:
+def test_any_steps_give_finite_setpoints(templates: list[tuple[str, tuple[float, ...]]]) -> None:
     steps: list[str] = []
-    for template, (a, b, c, d, n, m) in chosen:
+    for template, (a, b, c, d, n, m) in templates:
         p, q = (f"{{offset_ned_m: [{x}, {y}, {z}]}}" for x, y, z in ((a, b, c), (c, d, a)))
         size, capped = abs(n) + 0.2, max(-900.0, min(900.0, n))
         steps.append(template.format(p=p, q=q, size=size, n=capped, m=m))
@@ -375,7 +378,7 @@ def test_missions_with_too_many_steps_are_refused() -> None:
         timeline(TAKE_OFF + branches)
 
 
-def test_the_examples_in_the_documentation_match_the_files() -> None:
+def test_the_documentation_names_each_example_file() -> None:
     text = (ROOT / "docs" / "missions.md").read_text(encoding="utf-8")
     for path in EXAMPLES:
         assert f"missions/examples/{path.name}" in text

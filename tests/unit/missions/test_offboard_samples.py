@@ -56,21 +56,21 @@ def test_after_a_branch_both_paths_are_drawn_and_the_longer_path_is_timed() -> N
     assert [step.place for step in samples.step_times(found)] == ["step 1", "step 2 otherwise 1", "step 3"]
 
 
-def test_a_long_mission_has_a_larger_sampling_interval() -> None:
+def test_a_long_mission_has_a_limited_number_of_points() -> None:
     found = compile_mission(mission(flight_steps(*([ORBIT.replace("turns: 3", "turns: 100")] * 3))))
-    points = sum(len(leg.points) for leg in samples.legs(found, START))
-    assert points <= samples.MAX_POINTS
+    point_count = sum(len(leg.points) for leg in samples.legs(found, START))
+    assert point_count <= samples.MAX_POINTS
     assert found.duration_s / samples.SPACING_S > samples.MAX_POINTS
     assert all(
         math.isfinite(value) for leg in samples.legs(found, START) for row in leg.points for value in row
     )
 
 
-def test_a_landing_after_a_branch_is_checked_at_its_position() -> None:
+def test_the_path_to_a_landing_after_a_branch_begins_at_the_end_of_the_branch() -> None:
     """The straight line from start to landing passes an exclusion fence; the path does not."""
-    point = "{{offset_ned_m: [{}, {}, -10]}}"
-    places = ", ".join(point.format(*offset) for offset in ((30, 0), (30, 45), (0, 45)))
-    branch_steps = f"[{{step: fly, points: [{places}]}}]"
+    point_template = "{{offset_ned_m: [{}, {}, -10]}}"
+    points = ", ".join(point_template.format(*offset) for offset in ((30, 0), (30, 45), (0, 45)))
+    branch_steps = f"[{{step: fly, points: [{points}]}}]"
     condition = "{value: wind_speed_m_s, below: 9}"
     text = (
         "name: a\nhome: {lat_deg: 47.0, lon_deg: 8.0, alt_amsl_m: 480}\n"
@@ -83,6 +83,6 @@ def test_a_landing_after_a_branch_is_checked_at_its_position() -> None:
 
 
 def test_the_setpoint_time_excludes_take_off_landing_and_time_on_the_ground() -> None:
-    wait, hold = "- {step: photo, count: 3, interval_s: 5}\n", "- {step: hold, duration_s: 30}\n"
-    assert samples.setpoint_time_s(timeline(wait + TAKE_OFF + hold + LAND + wait)) == 30.0
+    photos, hold = "- {step: photo, count: 3, interval_s: 5}\n", "- {step: hold, duration_s: 30}\n"
+    assert samples.setpoint_time_s(timeline(photos + TAKE_OFF + hold + LAND + photos)) == 30.0
     assert samples.setpoint_time_s(timeline(hold, Start((0.0, 0.0, -10.0), in_air=True))) == 30.0

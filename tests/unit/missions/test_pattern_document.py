@@ -28,7 +28,7 @@ def pattern_json(kind, **changes):
 
 
 @pytest.mark.parametrize("kind", PATTERNS)
-def test_each_kind_gives_items_with_positions(kind):
+def test_each_kind_of_pattern_gives_waypoints(kind):
     pattern = document.make(document.read(pattern_json(kind)))
     assert sum(item.kind == "waypoint" for item in pattern.items) >= 4
     assert pattern.lines_length_m > 50

@@ -36,15 +36,17 @@ def points(corners: list[tuple[float, float]]) -> list[Point]:
     return [LOCAL_MAP.point(corner) for corner in corners]
 
 
-def star(radii: list[float], start: float = 0.0) -> list[tuple[float, float]]:
+def star(radii: list[float], start_rad: float = 0.0) -> list[tuple[float, float]]:
     """A polygon around the centre, convex or not, whose sides never cross."""
     step = math.tau / len(radii)
-    return [(r * math.sin(start + n * step), r * math.cos(start + n * step)) for n, r in enumerate(radii)]
+    return [
+        (r * math.sin(start_rad + n * step), r * math.cos(start_rad + n * step)) for n, r in enumerate(radii)
+    ]
 
 
 @st.composite
 def areas(draw: st.DrawFn) -> tuple[list[tuple[float, float]], list[list[tuple[float, float]]]]:
-    """An outline of 100 to 500 m, with or without a hole of at most 60 m."""
+    """An outline with radii of 100 to 500 m, with or without a hole with radii of at most 60 m."""
     outer = star(draw(st.lists(st.floats(100.0, 500.0), min_size=4, max_size=12)), draw(st.floats(0.0, 1.0)))
     hole = star(draw(st.lists(st.floats(10.0, 60.0), min_size=3, max_size=8)), draw(st.floats(0.0, 1.0)))
     return outer, [hole] if draw(st.booleans()) else []
@@ -59,12 +61,12 @@ def pictures(line: LineString, coverage: Coverage) -> list[Polygon]:
     across, along = coverage.camera.footprint_m(coverage.distance_m)
     (x, y), (x_end, y_end) = line.coords
     length = math.dist((x, y), (x_end, y_end))
-    u = np.array([x_end - x, y_end - y]) / length
-    side = np.array([-u[1], u[0]])
+    ahead = np.array([x_end - x, y_end - y]) / length
+    left = np.array([-ahead[1], ahead[0]])
     corners = np.array([[-along, -across], [along, -across], [along, across], [-along, across]]) / 2.0
     count = 1 + int((length + coverage.lead_out_m) / coverage.trigger_m + 1e-9)
-    centers = [np.array([x, y]) + u * n * coverage.trigger_m for n in range(count)]
-    return [Polygon(center + corners[:, :1] * u + corners[:, 1:] * side) for center in centers]
+    centers = [np.array([x, y]) + ahead * n * coverage.trigger_m for n in range(count)]
+    return [Polygon(center + corners[:, :1] * ahead + corners[:, 1:] * left) for center in centers]
 
 
 @settings(deadline=None, max_examples=40)
@@ -100,22 +102,22 @@ def test_a_survey_covers_any_area_with_the_requested_overlap(
     offsets = np.array(
         [line.coords[0][0] * math.cos(angle) - line.coords[0][1] * math.sin(angle) for line in lines]
     )
-    steps = (offsets - offsets[0]) / found.spacing_m
-    assert np.abs(steps - np.round(steps)).max() < 0.01
+    line_numbers = (offsets - offsets[0]) / found.spacing_m
+    assert np.abs(line_numbers - np.round(line_numbers)).max() < 0.01
 
-    edges_m = shape.length
+    outline_m = shape.length
     assert found.lower_bound_m == pytest.approx(shape.area / found.spacing_m, rel=1e-3)
-    assert found.lower_bound_m * 0.999 <= found.lines_length_m <= (found.lower_bound_m + edges_m) * 1.001
+    assert found.lower_bound_m * 0.999 <= found.lines_length_m <= (found.lower_bound_m + outline_m) * 1.001
 
 
-def test_the_best_heading_is_along_the_long_side() -> None:
+def test_the_lines_of_a_survey_without_a_heading_are_along_the_long_side() -> None:
     rectangle = [(0.0, 0.0), (400.0, 300.0), (340.0, 380.0), (-60.0, 80.0)]
     found = make(Survey(points(rectangle), COVERAGE, ALTITUDE))
     assert found.heading_deg == pytest.approx(heading_deg((0.0, 0.0), (400.0, 300.0)), abs=0.1)
     assert found.lines_length_m == pytest.approx(500.0 * math.ceil(100.0 / found.spacing_m), rel=0.01)
 
 
-def test_a_simple_field_is_flown_in_parallel_lines() -> None:
+def test_neighbouring_lines_of_a_rectangular_field_are_flown_one_after_the_other() -> None:
     found = make(
         Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, ALTITUDE, heading_deg=90.0)
     )
@@ -129,13 +131,14 @@ def test_pictures_are_taken_on_the_lines_and_not_in_the_turns() -> None:
     found = make(Survey(square, COVERAGE, ALTITUDE, heading_deg=90.0, turnaround_m=15.0, speed_m_s=6.0))
     speed, *items = found.items
     assert speed == ChangeSpeed(speed_m_s=6.0)
-    on, off = TriggerDistance(distance_m=found.trigger_m, at_once=1.0), TriggerDistance(distance_m=0.0)
+    start_trigger = TriggerDistance(distance_m=found.trigger_m, at_once=1.0)
+    stop_trigger = TriggerDistance(distance_m=0.0)
     assert [item if isinstance(item, TriggerDistance) else None for item in items] == [
         None,
         None,
-        on,
+        start_trigger,
         None,
-        off,
+        stop_trigger,
         None,
     ]
     east = [
@@ -160,15 +163,15 @@ def test_a_crosshatch_adds_the_same_lines_at_right_angles() -> None:
     assert crosshatch.lower_bound_m == pytest.approx(2.0 * simple.lower_bound_m)
 
 
-def test_a_survey_is_a_plan_without_findings() -> None:
+def test_a_plan_with_a_survey_has_no_findings() -> None:
     home = LOCAL_MAP.point((0.0, 0.0))
     takeoff = Takeoff(lat_deg=home.lat_deg, lon_deg=home.lon_deg, altitude=ALTITUDE)
     items = make(Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, ALTITUDE)).items
-    planned = HomePosition(lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_amsl_m=400.0)
-    assert check(Plan(items=(takeoff, *items), planned_home=planned), CheckLimits()) == ()
+    planned_home = HomePosition(lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_amsl_m=400.0)
+    assert check(Plan(items=(takeoff, *items), planned_home=planned_home), CheckLimits()) == ()
 
 
-def strip_covered(line: LineString, across_m: float, beyond_m: float) -> Polygon:
+def covered_strip(line: LineString, across_m: float, beyond_m: float) -> Polygon:
     """The strip that the pictures of a line cover; it extends by `beyond_m` beyond both ends of the line."""
     start, end = np.array(line.coords)
     ahead = (end - start) / line.length * beyond_m
@@ -177,21 +180,21 @@ def strip_covered(line: LineString, across_m: float, beyond_m: float) -> Polygon
 
 @settings(deadline=None, max_examples=25)
 @given(
-    bends=st.lists(st.floats(-30.0, 30.0), min_size=1, max_size=5),
+    bends_deg=st.lists(st.floats(-30.0, 30.0), min_size=1, max_size=5),
     width=st.floats(10.0, 150.0),
     side=st.floats(0.0, 0.8),
 )
-def test_the_whole_width_of_a_corridor_is_covered(bends: list[float], width: float, side: float) -> None:
+def test_the_whole_width_of_a_corridor_is_covered(bends_deg: list[float], width: float, side: float) -> None:
     path, heading = [(0.0, 0.0)], 0.0
-    for bend in bends:
-        heading += math.radians(bend)
+    for bend_deg in bends_deg:
+        heading += math.radians(bend_deg)
         path.append((path[-1][0] + 300.0 * math.sin(heading), path[-1][1] + 300.0 * math.cos(heading)))
     coverage = Coverage(CAMERA, 60.0, 0.7, side)
     found = corridor(points(path), width, coverage, ALTITUDE)
     across_m, along_m = CAMERA.footprint_m(60.0)
     beyond_m = along_m / 2.0 - found.trigger_m
     strips = shapely.union_all(
-        [strip_covered(line, across_m, beyond_m) for line in local_lines(found)], grid_size=1e-3
+        [covered_strip(line, across_m, beyond_m) for line in local_lines(found)], grid_size=1e-3
     )
     corridor_area = LineString(path).buffer(width / 2.0, cap_style="flat", join_style="mitre")
     assert corridor_area.intersection(strips).area / corridor_area.area >= 0.995
@@ -209,7 +212,7 @@ def positions(found: Pattern) -> list[tuple[float, float]]:
 
 @settings(deadline=None, max_examples=30)
 @given(area=areas(), offset=st.floats(5.0, 50.0))
-def test_a_perimeter_keeps_its_distance_and_is_flown_clockwise(
+def test_a_perimeter_has_its_offset_from_the_area_and_is_flown_clockwise(
     area: tuple[list[tuple[float, float]], list[list[tuple[float, float]]]], offset: float
 ) -> None:
     ring = positions(perimeter(points(area[0]), offset, ALTITUDE))
@@ -219,7 +222,7 @@ def test_a_perimeter_keeps_its_distance_and_is_flown_clockwise(
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
-def test_an_orbit_stays_near_its_circle_and_points_at_the_centre(clockwise: bool) -> None:
+def test_an_orbit_is_flown_on_its_circle_with_the_camera_towards_the_centre(clockwise: bool) -> None:
     center = LOCAL_MAP.point((0.0, 0.0))
     target_altitude = Altitude(value_m=5.0, reference="home")
     found = orbit(
@@ -252,11 +255,11 @@ def test_a_structure_scan_covers_its_sides_from_bottom_to_top() -> None:
     )
     found = structure(scan)
     heights = round_heights(scan)
-    picture_m = 8.8 * 12.0 / 8.8
+    picture_m = 8.8 * 12.0 / 8.8  # sensor height * distance / focal length
     assert np.diff(heights).max() <= picture_m * 0.5 + 1e-9
     assert heights[0] == 4.0
     assert heights[-1] + picture_m / 2.0 == pytest.approx(40.0)
-    assert found.trigger_m == pytest.approx(13.2 * 12.0 / 8.8 * 0.3)
+    assert found.trigger_m == pytest.approx(13.2 * 12.0 / 8.8 * 0.3)  # picture width without its overlap
     assert isinstance(found.items[0], GimbalPitchYaw)
     ring = positions(found)[:5]
     assert Polygon(ring).exterior.distance(shapely.box(-10, -10, 10, 10)) == pytest.approx(12.0, abs=0.01)
@@ -267,8 +270,8 @@ def test_a_structure_scan_covers_its_sides_from_bottom_to_top() -> None:
         error_rad = math.radians(waypoint.yaw_ned_deg - heading_deg(middle, (0.0, 0.0)))
         assert abs(math.remainder(error_rad, math.tau)) < 0.01
     from_top = structure(replace(scan, from_top=True))
-    first = next(item for item in from_top.items if isinstance(item, Waypoint))
-    assert first.altitude.value_m == heights[-1]
+    first_waypoint = next(item for item in from_top.items if isinstance(item, Waypoint))
+    assert first_waypoint.altitude.value_m == heights[-1]
 
 
 SELF_INTERSECTING = points([(0, 0), (100, 100), (100, 0), (0, 100)])

@@ -34,7 +34,7 @@ def a_plan() -> Plan:
     )
 
 
-def changed(path: list[str | int], value: object) -> bytes:
+def plan_json_with(path: list[str | int], value: object) -> bytes:
     """The plan's JSON with one value replaced."""
     document = json.loads(plan.write(a_plan()))
     part = document
@@ -74,19 +74,21 @@ def test_the_error_for_an_invalid_value_names_its_item_and_field(
     path: list[str | int], value: object, place: str, reason: str
 ) -> None:
     with pytest.raises(PlanError) as caught:
-        plan.read(changed(path, value))
+        plan.read(plan_json_with(path, value))
     assert caught.value.place == place
     assert reason in caught.value.reason
     assert caught.value.fix.endswith(".")
 
 
 def test_more_items_than_the_vehicle_can_store_are_refused() -> None:
-    many = a_plan().model_copy(update={"items": (Jump(target_index=0, repeat=1),) * (plan.MAX_ITEMS + 1)})
+    too_long_plan = a_plan().model_copy(
+        update={"items": (Jump(target_index=0, repeat=1),) * (plan.MAX_ITEMS + 1)}
+    )
     with pytest.raises(PlanError, match="Split the plan"):
-        plan.read(plan.write(many))
+        plan.read(plan.write(too_long_plan))
 
 
-def test_an_altitude_is_resolved_only_if_its_reference_is_known() -> None:
+def test_an_altitude_is_converted_to_amsl_only_if_its_reference_is_known() -> None:
     assert Altitude(value_m=20.0, reference="home").amsl_m(480.0) == 500.0
     assert Altitude(value_m=20.0, reference="home").amsl_m(None) is None
     assert Altitude(value_m=20.0, reference="amsl").amsl_m(None) == 20.0

@@ -1,4 +1,4 @@
-"""QGroundControl's .plan files: nothing is lost, and nothing changes without an edit."""
+"""QGroundControl's .plan files: reading and writing keeps everything that the user did not change."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from missions import plan as documents
+from missions import plan as plan_document
 from missions.errors import PlanError
 from missions.formats import mavlink_items, qgc_plan
 from missions.items import CommandItem, Jump, Waypoint
@@ -21,12 +21,12 @@ from tests.support.plan_strategies import HOMES, RESOLVED_ALTITUDES, plans
 FILES = sorted((Path(__file__).parents[2] / "data" / "plans").glob("*.plan"))
 
 
-def a_file(name: str) -> bytes:
+def plan_file(name: str) -> bytes:
     return next(path for path in FILES if path.stem == name).read_bytes()
 
 
 def same_json(first: bytes, second: bytes) -> bool:
-    """Equal values in equal order of keys; 1 and 1.0 are different."""
+    """Whether values and order of keys are equal; 1 and 1.0 are different."""
     return json.dumps(json.loads(first)) == json.dumps(json.loads(second))
 
 
@@ -34,13 +34,13 @@ def same_json(first: bytes, second: bytes) -> bool:
 def test_a_qgroundcontrol_file_is_written_unchanged(path: Path) -> None:
     found = qgc_plan.read(path.read_bytes())
     assert same_json(qgc_plan.write(found.plan).data, path.read_bytes())
-    from_own_format = documents.read(documents.write(found.plan))
+    from_own_format = plan_document.read(plan_document.write(found.plan))
     assert from_own_format == found.plan
     assert same_json(qgc_plan.write(from_own_format).data, path.read_bytes())
 
 
 def test_altitudes_are_read_with_their_references() -> None:
-    plan = qgc_plan.read(a_file("simple")).plan
+    plan = qgc_plan.read(plan_file("simple")).plan
     assert [item.altitude for item in plan.items[:5] if hasattr(item, "altitude")] == [
         Altitude(value_m=15.0, reference="home"),
         Altitude(value_m=15.0, reference="home"),
@@ -52,54 +52,54 @@ def test_altitudes_are_read_with_their_references() -> None:
 
 
 def test_a_jump_targets_its_item_by_the_number_in_the_file() -> None:
-    plan = qgc_plan.read(a_file("survey")).plan
+    plan = qgc_plan.read(plan_file("survey")).plan
     jump = plan.items[2]
     assert isinstance(jump, Jump)
-    flat = [item for _, item in plan.simple_items()]
-    assert isinstance(flat[jump.target_index], Waypoint)
+    simple_items = [item for _, item in plan.simple_items()]
+    assert isinstance(simple_items[jump.target_index], Waypoint)
     assert jump.target_index == 1
-    shifted = plan.model_copy(update={"items": (plan.items[0], *plan.items)})
-    shifted = shifted.model_copy(
-        update={"items": (*shifted.items[:3], jump.model_copy(update={"target_index": 2}))}
+    shifted_plan = plan.model_copy(update={"items": (plan.items[0], *plan.items)})
+    shifted_plan = shifted_plan.model_copy(
+        update={"items": (*shifted_plan.items[:3], jump.model_copy(update={"target_index": 2}))}
     )
-    read_back = qgc_plan.read(qgc_plan.write(shifted).data).plan.items[3]
+    read_back = qgc_plan.read(qgc_plan.write(shifted_plan).data).plan.items[3]
     assert isinstance(read_back, Jump)
     assert read_back.target_index == 2
 
 
-def test_a_survey_consists_of_the_items_inside_it() -> None:
-    plan = qgc_plan.read(a_file("survey")).plan
+def test_a_survey_is_flown_as_the_items_inside_it() -> None:
+    plan = qgc_plan.read(plan_file("survey")).plan
     assert isinstance(plan.items[1], ComplexItem)
     assert len(plan.items[1].items) == 8
     assert [item.command for item in mavlink_items.mission_items(plan)] == [22, *[16, 206] * 4, 177, 21]
 
 
 def test_a_structure_scan_without_items_is_kept_and_reported() -> None:
-    found = qgc_plan.read(a_file("structure"))
+    found = qgc_plan.read(plan_file("structure"))
     note = "Item 2 (StructureScan) contains no mission items: it is kept, but cannot be flown."
     assert found.notes == (note,)
 
 
 def test_a_changed_item_keeps_unknown_fields() -> None:
-    plan = qgc_plan.read(a_file("fence_rally_unknown")).plan
+    plan = qgc_plan.read(plan_file("fence_rally_unknown")).plan
     takeoff = plan.items[0].model_copy(update={"altitude": Altitude(value_m=33.0, reference="home")})
     changed = plan.model_copy(update={"items": (takeoff, *plan.items[1:]), "hover_speed_m_s": 4.0})
-    before, after = json.loads(a_file("fence_rally_unknown")), json.loads(qgc_plan.write(changed).data)
+    before, after = json.loads(plan_file("fence_rally_unknown")), json.loads(qgc_plan.write(changed).data)
     before["mission"]["items"][0] |= {"Altitude": 33}
     before["mission"]["items"][0]["params"][6] = 33
     before["mission"]["hoverSpeed"] = 4.0
     assert json.dumps(after) == json.dumps(before)
 
 
-def test_changing_a_fence_zone_or_rally_point_leaves_other_zones_points_and_unknown_keys_unchanged() -> None:
-    plan = qgc_plan.read(a_file("fence_rally_unknown")).plan
+def test_changing_a_fence_zone_or_rally_point_changes_nothing_else_in_the_file() -> None:
+    plan = qgc_plan.read(plan_file("fence_rally_unknown")).plan
     circle = next(zone for zone in plan.fence if zone.shape == "circle")
     zones = tuple(
         zone.model_copy(update={"radius_m": 99.0}) if zone is circle else zone for zone in plan.fence
     )
     rally = plan.rally_points[1].model_copy(update={"lat_deg": 47.0})
     changed = plan.model_copy(update={"fence": zones, "rally_points": (plan.rally_points[0], rally)})
-    before, after = json.loads(a_file("fence_rally_unknown")), json.loads(qgc_plan.write(changed).data)
+    before, after = json.loads(plan_file("fence_rally_unknown")), json.loads(qgc_plan.write(changed).data)
     before["geoFence"]["circles"][0]["circle"]["radius"] = 99.0
     before["rallyPoints"]["points"][1] = [47.0, 8.54559, 12.5]
     assert json.dumps(after) == json.dumps(before)
@@ -123,7 +123,7 @@ def test_any_plan_is_unchanged_after_writing_and_reading_a_plan_file(plan: Plan)
     assert without_originals(qgc_plan.read(qgc_plan.write(plan).data).plan) == plan
 
 
-UNKNOWN = st.recursive(
+any_json = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**60), 2**60) | st.floats(-1e9, 1e9) | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
     max_leaves=6,
@@ -138,7 +138,7 @@ def with_unknown_keys(value: Any, draw: Any) -> Any:
         return value
     pairs = [(key, with_unknown_keys(each, draw)) for key, each in value.items()]
     if draw(st.booleans()):
-        pairs.insert(draw(st.integers(0, len(pairs))), ("x-" + draw(st.text(max_size=4)), draw(UNKNOWN)))
+        pairs.insert(draw(st.integers(0, len(pairs))), ("x-" + draw(st.text(max_size=4)), draw(any_json)))
     return dict(pairs)
 
 
@@ -151,8 +151,8 @@ def test_unknown_keys_are_written_back_in_their_order(plan: Plan, data: st.DataO
     assert same_json(qgc_plan.write(qgc_plan.read(content).plan).data, content)
 
 
-def changed(name: str, path: list[str | int], value: Any) -> bytes:
-    document = json.loads(a_file(name))
+def plan_file_with(name: str, path: list[str | int], value: Any) -> bytes:
+    document = json.loads(plan_file(name))
     part = document
     for key in path[:-1]:
         part = part[key]
@@ -198,18 +198,18 @@ def test_the_error_for_an_invalid_value_names_item_field_and_fix(
     path: list[str | int], value: Any, message: str
 ) -> None:
     with pytest.raises(PlanError, match=message):
-        qgc_plan.read(changed("simple", path, value))
+        qgc_plan.read(plan_file_with("simple", path, value))
 
 
 def test_a_jump_to_a_missing_item_is_kept_unchanged() -> None:
-    content = changed("simple", ["mission", "items", 9, "params", 0], 77)
+    content = plan_file_with("simple", ["mission", "items", 9, "params", 0], 77)
     plan = qgc_plan.read(content).plan
     assert isinstance(plan.items[9], CommandItem)
     assert same_json(qgc_plan.write(plan).data, content)
 
 
-def test_a_home_without_altitude_is_none_and_kept_in_the_file() -> None:
-    content = changed("simple", ["mission", "plannedHomePosition"], [47.4, 8.5, None])
+def test_a_home_without_altitude_counts_as_not_set_and_is_kept_in_the_file() -> None:
+    content = plan_file_with("simple", ["mission", "plannedHomePosition"], [47.4, 8.5, None])
     found = qgc_plan.read(content)
     assert found.plan.planned_home is None
     assert found.notes == ("The planned home has no altitude, so it counts as not set.",)

@@ -21,11 +21,12 @@ from missions.values import HomePosition
 FILE = Path(__file__).parents[2] / "data" / "plans" / "recorded_missions.jsonl"
 UPLOADS = [json.loads(line) for line in FILE.read_text(encoding="utf-8").splitlines()]
 HOME = HomePosition(lat_deg=47.397742, lon_deg=8.545594, alt_amsl_m=489.0)
-INT_FRAME = {0: 5, 3: 6}
+INT_FRAMES = {0: 5, 3: 6}
 """MAV_FRAME of MISSION_ITEM_INT for each MAV_FRAME of MISSION_ITEM."""
 
 
 def wire_items(upload: dict[str, Any], frames: dict[int, int]) -> list[WireItem]:
+    """The items of an upload; `frames` has the new frame for each frame to replace."""
     items: list[WireItem] = []
     for seq, (frame, command, *params, x, y, z, autocontinue) in enumerate(upload["items"]):
         p1, p2, p3, p4, z = (math.nan if value is None else float(value) for value in (*params, z))
@@ -44,4 +45,4 @@ def test_the_checks_find_errors_in_exactly_the_missions_that_px4_refused(upload:
 @pytest.mark.parametrize("upload", UPLOADS, ids=lambda upload: upload["name"])
 def test_a_recorded_mission_is_encoded_unchanged(upload: dict[str, Any]) -> None:
     items = items_from_wire(wire_items(upload, {}))
-    assert repr(list(mission_items(Plan(items=items)))) == repr(wire_items(upload, INT_FRAME))
+    assert repr(list(mission_items(Plan(items=items)))) == repr(wire_items(upload, INT_FRAMES))

@@ -1,4 +1,4 @@
-"""The mission runner in each kind of step: commands of operators and from outside, changes of control."""
+"""The mission runner in each kind of step: operator commands, external commands, changes of control."""
 
 import math
 
@@ -48,7 +48,7 @@ def test_an_aborted_mission_switches_to_hold_and_requests_nothing_more(kind):
 
 
 @pytest.mark.parametrize(("action", "mode"), [("return", "rtl"), ("land", "land")])
-def test_an_abort_can_return_or_land(action, mode):
+def test_an_aborted_mission_can_switch_to_return_or_land(action, mode):
     fake = flight_during("orbit")
     fake.abort(action)
     assert fake.modes() == [mode]
@@ -67,7 +67,7 @@ def test_a_step_that_is_skipped_is_followed_by_the_next_step(kind):
         assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
 
 
-def test_a_step_of_a_suspended_mission_is_skipped_without_a_command():
+def test_skipping_a_step_of_a_suspended_mission_requests_no_mode():
     fake = flight_during("orbit")
     fake.change_mode("hold", "command", "Bob commanded 'hold'")
     fake.until_state("suspended")
@@ -89,7 +89,7 @@ def test_on_the_ground_a_take_off_cannot_be_skipped():
         fake.skip()
 
 
-# --- the vehicle is commanded by others -----------------------------------------------------------
+# --- external commands ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", STEPS)
@@ -117,7 +117,7 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
     end_wait(fake, kind).until_state("done")
 
 
-def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_control():
+def test_a_pilot_who_takes_over_during_the_offboard_request_suspends_the_mission():
     fake = FakeFlight(mission(flight_steps(FLY))).start()
     fake.until(lambda: fake.count(StreamScript) == 1)
     fake.sampler = None
@@ -127,7 +127,7 @@ def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_control():
     assert fake.status.state == "suspended"
 
 
-def test_motors_that_stop_in_flight_end_the_mission():
+def test_disarming_in_flight_ends_the_mission():
     fake = flight_during("orbit")
     fake.set_reading(armed=False)
     fake.fly(0.2)
@@ -165,7 +165,7 @@ def test_in_each_kind_of_step_expired_control_triggers_the_missions_action(kind,
 
 
 @pytest.mark.parametrize(
-    ("started", "resumed", "action"),
+    ("start_mode_and_source", "resume_source", "modes"),
     [
         (("external_1", "unknown"), None, []),
         (("external_1", "vehicle"), None, []),
@@ -177,24 +177,24 @@ def test_in_each_kind_of_step_expired_control_triggers_the_missions_action(kind,
     ],
 )
 def test_expired_control_interrupts_only_flights_that_a_client_of_this_server_started(
-    started, resumed, action
+    start_mode_and_source, resume_source, modes
 ):
-    mode, source = started
+    mode, source = start_mode_and_source
     fake = FakeFlight(mission(flight_steps(FLY, "step: hold, duration_s: 60")), mode=mode)
     fake.set_reading(mode=mode, mode_source=source, armed=True, landed="in_air", position_ned_m=(0, 0, -10))
     fake.start().until_state("flying")
-    if resumed is not None:
+    if resume_source is not None:
         fake.change_mode("position", "pilot")
-        fake.until_state("suspended").change_mode(mode, resumed)
+        fake.until_state("suspended").change_mode(mode, resume_source)
         fake.resume()
         fake.until_state("flying")
     fake.requests.clear()
     fake.set_reading(control_holder=None)
     fake.fly(1.0)
-    assert fake.modes() == action
+    assert fake.modes() == modes
 
 
-def test_without_control_a_mission_may_continue_until_another_client_takes_control():
+def test_a_mission_that_continues_without_control_also_continues_when_a_client_takes_control():
     fake = flight_during("orbit", control_lost="continue")
     fake.set_reading(control_holder=None)
     fake.fly(1.0)
