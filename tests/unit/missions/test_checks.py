@@ -147,11 +147,11 @@ def test_a_good_plan_has_no_findings() -> None:
 def test_each_finding_has_the_index_of_its_item_and_a_message_and_a_fix(
     code: str, document: Plan, limits: CheckLimits, row: int | None
 ) -> None:
-    found = {finding.code: finding for finding in check(document, limits)}
-    assert found[code].row == row
-    assert found[code].message.endswith(".")
-    assert found[code].fix is not None
-    assert found[code].fix.endswith(".")
+    findings = {finding.code: finding for finding in check(document, limits)}
+    assert findings[code].row == row
+    assert findings[code].message.endswith(".")
+    assert findings[code].fix is not None
+    assert findings[code].fix.endswith(".")
 
 
 def test_every_code_has_a_case() -> None:
@@ -177,9 +177,9 @@ def test_a_check_that_raises_becomes_a_finding_and_the_other_checks_continue(
         raise RuntimeError("a fault")
 
     monkeypatch.setattr(check_items, "RULES", (broken_rule, *check_items.RULES))
-    found = check(plan(TAKEOFF, wp(2001)))
-    assert [finding.code for finding in found] == ["check_failed", "leg_too_long"]
-    assert "broken rule could not be carried out: RuntimeError('a fault')" in found[0].message
+    findings = check(plan(TAKEOFF, wp(2001)))
+    assert [finding.code for finding in findings] == ["check_failed", "leg_too_long"]
+    assert "broken rule could not be carried out: RuntimeError('a fault')" in findings[0].message
 
 
 @settings(deadline=None, max_examples=40)

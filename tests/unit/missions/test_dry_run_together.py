@@ -88,10 +88,10 @@ def test_two_vehicles_that_cross_at_the_same_altitude_cause_a_finding_with_posit
     }  # fmt: skip
     reports: list[str] = []
     result = json.loads(json.dumps(run(request, lambda text, share: reports.append(text))))
-    found = result["nominal"]["findings"][0]
-    assert (found["code"], found["severity"], found["step"]) == ("separation", "error", "lead, step 3")
-    assert "lead (lead, step 3) and left (left, step 3)" in found["text"]
-    assert 0.0 < found["position_ned_m"][1] < START_DISTANCE_M
+    finding = result["nominal"]["findings"][0]
+    assert (finding["code"], finding["severity"], finding["step"]) == ("separation", "error", "lead, step 3")
+    assert "lead (lead, step 3) and left (left, step 3)" in finding["text"]
+    assert 0.0 < finding["position_ned_m"][1] < START_DISTANCE_M
     assert result["nominal"]["finished"] is True
     assert result["monte_carlo"] is None
     assert list(result["together"]["roles"]) == ["lead", "left"]

@@ -35,11 +35,11 @@ def a_plan(*items: object) -> Plan:
 
 
 def test_a_straight_flight_takes_the_time_of_its_trapezoidal_profile() -> None:
-    found = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE)
-    assert found.length_m == pytest.approx(120.0)
-    assert found.time_s == pytest.approx(CLIMB_S + 100.0 / 5.0 + 5.0 / 3.0)
-    assert found.climb_m == pytest.approx(20.0)
-    assert (found.energy_wh, found.endless, found.known_altitudes) == (None, False, True)
+    result = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE)
+    assert result.length_m == pytest.approx(120.0)
+    assert result.time_s == pytest.approx(CLIMB_S + 100.0 / 5.0 + 5.0 / 3.0)
+    assert result.climb_m == pytest.approx(20.0)
+    assert (result.energy_wh, result.endless, result.known_altitudes) == (None, False, True)
 
 
 def test_a_short_leg_is_flown_without_reaching_the_cruise_speed() -> None:
@@ -48,16 +48,18 @@ def test_a_short_leg_is_flown_without_reaching_the_cruise_speed() -> None:
 
 
 def test_a_steep_leg_takes_the_time_of_its_climb() -> None:
-    found = estimate(a_plan(TAKEOFF, waypoint_at(1, alt_m=80.0)), VEHICLE)
-    assert found.time_s == pytest.approx(CLIMB_S + 60.0 / 3.0)
+    result = estimate(a_plan(TAKEOFF, waypoint_at(1, alt_m=80.0)), VEHICLE)
+    assert result.time_s == pytest.approx(CLIMB_S + 60.0 / 3.0)
 
 
 def test_the_estimate_includes_waits_speed_changes_and_jumps() -> None:
-    plain_s = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE).time_s
+    without_waits_s = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE).time_s
     with_waits_s = estimate(a_plan(TAKEOFF, Delay(delay_s=7.0), waypoint_at(100, hold_s=3.0)), VEHICLE).time_s
-    assert with_waits_s == pytest.approx(plain_s + 10.0)
-    fast_s = estimate(a_plan(TAKEOFF, ChangeSpeed(speed_m_s=10.0), waypoint_at(100)), VEHICLE).time_s
-    assert fast_s == pytest.approx(CLIMB_S + 100.0 / 10.0 + 10.0 / 3.0)
+    assert with_waits_s == pytest.approx(without_waits_s + 10.0)
+    with_speed_change_s = estimate(
+        a_plan(TAKEOFF, ChangeSpeed(speed_m_s=10.0), waypoint_at(100)), VEHICLE
+    ).time_s
+    assert with_speed_change_s == pytest.approx(CLIMB_S + 100.0 / 10.0 + 10.0 / 3.0)
     with_jump = estimate(
         a_plan(TAKEOFF, waypoint_at(100), waypoint_at(200), Jump(target_index=1, repeat=2)), VEHICLE
     )
@@ -89,8 +91,8 @@ def test_pictures_are_counted_along_the_path() -> None:
 
 def test_energy_is_hover_power_plus_the_work_of_climbing() -> None:
     power = PowerModel(hover_power_w=180.0, battery_wh=50.0, mass_kg=1.5, efficiency=0.5, reserve=0.2)
-    found = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE, power)
-    assert found.energy_wh == pytest.approx((180.0 * found.time_s + 1.5 * 9.80665 * 20.0 / 0.5) / 3600.0)
+    result = estimate(a_plan(TAKEOFF, waypoint_at(100)), VEHICLE, power)
+    assert result.energy_wh == pytest.approx((180.0 * result.time_s + 1.5 * 9.80665 * 20.0 / 0.5) / 3600.0)
     assert power.usable_wh == pytest.approx(40.0)
 
 
@@ -102,7 +104,7 @@ def test_hover_power_follows_momentum_theory() -> None:
 
 
 def test_valid_parameters_of_the_vehicle_are_used_and_invalid_parameters_are_ignored() -> None:
-    found = VehicleModel.from_parameters(
+    result = VehicleModel.from_parameters(
         {
             "MPC_XY_CRUISE": 7.0,
             "MPC_XY_VEL_MAX": math.nan,
@@ -111,7 +113,7 @@ def test_valid_parameters_of_the_vehicle_are_used_and_invalid_parameters_are_ign
             "X": 1.0,
         }
     )
-    assert found == VehicleModel(cruise_m_s=7.0, takeoff_land_required=4)
+    assert result == VehicleModel(cruise_m_s=7.0, takeoff_land_required=4)
     assert set(PARAMETERS) == set(VehicleModel.__dataclass_fields__)
 
 

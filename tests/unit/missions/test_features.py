@@ -44,14 +44,14 @@ def feature_collection(*features: tuple[str | None, object]) -> bytes:
     return json.dumps({"type": "FeatureCollection", "features": feature_objects}).encode()
 
 
-def positions(found: Imported) -> list[tuple[float, float]]:
-    assert all(isinstance(item, Waypoint) for item in found.plan.items)
-    return [(item.lat_deg, item.lon_deg) for item in found.plan.items if isinstance(item, Waypoint)]
+def positions(imported: Imported) -> list[tuple[float, float]]:
+    assert all(isinstance(item, Waypoint) for item in imported.plan.items)
+    return [(item.lat_deg, item.lon_deg) for item in imported.plan.items if isinstance(item, Waypoint)]
 
 
 def test_points_and_lines_of_other_programs_become_waypoints_and_areas_stay_areas() -> None:
     square = [[8.0, 47.0], [8.1, 47.0], [8.1, 47.1], [8.0, 47.0]]
-    found = geojson.read(
+    imported = geojson.read(
         feature_collection(
             ("Point", [8.5, 47.5, 900.0]),
             ("LineString", [[8.6, 47.6], [8.7, 47.7]]),
@@ -60,13 +60,13 @@ def test_points_and_lines_of_other_programs_become_waypoints_and_areas_stay_area
         ),
         AT_20_M,
     )
-    assert positions(found) == [(47.5, 8.5), (47.6, 8.6), (47.7, 8.7)]
-    assert {item.altitude for item in found.plan.items if isinstance(item, Waypoint)} == {AT_20_M.altitude}
-    (area,) = found.areas
+    assert positions(imported) == [(47.5, 8.5), (47.6, 8.6), (47.7, 8.7)]
+    assert {item.altitude for item in imported.plan.items if isinstance(item, Waypoint)} == {AT_20_M.altitude}
+    (area,) = imported.areas
     assert area.outer == tuple(Point(lat_deg=lat, lon_deg=lon) for lon, lat in square[:3])
     assert len(area.holes) == 1
-    assert found.notes == ("The GeoJSON file has 1 area: choose a use for each.",)
-    assert not found.plan.fence
+    assert imported.notes == ("The GeoJSON file has 1 area: choose a use for each.",)
+    assert not imported.plan.fence
 
 
 def test_an_altitude_without_a_reference_is_never_used() -> None:
@@ -86,12 +86,12 @@ KML = """<?xml version="1.0" encoding="UTF-8"?>
 
 @pytest.mark.parametrize(("mode", "reference"), [("absolute", "amsl"), ("relativeToGround", "terrain")])
 def test_the_altitude_mode_of_kml_is_the_reference_of_its_altitudes(mode: str, reference: str) -> None:
-    found = kml.read((KML % mode).encode())
-    assert positions(found) == [(47.5, 8.5), (47.6, 8.6)]
-    first = found.plan.items[0]
+    imported = kml.read((KML % mode).encode())
+    assert positions(imported) == [(47.5, 8.5), (47.6, 8.6)]
+    first = imported.plan.items[0]
     assert isinstance(first, Waypoint)
     assert (first.altitude.value_m, first.altitude.reference) == (30.0, reference)
-    assert found.areas[0].name == "field"
+    assert imported.areas[0].name == "field"
 
 
 def test_kml_without_altitudes_needs_an_altitude_from_the_import() -> None:

@@ -27,12 +27,12 @@ def is_inside(position, region=FENCED_REGION):
 
 
 @given(st.lists(positions, min_size=1, max_size=20), corners, st.floats(1, 100))
-def test_checking_many_positions_at_once_equals_checking_each_position(points, corners, radius_m):
+def test_checking_many_positions_at_once_equals_checking_each_position(many_positions, corners, radius_m):
     region = Region(
         circles=(Circle((3.0, -2.0), radius_m, "a circle"),), polygons=(Polygon(tuple(corners), "a fence"),)
     )
-    each_outside = [region.breach(position) is not None for position in points]
-    assert region.are_outside(np.array(points)).tolist() == each_outside
+    each_outside = [region.breach(position) is not None for position in many_positions]
+    assert region.are_outside(np.array(many_positions)).tolist() == each_outside
 
 
 @given(positions_inside, positions)

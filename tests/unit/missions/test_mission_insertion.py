@@ -55,35 +55,35 @@ def insertion_error(
     return raised.value
 
 
-def segment_ends(found: OffboardMission) -> list[tuple[float, ...]]:
+def segment_ends(document: OffboardMission) -> list[tuple[float, ...]]:
     """The ends of the planned segments, as positions relative to HOME (NED)."""
-    assert found.home is not None
-    timeline = compile_mission(found)
+    assert document.home is not None
+    timeline = compile_mission(document)
     assert not {"step_invalid", "estimate_missing"} & codes(timeline)
-    origin = LocalOrigin(**found.home.model_dump())
+    origin = LocalOrigin(**document.home.model_dump())
     ends = [segment.end_ned_m for segment in timeline.segments if segment.title in ("Fly", "Table", "Orbit")]
     return [LocalOrigin(**HOME).to_ned(*origin.to_geodetic(end)) for end in ends]
 
 
 def test_the_steps_become_a_list_that_a_new_step_calls() -> None:
-    found = insert(FIELD, tower(), ("steps", 2))
-    assert [step.step for step in found.mission.steps] == ["take_off", "fly", "call", "land"]
-    assert found.mission.steps[2] == Call(mission="Tower")
-    assert found.mission.missions == {"Tower": tower().steps}
-    assert (found.called, found.notes, found.mission.name) == ("Tower", (), "Field")
+    result = insert(FIELD, tower(), ("steps", 2))
+    assert [step.step for step in result.mission.steps] == ["take_off", "fly", "call", "land"]
+    assert result.mission.steps[2] == Call(mission="Tower")
+    assert result.mission.missions == {"Tower": tower().steps}
+    assert (result.called, result.notes, result.mission.name) == ("Tower", (), "Field")
     assert FIELD.missions == {}
 
 
 def test_take_off_and_landing_are_omitted_from_a_mission_that_is_flown_in_the_air() -> None:
     gimbal = {"step": "gimbal", "track": "fixed"}
     added = tower(gimbal, TAKE_OFF, fly(30, 0, -12), LAND)
-    found = insert(FIELD, added, ("steps", 2), in_air=True)
-    assert [step.step for step in found.mission.missions["Tower"]] == ["gimbal", "fly"]
-    assert found.notes == (
+    result = insert(FIELD, added, ("steps", 2), in_air=True)
+    assert [step.step for step in result.mission.missions["Tower"]] == ["gimbal", "fly"]
+    assert result.notes == (
         "Take-off and landing of 'Tower' are left out. The vehicle flies straight to its first position.",
     )
     assert "takeoff_in_air" in codes(compile_mission(insert(FIELD, added, ("steps", 2)).mission))
-    assert not codes(compile_mission(found.mission))
+    assert not codes(compile_mission(result.mission))
     two_takeoffs = tower(TAKE_OFF, LAND, TAKE_OFF, fly(30, 0, -12))
     remaining_steps = insert(FIELD, two_takeoffs, ("steps", 2), in_air=True).mission.missions["Tower"]
     assert [step.step for step in remaining_steps] == ["land", "take_off", "fly"]
@@ -105,8 +105,8 @@ def test_the_call_is_inserted_at_any_place(at: tuple[str | int, ...], place: str
     repeat = {"step": "repeat", "times": 2, "steps": [hold]}
     branch = {"step": "branch", "condition": {"value": "battery_share", "above": 0.5}, "then": [hold]}
     host = mission(TAKE_OFF, call("round"), repeat, branch, missions={"round": [hold]})
-    found = insert(host, tower(fly(30, 0, -12)), at)
-    timeline = compile_mission(found.mission)
+    result = insert(host, tower(fly(30, 0, -12)), at)
+    timeline = compile_mission(result.mission)
     places = [each.place for part in (timeline, timeline.then) if part for each in part.segments]
     assert f"{place}, Tower 1" in places
 
@@ -131,13 +131,13 @@ def test_the_lists_that_the_inserted_mission_calls_are_copied_under_free_names()
     host = mission(
         TAKE_OFF, call("round"), missions={"round": [fly(2, 0, -9)], "photos": [{"step": "photo"}]}
     )
-    found = insert(host, added, ("steps", 2)).mission
-    assert list(found.missions) == ["round", "photos", "Tower", "round 2"]
-    repeat_step = found.missions["Tower"][1]
+    combined = insert(host, added, ("steps", 2)).mission
+    assert list(combined.missions) == ["round", "photos", "Tower", "round 2"]
+    repeat_step = combined.missions["Tower"][1]
     assert isinstance(repeat_step, Repeat)
     assert repeat_step.steps == (Call(mission="round 2"),)
-    assert found.missions["round 2"][1] == Call(mission="photos")
-    assert found.missions["round"] == host.missions["round"]
+    assert combined.missions["round 2"][1] == Call(mission="photos")
+    assert combined.missions["round"] == host.missions["round"]
 
 
 def test_a_mission_that_was_inserted_before_is_called_again() -> None:
@@ -156,9 +156,9 @@ def test_a_mission_that_was_inserted_before_is_called_again() -> None:
 def test_a_mission_inserted_into_a_list_with_the_name_of_its_own_list_creates_no_loop() -> None:
     added = tower(call("round"), missions={"round": [fly(1, 0, -9)]})
     host = mission(TAKE_OFF, call("round"), missions={"round": [fly(1, 0, -9)]})
-    found = insert(host, added, ("missions", "round", 0)).mission
-    assert found.missions["round"][0] == Call(mission="Tower")
-    assert found.missions["Tower"] == (Call(mission="round 2"),)
+    combined = insert(host, added, ("missions", "round", 0)).mission
+    assert combined.missions["round"][0] == Call(mission="Tower")
+    assert combined.missions["Tower"] == (Call(mission="round 2"),)
     field_in_itself = insert(FIELD, FIELD, ("steps", 1), in_air=True).mission
     assert field_in_itself.missions == {"Field": (FIELD.steps[1],)}
 
@@ -246,9 +246,9 @@ def test_positions_are_unchanged_if_the_starts_are_the_same() -> None:
     added = tower(*STEPS_WITH_POSITIONS, home=HOME, tables={"a.csv": CSV})
     for home in (None, {**HOME, "alt_amsl_m": 480.3}):
         host = mission(TAKE_OFF, LAND, home=home) if home else mission(TAKE_OFF, LAND)
-        found = insert(host, added, ("steps", 1)).mission
-        assert found.missions["Tower"] == added.steps
-        assert found.tables == {"a.csv": CSV}
+        combined = insert(host, added, ("steps", 1)).mission
+        assert combined.missions["Tower"] == added.steps
+        assert combined.tables == {"a.csv": CSV}
     assert "no planned home" in insert(mission(TAKE_OFF, LAND), added, ("steps", 1)).notes[0]
 
 
@@ -262,19 +262,19 @@ def test_different_starts_need_a_decision_if_positions_are_relative() -> None:
 
 
 def test_inserted_positions_can_stay_at_their_latitude_and_longitude() -> None:
-    found = insert(HOST, ADDED, ("steps", 1), in_air=True, positions="same_places")
+    result = insert(HOST, ADDED, ("steps", 1), in_air=True, positions="same_places")
     planned_ends = segment_ends(ADDED)
     assert len(planned_ends) > 6
-    for end, planned in zip(segment_ends(found.mission), planned_ends, strict=True):
+    for end, planned in zip(segment_ends(result.mission), planned_ends, strict=True):
         assert end == pytest.approx(planned, abs=0.02)
-    assert "188 m apart" in found.notes[1]
-    assert set(found.mission.tables) == {"a.csv"}  # both frames have the same origin here
+    assert "188 m apart" in result.notes[1]
+    assert set(result.mission.tables) == {"a.csv"}  # both frames have the same origin here
 
 
 def test_inserted_positions_can_be_relative_to_the_start_of_the_host_mission() -> None:
-    found = insert(HOST, ADDED, ("steps", 1), positions="from_start")
-    assert found.mission.missions["Tower"] == ADDED.steps
-    assert "now refer to the start and home of this mission" in found.notes[0]
+    result = insert(HOST, ADDED, ("steps", 1), positions="from_start")
+    assert result.mission.missions["Tower"] == ADDED.steps
+    assert "now refer to the start and home of this mission" in result.notes[0]
 
 
 def test_positions_are_inserted_relative_to_the_start_of_the_role() -> None:
@@ -290,14 +290,14 @@ def test_positions_are_inserted_relative_to_the_start_of_the_role() -> None:
     assert insert(host, added, ("roles", "a", "steps", 1)).mission.missions["Tower"] == added.steps
     at = ("roles", "b", "steps", 1)
     assert "20 m apart" in insertion_error(host, added, *at).reason
-    found = insert(host, added, at, positions="same_places").mission
-    start = planned_starts(found)["b"]
-    ends = [each.end_ned_m for each in compile_mission(found, start=start, role="b").segments]
+    combined = insert(host, added, at, positions="same_places").mission
+    start = planned_starts(combined)["b"]
+    ends = [each.end_ned_m for each in compile_mission(combined, start=start, role="b").segments]
     planned_segments = compile_mission(added, start=Start(in_air=True)).segments
     for segment in planned_segments:
         if segment.title == "Fly":
             assert min(math.dist(segment.end_ned_m, end) for end in ends) < 0.01
-    assert set(found.tables) == {"a.csv", "a 2.csv"}
+    assert set(combined.tables) == {"a.csv", "a 2.csv"}
     error = insertion_error(host, added, "missions", "round", 0, positions="same_places")
     assert "roles that may fly this list have different planned starts" in error.reason
     assert insert(host, added, ("missions", "round", 0), positions="from_start").called == "Tower"
@@ -330,10 +330,10 @@ def test_the_speed_limit_becomes_a_speed_of_each_step() -> None:
 def test_for_other_limits_the_lower_value_applies() -> None:
     host = mission(TAKE_OFF, limits={"climb_m_s": 2, "tilt_rad": 0.3})
     added = tower(limits={"climb_m_s": 1, "tilt_rad": 0.5, "jerk_m_s3": 4})
-    found = insert(host, added, ("steps", 1))
-    limits = found.mission.limits
+    result = insert(host, added, ("steps", 1))
+    limits = result.mission.limits
     assert (limits.climb_m_s, limits.tilt_rad, limits.jerk_m_s3) == (1, 0.3, 4)
-    assert found.notes == (
+    assert result.notes == (
         "Lower limits of 'Tower' now apply to the whole mission: climb_m_s 1, jerk_m_s3 4.",
     )
 
@@ -364,11 +364,11 @@ def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
         fly(1, 0, -9), fence=[inclusion, exclusion], obstacles=[barn], home=OTHER_HOME, actions=actions
     )
     host = mission(TAKE_OFF, LAND, home=HOME, fence=[exclusion])
-    found = insert(host, added, ("steps", 1), positions="from_start")
-    assert found.mission.fence == (*host.fence, added.fence[0])
-    assert found.mission.obstacles[0].top.value_m == 20.0
-    assert found.mission.actions == host.actions
-    assert found.notes[1:] == (
+    result = insert(host, added, ("steps", 1), positions="from_start")
+    assert result.mission.fence == (*host.fence, added.fence[0])
+    assert result.mission.obstacles[0].top.value_m == 20.0
+    assert result.mission.actions == host.actions
+    assert result.notes[1:] == (
         "The geofence of 'Tower' now applies to the whole mission.",
         "1 obstacle of 'Tower' is added.",
         "The actions of this mission apply: link_loss hold, not continue.",
@@ -385,9 +385,9 @@ def test_tables_are_inserted_with_the_mission_and_a_missing_table_is_refused() -
     table = {"step": "table", "file": "a.csv"}
     added = tower(TAKE_OFF, table, LAND, tables={"a.csv": CSV, "unused.csv": CSV})
     host = mission(TAKE_OFF, table, LAND, tables={"a.csv": CSV.replace("20,20", "20,30")})
-    found = insert(host, added, ("steps", 2)).mission
-    assert found.tables == {**host.tables, "a 2.csv": CSV}
-    table_step = found.missions["Tower"][1]
+    combined = insert(host, added, ("steps", 2)).mission
+    assert combined.tables == {**host.tables, "a 2.csv": CSV}
+    table_step = combined.missions["Tower"][1]
     assert isinstance(table_step, Table)
     assert table_step.file == "a 2.csv"
     error = insertion_error(host, tower(TAKE_OFF, table))

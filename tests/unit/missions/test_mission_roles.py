@@ -42,8 +42,8 @@ def compile_with_distance(mission: OffboardMission, east_m: float = 40.0) -> Com
     return compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts)
 
 
-def codes(found: CompiledRoles) -> list[str]:
-    return [each.code for each in found.findings]
+def codes(compiled: CompiledRoles) -> list[str]:
+    return [each.code for each in compiled.findings]
 
 
 def test_a_mission_with_roles_is_unchanged_after_writing_and_its_steps_are_counted() -> None:
@@ -120,20 +120,20 @@ def test_a_mission_for_several_vehicles_is_never_compiled_for_one_vehicle() -> N
 
 
 def test_each_role_begins_with_a_common_start_and_its_steps_have_the_name_of_the_role() -> None:
-    found = compile_mission(crossing(), role="left")
-    start = found.segments[0]
+    compiled = compile_mission(crossing(), role="left")
+    start = compiled.segments[0]
     assert isinstance(start, WaitSegment)
     assert (start.kind, start.message, start.place) == ("meet", "start", "left, start")
-    assert found.segments[1].place == "left, step 1"
+    assert compiled.segments[1].place == "left, step 1"
 
 
 def test_vehicles_that_cross_at_the_same_time_cause_a_finding_with_position_and_time() -> None:
-    found = compile_with_distance(crossing())
-    assert codes(found) == ["separation"]
-    text = found.findings[0].message
+    compiled = compile_with_distance(crossing())
+    assert codes(compiled) == ["separation"]
+    text = compiled.findings[0].message
     assert "lead, step 2; left, step 2" in text
     assert "lead at 15 m north, 15 m east, -10 m down" in text
-    assert found.findings[0].step == "lead, step 2"
+    assert compiled.findings[0].step == "lead, step 2"
 
 
 def test_vehicles_that_cross_one_after_the_other_because_of_a_meeting_cause_no_finding() -> None:
@@ -142,16 +142,16 @@ def test_vehicles_that_cross_one_after_the_other_because_of_a_meeting_cause_no_f
         f"  lead:\n    steps: [{TAKE_OFF}, {fly(40, 60)}, {{step: meet, meeting: passed}}, {LAND}]\n"
         f"  left:\n    steps: [{TAKE_OFF}, {{step: meet, meeting: passed}}, {fly(40, -40)}, {LAND}]\n"
     )
-    found = compile_with_distance(mission)
-    assert codes(found) == []
-    lead, left = found.timelines.values()
-    assert found.duration_s > max(lead.duration_s, left.duration_s)
+    compiled = compile_with_distance(mission)
+    assert codes(compiled) == []
+    lead, left = compiled.timelines.values()
+    assert compiled.duration_s > max(lead.duration_s, left.duration_s)
 
 
 def test_vehicles_too_near_at_the_start_cause_a_finding() -> None:
-    found = compile_with_distance(crossing(), east_m=4.0)
-    assert found.findings[0].code == "separation"
-    assert "lead, s" in found.findings[0].message
+    compiled = compile_with_distance(crossing(), east_m=4.0)
+    assert compiled.findings[0].code == "separation"
+    assert "lead, s" in compiled.findings[0].message
 
 
 def test_the_documents_minimum_separation_is_used() -> None:

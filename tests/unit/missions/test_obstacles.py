@@ -50,11 +50,11 @@ def shapes(*obstacles: Obstacle) -> ObstacleShapes:
     ],
 )
 def test_the_distance_of_a_path_is_measured_to_the_nearest_side_or_the_top(path, distance_m) -> None:
-    found = list(shapes(BARN).clearances(np.array(path, dtype=float)))
-    assert [each.name for each in found] == ([] if distance_m is None else ["Barn"])
+    clearances = list(shapes(BARN).clearances(np.array(path, dtype=float)))
+    assert [each.name for each in clearances] == ([] if distance_m is None else ["Barn"])
     if distance_m is not None:
-        assert found[0].distance_m == pytest.approx(distance_m, abs=0.06)
-        assert found[0].passes_through == (distance_m == 0.0)
+        assert clearances[0].distance_m == pytest.approx(distance_m, abs=0.06)
+        assert clearances[0].passes_through == (distance_m == 0.0)
 
 
 @given(
@@ -67,9 +67,9 @@ def test_the_distance_of_a_path_equals_the_minimum_over_many_of_its_positions(st
         np.maximum(np.abs(line[:, 0] - 25.0) - 5.0, 0.0), np.maximum(np.abs(line[:, 1]) - 5.0, 0.0)
     )
     least_m = float(np.hypot(horizontal_m, np.maximum(-line[:, 2] - 8.0, 0.0)).min())
-    found = list(shapes(BARN).clearances(np.array([start, end])))
-    assert bool(found) == (least_m < 2.0) or least_m == pytest.approx(2.0, abs=0.1)
-    for each in found:
+    clearances = list(shapes(BARN).clearances(np.array([start, end])))
+    assert bool(clearances) == (least_m < 2.0) or least_m == pytest.approx(2.0, abs=0.1)
+    for each in clearances:
         assert each.distance_m == pytest.approx(least_m, abs=0.1)
 
 
@@ -86,9 +86,11 @@ def test_a_top_above_sea_level_is_converted_with_the_altitude_of_home() -> None:
 # --- waypoint plans -----------------------------------------------------------------------------------
 
 
-def item_at(kind, north_m: float, alt_home_m: float):
+def item_at(item_class, north_m: float, alt_home_m: float):
     lat_deg, lon_deg, _ = ORIGIN.to_geodetic((north_m, 0.0, 0.0))
-    return kind(lat_deg=lat_deg, lon_deg=lon_deg, altitude=Altitude(value_m=alt_home_m, reference="home"))
+    return item_class(
+        lat_deg=lat_deg, lon_deg=lon_deg, altitude=Altitude(value_m=alt_home_m, reference="home")
+    )
 
 
 def findings_of(*items, obstacle: Obstacle = BARN) -> list[tuple[str, int | None]]:

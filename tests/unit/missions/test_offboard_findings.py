@@ -55,9 +55,9 @@ def test_each_fault_causes_its_finding(steps: str, code: str) -> None:
         vehicle=VehicleModel(fence_radius_m=80.0, fence_height_m=80.0),
     )
     reported = frozenset({"battery_share", "satellites"})
-    found = compile_mission(mission(steps), MissionVehicle(MotionLimits(), limits, reported))
-    assert code in codes(found)
-    assert all(finding.message.endswith(".") for finding in found.findings)
+    compiled = compile_mission(mission(steps), MissionVehicle(MotionLimits(), limits, reported))
+    assert code in codes(compiled)
+    assert all(finding.message.endswith(".") for finding in compiled.findings)
 
 
 FENCE = "fence:\n- {shape: circle, inclusion: true, center: {lat_deg: 47, lon_deg: 8}, radius_m: 50}\n"
@@ -67,10 +67,10 @@ def test_a_path_outside_the_geofence_causes_a_finding_with_its_position() -> Non
     fly = "- {step: fly, points: [{offset_ned_m: [60, 0, -10]}]}\n"
     text = f"name: Test\n{FENCE}steps:\n{TAKE_OFF}{fly}{LAND}"
     assert codes(compile_mission(read(text))) == {"fence_unknown"}
-    found = compile_mission(read(text).model_copy(update={"home": HOME}))
-    assert codes(found) == {"fence_crossed"}
-    assert found.findings[0].step == "step 2"
-    assert "north" in found.findings[0].message
+    compiled = compile_mission(read(text).model_copy(update={"home": HOME}))
+    assert codes(compiled) == {"fence_crossed"}
+    assert compiled.findings[0].step == "step 2"
+    assert "north" in compiled.findings[0].message
     text_inside = text.replace("60, 0", "40, 0")
     assert compile_mission(read(text_inside).model_copy(update={"home": HOME})).findings == ()
 
@@ -94,8 +94,8 @@ def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, text
     plan = mission(flight_steps("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))
     start = Start(origin=LocalOrigin(*HOME_DEG, HOME.alt_amsl_m), home_alt_amsl_m=HOME.alt_amsl_m)
     assert OperatorArea.from_json(json.loads(json.dumps(area.to_json()))) == area
-    found = compile_mission(plan, MissionVehicle(operator=area), start)
-    (finding, *_) = [each for each in found.findings if each.code == "limit_exceeded"]
+    compiled = compile_mission(plan, MissionVehicle(operator=area), start)
+    (finding, *_) = [each for each in compiled.findings if each.code == "limit_exceeded"]
     assert finding.severity == "error"
     assert text in finding.message
     larger_area = OperatorArea(11.0, 61.0, CircleFence(*HOME_DEG, 70.0))
@@ -111,10 +111,10 @@ def test_unknown_parameters_cause_one_finding_that_names_them_also_for_several_v
     (finding,) = compile_mission(mission(flight_steps("step: hold, duration_s: 1")), five_unknown).findings
     assert finding.message.endswith("PX4's defaults are used: A, B, C and 2 more.")
     two_roles = mission_for_two(*STEPS["take_off"], *STEPS["meet"], *STEPS["land"])
-    found = compile_roles(
+    compiled = compile_roles(
         two_roles, dict.fromkeys(two_roles.roles, vehicle), planned_starts(two_roles)
     ).findings
-    assert [each.code for each in found].count("parameters_unknown") == 1
+    assert [each.code for each in compiled].count("parameters_unknown") == 1
 
 
 def test_a_condition_that_can_become_true_causes_no_finding_with_or_without_known_reports() -> None:

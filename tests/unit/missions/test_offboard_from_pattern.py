@@ -72,10 +72,10 @@ def compile_steps(steps: tuple[MissionStep, ...]) -> Timeline:
 @pytest.mark.parametrize("kind", PATTERNS)
 def test_a_pattern_is_flown_without_errors_along_the_length_of_its_items(kind: str) -> None:
     _, plan, steps = make_pattern(kind)
-    found = compile_steps(steps)
-    assert codes(found) == {"landing_missing"}
-    approach_m = next(each for each in found.segments if isinstance(each, CurveSegment)).length_m
-    path_m = sum(each.length_m for each in found.segments if isinstance(each, CurveSegment)) - approach_m
+    compiled = compile_steps(steps)
+    assert codes(compiled) == {"landing_missing"}
+    approach_m = next(each for each in compiled.segments if isinstance(each, CurveSegment)).length_m
+    path_m = sum(each.length_m for each in compiled.segments if isinstance(each, CurveSegment)) - approach_m
     assert path_m == pytest.approx(estimate(plan, VehicleModel()).length_m, rel=0.05)
 
 

@@ -38,10 +38,10 @@ def test_a_waypoint_plan_becomes_a_mission() -> None:
         ),
     )
     converted = from_plan(plan, "From a plan")
-    found = compile_mission(converted.mission)
-    assert titles(found)[:5] == ["Take off", "Fly", "Hold", "Fly", "Hold"]
-    assert codes(found) <= {"landing_missing"}
-    assert [segment.kind for segment in found.segments if isinstance(segment, WaitSegment)] == [
+    compiled = compile_mission(converted.mission)
+    assert titles(compiled)[:5] == ["Take off", "Fly", "Hold", "Fly", "Hold"]
+    assert codes(compiled) <= {"landing_missing"}
+    assert [segment.kind for segment in compiled.segments if isinstance(segment, WaitSegment)] == [
         "take_off",
         "person",
     ]
@@ -54,9 +54,9 @@ def test_a_return_and_a_landing_end_at_home() -> None:
         Waypoint(lat_deg=47.0005, lon_deg=8.0, altitude=alt(20.0)),
     )
     for last_item in (ReturnHome(), Land(lat_deg=47.0, lon_deg=8.0, altitude=alt(0.0))):
-        found = compile_mission(from_plan(Plan(planned_home=HOME, items=(*items, last_item)), "x").mission)
-        assert found.findings == ()
-        assert found.segments[-1].end_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
+        compiled = compile_mission(from_plan(Plan(planned_home=HOME, items=(*items, last_item)), "x").mission)
+        assert compiled.findings == ()
+        assert compiled.segments[-1].end_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
 
 
 @settings(deadline=None, max_examples=30)

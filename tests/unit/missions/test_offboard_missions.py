@@ -40,10 +40,10 @@ EXAMPLES.remove(TWO_VEHICLES)
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_the_examples_compile_without_a_finding(path: Path) -> None:
-    found = compile_mission(read(path.read_bytes()))
-    assert found.findings == ()
-    assert found.duration_s > 30.0
-    assert found.segments[-1].end_ned_m[2] == pytest.approx(0.0) or found.decision is not None
+    compiled = compile_mission(read(path.read_bytes()))
+    assert compiled.findings == ()
+    assert compiled.duration_s > 30.0
+    assert compiled.segments[-1].end_ned_m[2] == pytest.approx(0.0) or compiled.decision is not None
 
 
 def test_the_examples_for_one_vehicle_are_complete() -> None:
@@ -55,8 +55,8 @@ def test_the_figure_eight_built_in_python_equals_the_figure_eight_in_the_file() 
 
 
 def test_the_figure_eight_is_flown_at_five_metres_per_second() -> None:
-    found = compile_mission(read((ROOT / "missions/examples/figure_eight.yaml").read_bytes()))
-    figure_segment = next(segment for segment in found.segments if segment.title == "Two rounds")
+    compiled = compile_mission(read((ROOT / "missions/examples/figure_eight.yaml").read_bytes()))
+    figure_segment = next(segment for segment in compiled.segments if segment.title == "Two rounds")
     assert isinstance(figure_segment, CurveSegment)
     speeds = np.linalg.norm(
         figure_segment.curve.sample(np.linspace(0, figure_segment.duration_s, 2000)).velocity_ned_m_s, axis=1
@@ -67,9 +67,9 @@ def test_the_figure_eight_is_flown_at_five_metres_per_second() -> None:
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_a_timeline_is_continuous(path: Path) -> None:
-    found = compile_mission(read(path.read_bytes()))
+    compiled = compile_mission(read(path.read_bytes()))
     position, yaw_rad = (0.0, 0.0, 0.0), 0.0
-    for segment in found.segments:
+    for segment in compiled.segments:
         if not isinstance(segment, WaitSegment):
             setpoint = segment.at(0.0)
             assert position_at(segment, 0.0) == pytest.approx(position, abs=1e-6), segment.place
@@ -80,14 +80,14 @@ def test_a_timeline_is_continuous(path: Path) -> None:
 
 
 def test_a_timeline_can_be_pickled() -> None:
-    found = compile_mission(read((ROOT / "missions/examples/tower_inspection.yaml").read_bytes()))
-    loaded = pickle.loads(pickle.dumps(found))
-    for t in np.arange(0.0, found.own_duration_s, 1.7).tolist():
-        assert loaded.at(t) == found.at(t)
+    compiled = compile_mission(read((ROOT / "missions/examples/tower_inspection.yaml").read_bytes()))
+    loaded = pickle.loads(pickle.dumps(compiled))
+    for t in np.arange(0.0, compiled.own_duration_s, 1.7).tolist():
+        assert loaded.at(t) == compiled.at(t)
 
 
 def test_steps_are_in_order_with_positions_and_waits() -> None:
-    found = timeline(
+    compiled = timeline(
         TAKE_OFF
         + "- {step: fly, points: [{offset_ned_m: [20, 0, -10]}], name: Out}\n"
         + "- {step: wait, until: person, timeout_s: 60, message: Go?}\n"
@@ -95,10 +95,10 @@ def test_steps_are_in_order_with_positions_and_waits() -> None:
         + " on_timeout: land}\n"
         + LAND
     )
-    assert [(s.place, s.title) for s in found.segments] == [
+    assert [(s.place, s.title) for s in compiled.segments] == [
         ("step 1", "Take off"), ("step 2", "Out"), ("step 3", "Wait"), ("step 4", "Wait"), ("step 5", "Land"),
     ]  # fmt: skip
-    waits = [segment for segment in found.segments if isinstance(segment, WaitSegment)]
+    waits = [segment for segment in compiled.segments if isinstance(segment, WaitSegment)]
     assert [wait.kind for wait in waits] == ["take_off", "person", "condition", "land"]
     assert (waits[2].value, waits[2].below, waits[2].for_s, waits[2].on_timeout) == (
         "wind_speed_m_s",
@@ -107,26 +107,26 @@ def test_steps_are_in_order_with_positions_and_waits() -> None:
         "land",
     )
     assert waits[1].message == "Go?"
-    assert found.segments[1].end_ned_m == pytest.approx((20, 0, -10))
-    assert found.length_m == pytest.approx(10 + 20 + 10)
-    assert found.findings == ()
+    assert compiled.segments[1].end_ned_m == pytest.approx((20, 0, -10))
+    assert compiled.length_m == pytest.approx(10 + 20 + 10)
+    assert compiled.findings == ()
 
 
 def test_positions_are_local_relative_or_global() -> None:
     start = Start((5.0, 0.0, -1.0), 0.0, LocalOrigin(47.0, 8.0, 480.0), 480.0, in_air=True)
     north_deg = 47.0 + math.degrees(30.0 / 6_371_000.0)
-    found = timeline(
+    compiled = timeline(
         "- {step: fly, points: [{position_ned_m: [10, 0, -10]}]}\n"
         "- {step: fly, points: [{offset_ned_m: [10, 0, -10]}]}\n"
         f"- {{step: fly, points: [{{lat_deg: {north_deg}, lon_deg: 8, alt_home_m: 12}}]}}\n"
         f"- {{step: fly, points: [{{lat_deg: {north_deg}, lon_deg: 8, alt_amsl_m: 500}}]}}\n" + LAND,
         start,
     )
-    ends = [segment.end_ned_m for segment in found.segments[:4]]
+    ends = [segment.end_ned_m for segment in compiled.segments[:4]]
     assert np.array(ends) == pytest.approx(
         np.array([(10, 0, -10), (15, 0, -11), (30, 0, -12), (30, 0, -20)]), abs=1e-3
     )
-    assert set(found.needs) == {"position", "velocity", "global_position", "home"}
+    assert set(compiled.needs) == {"position", "velocity", "global_position", "home"}
 
 
 def test_a_global_position_needs_an_origin_or_a_planned_home() -> None:
@@ -136,45 +136,45 @@ def test_a_global_position_needs_an_origin_or_a_planned_home() -> None:
 
 
 def test_a_point_with_a_wait_ends_the_path_and_adds_a_hold() -> None:
-    found = timeline(
+    compiled = timeline(
         flight_steps(
             "step: fly, points: [{offset_ned_m: [9, 0, -10], hold_s: 4}, {offset_ned_m: [9, 9, -10]}]"
         )
     )
-    assert titles(found) == ["Take off", "Fly", "Hold", "Fly", "Land"]
-    assert found.segments[2].duration_s == 4.0
-    assert position_at(found.segments[2], 2.0) == pytest.approx((9, 0, -10))
+    assert titles(compiled) == ["Take off", "Fly", "Hold", "Fly", "Land"]
+    assert compiled.segments[2].duration_s == 4.0
+    assert position_at(compiled.segments[2], 2.0) == pytest.approx((9, 0, -10))
 
 
 def test_an_orbit_begins_at_the_nearest_point_after_an_approach_and_a_turn() -> None:
-    found = timeline(
+    compiled = timeline(
         flight_steps(
             "step: orbit, radius_m: 5, center: {offset_ned_m: [20, 0, -10]},"
             " look_at: {offset_ned_m: [20, 0, 0]}"
         )
     )
-    assert titles(found) == ["Take off", "Approach", "Orbit", "Land"]
-    assert found.segments[1].end_ned_m == pytest.approx((15, 0, -10))
-    assert found.segments[2].length_m == pytest.approx(math.tau * 5.0, rel=1e-4)
+    assert titles(compiled) == ["Take off", "Approach", "Orbit", "Land"]
+    assert compiled.segments[1].end_ned_m == pytest.approx((15, 0, -10))
+    assert compiled.segments[2].length_m == pytest.approx(math.tau * 5.0, rel=1e-4)
 
 
 def test_a_velocity_step_accelerates_and_brakes_within_its_duration() -> None:
-    found = timeline(TAKE_OFF + "- {step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 10}\n" + LAND)
-    segment = found.segments[1]
+    compiled = timeline(TAKE_OFF + "- {step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 10}\n" + LAND)
+    segment = compiled.segments[1]
     assert segment.at(5.0) == Velocity((pytest.approx(3.0), 0.0, 0.0), 0.0)  # type: ignore[arg-type]
     assert segment.at(10.0) == Velocity((0.0, 0.0, 0.0), 0.0)
     # At 3 m/s, with 3 m/s² and 4 m/s³, accelerating and braking take v/a + a/j each.
     assert segment.end_ned_m[0] == pytest.approx(3.0 * (10.0 - 3.0 / 3.0 - 3.0 / 4.0))
-    assert codes(found) == {"position_not_held"}
+    assert codes(compiled) == {"position_not_held"}
 
 
 def test_an_attitude_step_sends_its_attitude_for_its_duration_and_then_a_position() -> None:
-    found = timeline(TAKE_OFF + "- {step: attitude, pitch_rad: -0.1, thrust: 0.5, duration_s: 2}\n" + LAND)
-    setpoint = found.segments[1].at(1.0)
+    compiled = timeline(TAKE_OFF + "- {step: attitude, pitch_rad: -0.1, thrust: 0.5, duration_s: 2}\n" + LAND)
+    setpoint = compiled.segments[1].at(1.0)
     assert isinstance(setpoint, Attitude)
     assert setpoint.thrust == 0.5
-    assert isinstance(found.segments[1].at(2.0), Position)
-    assert codes(found) == {"position_not_held"}
+    assert isinstance(compiled.segments[1].at(2.0), Position)
+    assert codes(compiled) == {"position_not_held"}
 
 
 CSV = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n10,20,0,-10\n20,20,20,-10\n"
@@ -184,13 +184,13 @@ def test_tables_from_csv_and_numpy_are_flown_at_their_own_times() -> None:
     npy_file = io.BytesIO()
     np.save(npy_file, np.array([[5, 0, 0, -10, 0], [15, 20, 0, -10, 1], [25, 20, 20, -10, 1]], dtype=float))
     files = {"a.csv": CSV, "b.npy": npy_file.getvalue()}
-    found = timeline(
+    compiled = timeline(
         TAKE_OFF + "- {step: table, file: a.csv}\n- {step: table, file: b.npy}\n" + LAND, files=files
     )
-    tables = [segment for segment in found.segments if segment.title == "Table"]
+    tables = [segment for segment in compiled.segments if segment.title == "Table"]
     assert [segment.duration_s for segment in tables] == [20.0, 20.0]
     assert position_at(tables[0], 10.0) == pytest.approx((20, 0, -10))
-    assert found.findings == ()
+    assert compiled.findings == ()
 
 
 OVERSIZED_ARRAY = (
@@ -215,19 +215,19 @@ OVERSIZED_ARRAY = (
     ],
 )  # fmt: skip
 def test_an_invalid_table_causes_a_finding_that_names_the_row(data: bytes, text: str) -> None:
-    found = timeline(TAKE_OFF + "- {step: table, file: a}\n" + LAND, files={"a": data})
-    assert [finding.code for finding in found.findings] == ["step_invalid"]
-    assert text in found.findings[0].message
+    compiled = timeline(TAKE_OFF + "- {step: table, file: a}\n" + LAND, files={"a": data})
+    assert [finding.code for finding in compiled.findings] == ["step_invalid"]
+    assert text in compiled.findings[0].message
 
 
 def test_a_table_faster_than_the_vehicles_limits_causes_a_finding() -> None:
     fast = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n1,40,0,-10\n2,80,0,-30\n"
-    found = timeline(TAKE_OFF + "- {step: table, file: a}\n" + LAND, files={"a": fast})
-    assert {"speed_exceeded", "acceleration_exceeded"} <= codes(found)
+    compiled = timeline(TAKE_OFF + "- {step: table, file: a}\n" + LAND, files={"a": fast})
+    assert {"speed_exceeded", "acceleration_exceeded"} <= codes(compiled)
 
 
 def test_the_gimbal_follows_its_track() -> None:
-    found = timeline(
+    compiled = timeline(
         TAKE_OFF
         + "- {step: gimbal, track: look_at, place: {offset_ned_m: [10, 0, 0]}}\n"
         + "- {step: hold, duration_s: 4}\n"
@@ -240,30 +240,30 @@ def test_the_gimbal_follows_its_track() -> None:
         + "- {step: gimbal, track: release}\n"
         + LAND
     )
-    holds = [segment for segment in found.segments if segment.title == "Hold"]
+    holds = [segment for segment in compiled.segments if segment.title == "Hold"]
     assert holds[0].gimbal_at(1.0) == pytest.approx((-math.pi / 4, 0.0))
     assert holds[1].gimbal_at(1.0) == pytest.approx((-0.5, 1.0))
-    fly = next(segment for segment in found.segments if segment.title == "Fly")
+    fly = next(segment for segment in compiled.segments if segment.title == "Fly")
     assert fly.gimbal_at(4.0) == pytest.approx((-0.3, math.pi / 2))
     assert holds[2].gimbal_at(0.0) == pytest.approx((-1.2, 0.4))
-    assert found.segments[-1].gimbal_at(0.0) is None
-    assert [event.kind for event in found.events] == ["gimbal"] * 5
+    assert compiled.segments[-1].gimbal_at(0.0) is None
+    assert [event.kind for event in compiled.events] == ["gimbal"] * 5
 
 
 def test_the_events_of_pictures_have_the_expected_times_and_positions() -> None:
-    found = timeline(
+    compiled = timeline(
         TAKE_OFF + "- {step: photo, count: 3, interval_s: 2}\n"
         "- {step: fly, points: [{offset_ned_m: [20, 0, -10]}], photo_every_m: 5}\n" + LAND
     )
-    assert [event.t_s for event in found.segments[1].events] == [0.0, 2.0, 4.0]
-    shots = found.segments[2].events
-    assert [round(position_at(found.segments[2], event.t_s)[0], 1) for event in shots] == [
+    assert [event.t_s for event in compiled.segments[1].events] == [0.0, 2.0, 4.0]
+    shots = compiled.segments[2].events
+    assert [round(position_at(compiled.segments[2], event.t_s)[0], 1) for event in shots] == [
         0.0,
         5.0,
         10.0,
         15.0,
     ]
-    assert found.photos == 7
+    assert compiled.photos == 7
 
 
 def test_each_segment_has_the_avoidance_of_its_step_or_mission() -> None:
@@ -300,24 +300,24 @@ def test_repeats_and_calls_are_expanded() -> None:
         + LAND
         + "missions:\n  a: [{step: hold, duration_s: 1}, {step: photo}]\n"
     )
-    found = compile_mission(read(text))
-    assert titles(found) == ["Take off", "Hold", "Photo", "Hold", "Photo", "Land"]
-    assert [segment.place for segment in found.segments][1:3] == ["step 2.1, a 1", "step 2.1, a 2"]
+    compiled = compile_mission(read(text))
+    assert titles(compiled) == ["Take off", "Hold", "Photo", "Hold", "Photo", "Land"]
+    assert [segment.place for segment in compiled.segments][1:3] == ["step 2.1, a 1", "step 2.1, a 2"]
 
 
 def test_a_branch_gives_two_timelines_that_each_contain_the_following_steps() -> None:
-    found = timeline(
+    compiled = timeline(
         flight_steps(
             "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: hold, duration_s: 9}]"
         )
     )
-    assert titles(found) == ["Take off"]
-    assert found.decision is not None
-    assert (found.decision.value, found.decision.above) == ("battery_share", 0.5)
-    assert found.then is not None
-    assert found.otherwise is not None
-    assert (titles(found.then), titles(found.otherwise)) == (["Hold", "Land"], ["Land"])
-    assert found.duration_s == pytest.approx(found.own_duration_s + found.then.duration_s)
+    assert titles(compiled) == ["Take off"]
+    assert compiled.decision is not None
+    assert (compiled.decision.value, compiled.decision.above) == ("battery_share", 0.5)
+    assert compiled.then is not None
+    assert compiled.otherwise is not None
+    assert (titles(compiled.then), titles(compiled.otherwise)) == (["Hold", "Land"], ["Land"])
+    assert compiled.duration_s == pytest.approx(compiled.own_duration_s + compiled.then.duration_s)
 
 
 def test_the_rest_of_a_mission_is_compiled_from_the_vehicles_position() -> None:
@@ -327,14 +327,14 @@ def test_the_rest_of_a_mission_is_compiled_from_the_vehicles_position() -> None:
         "step: fly, points: [{offset_ned_m: [20, 20, -10]}]",
     )
     start = Start((14.0, 3.0, -12.0), 0.5, in_air=True, mission_start_ned_m=(0.0, 0.0, 0.0))
-    found = compile_mission(mission(steps), start=start, first_step=3)
-    fly = next(segment for segment in found.segments if segment.title == "Fly")
+    compiled = compile_mission(mission(steps), start=start, first_step=3)
+    fly = next(segment for segment in compiled.segments if segment.title == "Fly")
     assert fly.place == "step 4"
     assert position_at(fly, 0.0) == pytest.approx((14, 3, -12))
     assert fly.end_ned_m == pytest.approx((20, 20, -10))
     assert fly.gimbal is not None
-    assert found.segments[-1].end_ned_m == pytest.approx((20, 20, 0))
-    assert found.findings == ()
+    assert compiled.segments[-1].end_ned_m == pytest.approx((20, 20, 0))
+    assert compiled.findings == ()
 
 
 EDGE_VALUES = (0.0, -1.0, 0.3, 1e-3, 7.0, 90.0, 9e3, -9e3)
@@ -361,9 +361,9 @@ def test_any_steps_give_finite_setpoints(templates: list[tuple[str, tuple[float,
         p, q = (f"{{offset_ned_m: [{x}, {y}, {z}]}}" for x, y, z in ((a, b, c), (c, d, a)))
         size, capped = abs(n) + 0.2, max(-900.0, min(900.0, n))
         steps.append(template.format(p=p, q=q, size=size, n=capped, m=m))
-    found = timeline(flight_steps(*steps))
-    for t in np.linspace(0.0, found.duration_s, 50).tolist():
-        setpoint = found.at(t)
+    compiled = timeline(flight_steps(*steps))
+    for t in np.linspace(0.0, compiled.duration_s, 50).tolist():
+        setpoint = compiled.at(t)
         assert isinstance(setpoint, Trajectory | Position | Velocity)
         values = (*getattr(setpoint, "position_ned_m", ()), *getattr(setpoint, "velocity_ned_m_s", ()))
         assert all(math.isfinite(value) for value in values)

@@ -18,24 +18,26 @@ ORBIT = "step: orbit, center: {offset_ned_m: [20, 0, -10]}, radius_m: 10, turns:
 
 
 def test_legs_are_connected_and_the_times_of_steps_sum_to_the_flight() -> None:
-    found = timeline(
+    compiled = timeline(
         flight_steps("step: fly, points: [{offset_ned_m: [30, 0, -10]}]", ORBIT, "step: photo, count: 3")
     )
-    legs = samples.legs(found, START)
+    legs = samples.legs(compiled, START)
     assert (legs[0].points[0], legs[0].title) == ((0.0, 0.0, 0.0, 0.0), "Take off")
     for before, after in itertools.pairwise(legs):
         assert before.points[-1][1:] == pytest.approx(after.points[0][1:], abs=2e-3)
         assert before.start_s + before.duration_s == pytest.approx(after.start_s)
-    steps = samples.step_times(found)
+    steps = samples.step_times(compiled)
     assert [step.place for step in steps] == [f"step {k}" for k in range(1, 6)]
-    assert sum(step.duration_s for step in steps) == pytest.approx(found.duration_s)
-    assert sum(step.length_m for step in steps) == pytest.approx(found.length_m)
+    assert sum(step.duration_s for step in steps) == pytest.approx(compiled.duration_s)
+    assert sum(step.length_m for step in steps) == pytest.approx(compiled.length_m)
     assert [step.photos for step in steps] == [0, 0, 0, 3, 0]
 
 
 def test_a_repeated_step_is_one_entry_with_the_time_of_all_rounds() -> None:
-    found = timeline(TAKE_OFF + "- {step: repeat, times: 3, steps: [{step: hold, duration_s: 5}]}\n" + LAND)
-    step = samples.step_times(found)[1]
+    compiled = timeline(
+        TAKE_OFF + "- {step: repeat, times: 3, steps: [{step: hold, duration_s: 5}]}\n" + LAND
+    )
+    step = samples.step_times(compiled)[1]
     assert (step.place, step.duration_s) == ("step 2.1", 15.0)
 
 
@@ -44,8 +46,8 @@ def test_after_a_branch_both_paths_are_drawn_and_the_longer_path_is_timed() -> N
         "- {step: branch, condition: {value: battery_share, above: 0.5}, then: [], "
         "otherwise: [{step: fly, points: [{offset_ned_m: [0, 50, -10]}]}]}\n"
     )
-    found = timeline(TAKE_OFF + branch + LAND)
-    legs = samples.legs(found, START)
+    compiled = timeline(TAKE_OFF + branch + LAND)
+    legs = samples.legs(compiled, START)
     assert [(leg.place, leg.main) for leg in legs] == [
         ("step 1", True),
         ("step 3", False),
@@ -53,16 +55,16 @@ def test_after_a_branch_both_paths_are_drawn_and_the_longer_path_is_timed() -> N
         ("step 3", True),
     ]
     assert legs[1].points[0][1:] == legs[2].points[0][1:] == (0.0, 0.0, -10.0)  # both begin at the branch
-    assert [step.place for step in samples.step_times(found)] == ["step 1", "step 2 otherwise 1", "step 3"]
+    assert [step.place for step in samples.step_times(compiled)] == ["step 1", "step 2 otherwise 1", "step 3"]
 
 
 def test_a_long_mission_has_a_limited_number_of_points() -> None:
-    found = compile_mission(mission(flight_steps(*([ORBIT.replace("turns: 3", "turns: 100")] * 3))))
-    point_count = sum(len(leg.points) for leg in samples.legs(found, START))
+    compiled = compile_mission(mission(flight_steps(*([ORBIT.replace("turns: 3", "turns: 100")] * 3))))
+    point_count = sum(len(leg.points) for leg in samples.legs(compiled, START))
     assert point_count <= samples.MAX_POINTS
-    assert found.duration_s / samples.SPACING_S > samples.MAX_POINTS
+    assert compiled.duration_s / samples.SPACING_S > samples.MAX_POINTS
     assert all(
-        math.isfinite(value) for leg in samples.legs(found, START) for row in leg.points for value in row
+        math.isfinite(value) for leg in samples.legs(compiled, START) for row in leg.points for value in row
     )
 
 

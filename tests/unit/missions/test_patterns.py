@@ -52,8 +52,8 @@ def areas(draw: st.DrawFn) -> tuple[list[tuple[float, float]], list[list[tuple[f
     return outer, [hole] if draw(st.booleans()) else []
 
 
-def local_lines(found: Pattern) -> list[LineString]:
-    return [LineString([LOCAL_MAP.local(start), LOCAL_MAP.local(end)]) for start, end in found.lines]
+def local_lines(pattern: Pattern) -> list[LineString]:
+    return [LineString([LOCAL_MAP.local(start), LOCAL_MAP.local(end)]) for start, end in pattern.lines]
 
 
 def pictures(line: LineString, coverage: Coverage) -> list[Polygon]:
@@ -86,52 +86,54 @@ def test_a_survey_covers_any_area_with_the_requested_overlap(
 ) -> None:
     outer, holes = area
     coverage = Coverage(CAMERA, distance, front, side)
-    found = make(Survey(points(outer), coverage, ALTITUDE, [points(hole) for hole in holes], heading))
+    pattern = make(Survey(points(outer), coverage, ALTITUDE, [points(hole) for hole in holes], heading))
     shape = Polygon(outer, holes)
-    lines = local_lines(found)
+    lines = local_lines(pattern)
 
     photo_areas = [picture for line in lines for picture in pictures(line, coverage)]
     ground = shapely.union_all(photo_areas, grid_size=1e-3)
     assert shape.intersection(ground).area / shape.area >= 0.995
 
     across_m, along_m = CAMERA.footprint_m(distance)
-    assert found.spacing_m == pytest.approx(across_m * (1.0 - side))
-    assert found.trigger_m == pytest.approx(along_m * (1.0 - front))
-    assert found.heading_deg is not None
-    angle = math.radians(found.heading_deg)
+    assert pattern.spacing_m == pytest.approx(across_m * (1.0 - side))
+    assert pattern.trigger_m == pytest.approx(along_m * (1.0 - front))
+    assert pattern.heading_deg is not None
+    angle = math.radians(pattern.heading_deg)
     offsets = np.array(
         [line.coords[0][0] * math.cos(angle) - line.coords[0][1] * math.sin(angle) for line in lines]
     )
-    line_numbers = (offsets - offsets[0]) / found.spacing_m
+    line_numbers = (offsets - offsets[0]) / pattern.spacing_m
     assert np.abs(line_numbers - np.round(line_numbers)).max() < 0.01
 
     outline_m = shape.length
-    assert found.lower_bound_m == pytest.approx(shape.area / found.spacing_m, rel=1e-3)
-    assert found.lower_bound_m * 0.999 <= found.lines_length_m <= (found.lower_bound_m + outline_m) * 1.001
+    assert pattern.lower_bound_m == pytest.approx(shape.area / pattern.spacing_m, rel=1e-3)
+    assert (
+        pattern.lower_bound_m * 0.999 <= pattern.lines_length_m <= (pattern.lower_bound_m + outline_m) * 1.001
+    )
 
 
 def test_the_lines_of_a_survey_without_a_heading_are_along_the_long_side() -> None:
     rectangle = [(0.0, 0.0), (400.0, 300.0), (340.0, 380.0), (-60.0, 80.0)]
-    found = make(Survey(points(rectangle), COVERAGE, ALTITUDE))
-    assert found.heading_deg == pytest.approx(heading_deg((0.0, 0.0), (400.0, 300.0)), abs=0.1)
-    assert found.lines_length_m == pytest.approx(500.0 * math.ceil(100.0 / found.spacing_m), rel=0.01)
+    pattern = make(Survey(points(rectangle), COVERAGE, ALTITUDE))
+    assert pattern.heading_deg == pytest.approx(heading_deg((0.0, 0.0), (400.0, 300.0)), abs=0.1)
+    assert pattern.lines_length_m == pytest.approx(500.0 * math.ceil(100.0 / pattern.spacing_m), rel=0.01)
 
 
 def test_neighbouring_lines_of_a_rectangular_field_are_flown_one_after_the_other() -> None:
-    found = make(
+    pattern = make(
         Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, ALTITUDE, heading_deg=90.0)
     )
-    lines = local_lines(found)
+    lines = local_lines(pattern)
     for before, after in pairwise(lines):
-        assert math.dist(before.coords[1], after.coords[0]) == pytest.approx(found.spacing_m, rel=0.01)
+        assert math.dist(before.coords[1], after.coords[0]) == pytest.approx(pattern.spacing_m, rel=0.01)
 
 
 def test_pictures_are_taken_on_the_lines_and_not_in_the_turns() -> None:
     square = points([(0, 0), (200, 0), (200, 20), (0, 20)])
-    found = make(Survey(square, COVERAGE, ALTITUDE, heading_deg=90.0, turnaround_m=15.0, speed_m_s=6.0))
-    speed, *items = found.items
+    pattern = make(Survey(square, COVERAGE, ALTITUDE, heading_deg=90.0, turnaround_m=15.0, speed_m_s=6.0))
+    speed, *items = pattern.items
     assert speed == ChangeSpeed(speed_m_s=6.0)
-    start_trigger = TriggerDistance(distance_m=found.trigger_m, at_once=1.0)
+    start_trigger = TriggerDistance(distance_m=pattern.trigger_m, at_once=1.0)
     stop_trigger = TriggerDistance(distance_m=0.0)
     assert [item if isinstance(item, TriggerDistance) else None for item in items] == [
         None,
@@ -147,7 +149,7 @@ def test_pictures_are_taken_on_the_lines_and_not_in_the_turns() -> None:
         if isinstance(item, Waypoint)
     ]
     assert sorted(east) == pytest.approx([-15.0, 0.0, 200.0, 215.0], abs=0.01)
-    assert found.photos == 1 + int(200.0 / found.trigger_m)
+    assert pattern.photos == 1 + int(200.0 / pattern.trigger_m)
 
 
 def test_a_crosshatch_adds_the_same_lines_at_right_angles() -> None:
@@ -190,22 +192,22 @@ def test_the_whole_width_of_a_corridor_is_covered(bends_deg: list[float], width:
         heading += math.radians(bend_deg)
         path.append((path[-1][0] + 300.0 * math.sin(heading), path[-1][1] + 300.0 * math.cos(heading)))
     coverage = Coverage(CAMERA, 60.0, 0.7, side)
-    found = corridor(points(path), width, coverage, ALTITUDE)
+    pattern = corridor(points(path), width, coverage, ALTITUDE)
     across_m, along_m = CAMERA.footprint_m(60.0)
-    beyond_m = along_m / 2.0 - found.trigger_m
+    beyond_m = along_m / 2.0 - pattern.trigger_m
     strips = shapely.union_all(
-        [covered_strip(line, across_m, beyond_m) for line in local_lines(found)], grid_size=1e-3
+        [covered_strip(line, across_m, beyond_m) for line in local_lines(pattern)], grid_size=1e-3
     )
     corridor_area = LineString(path).buffer(width / 2.0, cap_style="flat", join_style="mitre")
     assert corridor_area.intersection(strips).area / corridor_area.area >= 0.995
-    assert found.spacing_m <= coverage.spacing_m * 1.001
-    assert found.lines_length_m >= 0.99 * LineString(path).length * width / across_m
+    assert pattern.spacing_m <= coverage.spacing_m * 1.001
+    assert pattern.lines_length_m >= 0.99 * LineString(path).length * width / across_m
 
 
-def positions(found: Pattern) -> list[tuple[float, float]]:
+def positions(pattern: Pattern) -> list[tuple[float, float]]:
     return [
         LOCAL_MAP.local(Point(lat_deg=item.lat_deg, lon_deg=item.lon_deg))
-        for item in found.items
+        for item in pattern.items
         if isinstance(item, Waypoint)
     ]
 
@@ -225,7 +227,7 @@ def test_a_perimeter_has_its_offset_from_the_area_and_is_flown_clockwise(
 def test_an_orbit_is_flown_on_its_circle_with_the_camera_towards_the_centre(clockwise: bool) -> None:
     center = LOCAL_MAP.point((0.0, 0.0))
     target_altitude = Altitude(value_m=5.0, reference="home")
-    found = orbit(
+    pattern = orbit(
         center,
         50.0,
         ALTITUDE,
@@ -235,16 +237,16 @@ def test_an_orbit_is_flown_on_its_circle_with_the_camera_towards_the_centre(cloc
         start_deg=90.0,
         deviation_m=0.5,
     )
-    ring = positions(found)
+    ring = positions(pattern)
     assert ring[0] == pytest.approx((50.0, 0.0), abs=0.01)
     assert {round(math.hypot(*position), 2) for position in ring} == {50.0}
     assert LineString(ring).distance(shapely.Point(0, 0)) >= 49.49
     assert Polygon(ring[: len(ring) // 2]).exterior.is_ccw is not clockwise
-    assert found.items[0] == RoiLocation(
+    assert pattern.items[0] == RoiLocation(
         lat_deg=center.lat_deg, lon_deg=center.lon_deg, altitude=target_altitude
     )
-    assert found.items[-1] == RoiNone()
-    assert found.lines_length_m == pytest.approx(2 * math.tau * 50.0, rel=0.01)
+    assert pattern.items[-1] == RoiNone()
+    assert pattern.lines_length_m == pytest.approx(2 * math.tau * 50.0, rel=0.01)
 
 
 def test_a_structure_scan_covers_its_sides_from_bottom_to_top() -> None:
@@ -253,17 +255,17 @@ def test_a_structure_scan_covers_its_sides_from_bottom_to_top() -> None:
     scan = StructureScan(
         tower, coverage, Altitude(value_m=0.0, reference="home"), height_m=40.0, lowest_m=4.0
     )
-    found = structure(scan)
+    pattern = structure(scan)
     heights = round_heights(scan)
     picture_m = 8.8 * 12.0 / 8.8  # sensor height * distance / focal length
     assert np.diff(heights).max() <= picture_m * 0.5 + 1e-9
     assert heights[0] == 4.0
     assert heights[-1] + picture_m / 2.0 == pytest.approx(40.0)
-    assert found.trigger_m == pytest.approx(13.2 * 12.0 / 8.8 * 0.3)  # picture width without its overlap
-    assert isinstance(found.items[0], GimbalPitchYaw)
-    ring = positions(found)[:5]
+    assert pattern.trigger_m == pytest.approx(13.2 * 12.0 / 8.8 * 0.3)  # picture width without its overlap
+    assert isinstance(pattern.items[0], GimbalPitchYaw)
+    ring = positions(pattern)[:5]
     assert Polygon(ring).exterior.distance(shapely.box(-10, -10, 10, 10)) == pytest.approx(12.0, abs=0.01)
-    waypoints = [item for item in found.items if isinstance(item, Waypoint)][:5]
+    waypoints = [item for item in pattern.items if isinstance(item, Waypoint)][:5]
     for (start, end), waypoint in zip(pairwise(ring), waypoints[1:], strict=True):
         middle = ((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0)
         assert waypoint.yaw_ned_deg is not None

@@ -32,10 +32,10 @@ def same_json(first: bytes, second: bytes) -> bool:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_a_qgroundcontrol_file_is_written_unchanged(path: Path) -> None:
-    found = qgc_plan.read(path.read_bytes())
-    assert same_json(qgc_plan.write(found.plan).data, path.read_bytes())
-    from_own_format = plan_document.read(plan_document.write(found.plan))
-    assert from_own_format == found.plan
+    imported = qgc_plan.read(path.read_bytes())
+    assert same_json(qgc_plan.write(imported.plan).data, path.read_bytes())
+    from_own_format = plan_document.read(plan_document.write(imported.plan))
+    assert from_own_format == imported.plan
     assert same_json(qgc_plan.write(from_own_format).data, path.read_bytes())
 
 
@@ -75,9 +75,9 @@ def test_a_survey_is_flown_as_the_items_inside_it() -> None:
 
 
 def test_a_structure_scan_without_items_is_kept_and_reported() -> None:
-    found = qgc_plan.read(plan_file("structure"))
+    imported = qgc_plan.read(plan_file("structure"))
     note = "Item 2 (StructureScan) contains no mission items: it is kept, but cannot be flown."
-    assert found.notes == (note,)
+    assert imported.notes == (note,)
 
 
 def test_a_changed_item_keeps_unknown_fields() -> None:
@@ -210,10 +210,10 @@ def test_a_jump_to_a_missing_item_is_kept_unchanged() -> None:
 
 def test_a_home_without_altitude_counts_as_not_set_and_is_kept_in_the_file() -> None:
     content = plan_file_with("simple", ["mission", "plannedHomePosition"], [47.4, 8.5, None])
-    found = qgc_plan.read(content)
-    assert found.plan.planned_home is None
-    assert found.notes == ("The planned home has no altitude, so it counts as not set.",)
-    assert same_json(qgc_plan.write(found.plan).data, content)
+    imported = qgc_plan.read(content)
+    assert imported.plan.planned_home is None
+    assert imported.notes == ("The planned home has no altitude, so it counts as not set.",)
+    assert same_json(qgc_plan.write(imported.plan).data, content)
 
 
 def test_a_rally_altitude_that_the_file_cannot_store_is_refused() -> None:

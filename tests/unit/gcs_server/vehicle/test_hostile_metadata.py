@@ -48,18 +48,18 @@ def events_json(enums=None, **event):
     ],
 )
 def test_invalid_metadata_of_a_parameter_is_omitted_with_the_reason(entry, expected):
-    found = param_document.parse(parameters_json({"name": "BAD", "type": "Int32", **entry}))
-    assert list(found) == ["GOOD"]
-    assert any(text in found.omission_text for text in expected.split("|")), found.omission_text
-    assert "Left out 1 parameter" in found.omission_text
+    parsed = param_document.parse(parameters_json({"name": "BAD", "type": "Int32", **entry}))
+    assert list(parsed) == ["GOOD"]
+    assert any(text in parsed.omission_text for text in expected.split("|")), parsed.omission_text
+    assert "Left out 1 parameter" in parsed.omission_text
 
 
 def test_the_text_about_many_invalid_parameters_is_short_and_counts_them():
     content = b'{"version":1,"parameters":[' + b"{}," * 100_000 + b"{}]}"
-    found = param_document.parse(content)
-    assert not found
-    assert "100,001 parameters" in found.omission_text
-    assert len(found.omission_text) < 700
+    parsed = param_document.parse(content)
+    assert not parsed
+    assert "100,001 parameters" in parsed.omission_text
+    assert len(parsed.omission_text) < 700
 
 
 def test_long_texts_of_parameters_are_cut():
@@ -115,16 +115,16 @@ def test_the_number_of_decimals_in_an_event_text_is_limited():
     ],
 )
 def test_an_invalid_event_is_omitted_with_the_reason(invalid):
-    found = event_document.parse(events_json(**invalid))
-    assert [d.name for d in found.values()] == ["good"]
-    assert "Left out 1 entry: event 7" in found.omission_text
+    parsed = event_document.parse(events_json(**invalid))
+    assert [d.name for d in parsed.values()] == ["good"]
+    assert "Left out 1 entry: event 7" in parsed.omission_text
 
 
 def test_only_the_labels_of_a_too_long_enum_are_omitted():
     enums = {"e": {"type": "uint8_t", "entries": {str(n): {"name": "x"} for n in range(100_000)}}}
-    found = event_document.parse(events_json(enums, message="{1}", arguments=[{"name": "a", "type": "e"}]))
-    assert found[EVENT_ID].text(b"\1") == "–"
-    assert "enum e" in found.omission_text
+    parsed = event_document.parse(events_json(enums, message="{1}", arguments=[{"name": "a", "type": "e"}]))
+    assert parsed[EVENT_ID].text(b"\1") == "–"
+    assert "enum e" in parsed.omission_text
 
 
 @pytest.mark.parametrize(
@@ -180,8 +180,8 @@ def test_valid_entries_of_the_general_metadata_file_are_used():
         {"type": 1, "uri": "c" * 999},
         {"type": 4, "uri": "mftp://x", "fileCrc": -1},
     ]
-    found = metadata_files.read_general(json.dumps({"metadataTypes": entries}).encode(), 0)
-    assert [(e.kind, e.uri, e.crc) for e in found] == [(4, "mftp://x", 0xFFFFFFFF)]
+    parsed = metadata_files.read_general(json.dumps({"metadataTypes": entries}).encode(), 0)
+    assert [(e.kind, e.uri, e.crc) for e in parsed] == [(4, "mftp://x", 0xFFFFFFFF)]
     with pytest.raises(ValueError, match="more than 64,000"):
         metadata_files.read_general(lzma.compress(b" " * 1_000_000), 0)
 
@@ -203,5 +203,5 @@ def test_parameter_names_with_dots_hyphens_and_lower_case_are_accepted(name):
 def test_the_files_of_a_real_px4_are_read_completely(shared):
     for kind, name, count in ((PARAMETERS, "parameters", 1821), (EVENTS, "events", 370)):
         packed = (shared / f"px4/{name}.json.xz").read_bytes()
-        found = metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, 0))
-        assert (len(found), found.omission_text) == (count, None)
+        parsed = metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, 0))
+        assert (len(parsed), parsed.omission_text) == (count, None)

@@ -81,12 +81,12 @@ def test_the_list_is_requested_only_a_few_times_if_the_vehicle_does_not_send_it(
 
 def test_a_mode_that_this_server_registered_keeps_its_name_and_needs_no_list() -> None:
     vehicle = Vehicle()
-    vehicle.mode_names.external["external_3"] = "Ours"
+    vehicle.mode_names.external["external_3"] = "Registered"
     vehicle.mode_list.entered(flight_state("hold"), flight_state("external_3"))
     vehicle.wait(5.0)
     assert vehicle.sent == []
-    vehicle.announce("external_3", b"Theirs")
-    assert vehicle.mode_names.label(BY_NAME["external_3"]) == "Ours"
+    vehicle.announce("external_3", b"Announced")
+    assert vehicle.mode_names.label(BY_NAME["external_3"]) == "Registered"
 
 
 def test_while_the_link_is_lost_nothing_is_requested() -> None:

@@ -126,11 +126,11 @@ def test_recorded_reports_have_the_expected_causes_for_each_mode(shared, expecte
         for name, payloads in recorded_dialogues(shared, file.stem):
             dialogues.setdefault(name, payloads)
     for name, by_mode in expected.items():
-        found = [
+        causes_of_reports = [
             {m: {f.cause for f in report.causes(BY_NAME[m].nav_state, running=running)} for m in by_mode}
             for report in all_reports(dialogues[name])
         ]
-        assert by_mode in found, name
+        assert by_mode in causes_of_reports, name
 
 
 def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_definitions):
@@ -314,6 +314,6 @@ def test_a_report_of_usual_length_is_complete():
 )
 def test_if_a_mode_prevents_arming_another_mode_is_offered(mode, armed, can_arm, offered):
     report = HealthReport(sum(1 << BY_NAME[name].nav_state for name in can_arm), 0)
-    found = readiness.offers(report, BY_NAME[mode], armed)
-    assert [(o.code, o.mode) for o in found] == ([] if offered is None else [("choose_mode", offered)])
-    assert all(o.label in o.text and BY_NAME[mode].label in o.text for o in found)
+    offers = readiness.offers(report, BY_NAME[mode], armed)
+    assert [(o.code, o.mode) for o in offers] == ([] if offered is None else [("choose_mode", offered)])
+    assert all(o.label in o.text and BY_NAME[mode].label in o.text for o in offers)

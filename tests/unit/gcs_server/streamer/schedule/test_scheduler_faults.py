@@ -57,7 +57,7 @@ class SchedulerSetup:
                 self.update_snapshots()
             assert self.scheduler.step() > self.clock.now_s  # otherwise the scheduler would never wait
 
-    def codes(self):
+    def report_codes(self):
         return [report.code for _, report in self.scheduler.take_reports()]
 
 
@@ -67,7 +67,7 @@ def test_an_event_loop_stall_of_0_4_s_leaves_no_gap():
     setup.run(0.4, server_alive=False)
     setup.run(1.0, server_alive=True)
     assert max(b - a for a, b in zip(setup.sent_at_s, setup.sent_at_s[1:], strict=False)) < 0.045
-    assert setup.codes() == []
+    assert setup.report_codes() == []
 
 
 def test_an_event_loop_stall_of_3_s_ends_the_stream_with_an_event():
@@ -79,7 +79,7 @@ def test_an_event_loop_stall_of_3_s_ends_the_stream_with_an_event():
     sent_count = len(setup.sent_at_s)
     setup.run(5.0, server_alive=True)
     assert len(setup.sent_at_s) == sent_count
-    assert setup.codes() == ["server_silent"]
+    assert setup.report_codes() == ["server_silent"]
     assert not setup.scheduler.change("1", StreamRequest(HOVER, 60.0), setup.snapshot())
     assert setup.scheduler.state("1").last_end.code == "server_silent"
 
@@ -98,7 +98,7 @@ def test_a_resumed_process_sends_no_old_setpoints(first):
         setup.scheduler.end("2", "stopped", "")
     setup.run(1.0, server_alive=True)
     assert len(setup.sent_at_s) == sent_count
-    assert setup.codes() == ["server_silent"]
+    assert setup.report_codes() == ["server_silent"]
 
 
 class BrokenSender:
@@ -180,8 +180,8 @@ def test_implausible_numbers_count_as_unknown_and_are_never_sent(invalid_number)
         setup.scheduler.update_snapshots({"1": implausible})
         setup.scheduler.step()
     assert setup.scheduler.state("1").phase == "landing"
-    sent = [payload for msg_id, payload in frames if msg_id == MSG_SET_POSITION_TARGET_LOCAL_NED]
-    assert all(abs(value) < 100 for payload in sent for value in struct.unpack_from("<9f", payload, 4))
+    setpoints = [payload for msg_id, payload in frames if msg_id == MSG_SET_POSITION_TARGET_LOCAL_NED]
+    assert all(abs(value) < 100 for payload in setpoints for value in struct.unpack_from("<9f", payload, 4))
 
 
 def start_group(setup, *ids):
@@ -288,6 +288,6 @@ def test_a_stall_of_0_4_s_does_not_end_the_stream_and_a_stall_of_2_s_does(stall_
     setup.run(3.0, server_alive=True)
     is_sending = setup.clock.now_s - setup.sent_at_s[-1] < 0.05
     assert is_sending == continues
-    assert setup.codes() == ([] if continues else ["server_silent"])
+    assert setup.report_codes() == ([] if continues else ["server_silent"])
     if not continues:  # the stream ended within 1.5 s, so PX4's own failsafe acts
         assert setup.clock.now_s - setup.sent_at_s[-1] == pytest.approx(stall_s - 1.5 + 3.0, abs=0.05)
