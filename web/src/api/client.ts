@@ -26,7 +26,7 @@ type ApiCall<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(
 ) => Promise<Outcome<MethodResponse<HttpClient, M, P, I>>>;
 
 /**
- * URL and init of a request. openapi-fetch uses this class instead of `Request`, which outside a browser rejects a path without a host.
+ * URL and init of a request, for openapi-fetch. Replaces `Request`, because in tests, outside a browser, `Request` rejects a path without a host.
  */
 class PendingRequest {
   constructor(
@@ -43,7 +43,7 @@ export class ApiClient {
   readonly delete: ApiCall<'delete'> = this.apiCall('delete');
 
   /**
-   * @param identity this page's name in the journal, its unique id and the server's key for it. A string: the name, without id and key.
+   * @param identity this page's name in the journal, its unique id and the server's key for it. If it is a string, it is the name; the page then has no id and no key.
    * @param onSignedOut called when the server rejects this page's token, for example because the token was changed on the server.
    */
   constructor(

@@ -1,7 +1,7 @@
 /**
  * One request per vehicle at a time. Parallel requests can overtake each other: a renewal sent just before a new setpoint may
  * arrive after that setpoint and replace it. So each request waits for the response to the previous request. The wait is
- * short, because a request that is sent late would move the vehicle unexpectedly.
+ * limited, because a request that is sent late would move the vehicle unexpectedly.
  */
 
 import type { Outcome } from './client';
@@ -23,12 +23,12 @@ export class CommandQueue {
    * problem and does not call `send`.
    */
   async run<T>(vehicles: readonly string[], send: () => Promise<Outcome<T>>): Promise<Outcome<T>> {
-    const earlier = Promise.allSettled(vehicles.map((id) => this.lastRequests.get(id)));
-    const request = answeredInTime(earlier).then((inTime) => (inTime ? send() : { ok: false as const, problem: notSentProblem() }));
-    const answered = Promise.allSettled([earlier, request]).then(() => {
-      for (const id of vehicles) if (this.lastRequests.get(id) === answered) this.lastRequests.delete(id);
+    const earlierRequests = Promise.allSettled(vehicles.map((id) => this.lastRequests.get(id)));
+    const request = answeredInTime(earlierRequests).then((inTime) => (inTime ? send() : { ok: false as const, problem: notSentProblem() }));
+    const allAnswered = Promise.allSettled([earlierRequests, request]).then(() => {
+      for (const id of vehicles) if (this.lastRequests.get(id) === allAnswered) this.lastRequests.delete(id);
     });
-    for (const id of vehicles) this.lastRequests.set(id, answered);
+    for (const id of vehicles) this.lastRequests.set(id, allAnswered);
     return request;
   }
 }
@@ -48,6 +48,6 @@ function notSentProblem(): Problem {
   return {
     ...unreachableProblem(),
     title: 'Not sent',
-    detail: 'The server has not answered an earlier request to this vehicle, so this request was not sent.',
+    detail: 'The server has not answered an earlierRequests request to this vehicle, so this request was not sent.',
   };
 }

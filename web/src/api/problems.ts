@@ -3,7 +3,7 @@
 export interface Problem {
   title: string;
   detail: string;
-  /** The vehicle's own texts. */
+  /** Why the request failed, in the vehicle's own texts. */
   reasons: string[];
   /** What the operator can do. */
   remedy: string | null;
@@ -11,7 +11,7 @@ export interface Problem {
   status: number;
   /** The request field that is wrong. */
   field: string | null;
-  /** Codes of the errors of a plan. */
+  /** Error codes of a rejected plan. */
   codes?: readonly string[];
 }
 

@@ -3,21 +3,21 @@
  * the free area.
  */
 
-import { widest, type Edge } from './free-area';
+import { coveredAtEdges, type Edge } from './free-area';
 
 let panels = $state.raw<ReadonlyMap<HTMLElement, { edge: Edge; px: number }>>(new Map());
 
 /** Width or height that panels cover at each edge [px]. */
 export function covered(): Record<Edge, number> {
-  return widest(panels.values());
+  return coveredAtEdges(panels.values());
 }
 
 /** Svelte action: counts the panel's width or height as covered at this edge of the stage. */
 export function covers(panel: HTMLElement, edge: Edge): { destroy: () => void } {
   const setCovered = (px: number): void => {
     if (px === (panels.get(panel)?.px ?? 0)) return;
-    const others = [...panels].filter(([other]) => other !== panel);
-    panels = new Map(px > 0 ? [...others, [panel, { edge, px }]] : others);
+    const otherPanels = [...panels].filter(([other]) => other !== panel);
+    panels = new Map(px > 0 ? [...otherPanels, [panel, { edge, px }]] : otherPanels);
   };
   const observer = new ResizeObserver(() => {
     const box = panel.getBoundingClientRect(); // includes the CSS zoom of the panels on large screens

@@ -1,4 +1,4 @@
-/** The area of the stage that no panel covers; map and 3D view show the followed vehicle in its middle. */
+/** The area of the stage that no panel covers; map and 3D view show the followed vehicle in the middle of this area. */
 
 import type { Pixel } from '../vehicle/geo';
 
@@ -8,14 +8,14 @@ export type Edge = 'left' | 'right' | 'top' | 'bottom';
 const MARGIN_PX = 12;
 
 /** The width or height that panels cover at each edge [px]; of several panels at one edge, the largest value. */
-export function widest(panels: Iterable<{ edge: Edge; px: number }>): Record<Edge, number> {
+export function coveredAtEdges(panels: Iterable<{ edge: Edge; px: number }>): Record<Edge, number> {
   const covered = { left: 0, right: 0, top: 0, bottom: 0 };
   for (const { edge, px } of panels) covered[edge] = Math.max(covered[edge], px);
   return covered;
 }
 
 /** Offset of the free area's middle from the stage's middle, right and down [px]; zero if panels cover the whole stage. */
-export function freeMiddle(stage: { width: number; height: number }, covered: Readonly<Record<Edge, number>>): Pixel {
+export function freeAreaOffset(stage: { width: number; height: number }, covered: Readonly<Record<Edge, number>>): Pixel {
   const { width, height } = stage;
   const withMargin = (px: number): number => (px === 0 ? 0 : px + MARGIN_PX);
   const [left, right, top, bottom] = [withMargin(covered.left), covered.right, withMargin(covered.top), withMargin(covered.bottom)];
@@ -25,8 +25,8 @@ export function freeMiddle(stage: { width: number; height: number }, covered: Re
   };
 }
 
-/** The offset `middle` as fractions of the stage's width and height, each limited to ±0.4, for the 3D view. */
-export function asFractions(middle: Pixel, stage: { width: number; height: number }): [number, number] {
+/** The offset as fractions of the stage's width and height, each limited to ±0.4, for the 3D view. */
+export function offsetFractions(offset: Pixel, stage: { width: number; height: number }): [number, number] {
   const fraction = (px: number, size: number): number => (size > 0 ? Number(Math.max(-0.4, Math.min(px / size, 0.4)).toFixed(4)) : 0);
-  return [fraction(middle.x, stage.width), fraction(middle.y, stage.height)];
+  return [fraction(offset.x, stage.width), fraction(offset.y, stage.height)];
 }

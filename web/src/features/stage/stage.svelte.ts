@@ -1,7 +1,7 @@
 /** The stage, which contains the map and the 3D view: which of the two is large, and the state of the 3D view. */
 
 import { covered } from '../../app/covered-edges.svelte';
-import { freeMiddle } from '../../app/free-area';
+import { freeAreaOffset } from '../../app/free-area';
 import type { Camera } from '../../app/services';
 import type { SceneDryRun, ScenePreview } from '../../app/preview.svelte';
 import type { LayerPosition } from '../../app/map-layers.svelte';
@@ -47,7 +47,7 @@ class StageState {
    * Offset of the middle of the uncovered area from the stage's middle, right and down [px]. Map and 3D view show the
    * followed vehicle there.
    */
-  readonly middleOffset = $derived(freeMiddle(this.size, covered()));
+  readonly middleOffset = $derived(freeAreaOffset(this.size, covered()));
   map: MapCommands | null = null;
   /** Fits positions into the 3D view; null: the 3D view shows no layer. */
   fitScene: ((positions: readonly LayerPosition[]) => void) | null = null;

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../vehicle/facts';
-import { asFractions, freeMiddle, widest } from '../../app/free-area';
+import { offsetFractions, freeAreaOffset, coveredAtEdges } from '../../app/free-area';
 import {
   eastNorth,
   fromPixel,
@@ -201,14 +201,14 @@ describe('offline maps', () => {
 describe('the middle of the uncovered area', () => {
   const stage = { width: 1036, height: 628 };
   it('is between the panels on all sides', () => {
-    expect(freeMiddle(stage, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: -46, y: -34 });
-    expect(freeMiddle(stage, { left: 240, right: 0, top: 0, bottom: 0 })).toEqual({ x: 126, y: 0 });
-    expect(freeMiddle(stage, { left: 0, right: 0, top: 78, bottom: 56 })).toEqual({ x: 0, y: 11 });
-    expect(freeMiddle(stage, { left: 0, right: 0, top: 0, bottom: 0 })).toEqual({ x: 0, y: 0 });
+    expect(freeAreaOffset(stage, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: -46, y: -34 });
+    expect(freeAreaOffset(stage, { left: 240, right: 0, top: 0, bottom: 0 })).toEqual({ x: 126, y: 0 });
+    expect(freeAreaOffset(stage, { left: 0, right: 0, top: 78, bottom: 56 })).toEqual({ x: 0, y: 11 });
+    expect(freeAreaOffset(stage, { left: 0, right: 0, top: 0, bottom: 0 })).toEqual({ x: 0, y: 0 });
   });
-  it('is computed with the widest panel at each edge', () => {
+  it('is computed with the coveredAtEdges panel at each edge', () => {
     expect(
-      widest([
+      coveredAtEdges([
         { edge: 'left', px: 240 },
         { edge: 'left', px: 540 },
         { edge: 'right', px: 344 },
@@ -216,10 +216,10 @@ describe('the middle of the uncovered area', () => {
     ).toEqual({ left: 540, right: 344, top: 0, bottom: 0 });
   });
   it('is the middle of the stage if panels cover the whole stage', () => {
-    expect(freeMiddle({ width: 400, height: 50 }, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: 0, y: 0 });
+    expect(freeAreaOffset({ width: 400, height: 50 }, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: 0, y: 0 });
   });
   it('is sent to the 3D view as fractions of its size', () => {
-    expect(asFractions({ x: -46, y: -34 }, stage)).toEqual([-0.0444, -0.0541]);
-    expect(asFractions({ x: 126, y: 0 }, { width: 0, height: 0 })).toEqual([0, 0]);
+    expect(offsetFractions({ x: -46, y: -34 }, stage)).toEqual([-0.0444, -0.0541]);
+    expect(offsetFractions({ x: 126, y: 0 }, { width: 0, height: 0 })).toEqual([0, 0]);
   });
 });
