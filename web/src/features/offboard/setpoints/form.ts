@@ -1,4 +1,4 @@
-/** The values of the setpoint form, their errors by field, and the setpoint from them. Pure. */
+/** The setpoint form: its values, the errors by field, and the setpoint made from the values. Pure. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { specOf, type Axis, type Group, type SetpointKind } from '../../../vehicle/setpoint-kinds';
@@ -17,7 +17,7 @@ export interface Form {
   kind: SetpointKind;
   fields: Readonly<Record<string, Field>>;
   /** Field names of the optional groups that the setpoint does not contain. */
-  omitted: readonly string[];
+  omittedFields: readonly string[];
   yawChoice: YawChoice;
   /** As typed: [°] or [°/s]. */
   yaw: string;
@@ -40,7 +40,7 @@ export function parseTyped(text: string): number | null {
   return normalized === '' || !Number.isFinite(value) ? null : value;
 }
 
-/** A number with the decimals of its step. */
+/** The number as text, with as many decimals as `step` has. */
 function numberText(value: number, step: number): string {
   const decimals = step >= 1 ? 0 : Math.min(7, Math.ceil(-Math.log10(step) - 1e-9));
   const text = value.toFixed(Math.max(decimals, step === 0.00001 ? 7 : decimals));
@@ -52,7 +52,7 @@ const FOLLOW_OFFSET = { o0: -5, o1: 0, o2: 2 };
 /** Smallest length of the offset when following [m]. */
 const FOLLOW_MIN_M = 2;
 
-/** A form filled with the vehicle's current state. If the form is sent unchanged, the vehicle holds its position; types that do not control the position are an exception. `hoverThrust`: null if it is not known. */
+/** A form filled with the vehicle's current state. If the form is sent unchanged, the vehicle holds its position, except for types that do not control the position. `hoverThrust`: null if not known. */
 export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
   const local = facts.local?.value.position_ned_m ?? null;
@@ -81,7 +81,7 @@ export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, ho
   return {
     kind,
     fields,
-    omitted: spec.groups.filter((g) => g.optional).map((g) => g.field),
+    omittedFields: spec.groups.filter((g) => g.optional).map((g) => g.field),
     altReference: 'alt_home_m',
     followedVehicle: '',
     followYaw: 'keep',
@@ -115,7 +115,7 @@ export function buildSetpoint(form: Form): BuildResult {
   const errors: Record<string, string> = {};
   const setpoint: Record<string, unknown> & { type: SetpointKind } = { type: form.kind };
   for (const group of spec.groups) {
-    if (group.optional && form.omitted.includes(group.field)) continue;
+    if (group.optional && form.omittedFields.includes(group.field)) continue;
     setpoint[group.field === 'alt' ? form.altReference : group.field] = readGroup(group, form, errors);
   }
   if (form.kind === 'trajectory') checkControlled(spec.groups, form, errors);
@@ -139,7 +139,7 @@ export function buildSetpoint(form: Form): BuildResult {
 
 /** Adds an error for each axis that neither position nor velocity nor acceleration controls: the vehicle would not move along it. */
 function checkControlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
-  const controlledGroups = groups.filter((g) => !form.omitted.includes(g.field));
+  const controlledGroups = groups.filter((g) => !form.omittedFields.includes(g.field));
   ['North', 'East', 'Up'].forEach((name, i) => {
     const axes = controlledGroups.map((g) => g.axes[i]).filter((a) => a !== undefined);
     const [first] = axes;

@@ -21,7 +21,7 @@ export function displayText(text: string): string {
   );
 }
 
-/** Why the vehicle cannot fly a setpoint type now; null if it can, or if the server has not reported it. */
+/** Why the vehicle cannot fly a setpoint type now; null if the vehicle can fly the type, or if the server has not reported this. */
 export function reasonNotFlyable(view: OffboardView | null, kind: SetpointKind): string | null {
   const availability = view?.available[kind];
   return availability === undefined || availability.can ? null : displayText(availability.why_not ?? 'Not available on this vehicle.');
@@ -65,7 +65,7 @@ export function limitText(value: number | null | undefined, field: LimitField): 
 }
 
 /** The operator's limits in one line. */
-export function limitsText(limits: OffboardLimits | null): string {
+export function limitsSummary(limits: OffboardLimits | null): string {
   if (limits === null) return 'not known yet';
   const parts = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
     (f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`,

@@ -34,7 +34,7 @@ export function bodyToNed([forward, right, down]: Vector3, yaw_rad: number): Vec
   return [forward * cos - right * sin, forward * sin + right * cos, down];
 }
 
-/** The preview of a setpoint; null for types without a position, such as attitude and rates, and if the vehicle's position is not known. */
+/** The preview of a setpoint; null for types without a position and velocity, such as attitude and rates, and if the vehicle's position is not known. */
 export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview | null {
   const vehicle_ned_m = facts.local?.value.position_ned_m;
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;

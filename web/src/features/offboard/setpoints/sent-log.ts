@@ -1,6 +1,6 @@
 /**
- * The log of sent setpoints, newest first, with the server's result for each line. The setpoints that gamepad or drag
- * send 25 times a second share a line. Pure.
+ * The log of sent setpoints, newest first, with the server's result for each line. Setpoints that follow each
+ * other quickly, from the gamepad or from a drag, share a line.
  */
 
 import { fixed } from '../../../ui/format';
@@ -69,7 +69,7 @@ const DEG_PER_RAD = 180 / Math.PI;
 const NEU = ['N', 'E', 'up'] as const;
 const FRU = ['forward', 'right', 'up'] as const;
 
-/** Three values with the names of their axes. An axis named `up` shows the negative of the given value, which is down. */
+/** Three values with the names of the axes. The given vector points down; if the third axis is named `up`, its sign is inverted. */
 function vectorText(value: unknown, unit: string, [first, second, third]: readonly [string, string, string]): string | null {
   if (!Array.isArray(value)) return null;
   const [x, y, z] = value as (number | null)[];

@@ -8,7 +8,7 @@ import { parseProblem } from '../../../api/problems';
 
 export interface Ack {
   seq: number;
-  /** The setpoint after the limits; null if it was refused. */
+  /** The setpoint after the limits were applied; null if the server refused the setpoint. */
   applied: Readonly<Record<string, unknown>> | null;
   /** The server's texts about what the limits changed, and why. */
   limited: readonly string[];
@@ -35,14 +35,14 @@ export interface SocketLike {
 const OPEN = 1;
 /** A larger send buffer means that the network is too slow [bytes]. */
 const MAX_BUFFERED_BYTES = 4096;
-const MAX_PENDING = 256;
+const MAX_UNACKNOWLEDGED = 256;
 
 export class SetpointSocket {
   state: SocketState = 'connecting';
   /** Number of setpoints not sent because the network was too slow. */
   droppedCount = 0;
   private seq = 0;
-  /** Sending time of each setpoint without an acknowledgement, by sequence number [s]. */
+  /** Sending times of the setpoints that the server has not acknowledged, by sequence number [s]. */
   private readonly sentTimes = new Map<number, number>();
   private readonly socket: SocketLike;
 
@@ -68,7 +68,7 @@ export class SetpointSocket {
     }
     const seq = ++this.seq;
     this.sentTimes.set(seq, this.nowS());
-    if (this.sentTimes.size > MAX_PENDING) this.sentTimes.delete(this.sentTimes.keys().next().value ?? seq);
+    if (this.sentTimes.size > MAX_UNACKNOWLEDGED) this.sentTimes.delete(this.sentTimes.keys().next().value ?? seq);
     this.socket.send(JSON.stringify({ ...request, seq }));
     return seq;
   }

@@ -65,9 +65,9 @@ describe('forms', () => {
   });
 
   it('allow an uncontrolled axis if another quantity controls it; north and east change together', () => {
-    const mixed = setUncontrolled({ ...formFromCurrentState('trajectory', FACTS, null), omitted: ['acceleration_ned_m_s2'] }, 'p1', true);
+    const mixed = setUncontrolled({ ...formFromCurrentState('trajectory', FACTS, null), omittedFields: ['acceleration_ned_m_s2'] }, 'p1', true);
     expect(validSetpoint(setUncontrolled(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
-    expect(errorsOf({ ...mixed, omitted: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
+    expect(errorsOf({ ...mixed, omittedFields: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
       p0: expect.stringMatching(/^North is not controlled/) as string,
       p1: expect.any(String) as string,
     });
@@ -98,7 +98,7 @@ describe('forms', () => {
   it('contain feedforward only if the person chooses it', () => {
     const form = formFromCurrentState('trajectory', FACTS, null);
     expect(validSetpoint(form)).not.toHaveProperty('velocity_ned_m_s');
-    expect(validSetpoint({ ...form, omitted: ['acceleration_ned_m_s2'] })['velocity_ned_m_s']).toEqual([0, 0, 0]);
+    expect(validSetpoint({ ...form, omittedFields: ['acceleration_ned_m_s2'] })['velocity_ned_m_s']).toEqual([0, 0, 0]);
   });
 });
 

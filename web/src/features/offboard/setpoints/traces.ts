@@ -1,6 +1,6 @@
 /**
- * Target and actual values of the last minute for the plots, by quantity and axis. Times are the times at which samples
- * were received. Pure.
+ * Target and actual values of the last minute for the plots, by quantity and axis. The time of a sample is the time at
+ * which the page received it.
  */
 
 import type { Attitude, LocalPosition, MaybeVector3, Vector3 } from '../../../live/topics';
