@@ -16,13 +16,13 @@ export interface PressedKey<T> {
 export class KeyGuard<T = EventTarget> {
   private readonly pressedTargets = new Map<string, T | null>();
 
-  /** @param hasJustClosed whether a confirmation has just closed without a key press: a key press that comes too late must have no effect. */
-  constructor(private readonly hasJustClosed: () => boolean = () => false) {}
+  /** @param confirmationJustClosed whether a confirmation has just closed without a key press: a key press that comes too late must have no effect. */
+  constructor(private readonly confirmationJustClosed: () => boolean = () => false) {}
 
   /** A key was pressed. @returns true: the page must ignore the event. */
-  blocksDown(event: PressedKey<T>): boolean {
+  blocksKeyDown(event: PressedKey<T>): boolean {
     if (!PRESS_KEYS.has(event.key)) return false;
-    if (event.repeat !== true && this.hasJustClosed()) {
+    if (event.repeat !== true && this.confirmationJustClosed()) {
       this.pressedTargets.delete(event.key);
       return true;
     }
@@ -32,7 +32,7 @@ export class KeyGuard<T = EventTarget> {
   }
 
   /** A key was released. @returns true: the page must ignore the event. */
-  blocksUp(event: PressedKey<T>): boolean {
+  blocksKeyUp(event: PressedKey<T>): boolean {
     if (!PRESS_KEYS.has(event.key)) return false;
     const isSameControl = this.pressedTargets.has(event.key) && this.pressedTargets.get(event.key) === event.target;
     this.pressedTargets.delete(event.key);

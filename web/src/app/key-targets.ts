@@ -30,7 +30,7 @@ export function takesText(target: KeyTarget | null): boolean {
 }
 
 /** Whether the control has type-ahead: a character selects the next option or menu item that begins with it. */
-export function typesAhead(target: KeyTarget | null): boolean {
+export function hasTypeAhead(target: KeyTarget | null): boolean {
   const attribute = (name: string): string => target?.getAttribute?.(name) ?? '';
   if (target?.tagName?.toUpperCase() === 'SELECT' || TYPE_AHEAD_ROLES.has(attribute('role'))) return true;
   // The button of an open list keeps the focus; the button of a menu keeps it until the menu has opened.
@@ -43,7 +43,7 @@ export function typesAhead(target: KeyTarget | null): boolean {
  */
 export function isShortcut(key: string, target: KeyTarget | null): boolean {
   if (takesText(target)) return false;
-  return !typesAhead(target) || SAFETY_KEYS.has(key);
+  return !hasTypeAhead(target) || SAFETY_KEYS.has(key);
 }
 
 /** The character of a key; for a non-Latin character, the Latin letter of the same physical key. */

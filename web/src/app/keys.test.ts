@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { KeyGuard } from './key-guard';
-import { characterOf, isControl, isShortcut, takesText, typesAhead, type KeyTarget } from './key-targets';
+import { characterOf, isControl, isShortcut, takesText, hasTypeAhead, type KeyTarget } from './key-targets';
 import { Shortcuts } from './shortcuts.svelte';
 
 const input = (type?: string, more: object = {}): KeyTarget => ({ tagName: 'INPUT', tabIndex: 0, ...(type === undefined ? {} : { type }), ...more });
@@ -63,7 +63,7 @@ describe('a pressed character', () => {
     ['button whose menu is opening', menuButton('true')],
     ['button whose list is open', listButton('true')],
   ])('selects an entry in a %s, but the keys of Hold, Land now and Stop motors remain shortcuts', (_, target) => {
-    expect(typesAhead(target)).toBe(true);
+    expect(hasTypeAhead(target)).toBe(true);
     for (const key of ['h', 'H', 'L', 'K']) expect(isShortcut(key, target)).toBe(true);
     for (const key of ['t', 'l', 'r', '1', 'A', 'g']) expect(isShortcut(key, target)).toBe(false);
   });
@@ -84,37 +84,37 @@ describe('a pressed character', () => {
 describe('a key pressed on one control', () => {
   it('acts on this control while it is held', () => {
     const guard = new KeyGuard<string>();
-    expect(guard.blocksDown({ key: ' ', target: 'slider' })).toBe(false);
-    expect(guard.blocksDown({ key: ' ', target: 'slider', repeat: true })).toBe(false);
-    expect(guard.blocksUp({ key: ' ', target: 'slider' })).toBe(false);
+    expect(guard.blocksKeyDown({ key: ' ', target: 'slider' })).toBe(false);
+    expect(guard.blocksKeyDown({ key: ' ', target: 'slider', repeat: true })).toBe(false);
+    expect(guard.blocksKeyUp({ key: ' ', target: 'slider' })).toBe(false);
   });
   it.each([' ', 'Enter'])('acts on no other control while it is held (%j)', (key) => {
     const guard = new KeyGuard<string>();
-    guard.blocksDown({ key, target: 'slider' });
-    expect(guard.blocksDown({ key, target: 'Stop motors', repeat: true })).toBe(true);
-    expect(guard.blocksUp({ key, target: 'Stop motors' })).toBe(true);
-    expect(guard.blocksDown({ key, target: 'Stop motors' })).toBe(false); // a new press acts
+    guard.blocksKeyDown({ key, target: 'slider' });
+    expect(guard.blocksKeyDown({ key, target: 'Stop motors', repeat: true })).toBe(true);
+    expect(guard.blocksKeyUp({ key, target: 'Stop motors' })).toBe(true);
+    expect(guard.blocksKeyDown({ key, target: 'Stop motors' })).toBe(false); // a new press acts
   });
   it('acts on nothing in this window if it was pressed in another window', () => {
     const guard = new KeyGuard<string>();
-    expect(guard.blocksDown({ key: 'Enter', target: 'slider', repeat: true })).toBe(true);
-    guard.blocksDown({ key: ' ', target: 'slider' });
+    expect(guard.blocksKeyDown({ key: 'Enter', target: 'slider', repeat: true })).toBe(true);
+    guard.blocksKeyDown({ key: ' ', target: 'slider' });
     guard.clear();
-    expect(guard.blocksUp({ key: ' ', target: 'slider' })).toBe(true);
+    expect(guard.blocksKeyUp({ key: ' ', target: 'slider' })).toBe(true);
   });
   it('acts on nothing just after a confirmation closed without a key press', () => {
-    let hasJustClosed = true;
-    const guard = new KeyGuard<string>(() => hasJustClosed);
-    expect(guard.blocksDown({ key: ' ', target: 'Up 1 m more' })).toBe(true);
-    hasJustClosed = false;
-    expect(guard.blocksDown({ key: ' ', target: 'Up 1 m more', repeat: true })).toBe(true);
-    expect(guard.blocksUp({ key: ' ', target: 'Up 1 m more' })).toBe(true);
-    expect(guard.blocksDown({ key: ' ', target: 'Up 1 m more' })).toBe(false);
+    let confirmationJustClosed = true;
+    const guard = new KeyGuard<string>(() => confirmationJustClosed);
+    expect(guard.blocksKeyDown({ key: ' ', target: 'Up 1 m more' })).toBe(true);
+    confirmationJustClosed = false;
+    expect(guard.blocksKeyDown({ key: ' ', target: 'Up 1 m more', repeat: true })).toBe(true);
+    expect(guard.blocksKeyUp({ key: ' ', target: 'Up 1 m more' })).toBe(true);
+    expect(guard.blocksKeyDown({ key: ' ', target: 'Up 1 m more' })).toBe(false);
   });
   it('does not affect other keys', () => {
     const guard = new KeyGuard<string>();
-    expect(guard.blocksDown({ key: 'h', target: 'a', repeat: true })).toBe(false);
-    expect(guard.blocksUp({ key: 'h', target: 'b' })).toBe(false);
+    expect(guard.blocksKeyDown({ key: 'h', target: 'a', repeat: true })).toBe(false);
+    expect(guard.blocksKeyUp({ key: 'h', target: 'b' })).toBe(false);
   });
 });
 
@@ -128,9 +128,9 @@ describe('single-key shortcuts', () => {
     };
     const first = new Shortcuts(storage);
     expect(first.enabled).toBe(true);
-    first.set(false);
+    first.setEnabled(false);
     expect(new Shortcuts(storage).enabled).toBe(false);
-    new Shortcuts(storage).set(true);
+    new Shortcuts(storage).setEnabled(true);
     expect(new Shortcuts(storage).enabled).toBe(true);
   });
 });

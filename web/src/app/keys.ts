@@ -42,17 +42,17 @@ function handleShortcut(event: KeyboardEvent): boolean {
 /** Handles the keys of a window (the page's or the 3D view's) until the returned function is called. */
 export function listenToKeys(target: Window): () => void {
   const inScene = target !== window;
-  const guard = new KeyGuard(() => actions.hasJustClosed());
+  const guard = new KeyGuard(() => actions.confirmationJustClosed());
   const stop = (event: KeyboardEvent): void => {
     event.preventDefault();
     event.stopImmediatePropagation();
   };
   // Runs before any control handles the event: a key pressed on one control must not act on another control.
   const guardDown = (event: KeyboardEvent): void => {
-    if (guard.blocksDown(event)) stop(event);
+    if (guard.blocksKeyDown(event)) stop(event);
   };
   const guardUp = (event: KeyboardEvent): void => {
-    if (guard.blocksUp(event)) event.preventDefault(); // not stopped: a control that waits for the key's release still gets the event
+    if (guard.blocksKeyUp(event)) event.preventDefault(); // not stopped: a control that waits for the key's release still gets the event
   };
   const handleDown = (event: KeyboardEvent): void => {
     if (inScene && /^[wasdqe]$/i.test(event.key)) return; // these keys move the 3D view's camera

@@ -22,9 +22,9 @@ export interface Services {
   };
   gimbal: {
     /** The facts with the gimbal that is selected on the gimbal card; the other functions apply to this gimbal. */
-    selected: (facts: VehicleFacts) => VehicleFacts;
+    withSelectedGimbal: (facts: VehicleFacts) => VehicleFacts;
     /** Whether this server controls the gimbal. */
-    inControl: (facts: VehicleFacts) => boolean;
+    isServerInControl: (facts: VehicleFacts) => boolean;
     /** Whether yaw is locked relative to north. */
     yawLock: (facts: VehicleFacts) => boolean;
     roiOf: (facts: VehicleFacts) => Roi | null;
@@ -46,7 +46,7 @@ export interface Services {
     showPlan: (positions: readonly GeoPosition[]) => void;
     /** Called when more positions of the shown plan are known. The 3D view fits the plan again, unless a person has moved the camera. */
     refitPlan: () => void;
-    /** The middle of the part of the large view that no panel covers, and the distance from there to the edge of this part; null: no ground in the middle. */
+    /** The middle of the part of the large view that no panel covers, and the distance from there to the edge of this part; null: the 3D view shows no ground in the middle. */
     visibleMiddle: () => { readonly at: GeoPosition; readonly edgeDistance_m: number } | null;
   };
 }

@@ -14,7 +14,7 @@ export class Shortcuts {
     this.enabled = storage.getItem(KEY) !== 'off';
   }
 
-  set(enabled: boolean): void {
+  setEnabled(enabled: boolean): void {
     this.enabled = enabled;
     if (enabled) this.storage.removeItem(KEY);
     else this.storage.setItem(KEY, 'off');

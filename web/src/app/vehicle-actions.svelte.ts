@@ -1,4 +1,4 @@
-/** Shared by all features: the actions that ask for confirmation, and the queue of commands for each vehicle. */
+/** Shared by all features: the vehicle actions, and the queue of commands for each vehicle. */
 
 import { CommandQueue } from '../api/command-queue';
 import { ActionController } from './actions/controller.svelte';
@@ -19,7 +19,7 @@ export const actions = new ActionController(
   (id) => page.factsOf(id),
 );
 
-registry.addCloser({ order: 0, isOpen: () => actions.pending !== null, close: () => actions.cancel() });
-registry.addCloser({ order: 100, isOpen: () => true, close: () => actions.dismiss('bar') });
+registry.addCloser({ order: 0, isOpen: () => actions.pending !== null, close: () => actions.cancelConfirmation() });
+registry.addCloser({ order: 100, isOpen: () => true, close: () => actions.dismissRefusal('bar') });
 page.onEvent.push((event) => actions.onEvent(event));
 page.onPaint.push(() => actions.onFrame(page.selectedId));

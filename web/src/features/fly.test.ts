@@ -3,13 +3,13 @@ import type { Outcome } from '../api/client';
 import { ApiClient } from '../api/client';
 import type { VehicleFacts } from '../vehicle/facts';
 import type { Message, Reading } from '../live/vehicle-state';
-import { question, type ActionFacts } from '../app/actions/actions';
-import { Confirmation } from '../app/actions/confirmation';
+import { confirmationTexts, type ActionFacts } from '../app/actions/actions';
+import { ConfirmationSlider } from '../app/actions/confirmation';
 import { ActionController } from '../app/actions/controller.svelte';
 import { GimbalControl } from './gimbal/control.svelte';
-import { BY_ID, CATALOGUE, searchValues, moveItem, readChoice, DEFAULT_IDS, type Source } from './instruments/catalogue';
+import { QUANTITIES_BY_ID, CATALOGUE, searchValues, moveItem, readChoice, DEFAULT_IDS, type Source } from './instruments/catalogue';
 import { severityName } from '../ui/severity';
-import { fullTime, filterMessages, unread } from './messages/messages';
+import { fullTime, filterMessages, countUnread } from './messages/messages';
 import { readOffboard, streamText } from '../vehicle/offboard';
 import { batteryIndicator, componentLines, linkIndicator } from './status/indicators';
 import { lossPercent } from './status/links';
@@ -54,7 +54,7 @@ describe('the catalogue of values', () => {
     expect(CATALOGUE.length).toBeGreaterThan(50);
     for (const q of CATALOGUE) expect(q.label).toMatch(/^[A-Z±]/);
     expect(CATALOGUE.some((q) => q.id.includes('.q'))).toBe(false);
-    for (const id of DEFAULT_IDS) expect(BY_ID.has(id)).toBe(true);
+    for (const id of DEFAULT_IDS) expect(QUANTITIES_BY_ID.has(id)).toBe(true);
   });
   it('shows angles in degrees, and a dash for an unknown value', () => {
     const now = source({
@@ -63,7 +63,7 @@ describe('the catalogue of values', () => {
       battery: { voltage_v: null },
       global_position: { lat_deg: 47.3977421 },
     });
-    const read = (id: string) => BY_ID.get(id)?.read(now);
+    const read = (id: string) => QUANTITIES_BY_ID.get(id)?.read(now);
     expect(read('attitude.roll_rad')).toMatchObject({ text: '30.0', unit: '°', stale: false });
     expect(read('motors.pwm_us.0')).toMatchObject({ text: '1500', unit: 'µs' });
     expect(read('motors.pwm_us.3')?.text).toBe('–');
@@ -73,7 +73,7 @@ describe('the catalogue of values', () => {
     expect(read('flown.climb')?.text).toBe('–');
   });
   it('shows the age of an old value', () => {
-    expect(BY_ID.get('gps.hdop')?.read(source({ gps: { hdop: 0.8 } }, true))).toMatchObject({ text: '0.80', stale: true, age_s: 0.2 });
+    expect(QUANTITIES_BY_ID.get('gps.hdop')?.read(source({ gps: { hdop: 0.8 } }, true))).toMatchObject({ text: '0.80', stale: true, age_s: 0.2 });
   });
   it('reads the stored order, without values that do not exist', () => {
     expect(readChoice(null)).toEqual(DEFAULT_IDS);
@@ -102,9 +102,9 @@ describe('messages', () => {
     expect(filterMessages(all, 9, 'debug')).toHaveLength(4);
   });
   it('are counted until a person reads them, with the tone of the most severe message', () => {
-    expect(unread(all, 5)).toEqual({ count: 3, tone: 'danger' });
-    expect(unread(all, 7)).toEqual({ count: 2, tone: 'caution' });
-    expect(unread(all, 9)).toEqual({ count: 0, tone: 'dim' });
+    expect(countUnread(all, 5)).toEqual({ count: 3, tone: 'danger' });
+    expect(countUnread(all, 7)).toEqual({ count: 2, tone: 'caution' });
+    expect(countUnread(all, 9)).toEqual({ count: 0, tone: 'dim' });
   });
   it('have a shape besides the colour, and a full time', () => {
     expect([2, 4, 6].map((s) => severityName(s).shape)).toEqual(['square', 'triangle', 'dot']);
@@ -183,12 +183,14 @@ const actionFacts: ActionFacts = {
 
 describe('a confirmation', () => {
   it('shows the return altitude once the parameter has been read', () => {
-    expect(question('rtl', actionFacts)?.effect).toContain('Climbs to the return altitude, flies');
-    expect(question('rtl', { ...actionFacts, returnAlt_home_m: 60 })?.effect).toContain('the return altitude, 60 m above home (lower near home), flies');
-    expect(question('rtl', { ...actionFacts, returnAlt_home_m: 10 })?.effect).toContain('Stays at 12.0 m');
+    expect(confirmationTexts('rtl', actionFacts)?.effect).toContain('Climbs to the return altitude, flies');
+    expect(confirmationTexts('rtl', { ...actionFacts, returnAlt_home_m: 60 })?.effect).toContain(
+      'the return altitude, 60 m above home (lower near home), flies',
+    );
+    expect(confirmationTexts('rtl', { ...actionFacts, returnAlt_home_m: 10 })?.effect).toContain('Stays at 12.0 m');
   });
   it('cannot be confirmed while its value is invalid', () => {
-    const c = new Confirmation(false, 0);
+    const c = new ConfirmationSlider(false, 0);
     c.blocked = true;
     c.pressKey(0);
     c.slide(1, 0.5);
@@ -244,11 +246,11 @@ describe('a confirmation', () => {
     for (const invalid of [NaN, 0, 121]) {
       actions.enterTakeoffAltitude(invalid);
       expect(actions.takeoffProblem).toContain('from 1 to 120 m');
-      expect(actions.pending?.confirmation.blocked).toBe(true);
+      expect(actions.pending?.slider.blocked).toBe(true);
     }
     actions.enterTakeoffAltitude(25);
     expect(actions.takeoffProblem).toBeNull();
-    expect(actions.pending?.confirmation.blocked).toBe(false);
+    expect(actions.pending?.slider.blocked).toBe(false);
     actions.stepTakeoffAltitude(1000);
     expect(actions.takeoffAlt_home_m).toBe(120);
   });

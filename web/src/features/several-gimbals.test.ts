@@ -48,7 +48,7 @@ describe('a vehicle with two gimbals', () => {
     const api = { get: respond, post: respond } as unknown as ApiClient;
     const actions = {
       pending: null,
-      dismiss: () => undefined,
+      dismissRefusal: () => undefined,
       attempt: async (_commandName: string, _facts: unknown, _pagePart: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
     } as unknown as ActionController;
     gimbal = new GimbalControl(api, actions);
@@ -58,10 +58,10 @@ describe('a vehicle with two gimbals', () => {
 
   it('has the first gimbal selected initially, and a selection for each vehicle', () => {
     const [first = facts, second = facts] = gimbalsOf(facts);
-    expect(gimbalKey(gimbal.selected(facts))).toBe(gimbalKey(first));
+    expect(gimbalKey(gimbal.withSelectedGimbal(facts))).toBe(gimbalKey(first));
     gimbal.select(facts, gimbalKey(second));
-    expect(gimbalKey(gimbal.selected(facts))).toBe(gimbalKey(second));
-    expect(gimbalKey(gimbal.selected(vehicle('8')))).toBe('8/1.1');
+    expect(gimbalKey(gimbal.withSelectedGimbal(facts))).toBe(gimbalKey(second));
+    expect(gimbalKey(gimbal.withSelectedGimbal(vehicle('8')))).toBe('8/1.1');
   });
 
   it.each([
@@ -69,7 +69,7 @@ describe('a vehicle with two gimbals', () => {
     ['second', 1, { component: 171 }],
   ])('points the %s gimbal at a map point if this gimbal is selected', async (_, index, query) => {
     gimbal.select(facts, gimbalKey(gimbalsOf(facts)[index] ?? facts));
-    for (const act of [() => menu.lookAt(gimbal.selected(facts)), () => menu.setRoi(gimbal.selected(facts))]) {
+    for (const act of [() => menu.lookAt(gimbal.withSelectedGimbal(facts)), () => menu.setRoi(gimbal.withSelectedGimbal(facts))]) {
       menu.open({ lat_deg: 47.001, lon_deg: 8, ground_amsl_m: 500, in3d: null }, facts); // the menu closes when the server has accepted the command
       await act();
     }

@@ -1,8 +1,8 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
-import { question, send, reasonUnavailable, type ActionFacts, type ActionName } from './actions';
+import { confirmationTexts, sendAction, reasonUnavailable, type ActionFacts, type ActionName } from './actions';
 import { DEFAULT_VALIDITY } from '../../vehicle/setpoint';
-import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from './confirmation';
+import { ConfirmationSlider, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from './confirmation';
 
 const facts: ActionFacts = {
   vehicleId: '1',
@@ -19,31 +19,31 @@ const facts: ActionFacts = {
 
 describe('actions', () => {
   it('name vehicle, action and effect with numbers', () => {
-    expect(question('rtl', facts)).toMatchObject({ title: 'Return 1 Quad', effect: expect.stringContaining('48.2 m back') });
-    expect(question('rtl', facts)?.effect).toContain('Offboard ends.');
-    expect(question('takeoff', { ...facts, armed: false })?.effect).toBe('Arms, climbs to 10.0 m above home and holds there. Battery 82 %.');
-    expect(question('land', { ...facts, homeDistance_m: null })?.effect).toContain('an unknown distance');
+    expect(confirmationTexts('rtl', facts)).toMatchObject({ title: 'Return 1 Quad', effect: expect.stringContaining('48.2 m back') });
+    expect(confirmationTexts('rtl', facts)?.effect).toContain('Offboard ends.');
+    expect(confirmationTexts('takeoff', { ...facts, armed: false })?.effect).toBe('Arms, climbs to 10.0 m above home and holds there. Battery 82 %.');
+    expect(confirmationTexts('land', { ...facts, homeDistance_m: null })?.effect).toContain('an unknown distance');
   });
   it('state that the vehicle falls, and send the confirmation text that the server requires', () => {
-    expect(question('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });
-    expect(question('kill', { ...facts, inAir: false })).toMatchObject({ verb: 'Stop motors', effect: expect.stringContaining('it will fall') });
+    expect(confirmationTexts('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });
+    expect(confirmationTexts('kill', { ...facts, inAir: false })).toMatchObject({ verb: 'Stop motors', effect: expect.stringContaining('it will fall') });
     const requests: unknown[] = [];
     const api = new ApiClient('p', undefined, (path, init) => {
       requests.push([path, init.body]);
       return Promise.resolve(Response.json({}));
     });
-    void send(api, 'kill', { ...facts, vehicleId: '1~2' });
+    void sendAction(api, 'kill', { ...facts, vehicleId: '1~2' });
     expect(requests).toEqual([['/api/v1/vehicles/1~2/kill', '{"confirm":"motors stop, vehicle 1~2 falls"}']]);
   });
   it('state whether the vehicle will disarm', () => {
-    const effect = (state: Partial<ActionFacts>): string | undefined => question('disarm', { ...facts, ...state })?.effect;
+    const effect = (state: Partial<ActionFacts>): string | undefined => confirmationTexts('disarm', { ...facts, ...state })?.effect;
     expect(effect({ inAir: true })).toContain('it will not disarm');
     expect(effect({ inAir: false, onGround: true })).toBe('The vehicle is on the ground. The motors stop.');
     expect(effect({ inAir: false })).toContain('does not report that it is on the ground');
   });
   it('state for each mode what arming does', () => {
     const effectIn = (mode: string, streaming = false): string | undefined =>
-      question('arm', { ...facts, armed: false, inAir: false, mode, streaming })?.effect;
+      confirmationTexts('arm', { ...facts, armed: false, inAir: false, mode, streaming })?.effect;
     expect(effectIn('hold')).toBe('The motors start on the ground. The vehicle disarms automatically if it does not take off.');
     expect(effectIn('offboard', true)).toContain('it flies to the setpoint as soon as it is armed');
     expect(effectIn('offboard')).toContain('it flies to the setpoints of any other program');
@@ -54,14 +54,14 @@ describe('actions', () => {
   it('state what a new setpoint stream does on the ground', () => {
     const streamStart = { setpoint: { type: 'position' }, validity: DEFAULT_VALIDITY, rate_hz: 50, text: 'Position' };
     for (const start of [null, streamStart]) {
-      const effect = (state: Partial<ActionFacts>): string | undefined => question('offboard_start', { ...facts, ...state }, null, start)?.effect;
+      const effect = (state: Partial<ActionFacts>): string | undefined => confirmationTexts('offboard_start', { ...facts, ...state }, null, start)?.effect;
       expect(effect({ inAir: false, armed: false })).toContain('does not take off now. If it is armed before the setpoint expires, it flies to the setpoint.');
       expect(effect({ inAir: false, armed: true })).toContain('it can take off immediately');
       expect(effect({ inAir: true })).not.toMatch(/take off|armed/);
     }
   });
   it('send Hold without confirmation, and keep Hold and Stop motors available even if the link is lost', () => {
-    expect(question('hold', facts)).toBeNull();
+    expect(confirmationTexts('hold', facts)).toBeNull();
     const linkLost = { ...facts, lost: true, replayed: false };
     for (const action of ['hold', 'kill'] as ActionName[]) expect(reasonUnavailable(action, linkLost)).toBeNull();
     expect(reasonUnavailable('land', linkLost)).not.toBeNull();
@@ -76,42 +76,42 @@ describe('actions', () => {
 });
 
 /** Calls `tick` once per frame, as the page does. */
-function tickFrames(confirmation: Confirmation, from_s: number, to_s: number): Confirmation['phase'] {
+function tickFrames(confirmation: ConfirmationSlider, from_s: number, to_s: number): ConfirmationSlider['phase'] {
   for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) confirmation.tick(at_s);
   return confirmation.tick(to_s);
 }
 
 describe('confirmation', () => {
   it('expires five seconds after the last input', () => {
-    const confirmation = new Confirmation(false, 100);
+    const confirmation = new ConfirmationSlider(false, 100);
     expect(confirmation.tick(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
     expect(confirmation.tick(100 + EXPIRES_AFTER_S)).toBe('expired');
   });
   it('needs the key held for the whole time, longer for dangerous actions', () => {
-    const confirmation = new Confirmation(false, 0);
+    const confirmation = new ConfirmationSlider(false, 0);
     confirmation.pressKey(1);
     confirmation.pressKey(1.5); // the keyboard repeats
     expect(tickFrames(confirmation, 1, 1 + HOLD_S - 0.01)).toBe('asking');
     expect(tickFrames(confirmation, 1 + HOLD_S - 0.01, 1 + HOLD_S)).toBe('confirmed');
-    const kill = new Confirmation(true, 0);
+    const kill = new ConfirmationSlider(true, 0);
     kill.pressKey(0);
     expect(tickFrames(kill, 0, HOLD_S)).toBe('asking');
     expect(tickFrames(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
   });
   it('starts over after an early release, and does not expire while the knob is held', () => {
-    const confirmation = new Confirmation(true, 0);
+    const confirmation = new ConfirmationSlider(true, 0);
     confirmation.pressKey(4.5);
     expect(tickFrames(confirmation, 4.5, 5.5)).toBe('asking');
     confirmation.releaseKey(5.6);
     expect(confirmation.progress()).toBe(0);
     expect(confirmation.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
-    const releasedLate = new Confirmation(false, 0);
+    const releasedLate = new ConfirmationSlider(false, 0);
     releasedLate.pressKey(0);
     releasedLate.releaseKey(10);
     expect(releasedLate.tick(10.1)).toBe('asking');
   });
   it('does not count the key as held while the page paints no frames', () => {
-    const kill = new Confirmation(true, 0);
+    const kill = new ConfirmationSlider(true, 0);
     kill.pressKey(0);
     expect(kill.tick(0.02)).toBe('asking');
     expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been released meanwhile
@@ -119,7 +119,7 @@ describe('confirmation', () => {
     expect(tickFrames(kill, 4.02, 6)).toBe('asking');
   });
   it('counts each arrow key press as a step, and returns to zero when the knob loses the focus', () => {
-    const confirmation = new Confirmation(true, 0);
+    const confirmation = new ConfirmationSlider(true, 0);
     for (let i = 1; i < KNOB_STEPS; i++) confirmation.step(1, i * 0.2);
     expect([confirmation.tick(2), confirmation.progress()]).toEqual(['asking', 0.9]);
     confirmation.step(-1, 2);
@@ -131,12 +131,12 @@ describe('confirmation', () => {
     expect(confirmation.progress()).toBe(0);
     for (let i = 0; i < KNOB_STEPS; i++) confirmation.step(1, 4);
     expect(confirmation.tick(4)).toBe('confirmed');
-    const halfway = new Confirmation(true, 0);
+    const halfway = new ConfirmationSlider(true, 0);
     halfway.step(1, 1);
     expect(halfway.tick(1 + EXPIRES_AFTER_S)).toBe('expired');
   });
   it('needs the knob at the end of its track', () => {
-    const confirmation = new Confirmation(false, 0);
+    const confirmation = new ConfirmationSlider(false, 0);
     confirmation.slide(0.98, 1);
     confirmation.releasePointer(1.1);
     expect(confirmation.tick(1.2)).toBe('asking');

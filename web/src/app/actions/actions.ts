@@ -5,6 +5,7 @@ import { fixed, metres, UNKNOWN } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { StreamStart } from '../../vehicle/setpoint';
 
+/** `land_now` works without control of the vehicle; `land` needs control. */
 export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto';
 
 /** Values for the confirmation texts. Null: unknown, unless the field's description says otherwise. */
@@ -39,7 +40,7 @@ export interface GotoTarget {
   onResult?: (accepted: boolean) => void;
 }
 
-export interface Question {
+export interface ConfirmationTexts {
   title: string;
   effect: string;
   /** Label of the slider. */
@@ -54,7 +55,7 @@ function distanceText(distance_m: number | null): string {
   return text === UNKNOWN ? 'an unknown distance' : `${text} ${unit}`;
 }
 
-function altitudeNow(facts: ActionFacts): string {
+function altitudeText(facts: ActionFacts): string {
   return facts.alt_home_m === null ? 'an unknown altitude' : `${fixed(facts.alt_home_m, 1)} m above home`;
 }
 
@@ -86,7 +87,7 @@ function disarmText({ inAir, onGround = false }: ActionFacts): string {
     : 'The vehicle does not report that it is on the ground. PX4 refuses to disarm in the air.';
 }
 
-/** What a new stream does to a vehicle on the ground; empty in the air. */
+/** What a new stream does to a vehicle on the ground; an empty text if the vehicle is in the air. */
 function streamOnGroundText({ armed, inAir }: ActionFacts): string {
   if (inAir) return '';
   return armed
@@ -95,7 +96,12 @@ function streamOnGroundText({ armed, inAir }: ActionFacts): string {
 }
 
 /** The confirmation's texts; null for an action without confirmation (Hold), and for `goto` without a target. */
-export function question(action: ActionName, facts: ActionFacts, target: GotoTarget | null = null, streamStart: StreamStart | null = null): Question | null {
+export function confirmationTexts(
+  action: ActionName,
+  facts: ActionFacts,
+  target: GotoTarget | null = null,
+  streamStart: StreamStart | null = null,
+): ConfirmationTexts | null {
   const offboardEnds = facts.streaming ? OFFBOARD_ENDS : '';
   const name = facts.vehicleName;
   switch (action) {
@@ -125,7 +131,7 @@ export function question(action: ActionName, facts: ActionFacts, target: GotoTar
     case 'land':
       return {
         title: `Land ${name}`,
-        effect: `Descends from ${altitudeNow(facts)} at its current position, ${distanceText(facts.homeDistance_m)} from home, and disarms.${offboardEnds}`,
+        effect: `Descends from ${altitudeText(facts)} at its current position, ${distanceText(facts.homeDistance_m)} from home, and disarms.${offboardEnds}`,
         verb: 'Land',
         danger: false,
       };
@@ -136,7 +142,7 @@ export function question(action: ActionName, facts: ActionFacts, target: GotoTar
         ? null
         : {
             title: `Send ${name} here`,
-            effect: `Flies ${distanceText(target.distance_m)} to this position at ${fixed(target.alt_home_m, 1)} m above home${target.time_s === null ? '' : ` in about ${Math.round(target.time_s)} s`} and holds there. The vehicle is at ${altitudeNow(facts)} now.${offboardEnds}`,
+            effect: `Flies ${distanceText(target.distance_m)} to this position at ${fixed(target.alt_home_m, 1)} m above home${target.time_s === null ? '' : ` in about ${Math.round(target.time_s)} s`} and holds there. The vehicle is at ${altitudeText(facts)} now.${offboardEnds}`,
             verb: 'Go',
             danger: false,
           };
@@ -157,7 +163,7 @@ export function question(action: ActionName, facts: ActionFacts, target: GotoTar
     case 'land_now':
       return {
         title: `Land ${name} now`,
-        effect: `Like Land, but works even if another client has control. Descends from ${altitudeNow(facts)} at its current position and disarms.${offboardEnds}`,
+        effect: `Like Land, but works even if another client has control. Descends from ${altitudeText(facts)} at its current position and disarms.${offboardEnds}`,
         verb: 'Land now',
         danger: false,
       };
@@ -172,7 +178,7 @@ export function question(action: ActionName, facts: ActionFacts, target: GotoTar
       return {
         title: `Stop motors of ${name}`,
         effect: facts.inAir
-          ? `The vehicle will fall from ${altitudeNow(facts)}. Nothing slows it down.`
+          ? `The vehicle will fall from ${altitudeText(facts)}. Nothing slows it down.`
           : 'Motors stop immediately. If the vehicle is in the air it will fall.',
         verb: 'Stop motors',
         danger: true,
@@ -181,7 +187,7 @@ export function question(action: ActionName, facts: ActionFacts, target: GotoTar
 }
 
 /** Sends the request of an action. */
-export function send(
+export function sendAction(
   api: ApiClient,
   action: Exclude<ActionName, 'offboard_start'>,
   facts: ActionFacts,

@@ -17,7 +17,7 @@ const MAX_TICK_S = 0.25;
 
 export type Phase = 'asking' | 'confirmed' | 'expired' | 'cancelled';
 
-export class Confirmation {
+export class ConfirmationSlider {
   phase: Phase = 'asking';
   /** Set while the typed value is not valid. */
   blocked = false;

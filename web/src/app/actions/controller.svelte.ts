@@ -5,20 +5,32 @@ import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import { controlProblem, otherControlHolder } from '../../vehicle/control';
-import { actionFacts, ACTION_NAMES, question, send, reasonUnavailable, type ActionFacts, type ActionName, type GotoTarget, type Question } from './actions';
+import {
+  actionFacts,
+  ACTION_NAMES,
+  confirmationTexts,
+  sendAction,
+  reasonUnavailable,
+  type ActionFacts,
+  type ActionName,
+  type ConfirmationTexts,
+  type GotoTarget,
+} from './actions';
 import type { StreamStart } from '../../vehicle/setpoint';
-import { Confirmation } from './confirmation';
+import { ConfirmationSlider } from './confirmation';
 
-/** The part of the page that contains the pressed button and shows the refusal. */
+/** The part of the page that contains the pressed button and shows the refusal. `stage`: map and 3D view; `panel`: the offboard room. */
 export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'camera' | 'stage' | 'control' | 'panel';
 
-/** A confirmation for several vehicles: its present texts, and the call after confirmation. */
+/** A confirmation whose texts and command the caller provides, for example for a group or a mission. */
 export interface GroupConfirmation {
   /** The command's name. */
   commandName: string;
   /** Names of the vehicles, for the result. */
-  names: string;
-  question: () => Question;
+  vehicleNames: string;
+  /** Returns the present texts of the confirmation. */
+  texts: () => ConfirmationTexts;
+  /** Sends the command after the confirmation. */
   run: () => Promise<Outcome<unknown>>;
 }
 
@@ -34,8 +46,9 @@ export interface PendingConfirmation {
   streamStart: StreamStart | null;
   /** Null: the confirmation is for one vehicle. */
   group: GroupConfirmation | null;
-  question: Question;
-  confirmation: Confirmation;
+  /** The texts when the confirmation was opened. */
+  initialTexts: ConfirmationTexts;
+  slider: ConfirmationSlider;
 }
 
 export interface RunningCommand {
@@ -98,9 +111,9 @@ export class ActionController {
   ) {}
 
   /** The confirmation's texts with the vehicle's present altitude. */
-  questionFor(pending: PendingConfirmation): Question {
+  textsFor(pending: PendingConfirmation): ConfirmationTexts {
     const { action, facts, target, streamStart } = pending;
-    return pending.group?.question() ?? question(action, this.factsFor(this.currentFacts(facts)), target, streamStart) ?? pending.question;
+    return pending.group?.texts() ?? confirmationTexts(action, this.actionFactsOf(this.currentFacts(facts)), target, streamStart) ?? pending.initialTexts;
   }
 
   /** Handles a button or key: opens the confirmation, sends an action without confirmation immediately, or shows why the action is not possible. */
@@ -112,14 +125,14 @@ export class ActionController {
     streamStart: StreamStart | null = null,
   ): void {
     if (facts === null || (action === 'goto' && target === null)) return;
-    this.dismiss(pagePart);
-    const reason = reasonUnavailable(action, { ...this.factsFor(facts), lost: facts.lost, replayed: facts.replayed });
+    this.dismissRefusal(pagePart);
+    const reason = reasonUnavailable(action, { ...this.actionFactsOf(facts), lost: facts.lost, replayed: facts.replayed });
     if (reason !== null) {
       this.pending = null;
       this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem: notPossibleNow(reason) } };
       return;
     }
-    const controlRefusal = controlProblem(action, this.factsFor(facts).controlHolder ?? null);
+    const controlRefusal = controlProblem(action, this.actionFactsOf(facts).controlHolder ?? null);
     if (controlRefusal !== null) {
       this.pending = null;
       const problem: Problem = {
@@ -131,27 +144,36 @@ export class ActionController {
       this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem } };
       return;
     }
-    const texts = question(action, this.factsFor(facts), target, streamStart);
+    const texts = confirmationTexts(action, this.actionFactsOf(facts), target, streamStart);
     if (texts === null) {
       this.pending = null;
       void this.run(action, facts, pagePart);
       return;
     }
-    this.pending = { action, pagePart, facts, target, streamStart, group: null, question: texts, confirmation: new Confirmation(texts.danger, this.nowS()) };
+    this.pending = {
+      action,
+      pagePart,
+      facts,
+      target,
+      streamStart,
+      group: null,
+      initialTexts: texts,
+      slider: new ConfirmationSlider(texts.danger, this.nowS()),
+    };
     this.progress = 0;
-    this.remaining_s = this.pending.confirmation.remaining_s(this.nowS());
+    this.remaining_s = this.pending.slider.remaining_s(this.nowS());
     this.takeoffProblem = null;
     if (action === 'rtl') void this.loadReturnAltitude(facts.id);
   }
 
-  /** Opens a confirmation for several vehicles; `facts` is the selected vehicle. */
+  /** Opens a confirmation whose texts and command the caller provides; `facts` is the selected vehicle. */
   requestForGroup(group: GroupConfirmation, facts: VehicleFacts, pagePart: PagePart): void {
-    this.dismiss(pagePart);
-    const texts = group.question();
-    const confirmation = new Confirmation(texts.danger, this.nowS());
-    this.pending = { action: 'offboard_start', pagePart, facts, target: null, streamStart: null, group, question: texts, confirmation };
+    this.dismissRefusal(pagePart);
+    const texts = group.texts();
+    const slider = new ConfirmationSlider(texts.danger, this.nowS());
+    this.pending = { action: 'offboard_start', pagePart, facts, target: null, streamStart: null, group, initialTexts: texts, slider };
     this.progress = 0;
-    this.remaining_s = confirmation.remaining_s(this.nowS());
+    this.remaining_s = slider.remaining_s(this.nowS());
   }
 
   /**
@@ -164,8 +186,8 @@ export class ActionController {
     this.takeoffProblem = isValid ? null : `Enter an altitude from ${min} to ${max} m above home.`;
     if (isValid) this.takeoffAlt_home_m = alt_home_m;
     if (this.pending === null) return;
-    this.pending.confirmation.blocked = !isValid;
-    this.pending.confirmation.restartExpiry(this.nowS());
+    this.pending.slider.blocked = !isValid;
+    this.pending.slider.restartExpiry(this.nowS());
   }
 
   /** Changes the take-off altitude by `by_m`, within the API's limits. */
@@ -180,16 +202,18 @@ export class ActionController {
     this.running = this.running.map((r) => (r.vehicle === event.vehicle && r.action === event['command'] ? { ...r, progressText: event.text, fraction } : r));
   }
 
-  cancel(): void {
+  /** Closes the open confirmation without sending the command. */
+  cancelConfirmation(): void {
     this.pending = null;
   }
 
   /** Whether a confirmation closed a moment ago because it expired or another vehicle was selected. */
-  hasJustClosed(): boolean {
+  confirmationJustClosed(): boolean {
     return this.nowS() - this.closedWithoutKey_s < IGNORE_KEYS_S;
   }
 
-  dismiss(pagePart: PagePart): void {
+  /** Hides the refusal in this part of the page. */
+  dismissRefusal(pagePart: PagePart): void {
     this.refusals = { ...this.refusals, [pagePart]: undefined };
   }
 
@@ -198,9 +222,9 @@ export class ActionController {
     const pending = this.pending;
     if (pending === null) return;
     const now = this.nowS();
-    const phase = pending.group !== null || pending.facts.id === selectedId ? pending.confirmation.tick(now) : 'cancelled';
-    this.progress = pending.confirmation.progress();
-    this.remaining_s = pending.confirmation.remaining_s(now);
+    const phase = pending.group !== null || pending.facts.id === selectedId ? pending.slider.tick(now) : 'cancelled';
+    this.progress = pending.slider.progress();
+    this.remaining_s = pending.slider.remaining_s(now);
     if (phase === 'asking') return;
     this.pending = null;
     if (phase !== 'confirmed') this.closedWithoutKey_s = now;
@@ -217,8 +241,8 @@ export class ActionController {
    * Sends a request without asking for confirmation, and shows a refusal in `pagePart`.
    * @returns whether the server accepted the request.
    */
-  async attempt<T>(commandName: string, facts: Pick<VehicleFacts, 'name'>, pagePart: PagePart, send: () => Promise<Outcome<T>>): Promise<boolean> {
-    const outcome = await send();
+  async attempt<T>(commandName: string, facts: Pick<VehicleFacts, 'name'>, pagePart: PagePart, sendRequest: () => Promise<Outcome<T>>): Promise<boolean> {
+    const outcome = await sendRequest();
     const refusal = outcome.ok ? undefined : { commandName, vehicleName: facts.name, problem: outcome.problem };
     this.refusals = { ...this.refusals, [pagePart]: refusal };
     return outcome.ok;
@@ -243,30 +267,30 @@ export class ActionController {
     };
     this.running = [...this.running, command];
     const current = this.currentFacts(facts);
-    const accepted = await this.attempt(command.commandName, current, pagePart, () => this.send(action, current, target, streamStart));
+    const accepted = await this.attempt(command.commandName, current, pagePart, () => this.sendOrStartStream(action, current, target, streamStart));
     this.running = this.running.filter((r) => r.id !== command.id);
     target?.onResult?.(accepted);
   }
 
-  private async runForGroup({ commandName, names, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
+  private async runForGroup({ commandName, vehicleNames, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
     const command: RunningCommand = {
       id: this.nextId++,
       action: 'offboard_start',
       commandName,
       pagePart,
       vehicle: SEVERAL_VEHICLES,
-      vehicleName: names,
+      vehicleName: vehicleNames,
       progressText: null,
       fraction: null,
     };
     this.running = [...this.running, command];
-    await this.attempt(commandName, { name: names }, pagePart, run);
+    await this.attempt(commandName, { name: vehicleNames }, pagePart, run);
     this.running = this.running.filter((r) => r.id !== command.id);
   }
 
-  private send(action: ActionName, facts: VehicleFacts, target: GotoTarget | null, streamStart: StreamStart | null): Promise<Outcome<unknown>> {
+  private sendOrStartStream(action: ActionName, facts: VehicleFacts, target: GotoTarget | null, streamStart: StreamStart | null): Promise<Outcome<unknown>> {
     if (action === 'offboard_start') return this.startOffboard(facts, streamStart);
-    return send(this.api, action, this.factsFor(facts), target);
+    return sendAction(this.api, action, this.actionFactsOf(facts), target);
   }
 
   /** The vehicle's present state; if the vehicle was removed, the last known state. */
@@ -275,7 +299,7 @@ export class ActionController {
   }
 
   /** The values for the confirmation texts. */
-  private factsFor(facts: VehicleFacts): ActionFacts {
+  private actionFactsOf(facts: VehicleFacts): ActionFacts {
     const controlHolder = otherControlHolder(facts.control, this.api.key);
     return { ...actionFacts(facts, this.takeoffAlt_home_m), controlHolder, returnAlt_home_m: this.returnAlts_home_m.get(facts.id) ?? null };
   }

@@ -24,18 +24,18 @@ describe('the cameras of a vehicle', () => {
       return { ok: accepted };
     };
     const actions = {
-      dismiss: () => undefined,
+      dismissRefusal: () => undefined,
       attempt: async (_commandName: string, _facts: unknown, _pagePart: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
     } as unknown as ActionController;
     control = new CameraControl({ post } as unknown as ApiClient, actions);
   });
 
   it('have a default selection: the first connected camera', () => {
-    expect(control.selected(vehicle(component('autopilot', 1)))).toBeNull();
-    expect(control.selected(facts)).toBe(first);
-    expect(control.selected(vehicle(component('camera', 100, true), second))).toBe(second);
+    expect(control.selectedCamera(vehicle(component('autopilot', 1)))).toBeNull();
+    expect(control.selectedCamera(facts)).toBe(first);
+    expect(control.selectedCamera(vehicle(component('camera', 100, true), second))).toBe(second);
     control.select(facts, 102);
-    expect(control.selected(facts)).toBe(second);
+    expect(control.selectedCamera(facts)).toBe(second);
   });
   it('take photos one at a time, and each request names the camera’s component', async () => {
     await Promise.all([control.takePhoto(facts, second), control.takePhoto(facts, second)]);

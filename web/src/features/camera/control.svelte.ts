@@ -32,11 +32,11 @@ export class CameraControl {
   select(facts: VehicleFacts, componentId: number): void {
     this.selectedIds = { ...this.selectedIds, [facts.id]: componentId };
     this.lastPhotoCamera = null;
-    this.actions.dismiss('camera');
+    this.actions.dismissRefusal('camera');
   }
 
   /** The selected camera; initially the first connected camera. Null if the vehicle has no camera. */
-  selected(facts: VehicleFacts): Component | null {
+  selectedCamera(facts: VehicleFacts): Component | null {
     const cameras = camerasOf(facts);
     return cameras.find((camera) => camera.component_id === this.selectedIds[facts.id]) ?? cameras.find((camera) => !camera.lost) ?? cameras[0] ?? null;
   }

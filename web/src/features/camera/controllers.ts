@@ -3,4 +3,4 @@ import { actions } from '../../app/vehicle-actions.svelte';
 import { CameraControl } from './control.svelte';
 
 /** The page's only CameraControl instance. */
-export const camera = new CameraControl(page.api, actions);
+export const cameraControl = new CameraControl(page.api, actions);

@@ -54,7 +54,7 @@ export class ControlController {
     void this.attempt('Keep control', facts, () => this.api.post('/vehicles/{v}/control/deny', { ...ofVehicle(facts.id), body }));
   }
 
-  /** Answers the first request after a key press. @returns false: no client requests control. */
+  /** Handles the keys that answer the first request. @returns false: no client requests control. */
   answer(facts: VehicleFacts | null, isGranted: boolean): boolean {
     const request = facts === null ? null : requestToAnswer(facts.control, this.api.key);
     if (facts === null || request === null) return false;
@@ -70,7 +70,7 @@ export class ControlController {
     if (event['previous_key'] !== null && event['previous_key'] !== undefined) this.denials[event.vehicle] = false;
   }
 
-  private async attempt(commandName: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
-    await this.actions.attempt(commandName, facts, 'control', send);
+  private async attempt(commandName: string, facts: VehicleFacts, sendRequest: () => Promise<Outcome<unknown>>): Promise<void> {
+    await this.actions.attempt(commandName, facts, 'control', sendRequest);
   }
 }

@@ -1,7 +1,7 @@
 /** Describes who controls the gimbal. */
 
 export interface ControlHolder {
-  controller: 'server' | 'other' | 'vehicle' | 'nobody';
+  kind: 'server' | 'other' | 'vehicle' | 'nobody';
   text: string;
 }
 
@@ -9,12 +9,12 @@ export interface ControlHolder {
 const AUTOPILOT = 1;
 
 /**
- * @param primary (system id, component id) of the component in control, as the gimbal manager reports it.
- * @param inControl whether this server is in control, as the server reports it.
+ * @param primaryControl (system id, component id) of the component in control, as the gimbal manager reports it.
+ * @param isServerInControl whether this server is in control, as the server reports it.
  */
-export function controlHolder(primary: readonly [number, number] | null, inControl: boolean): ControlHolder {
-  if (primary === null || (primary[0] === 0 && primary[1] === 0)) return { controller: 'nobody', text: 'not controlled' };
-  if (inControl) return { controller: 'server', text: 'controlled by this server' };
-  if (primary[1] === AUTOPILOT) return { controller: 'vehicle', text: 'controlled by the vehicle' };
-  return { controller: 'other', text: `controlled by system ${primary[0]}, component ${primary[1]}` };
+export function controlHolder(primaryControl: readonly [number, number] | null, isServerInControl: boolean): ControlHolder {
+  if (primaryControl === null || (primaryControl[0] === 0 && primaryControl[1] === 0)) return { kind: 'nobody', text: 'not controlled' };
+  if (isServerInControl) return { kind: 'server', text: 'controlled by this server' };
+  if (primaryControl[1] === AUTOPILOT) return { kind: 'vehicle', text: 'controlled by the vehicle' };
+  return { kind: 'other', text: `controlled by system ${primaryControl[0]}, component ${primaryControl[1]}` };
 }

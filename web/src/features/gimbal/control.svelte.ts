@@ -1,4 +1,4 @@
-/** Controls the gimbal: sends angles while the pad is dragged, and rates while an arrow is held. On release of the arrow both axes stop. */
+/** Controls the gimbal: sends angles while the pilot drags on the pad, and rates while the pilot holds an arrow button. When the button is released, both axes stop. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { components } from '../../api/schema';
@@ -9,11 +9,11 @@ import { gimbalKey, angleLimits, gimbalParams, withGimbal, type Angles } from '.
 import { clamp } from './pad';
 
 /**
- * After this time without a drag or key [ms] the page sends the last angles once more, and the response says whether a
- * limit stopped the camera.
+ * Time without a drag or key press after which the page sends the last angles once more [ms]. The response says whether
+ * a limit stopped the camera.
  */
-const SETTLE_MS = 400;
-/** Rate of the camera while an arrow is held [deg/s]. */
+const FINAL_ANGLES_DELAY_MS = 400;
+/** Rate of the camera while an arrow button is held [deg/s]. */
 const RATE_DEG_S = 20;
 
 export type Roi = components['schemas']['Roi'];
@@ -25,7 +25,7 @@ interface QueuedCommand {
 
 export class GimbalControl {
   /** The target angles: the ring on the pad. */
-  target = $state.raw<Angles | null>(null);
+  targetAngles = $state.raw<Angles | null>(null);
   /** Whether yaw is locked relative to north; null: as the gimbal reports it. */
   private chosenYawLock = $state<boolean | null>(null);
   busy = $state(false);
@@ -33,13 +33,13 @@ export class GimbalControl {
   private selectedKeys = $state.raw<Readonly<Record<string, string>>>({});
   /** Text about the limit that stopped the camera of one gimbal; null: the camera reached its target or is still moving. */
   private limitNotice = $state.raw<{ gimbal: string; text: string } | null>(null);
-  private settleTimer: ReturnType<typeof setTimeout> | undefined;
-  /** Number of commands sent so far. */
+  private finalAnglesTimer: ReturnType<typeof setTimeout> | undefined;
+  /** Number of commands sent so far; shows whether a newer command was sent during a request. */
   private sentCount = 0;
-  /** The server's latest response for each gimbal: whether the server was in control of the gimbal (`inControl`), and the ROI. */
-  private responses = $state.raw<Readonly<Record<string, { holderKey: string; inControl: boolean; roi: Roi | null }>>>({});
+  /** The server's latest response for each gimbal: whether the server was in control of the gimbal (`isServerInControl`), and the ROI. */
+  private responses = $state.raw<Readonly<Record<string, { holderKey: string; isServerInControl: boolean; roi: Roi | null }>>>({});
   private readonly sender: LatestSender<QueuedCommand>;
-  /** The gimbal that a held arrow turns. On release this gimbal stops, even if the card shows another gimbal by then. */
+  /** The gimbal that a held arrow button turns. This gimbal stops when the button is released, even if the card then shows another gimbal. */
   private turnedGimbal: VehicleFacts | null = null;
 
   constructor(
@@ -50,9 +50,9 @@ export class GimbalControl {
   }
 
   /** Whether this server controls the gimbal; false until the server has confirmed that. */
-  inControl(facts: VehicleFacts): boolean {
+  isServerInControl(facts: VehicleFacts): boolean {
     const response = this.responses[gimbalKey(facts)];
-    return response !== undefined && response.inControl && response.holderKey === holderKey(facts);
+    return response !== undefined && response.isServerInControl && response.holderKey === holderKey(facts);
   }
 
   /** Reads from the server whether the server controls the gimbal, and the ROI. Called periodically, and when the gimbal reports another controller. */
@@ -60,7 +60,7 @@ export class GimbalControl {
     const [gimbal, requestedHolderKey] = [gimbalKey(facts), holderKey(facts)];
     const response = await this.api.get('/vehicles/{v}/gimbal', gimbalParams(facts));
     if (!response.ok) return;
-    this.responses = { ...this.responses, [gimbal]: { holderKey: requestedHolderKey, inControl: response.value.in_control, roi: response.value.roi } };
+    this.responses = { ...this.responses, [gimbal]: { holderKey: requestedHolderKey, isServerInControl: response.value.in_control, roi: response.value.roi } };
   }
 
   /** The ROI that this server has set, until another command ends the ROI; null: no ROI, or not known. */
@@ -82,8 +82,8 @@ export class GimbalControl {
 
   async takeOrRelease(facts: VehicleFacts, take: boolean): Promise<void> {
     this.busy = true;
-    this.target = null;
-    clearTimeout(this.settleTimer);
+    this.targetAngles = null;
+    clearTimeout(this.finalAnglesTimer);
     this.limitNotice = null;
     await this.actions.attempt(take ? 'Take gimbal control' : 'Release gimbal control', facts, 'gimbal', () =>
       this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, gimbalParams(facts)),
@@ -94,14 +94,14 @@ export class GimbalControl {
   /** Points the camera. The yaw in `angles` is relative to the vehicle's nose. */
   point(facts: VehicleFacts, angles: Angles): void {
     const clamped = clamp(angles, angleLimits(facts.gimbal?.value ?? null));
-    this.target = clamped;
+    this.targetAngles = clamped;
     const lock = this.yawLock(facts);
     const vehicleYaw = facts.attitude?.value.yaw_ned_rad ?? null;
     // With yaw lock the API's yaw is relative to north.
     const yaw_deg = lock && vehicleYaw !== null ? wrap180(clamped.yaw_deg + (vehicleYaw * 180) / Math.PI) : clamped.yaw_deg;
     const body = { pitch_deg: round(clamped.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock };
     this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/angles', { ...gimbalParams(facts), body: { ...body, wait: false } }) });
-    this.settleTimer = setTimeout(() => void this.settle(facts, body), SETTLE_MS);
+    this.finalAnglesTimer = setTimeout(() => void this.sendFinalAngles(facts, body), FINAL_ANGLES_DELAY_MS);
   }
 
   /** Text about the limit that stopped the camera before its target; null: no limit stopped the camera. */
@@ -109,8 +109,8 @@ export class GimbalControl {
     return this.limitNotice?.gimbal === gimbalKey(facts) ? this.limitNotice.text : null;
   }
 
-  /** Sends the last angles again, and waits for the response until the camera stops. Other commands do not wait for this response. */
-  private async settle(facts: VehicleFacts, body: { pitch_deg: number; yaw_deg: number; yaw_lock: boolean }): Promise<void> {
+  /** Sends the last angles again; the server answers when the camera has stopped. Other commands do not wait for this response. */
+  private async sendFinalAngles(facts: VehicleFacts, body: { pitch_deg: number; yaw_deg: number; yaw_lock: boolean }): Promise<void> {
     const sentBefore = this.sentCount;
     const response = await this.api.post('/vehicles/{v}/gimbal/angles', { ...gimbalParams(facts), body: { ...body, wait: true } });
     if (sentBefore === this.sentCount && response.ok && response.value.limited != null)
@@ -119,20 +119,20 @@ export class GimbalControl {
 
   /** Sends a command, and clears the limit text of the previous command. */
   private push(command: QueuedCommand): void {
-    clearTimeout(this.settleTimer);
+    clearTimeout(this.finalAnglesTimer);
     this.sentCount += 1;
     this.limitNotice = null;
     this.sender.push(command);
   }
 
-  /** Turns the camera while an arrow is held. Up and right are positive. */
+  /** Turns the camera while an arrow button is held. Up and right are positive. */
   turn(facts: VehicleFacts, pitchSign: number, yawSign: number): void {
-    this.target = null;
+    this.targetAngles = null;
     this.turnedGimbal = facts;
     this.sendRates(facts, pitchSign * RATE_DEG_S, yawSign * RATE_DEG_S);
   }
 
-  /** The arrow was released: both axes stop. */
+  /** The arrow button was released: both axes stop. */
   stop(): void {
     const facts = this.turnedGimbal;
     this.turnedGimbal = null;
@@ -140,18 +140,18 @@ export class GimbalControl {
   }
 
   /** The facts with the selected gimbal of the vehicle; initially the first gimbal. */
-  selected(facts: VehicleFacts): VehicleFacts {
+  withSelectedGimbal(facts: VehicleFacts): VehicleFacts {
     return withGimbal(facts, this.selectedKeys[facts.id] ?? '');
   }
 
   /** Selects a gimbal of the vehicle, and clears the target and the chosen yaw lock of the previous gimbal. */
   select(facts: VehicleFacts, key: string): void {
     this.selectedKeys = { ...this.selectedKeys, [facts.id]: key };
-    clearTimeout(this.settleTimer);
-    this.target = this.chosenYawLock = null;
+    clearTimeout(this.finalAnglesTimer);
+    this.targetAngles = this.chosenYawLock = null;
   }
 
-  setLock(facts: VehicleFacts, lock: boolean): void {
+  setYawLock(facts: VehicleFacts, lock: boolean): void {
     this.chosenYawLock = lock;
     this.sendRates(facts, 0, 0);
   }

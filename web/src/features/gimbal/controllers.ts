@@ -4,4 +4,4 @@ import { page } from '../../app/page.svelte';
 import { actions } from '../../app/vehicle-actions.svelte';
 import { GimbalControl } from './control.svelte';
 
-export const gimbal = new GimbalControl(page.api, actions);
+export const gimbalControl = new GimbalControl(page.api, actions);

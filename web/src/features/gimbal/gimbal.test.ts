@@ -26,9 +26,9 @@ describe('gimbal', () => {
     expect(angleText({ pitch_deg: -12.4, yaw_deg: 3.3 })).toBe('12° down, 3° right');
   });
   it('shows who controls the gimbal', () => {
-    expect(controlHolder(null, false).controller).toBe('nobody');
+    expect(controlHolder(null, false).kind).toBe('nobody');
     expect(controlHolder([255, 190], true).text).toBe('controlled by this server');
-    expect(controlHolder([1, 1], false).controller).toBe('vehicle');
+    expect(controlHolder([1, 1], false).kind).toBe('vehicle');
     expect(controlHolder([254, 191], false).text).toContain('254');
   });
   it('sends one request at a time, and always the last request, for example the stop', async () => {

@@ -4,22 +4,22 @@
  */
 
 export class LatestSender<T> {
-  private waiting: { value: T } | null = null;
+  private waitingRequest: { value: T } | null = null;
   private busy = false;
 
   constructor(private readonly send: (value: T) => Promise<unknown>) {}
 
   push(value: T): void {
-    this.waiting = { value };
+    this.waitingRequest = { value };
     if (!this.busy) void this.sendWaiting();
   }
 
   private async sendWaiting(): Promise<void> {
     this.busy = true;
     try {
-      while (this.waiting !== null) {
-        const { value } = this.waiting;
-        this.waiting = null;
+      while (this.waitingRequest !== null) {
+        const { value } = this.waitingRequest;
+        this.waitingRequest = null;
         await this.send(value);
       }
     } finally {

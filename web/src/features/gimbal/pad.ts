@@ -1,4 +1,4 @@
-/** The gimbal pad: converts between angles and points within the gimbal's limits, changes angles by key presses, and describes them as text. */
+/** The gimbal pad: converts between angles and points within the gimbal's limits, changes angles by key presses, and describes angles as text. */
 
 import { toDeg } from '../../ui/format';
 import type { Gimbal } from '../../live/topics';
@@ -54,20 +54,20 @@ const KEY_STEP_DEG = 1;
 /** The angles after a key press on the pad, clamped to the limits; null for other keys. */
 export function anglesAfterKey(angles: Angles, key: string, shift: boolean, limits: AngleLimits): Angles | null {
   const step = KEY_STEP_DEG * (shift ? 10 : 1);
-  const turned = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, limits);
+  const turnedBy = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, limits);
   switch (key) {
     case 'ArrowUp':
-      return turned(step, 0);
+      return turnedBy(step, 0);
     case 'ArrowDown':
-      return turned(-step, 0);
+      return turnedBy(-step, 0);
     case 'ArrowRight':
-      return turned(0, step);
+      return turnedBy(0, step);
     case 'ArrowLeft':
-      return turned(0, -step);
+      return turnedBy(0, -step);
     case 'PageUp':
-      return turned(10 * KEY_STEP_DEG, 0);
+      return turnedBy(10 * KEY_STEP_DEG, 0);
     case 'PageDown':
-      return turned(-10 * KEY_STEP_DEG, 0);
+      return turnedBy(-10 * KEY_STEP_DEG, 0);
     case 'Home':
       return clamp({ pitch_deg: 0, yaw_deg: 0 }, limits);
     case 'End':

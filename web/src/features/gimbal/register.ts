@@ -1,7 +1,7 @@
 import { registry } from '../../app/registry.svelte';
 import { provide } from '../../app/services';
-import { gimbal } from './controllers';
+import { gimbalControl } from './controllers';
 import GimbalCards from './GimbalCards.svelte';
 
-provide('gimbal', gimbal);
+provide('gimbal', gimbalControl);
 registry.addTo('cards', { order: 40, vehicleComponent: GimbalCards });

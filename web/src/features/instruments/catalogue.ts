@@ -1,6 +1,6 @@
 /**
- * All values that the grid can show: the server's topics and fields, with readable names, and with units from the
- * suffixes of the field names. The grid shows angles in degrees.
+ * All values that the grid can show: the fields of the server's topics, with readable names. The suffix of a field name
+ * gives the unit. The grid shows angles in degrees.
  */
 
 import { FIELDS } from '../../api/fields';
@@ -26,7 +26,7 @@ export interface DisplayedValue {
 }
 
 export interface Quantity {
-  /** "topic.field", "topic.field.2", or "flown.…" for derived values. The browser stores it. */
+  /** "topic.field", "topic.field.2", or "flown.…" for derived values. The browser stores this id. */
   id: string;
   label: string;
   group: string;
@@ -122,9 +122,9 @@ const LABELS: Readonly<Record<string, string>> = {
 };
 /** Fields that the grid does not offer, for example bit masks, ids and quaternions. */
 const HIDDEN_FIELDS = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
-const COUNT_FIELDS = new Set(['satellites', 'fix_type', 'current', 'count', 'reached']);
-/** Mission items: the vehicle counts from 0, the page from 1. */
-const ITEM_FIELDS = new Set(['mission.current', 'mission.reached']);
+const INTEGER_FIELDS = new Set(['satellites', 'fix_type', 'current', 'count', 'reached']);
+/** Fields with the number of a mission item: the vehicle counts items from 0, the page from 1. */
+const ITEM_NUMBER_FIELDS = new Set(['mission.current', 'mission.reached']);
 const LAT_LON = /^(lat|lon)_deg$/;
 
 /** How a field is displayed, from its name: unit, factor to that unit, decimals and label. */
@@ -143,8 +143,8 @@ function plainText(value: unknown, factor: number, decimals: number): string {
 function fieldQuantity(topic: string, field: string, index: number | null, label: string): Quantity {
   const { unit, factor, decimals } = fieldFormat(field);
   const isLatLon = LAT_LON.test(field);
-  const isInteger = index === null && COUNT_FIELDS.has(field);
-  const first = ITEM_FIELDS.has(`${topic}.${field}`) ? 1 : 0;
+  const isInteger = index === null && INTEGER_FIELDS.has(field);
+  const numberOffset = ITEM_NUMBER_FIELDS.has(`${topic}.${field}`) ? 1 : 0;
   return {
     id: index === null ? `${topic}.${field}` : `${topic}.${field}.${index}`,
     label,
@@ -159,7 +159,7 @@ function fieldQuantity(topic: string, field: string, index: number | null, label
       const text =
         typeof value === 'number' && !isInteger
           ? fixed(value * factor, isLatLon ? 6 : unit === '' ? 2 : decimals)
-          : plainText(typeof value === 'number' ? value + first : value, factor, decimals);
+          : plainText(typeof value === 'number' ? value + numberOffset : value, factor, decimals);
       return { text, unit, stale: reading?.stale ?? false, age_s: reading?.age_s ?? null };
     },
   };
@@ -201,7 +201,7 @@ function topicQuantities(topic: string, fields: Readonly<Record<string, string>>
   });
 }
 
-const DERIVED: readonly Quantity[] = [
+const DERIVED_QUANTITIES: readonly Quantity[] = [
   {
     id: 'flown.climb',
     label: 'Vertical speed',
@@ -244,8 +244,8 @@ const DERIVED: readonly Quantity[] = [
   },
 ];
 
-export const CATALOGUE: readonly Quantity[] = [...DERIVED, ...Object.entries(FIELDS).flatMap(([topic, fields]) => topicQuantities(topic, fields))];
-export const BY_ID: ReadonlyMap<string, Quantity> = new Map(CATALOGUE.map((q) => [q.id, q]));
+export const CATALOGUE: readonly Quantity[] = [...DERIVED_QUANTITIES, ...Object.entries(FIELDS).flatMap(([topic, fields]) => topicQuantities(topic, fields))];
+export const QUANTITIES_BY_ID: ReadonlyMap<string, Quantity> = new Map(CATALOGUE.map((q) => [q.id, q]));
 
 export const DEFAULT_IDS: readonly string[] = [
   'flown.climb',
@@ -261,7 +261,7 @@ export function readChoice(stored: string | null): string[] {
   try {
     const raw: unknown = JSON.parse(stored ?? 'null');
     if (!Array.isArray(raw)) return [...DEFAULT_IDS];
-    const known = raw.filter((id): id is string => typeof id === 'string' && BY_ID.has(id));
+    const known = raw.filter((id): id is string => typeof id === 'string' && QUANTITIES_BY_ID.has(id));
     return [...new Set(known)];
   } catch {
     return [...DEFAULT_IDS];

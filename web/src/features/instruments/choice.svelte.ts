@@ -1,6 +1,6 @@
 /** The values on the grid and their order, as chosen by the person; the browser stores them. */
 
-import { BY_ID, moveItem, readChoice, DEFAULT_IDS } from './catalogue';
+import { QUANTITIES_BY_ID, moveItem, readChoice, DEFAULT_IDS } from './catalogue';
 
 const STORAGE_KEY = 'gcs-values';
 /** More values would push the other cards off the screen. */
@@ -19,7 +19,7 @@ class ValueChoice {
   editing = $state(false);
 
   add(id: string): void {
-    if (this.ids.length < MAX_VALUES && BY_ID.has(id) && !this.ids.includes(id)) this.store([...this.ids, id]);
+    if (this.ids.length < MAX_VALUES && QUANTITIES_BY_ID.has(id) && !this.ids.includes(id)) this.store([...this.ids, id]);
   }
 
   remove(id: string): void {

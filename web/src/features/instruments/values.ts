@@ -24,8 +24,8 @@ export function verticalSpeed(facts: Pick<VehicleFacts, 'hud' | 'global'>): Vert
 export function flightTimeText(facts: Pick<VehicleFacts, 'lost' | 'now_unix_s'>, clock: FlightClock | undefined): string {
   if (clock === undefined) return UNKNOWN;
   if (clock.airborneSince_unix_s !== null) {
-    const until = facts.lost ? clock.updated_unix_s : facts.now_unix_s;
-    return `${clock.exact ? '' : '> '}${duration(until - clock.airborneSince_unix_s)}`;
+    const until_unix_s = facts.lost ? clock.updated_unix_s : facts.now_unix_s;
+    return `${clock.exact ? '' : '> '}${duration(until_unix_s - clock.airborneSince_unix_s)}`;
   }
   return duration(clock.lastFlight_s);
 }

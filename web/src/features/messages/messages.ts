@@ -25,14 +25,14 @@ export function filterMessages(messages: readonly Message[], count: number, filt
   return lines;
 }
 
-export interface Unread {
+export interface UnreadMessages {
   count: number;
   /** Tone of the most severe message. */
   tone: SeverityName['tone'];
 }
 
 /** Number and tone of the messages since a time, without debug messages. */
-export function unread(messages: readonly Message[], since_unix_s: number): Unread {
+export function countUnread(messages: readonly Message[], since_unix_s: number): UnreadMessages {
   const newMessages = messages.filter((m) => m.unix_s > since_unix_s && m.severity <= LEAST_SEVERE_SHOWN.all);
   return { count: newMessages.length, tone: severityName(Math.min(7, ...newMessages.map((m) => m.severity))).tone };
 }

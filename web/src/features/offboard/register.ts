@@ -4,17 +4,17 @@ import { provide } from '../../app/services';
 import { actions } from '../../app/vehicle-actions.svelte';
 import { groups, offboard } from './controllers';
 import OffboardCard from './OffboardCard.svelte';
-import { ROOM } from './room.svelte';
+import { ROOM_ID } from './room.svelte';
 
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
 page.neededVehicles.push(() => offboard.renewedVehicles());
-page.neededVehicles.push(() => groups.live.flatMap(({ group }) => (groups.isOwn(group) ? group.members.map((member) => member.vehicle) : [])));
+page.neededVehicles.push(() => groups.activeGroups.flatMap(({ group }) => (groups.isOwn(group) ? group.members.map((member) => member.vehicle) : [])));
 page.onTelemetry.push(() => offboard.tick((id) => page.isStreaming(id)));
 page.onTelemetry.push(() => groups.tick(page.connection));
 page.onEvent.push((event) => groups.onEvent(event));
 
 registry.addRoom({
-  id: ROOM,
+  id: ROOM_ID,
   title: 'Offboard',
   icon: 'pulse',
   hint: 'Setpoints, plots, gamepad (P)',
@@ -30,5 +30,5 @@ registry.addKeys([
     inScene: true,
     handlers: { o: (facts) => actions.request('offboard_start', facts, 'offboard') },
   },
-  { order: 140, keys: 'P', description: 'Offboard view: setpoints, plots, gamepad', inScene: true, handlers: { p: () => rooms.toggle(ROOM) } },
+  { order: 140, keys: 'P', description: 'Offboard view: setpoints, plots, gamepad', inScene: true, handlers: { p: () => rooms.toggle(ROOM_ID) } },
 ]);

@@ -2,18 +2,18 @@
 
 import { rooms } from '../../app/registry.svelte';
 
-export const ROOM = 'offboard';
+export const ROOM_ID = 'offboard';
 
 class OffboardRoomState {
   /** Set to open the room at the group panel; the room resets it. */
   groupsRequested = $state(false);
 
   open(): void {
-    rooms.open(ROOM);
+    rooms.open(ROOM_ID);
   }
 
   close(): void {
-    if (rooms.current === ROOM) rooms.open('fly');
+    if (rooms.openId === ROOM_ID) rooms.open('fly');
   }
 
   showGroups(): void {

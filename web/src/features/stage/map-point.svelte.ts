@@ -42,8 +42,8 @@ export class MapPointMenu {
     const home = homeAmsl_m(facts);
     if (this.mapPoint === null || this.vehicle !== facts.id) this.go_home_m = tenths(facts.global?.value.alt_home_m ?? 0);
     this.point_home_m = mapPoint.ground_amsl_m === null || home === null ? 0 : tenths(mapPoint.ground_amsl_m - home);
-    this.actions.dismiss('stage');
-    if (this.actions.pending?.pagePart === 'stage') this.actions.cancel();
+    this.actions.dismissRefusal('stage');
+    if (this.actions.pending?.pagePart === 'stage') this.actions.cancelConfirmation();
     this.mapPoint = mapPoint;
     this.vehicle = facts.id;
     if (!facts.replayed && !facts.lost) void this.loadSpeeds(facts.id);
@@ -51,7 +51,7 @@ export class MapPointMenu {
 
   close(): void {
     this.mapPoint = null;
-    this.actions.dismiss('stage');
+    this.actions.dismissRefusal('stage');
   }
 
   /** Handles the server's event about a click in this page's 3D view. @param viewId id of this page's 3D view. */
@@ -114,7 +114,7 @@ export class MapPointMenu {
   targetsOf(facts: VehicleFacts): RequestedTargets {
     const target = this.activeTargets.get(facts.id);
     if (target !== undefined && !isTargetActive(target, facts, this.nowS())) this.activeTargets.delete(facts.id);
-    const roi = service('gimbal').roiOf(service('gimbal').selected(facts));
+    const roi = service('gimbal').roiOf(service('gimbal').withSelectedGimbal(facts));
     const home = homeAmsl_m(facts);
     const look = roi === null ? null : { lat_deg: roi.lat_deg, lon_deg: roi.lon_deg, alt_home_m: home === null ? null : roi.alt_amsl_m - home };
     return { go: this.activeTargets.get(facts.id) ?? null, look };

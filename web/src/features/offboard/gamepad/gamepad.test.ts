@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { StickControl, type PadSnapshot, type StickControlInputs } from './stick-control';
-import { attitudeSetpoint, CENTRED, SCALES, STICK_CURVE, shapeAxis, STOP, sticksOf, velocitySetpoint, type Scale } from './sticks';
+import { attitudeSetpoint, CENTRED_STICKS, SCALES, STICK_CURVE, shapeAxis, STOP_SETPOINT, sticksOf, velocitySetpoint, type Scale } from './sticks';
 
 const SCALE: Scale = { speed_m_s: 4, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 20 };
 const READABLE: StickControlInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
@@ -26,7 +26,7 @@ describe('sticks', () => {
 
   it('give positive values for up, although a gamepad reports down as positive', () => {
     expect(sticksOf([0.5, -1, 1, -1], { deadZone: 0, expo: 0 })).toEqual({ forward: 1, right: 1, up: 1, turn: 0.5 });
-    expect(sticksOf([], STICK_CURVE)).toEqual(CENTRED);
+    expect(sticksOf([], STICK_CURVE)).toEqual(CENTRED_STICKS);
   });
 
   it('command a velocity in the chosen frame, limited to full speed if deflected diagonally', () => {
@@ -44,12 +44,12 @@ describe('sticks', () => {
     const setpoint = attitudeSetpoint({ forward: 1, right: 0, up: 0, turn: 0 }, 1, 0.6, SCALE);
     expect(setpoint.pitch_rad).toBeCloseTo(-20 * (Math.PI / 180));
     expect(setpoint.thrust).toBe(0.6);
-    expect(attitudeSetpoint({ ...CENTRED, up: 1 }, 1, 0.6, SCALE).thrust).toBe(1);
-    expect(attitudeSetpoint({ ...CENTRED, up: -1 }, 1, 0.6, SCALE).thrust).toBe(0);
+    expect(attitudeSetpoint({ ...CENTRED_STICKS, up: 1 }, 1, 0.6, SCALE).thrust).toBe(1);
+    expect(attitudeSetpoint({ ...CENTRED_STICKS, up: -1 }, 1, 0.6, SCALE).thrust).toBe(0);
   });
 
   it('command 0, not -0, in the middle', () => {
-    expect(Object.is(velocitySetpoint(CENTRED, 'heading', SCALES[0]?.scale ?? SCALE).velocity_frd_m_s?.[2], 0)).toBe(true);
+    expect(Object.is(velocitySetpoint(CENTRED_STICKS, 'heading', SCALES[0]?.scale ?? SCALE).velocity_frd_m_s?.[2], 0)).toBe(true);
   });
 });
 
@@ -67,20 +67,20 @@ describe('the deadman button', () => {
     const stickControl = new StickControl(SCALE, 5);
     expect(stickControl.update(pad(FORWARD, true), READABLE, 0).setpoint).toBeNull();
     stickControl.engage();
-    expect(stickControl.update(pad(FORWARD, false), READABLE, 0)).toMatchObject({ phase: 'ready', setpoint: STOP });
+    expect(stickControl.update(pad(FORWARD, false), READABLE, 0)).toMatchObject({ phase: 'ready', setpoint: STOP_SETPOINT });
     expect(stickControl.update(pad(FORWARD, true), READABLE, 0.04).setpoint).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
   });
 
   it('has no effect if it was already held, until it is released once', () => {
     const stickControl = new StickControl(SCALE, 5);
     stickControl.engage();
-    expect(stickControl.update(pad(FORWARD, true), READABLE, 0)).toMatchObject({ phase: 'release', setpoint: STOP });
+    expect(stickControl.update(pad(FORWARD, true), READABLE, 0)).toMatchObject({ phase: 'release', setpoint: STOP_SETPOINT });
     stickControl.update(pad(FORWARD, false), READABLE, 0.04);
     expect(stickControl.update(pad(FORWARD, true), READABLE, 0.08).phase).toBe('flying');
   });
 
   it.each(['heading', 'attitude'] as const)('stops the vehicle on release (%s)', (mode) => {
-    expect(flying(mode).update(pad(FORWARD, false), READABLE, 0.08)).toMatchObject({ phase: 'ready', setpoint: STOP, endReason: null });
+    expect(flying(mode).update(pad(FORWARD, false), READABLE, 0.08)).toMatchObject({ phase: 'ready', setpoint: STOP_SETPOINT, endReason: null });
   });
 
   it.each([
@@ -90,7 +90,7 @@ describe('the deadman button', () => {
   ])('does not keep the vehicle flying (%s): the vehicle stops, and stick control ends with a reason', (_, snapshot, inputs) => {
     const stickControl = flying();
     const step = stickControl.update(snapshot, inputs, 0.08);
-    expect(step).toMatchObject({ phase: 'off', setpoint: STOP });
+    expect(step).toMatchObject({ phase: 'off', setpoint: STOP_SETPOINT });
     expect(step.endReason).toMatch(/\.$/);
     // Readable again with the button still held: the sticks command nothing until a person starts stick control again.
     expect(stickControl.update(pad(FORWARD, true), READABLE, 0.12).setpoint).toBeNull();
@@ -103,12 +103,12 @@ describe('the deadman button', () => {
     expect((turned as { yaw_ned_rad: number }).yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.04);
     const afterPause = stickControl.update(pad([1, 0, 0, 0], true), READABLE, 60).setpoint as { yaw_ned_rad: number };
     expect(afterPause.yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.14);
-    expect(stickControl.update(pad(FORWARD, true), { ...READABLE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP });
+    expect(stickControl.update(pad(FORWARD, true), { ...READABLE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP_SETPOINT });
   });
 
   it('sends one stop setpoint when a person ends stick control', () => {
     const stickControl = flying();
-    expect(stickControl.disengage()).toEqual(STOP);
+    expect(stickControl.disengage()).toEqual(STOP_SETPOINT);
     expect(stickControl.disengage()).toBeNull();
   });
 });

@@ -1,10 +1,21 @@
 /**
  * Converts a gamepad's state to setpoints, 25 times a second. The sticks move the vehicle only while the pilot holds the
  * deadman button; otherwise the setpoint is zero velocity. Stick control ends when the page cannot read the sticks (gamepad
- * unplugged, tab hidden, window without focus), or when attitude mode has no heading. Pure: callers pass the time.
+ * unplugged, tab hidden, window without focus), or when attitude mode has no heading. Callers pass the time.
  */
 
-import { attitudeSetpoint, STICK_CURVE, STOP, sticksOf, velocitySetpoint, type PadMode, type PadSetpoint, type Scale, type Sticks, CENTRED } from './sticks';
+import {
+  attitudeSetpoint,
+  STICK_CURVE,
+  STOP_SETPOINT,
+  sticksOf,
+  velocitySetpoint,
+  type PadMode,
+  type PadSetpoint,
+  type Scale,
+  type Sticks,
+  CENTRED_STICKS,
+} from './sticks';
 
 export const RATE_HZ = 25;
 /** Longest time step of the yaw's integration, so that the yaw does not jump after a pause [s]. */
@@ -42,7 +53,7 @@ export interface StickOutput {
   endReason: string | null;
   sticks: Sticks;
   /** Whether the deadman button is held. */
-  held: boolean;
+  isDeadmanHeld: boolean;
 }
 
 export class StickControl {
@@ -65,28 +76,34 @@ export class StickControl {
   disengage(): PadSetpoint | null {
     const previousPhase = this.phase;
     this.phase = 'off';
-    return previousPhase === 'off' ? null : STOP;
+    return previousPhase === 'off' ? null : STOP_SETPOINT;
   }
 
   update(pad: PadSnapshot | null, inputs: StickControlInputs, now_s: number): StickOutput {
-    const sticks = pad === null ? CENTRED : sticksOf(pad.axes, STICK_CURVE);
-    const held = pad?.pressed[this.deadmanButton] === true;
-    const output = (setpoint: PadSetpoint | null, endReason: string | null = null): StickOutput => ({ phase: this.phase, setpoint, endReason, sticks, held });
+    const sticks = pad === null ? CENTRED_STICKS : sticksOf(pad.axes, STICK_CURVE);
+    const isDeadmanHeld = pad?.pressed[this.deadmanButton] === true;
+    const output = (setpoint: PadSetpoint | null, endReason: string | null = null): StickOutput => ({
+      phase: this.phase,
+      setpoint,
+      endReason,
+      sticks,
+      isDeadmanHeld,
+    });
     if (this.phase === 'off') return output(null);
     const endReason =
       reasonUnreadable(pad, inputs) ?? (this.mode === 'attitude' && inputs.yaw_ned_rad === null ? 'The vehicle no longer reports its heading.' : null);
     if (endReason !== null) {
       this.phase = 'off';
-      return output(STOP, endReason);
+      return output(STOP_SETPOINT, endReason);
     }
     if (this.phase === 'release') {
-      if (!held) this.phase = 'ready';
-      return output(STOP);
+      if (!isDeadmanHeld) this.phase = 'ready';
+      return output(STOP_SETPOINT);
     }
-    if (!held) {
+    if (!isDeadmanHeld) {
       this.phase = 'ready';
       this.lastStep_s = null;
-      return output(STOP);
+      return output(STOP_SETPOINT);
     }
     const dt_s = this.phase === 'flying' && this.lastStep_s !== null ? Math.min(MAX_STEP_S, now_s - this.lastStep_s) : 0;
     if (this.phase !== 'flying') this.yaw_ned_rad = inputs.yaw_ned_rad;

@@ -11,7 +11,7 @@ export interface Sticks {
   turn: number;
 }
 
-export const CENTRED: Sticks = { forward: 0, right: 0, up: 0, turn: 0 };
+export const CENTRED_STICKS: Sticks = { forward: 0, right: 0, up: 0, turn: 0 };
 
 export interface StickCurve {
   /** Dead zone, 0–0.5. */
@@ -77,7 +77,7 @@ export interface AttitudeSetpoint {
 export type PadSetpoint = VelocitySetpoint | AttitudeSetpoint;
 
 /** The stop setpoint, sent in every mode when the deadman button is released. */
-export const STOP: VelocitySetpoint = { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0], yaw_rate_ned_rad_s: 0 };
+export const STOP_SETPOINT: VelocitySetpoint = { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0], yaw_rate_ned_rad_s: 0 };
 
 /** Velocity along heading or north; diagonal deflection is limited to full speed. */
 export function velocitySetpoint(sticks: Sticks, mode: 'heading' | 'north', scale: Scale): VelocitySetpoint {

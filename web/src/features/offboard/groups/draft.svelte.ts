@@ -13,14 +13,14 @@ import {
   formText,
   validityOf,
   NEW_DRAFT,
-  problemsOf,
+  fieldErrors,
   setpointsFor,
   startBody,
-  startQuestion,
-  groupText,
+  startTexts,
+  motionText,
   type Draft,
   type SetpointsResult,
-  type Problems,
+  type FieldErrors,
 } from './group-form';
 
 class GroupDraft {
@@ -32,22 +32,22 @@ class GroupDraft {
     this.fields = { ...this.fields, ...changed };
   }
 
-  choose(id: string, chosen: boolean): void {
-    this.edit({ members: chosen ? [...this.fields.members, id] : this.fields.members.filter((member) => member !== id) });
+  setMember(id: string, isMember: boolean): void {
+    this.edit({ members: isMember ? [...this.fields.members, id] : this.fields.members.filter((member) => member !== id) });
   }
 
-  problems(isFlying: boolean): Problems {
-    return this.showsErrors ? problemsOf(this.fields, isFlying) : {};
+  errors(isFlying: boolean): FieldErrors {
+    return this.showsErrors ? fieldErrors(this.fields, isFlying) : {};
   }
 
-  /** Shows all errors of the form, or opens the confirmation if there are none. */
+  /** Opens the confirmation; if the form has errors, shows all errors instead. */
   requestStart(selected: VehicleFacts): void {
     const fields = this.fields;
     this.showsErrors = true;
-    if (Object.keys(problemsOf(fields, false)).length > 0) return;
+    if (Object.keys(fieldErrors(fields, false)).length > 0) return;
     const names = fields.members.map((id) => page.factsOf(id)?.name ?? id);
     actions.requestForGroup(
-      { commandName: 'Group', names: joinNames(names), question: () => startQuestion(names, fields), run: () => this.start(fields) },
+      { commandName: 'Group', vehicleNames: joinNames(names), texts: () => startTexts(names, fields), run: () => this.start(fields) },
       selected,
       'panel',
     );
@@ -56,7 +56,7 @@ class GroupDraft {
   /** Starts the group. Offsets are relative to each vehicle's current position, not to its position when the confirmation opened. */
   private async start(fields: Draft): Promise<Outcome<unknown>> {
     const result = setpointsFor(factsOf(fields.members), fields);
-    if (!result.ok) return noPositions(result);
+    if (!result.ok) return positionsUnknownRefusal(result);
     groups.dismissEnded();
     return this.sendLogged(fields.members, fields, () => groups.start(startBody(result.setpoints, fields, page.store.nowUnixS()), validityOf(fields)));
   }
@@ -65,24 +65,26 @@ class GroupDraft {
   async send(group: Group): Promise<void> {
     const fields = this.fields;
     this.showsErrors = true;
-    if (Object.keys(problemsOf(fields, true)).length > 0) return;
+    if (Object.keys(fieldErrors(fields, true)).length > 0) return;
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
-    await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.names(group)) }, 'panel', async (): Promise<Outcome<unknown>> => {
+    await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.memberNames(group)) }, 'panel', async (): Promise<Outcome<unknown>> => {
       const result = setpointsFor(factsOf(members), fields);
-      return result.ok ? this.sendLogged(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : noPositions(result);
+      return result.ok ? this.sendLogged(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : positionsUnknownRefusal(result);
     });
   }
 
   /** Renews the group's setpoints once, with the form's validity for setpoints of this type. If the form's checkbox is set, this page continues to renew them. */
   async renew(group: Group): Promise<void> {
-    const renewed: Draft = { ...this.fields, motion: motionOf(group) };
+    const renewalDraft: Draft = { ...this.fields, motion: motionOf(group) };
     this.showsErrors = true;
-    if ('valid' in problemsOf(renewed, true)) return;
-    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.names(group)) }, 'panel', () => groups.renew(group, validityOf(renewed)));
+    if ('valid' in fieldErrors(renewalDraft, true)) return;
+    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.memberNames(group)) }, 'panel', () =>
+      groups.renew(group, validityOf(renewalDraft)),
+    );
   }
 
   private async sendLogged(members: readonly string[], fields: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
-    const lineId = editor.recordSent('group', { type: `Group of ${joinNames(members)}: ${groupText(fields)}` });
+    const lineId = editor.recordSent('group', { type: `Group of ${joinNames(members)}: ${motionText(fields)}` });
     const outcome = await send();
     editor.recordOutcome(lineId, outcome, null);
     if (outcome.ok) {
@@ -105,7 +107,7 @@ function factsOf(ids: readonly string[]): VehicleFacts[] {
   return ids.map((id) => page.factsOf(id)).filter((facts) => facts !== null);
 }
 
-function noPositions(result: Extract<SetpointsResult, { ok: false }>): Outcome<never> {
+function positionsUnknownRefusal(result: Extract<SetpointsResult, { ok: false }>): Outcome<never> {
   return {
     ok: false,
     problem: {

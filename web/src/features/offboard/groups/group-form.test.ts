@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { displayText } from '../setpoints/offboard-info';
-import { formText, NEW_DRAFT, problemsOf, setpointFor, setpointsFor, startBody, startQuestion, groupText, type Draft } from './group-form';
+import { formText, NEW_DRAFT, fieldErrors, setpointFor, setpointsFor, startBody, startTexts, motionText, type Draft } from './group-form';
 import { reading, vehicle } from './vehicle.fixture';
 
 const PAIR: Draft = { ...NEW_DRAFT, members: ['1', '2'] };
@@ -39,7 +39,7 @@ describe('the group form', () => {
   });
 
   it('reports each invalid field, for a flying group only those that can change', () => {
-    expect(problemsOf(MOVE, false)).toEqual({});
+    expect(fieldErrors(MOVE, false)).toEqual({});
     const invalid: Draft = {
       ...MOVE,
       members: ['1'],
@@ -48,22 +48,22 @@ describe('the group form', () => {
       startIn_s: '1',
       valid_s: { move: '601', velocity: '5' },
     };
-    expect(Object.keys(problemsOf(invalid, false)).sort()).toEqual(['apart', 'axis0', 'axis2', 'members', 'start', 'valid']);
-    expect(problemsOf(invalid, false)['start']).toBe('From 3 to 300 s; leave empty to start immediately.');
-    expect(Object.keys(problemsOf(invalid, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
-    expect(problemsOf({ ...MOVE, members: Array.from({ length: 11 }, (_, i) => String(i)) }, false)).toHaveProperty('members');
+    expect(Object.keys(fieldErrors(invalid, false)).sort()).toEqual(['axis0', 'axis2', 'members', 'separation', 'start', 'valid']);
+    expect(fieldErrors(invalid, false)['start']).toBe('From 3 to 300 s; leave empty to start immediately.');
+    expect(Object.keys(fieldErrors(invalid, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
+    expect(fieldErrors({ ...MOVE, members: Array.from({ length: 11 }, (_, i) => String(i)) }, false)).toHaveProperty('members');
   });
 
   it('describes vehicles, action and effect in the confirmation', () => {
-    expect(groupText(MOVE)).toBe('move 5.0 m north, 2.5 m west, 1.0 m up');
-    expect(groupText(VELOCITY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
-    expect(groupText(PAIR)).toBe('hold their positions');
-    const question = startQuestion(['1 Quad', '2 Quad'], { ...VELOCITY, startIn_s: '30', othersContinue: true });
+    expect(motionText(MOVE)).toBe('move 5.0 m north, 2.5 m west, 1.0 m up');
+    expect(motionText(VELOCITY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
+    expect(motionText(PAIR)).toBe('hold their positions');
+    const question = startTexts(['1 Quad', '2 Quad'], { ...VELOCITY, startIn_s: '30', othersContinue: true });
     expect(question.title).toBe('Start group: 1 Quad and 2 Quad');
     expect(question.effect).toBe(
       'All vehicles switch to Offboard at their current positions. In 30 s all fly 1.0 m/s north, 0.5 m/s down together. If two vehicles come closer than 5.0 m, only these two switch to Hold. After 5.0 s all hold position, then switch to Hold. “Hold group” switches all to Hold at any time.',
     );
-    expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('This page renews the setpoints while it is visible');
+    expect(startTexts(['1 Quad', '2 Quad'], MOVE).effect).toContain('This page renews the setpoints while it is visible');
   });
 });
 

@@ -1,9 +1,9 @@
-/** The group form's values, their errors by field, and the API request from them. Pure. */
+/** The group form: its values, the errors by field, and the API request made from the values. Pure. */
 
 import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { fixed } from '../../../ui/format';
-import type { Question } from '../../../app/actions/actions';
+import type { ConfirmationTexts } from '../../../app/actions/actions';
 import { ON_EXPIRY, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
 import { parseTyped } from '../setpoints/form';
 import { joinNames, type Group } from './group';
@@ -40,27 +40,27 @@ export const AXES = ['North', 'East', 'Up'] as const;
 const MAX_MEMBERS = 10;
 
 /** The API's limits, but with a minimum validity of 0.5 s instead of 0.05 s, because the page sends a group's setpoints over HTTP. */
-const RANGES = { valid: [0.5, 600, 's'], apart: [1, 100, 'm'], start: [3, 300, 's'] } as const;
+const RANGES = { valid: [0.5, 600, 's'], separation: [1, 100, 'm'], start: [3, 300, 's'] } as const;
 
-export type Problems = Readonly<Record<string, string>>;
+export type FieldErrors = Readonly<Record<string, string>>;
 
-function rangeProblem(text: string, [min, max, unit]: readonly [number, number, string]): string | null {
+function rangeError(text: string, [min, max, unit]: readonly [number, number, string]): string | null {
   const value = parseTyped(text);
   return value !== null && value >= min && value <= max ? null : `From ${min} to ${max} ${unit}.`;
 }
 
-/** Errors by field; if `isFlying`, only of the fields that can change a flying group. */
-export function problemsOf(draft: Draft, isFlying: boolean): Problems {
-  const problems: Record<string, string> = {};
-  const add = (field: string, problem: string | null): void => void (problem !== null && (problems[field] = problem));
+/** Errors by field. For a flying group, only the errors of fields that can change a flying group. */
+export function fieldErrors(draft: Draft, isFlying: boolean): FieldErrors {
+  const errors: Record<string, string> = {};
+  const add = (field: string, error: string | null): void => void (error !== null && (errors[field] = error));
   AXES.forEach((axis, i) => add(`axis${i}`, parseTyped(draft.axes[draft.motion][i] ?? '') === null ? `${axis}: enter a number.` : null));
-  add('valid', rangeProblem(draft.valid_s[draft.motion], RANGES.valid));
-  if (isFlying) return problems;
+  add('valid', rangeError(draft.valid_s[draft.motion], RANGES.valid));
+  if (isFlying) return errors;
   if (draft.members.length < 2) add('members', 'Choose two vehicles or more.');
   if (draft.members.length > MAX_MEMBERS) add('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
-  add('apart', rangeProblem(draft.separation_m, RANGES.apart));
-  if (draft.startIn_s.trim() !== '') add('start', rangeProblem(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start immediately.') ?? null);
-  return problems;
+  add('separation', rangeError(draft.separation_m, RANGES.separation));
+  if (draft.startIn_s.trim() !== '') add('start', rangeError(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start immediately.') ?? null);
+  return errors;
 }
 
 /** North, east, up as numbers. */
@@ -82,7 +82,7 @@ export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | nu
   return { type: 'position', position_ned_m: [n + north, e + east, d - up], ...yaw };
 }
 
-/** The form's motion that fits a flying group's setpoints; each motion has its own validity. */
+/** The motion of a flying group's setpoints, so that a renewal uses the form's validity for this motion. */
 export function motionOf(group: Group): GroupMotion {
   return group.members.every((member) => member.ordered_type.startsWith('position')) ? 'move' : 'velocity';
 }
@@ -139,7 +139,7 @@ const DIRECTIONS: readonly (readonly [string, string])[] = [
 ];
 
 /** The motion as text, for example "move 5.0 m north, 2.0 m down". */
-export function groupText(draft: Draft): string {
+export function motionText(draft: Draft): string {
   const unit = draft.motion === 'move' ? 'm' : 'm/s';
   const parts = typedVector(draft)
     .map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${DIRECTIONS[i]?.[value > 0 ? 0 : 1] ?? ''}`))
@@ -149,13 +149,13 @@ export function groupText(draft: Draft): string {
 }
 
 /** The confirmation's texts for the start of a group: vehicles, action and effect. */
-export function startQuestion(names: readonly string[], draft: Draft): Question {
+export function startTexts(names: readonly string[], draft: Draft): ConfirmationTexts {
   const startText = parseTyped(draft.startIn_s) === null ? 'Then' : `In ${fixed(parseTyped(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = validityOf(draft);
   const validityText = renew ? 'This page renews the setpoints while it is visible' : `After ${fixed(valid_for_s, 1)} s all hold position, then switch to Hold`;
   return {
     title: `Start group: ${joinNames(names)}`,
-    effect: `All vehicles switch to Offboard at their current positions. ${startText} all ${groupText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two switch to Hold' : 'all switch to Hold'}. ${validityText}. “Hold group” switches all to Hold at any time.`,
+    effect: `All vehicles switch to Offboard at their current positions. ${startText} all ${motionText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two switch to Hold' : 'all switch to Hold'}. ${validityText}. “Hold group” switches all to Hold at any time.`,
     verb: 'Start',
     danger: false,
   };

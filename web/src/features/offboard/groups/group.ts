@@ -22,7 +22,8 @@ export function groupKey(group: Group): string {
   return `${group.id} ${group.created_unix_s}`;
 }
 
-export function isLive(group: Group): boolean {
+/** Whether the group has not ended. */
+export function isActive(group: Group): boolean {
   return group.state !== 'ended';
 }
 
@@ -41,9 +42,9 @@ export function withGroup(groups: readonly ReceivedGroup[], received: ReceivedGr
   return exists ? groups.map((entry) => (groupKey(entry.group) === key ? received : entry)) : [...groups, received];
 }
 
-/** The newest ended group that this page has seen flying. @param seenLive keys of the groups seen flying and not dismissed. */
-export function lastEnded(groups: readonly ReceivedGroup[], seenLive: ReadonlySet<string>): Group | null {
-  const endedGroups = groups.map((entry) => entry.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(groupKey(g)));
+/** The newest ended group that had started and that this page has seen active. @param seenActiveKeys keys of the groups seen active and not dismissed. */
+export function newestEnded(groups: readonly ReceivedGroup[], seenActiveKeys: ReadonlySet<string>): Group | null {
+  const endedGroups = groups.map((entry) => entry.group).filter((g) => !isActive(g) && g.start_unix_s !== null && seenActiveKeys.has(groupKey(g)));
   return endedGroups[endedGroups.length - 1] ?? null;
 }
 
@@ -129,7 +130,7 @@ export function nearestPair(vehicles: readonly VehicleFacts[]): { vehicles: [str
   return nearest;
 }
 
-/** "1 Quad, 2 Quad and 3 Hexa". */
+/** The names as one text, for example "1 Quad, 2 Quad and 3 Hexa". */
 export function joinNames(names: readonly string[]): string {
   return names.length < 2 ? names.join('') : `${names.slice(0, -1).join(', ')} and ${names[names.length - 1] ?? ''}`;
 }

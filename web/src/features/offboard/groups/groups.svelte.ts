@@ -10,7 +10,7 @@ import type { WireEvent } from '../../../live/wire';
 import type { ActionController } from '../../../app/actions/controller.svelte';
 import { toRequestSetpoint, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
 import type { GroupBody, MemberSetpoint } from './group-form';
-import { isLive, groupKey, lastEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
+import { isActive, groupKey, newestEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
 import { GroupRenewer, type RenewalResult } from './renewer';
 
 const POLL_INTERVAL_S = 1;
@@ -20,11 +20,11 @@ export class GroupController {
   /** Key of the group whose setpoints this page renews. */
   renewedKey = $state<string | null>(null);
   /** Keys of the groups that this page has seen active and that are not dismissed. */
-  private seenLive = $state.raw<ReadonlySet<string>>(new Set());
+  private seenActiveKeys = $state.raw<ReadonlySet<string>>(new Set());
   private readonly renewer = new GroupRenewer((group, validity) => this.sendRenewal(group, validity));
   /**
-   * The setpoints that this page sent, by group key and vehicle. Each renewal sends them again, except to members to
-   * which this page has since sent a setpoint outside the group.
+   * The setpoints that this page sent, by group key and vehicle. Each renewal sends these setpoints again. A setpoint
+   * that this page sends outside the group removes the entry of the vehicle.
    */
   private readonly sentSetpoints = new Map<string, Map<string, AnySetpoint>>();
   private polledAt_s = -Infinity;
@@ -43,27 +43,27 @@ export class GroupController {
     private readonly stopVehicleRenewal: (vehicle: string) => void,
   ) {}
 
-  readonly live = $derived(this.list.filter((entry) => isLive(entry.group)));
-  readonly lastEnded = $derived(lastEnded(this.list, this.seenLive));
+  readonly activeGroups = $derived(this.list.filter((entry) => isActive(entry.group)));
+  readonly lastEndedGroup = $derived(newestEnded(this.list, this.seenActiveKeys));
   /** The group that this page started or commands. */
-  readonly pageGroup = $derived.by(() => this.live.find((entry) => this.isOwn(entry.group)) ?? null);
+  readonly pageGroup = $derived.by(() => this.activeGroups.find((entry) => this.isOwn(entry.group)) ?? null);
 
   isOwn(group: Group): boolean {
     return this.api.key !== null && group.client_key === this.api.key;
   }
 
-  names(group: Group): string[] {
+  memberNames(group: Group): string[] {
     return group.members.map((member) => this.nameOf(member.vehicle));
   }
 
   /** The active group that contains the vehicle. */
   groupWith(vehicle: string): Group | null {
-    return this.live.find((entry) => entry.group.members.some((m) => m.vehicle === vehicle))?.group ?? null;
+    return this.activeGroups.find((entry) => entry.group.members.some((m) => m.vehicle === vehicle))?.group ?? null;
   }
 
   /** Hides the ended group. */
   dismissEnded(): void {
-    this.seenLive = new Set([...this.seenLive].filter((key) => this.live.some((entry) => groupKey(entry.group) === key)));
+    this.seenActiveKeys = new Set([...this.seenActiveKeys].filter((key) => this.activeGroups.some((entry) => groupKey(entry.group) === key)));
   }
 
   onEvent(event: WireEvent): void {
@@ -79,7 +79,7 @@ export class GroupController {
     const now_s = this.nowS();
     const isNewConnection = connection !== this.connection;
     this.connection = connection;
-    if (isNewConnection || (this.live.length > 0 && this.isVisible() && now_s - this.polledAt_s >= POLL_INTERVAL_S)) void this.poll(now_s);
+    if (isNewConnection || (this.activeGroups.length > 0 && this.isVisible() && now_s - this.polledAt_s >= POLL_INTERVAL_S)) void this.poll(now_s);
     const renewedGroup = this.list.find((entry) => this.renewer.isRenewing(entry.group));
     if (renewedGroup === undefined || !this.queue.busy(vehiclesOf(renewedGroup.group)))
       this.renewer.tick(
@@ -125,7 +125,7 @@ export class GroupController {
 
   async hold(group: Group): Promise<void> {
     this.stopRenewing();
-    await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'panel', async () => {
+    await this.actions.attempt(`Hold group ${group.id}`, { name: this.memberNames(group).join(', ') }, 'panel', async () => {
       const outcome = await this.api.post('/groups/{g}/hold', groupParams(group));
       if (outcome.ok) this.update(outcome.value);
       return outcome;
@@ -144,7 +144,7 @@ export class GroupController {
       return 'accepted';
     }
     if (outcome.problem.status === 0) return 'no answer';
-    await this.showProblem(`Renewing group ${group.id}`, this.names(group).join(', '), outcome.problem);
+    await this.showProblem(`Renewing group ${group.id}`, this.memberNames(group).join(', '), outcome.problem);
     return 'refused';
   }
 
@@ -181,12 +181,12 @@ export class GroupController {
 
   private update(group: Group): void {
     this.list = withGroup(this.list, { group, receivedAt_s: this.nowS() });
-    this.recordLive([group]);
+    this.recordActive([group]);
   }
 
-  private recordLive(groups: readonly Group[]): void {
-    const newLive = groups.filter((group) => isLive(group) && !this.seenLive.has(groupKey(group)));
-    if (newLive.length > 0) this.seenLive = new Set([...this.seenLive, ...newLive.map(groupKey)]);
+  private recordActive(groups: readonly Group[]): void {
+    const newActive = groups.filter((group) => isActive(group) && !this.seenActiveKeys.has(groupKey(group)));
+    if (newActive.length > 0) this.seenActiveKeys = new Set([...this.seenActiveKeys, ...newActive.map(groupKey)]);
   }
 
   private stopRenewing(): void {
@@ -196,7 +196,7 @@ export class GroupController {
 
   private updateRenewedKey(): void {
     this.renewedKey =
-      this.live
+      this.activeGroups
         .map((entry) => entry.group)
         .filter((group) => this.renewer.isRenewing(group))
         .map(groupKey)[0] ?? null;
@@ -211,7 +211,7 @@ export class GroupController {
     if (!response.ok) return;
     const receivedAt_s = this.nowS();
     this.list = response.value.groups.map((group) => ({ group, receivedAt_s })); // a restarted server has no earlier groups
-    this.recordLive(response.value.groups);
+    this.recordActive(response.value.groups);
   }
 }
 

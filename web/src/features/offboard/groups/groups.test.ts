@@ -10,7 +10,7 @@ import {
   joinNames,
   memberLabel,
   nearestPair,
-  lastEnded,
+  newestEnded,
   readGroup,
   separationText,
   stateLabel,
@@ -88,9 +88,9 @@ describe('a group’s state', () => {
     expect(list).toHaveLength(2);
     const ended = withGroup(list, { group: groupWith({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
     expect(ended).toHaveLength(2);
-    expect(lastEnded(ended, new Set([groupKey(GROUP)]))?.ended).toBe('me commanded Hold.');
-    expect(lastEnded(ended, new Set())).toBeNull();
-    expect(lastEnded([{ group: groupWith({ state: 'ended', start_unix_s: null }), receivedAt_s: 0 }], new Set([groupKey(GROUP)]))).toBeNull();
+    expect(newestEnded(ended, new Set([groupKey(GROUP)]))?.ended).toBe('me commanded Hold.');
+    expect(newestEnded(ended, new Set())).toBeNull();
+    expect(newestEnded([{ group: groupWith({ state: 'ended', start_unix_s: null }), receivedAt_s: 0 }], new Set([groupKey(GROUP)]))).toBeNull();
   });
 
   it('is read only from valid data, and its members are PX4 multicopters', () => {
@@ -302,7 +302,7 @@ describe('the group controller', () => {
     expect(getCount()).toBe(3);
     world.group = groupWith({ state: 'ended', ended: 'me commanded Hold.' });
     controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: world.group });
-    expect([controller.live.length, controller.lastEnded?.ended, controller.pageGroup]).toEqual([0, 'me commanded Hold.', null]);
+    expect([controller.activeGroups.length, controller.lastEndedGroup?.ended, controller.pageGroup]).toEqual([0, 'me commanded Hold.', null]);
     world.now_s = 60;
     controller.tick('open');
     await settle();
@@ -311,7 +311,7 @@ describe('the group controller', () => {
     await settle();
     expect(getCount()).toBe(4);
     controller.dismissEnded();
-    expect(controller.lastEnded).toBeNull();
+    expect(controller.lastEndedGroup).toBeNull();
   });
 
   it('shows why a renewal was refused, and stops renewing', async () => {

@@ -17,7 +17,7 @@ import { previewOf, previewText, type Preview } from './preview';
 import { SentLog, setpointText, type SentLine, type InputMethod } from './sent-log';
 import { SetpointSocket, type Ack, type SocketState } from './setpoint-socket';
 
-/** Setpoint types with a position. By default this page renews them while it is open. */
+/** Setpoint types with a position. By default the open page renews setpoints of these types. */
 const POSITION_KINDS: readonly SetpointKind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
 const POSITION_VALIDITY_S = 10;
 const MOTION_VALIDITY_S = 2;
@@ -50,7 +50,7 @@ class SetpointEditor {
   private vehicle: string | null = null;
   private readonly log = new SentLog();
   private connection: { vehicle: string; socket: SetpointSocket } | null = null;
-  /** Id of the log line of each setpoint without an acknowledgement, by sequence number. */
+  /** Log line ids of the setpoints that the server has not acknowledged, by sequence number. */
   private readonly unacknowledged = new Map<number, number>();
 
   /** Resets the state when another vehicle is selected. */
@@ -80,7 +80,7 @@ class SetpointEditor {
     this.forms = { ...this.forms, [form.kind]: form };
   }
 
-  choose(kind: SetpointKind): void {
+  chooseKind(kind: SetpointKind): void {
     this.kind = kind;
     this.showsErrors = false;
   }
@@ -145,16 +145,17 @@ class SetpointEditor {
 
   // --- sending ---
 
-  /** Sends the setpoint of form or drag to the running stream, or starts the stream with it. */
+  /** Sends the form's setpoint or the drag target to the running stream; without a stream, asks to start the stream with this setpoint. */
   sendOrStart(facts: VehicleFacts, streaming: boolean): void {
     const setpoint = this.input === 'drag' ? this.dragSetpoint() : this.formSetpoint(facts);
     const validity = this.input === 'drag' ? { ...this.validity, valid_for_s: POSITION_VALIDITY_S, renew: true } : this.validity;
     if (setpoint === null || (this.input === 'form' && this.validForProblem !== null)) return;
     if (streaming) void this.send(facts, setpoint, validity);
-    else this.start(facts, setpoint, validity);
+    else this.requestStart(facts, setpoint, validity);
   }
 
-  start(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
+  /** Opens the confirmation that starts the stream with this setpoint. */
+  requestStart(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
     const target = setpoint.type === 'position' || this.input === 'form' ? previewOf(setpoint as never, facts) : null;
     const targetText = target === null ? '' : ` (${previewText(target, facts)})`;
     const expiryActionText = expiryText(validity.on_expiry, this.view?.failsafe?.words ?? facts.offboard?.ifStreamStops ?? null);
@@ -205,7 +206,7 @@ class SetpointEditor {
 
   // --- the WebSocket of gamepad and drag ---
 
-  /** Opens the WebSocket to the server for gamepad or drag; when the WebSocket closes, `onEnd` is called with the reason. */
+  /** Opens the WebSocket for setpoints from the gamepad or from a drag. When the server closes it or refuses a setpoint, `onEnd` is called with the reason. */
   openSocket(id: string, onEnd: (reason: string) => void): void {
     this.closeSocket();
     const url = page.socketUrl(`/vehicles/${encodeURIComponent(id)}/offboard/stream`);
@@ -237,7 +238,7 @@ class SetpointEditor {
     this.unacknowledged.clear();
   }
 
-  /** Sends one setpoint of gamepad or drag over the open WebSocket. */
+  /** Sends one setpoint from the gamepad or from a drag over the open WebSocket. */
   sendDirect(input: InputMethod, setpoint: AnySetpoint, validity: Validity = DIRECT_VALIDITY): void {
     if (this.connection === null) return;
     const { valid_for_s, on_expiry } = validity;
@@ -258,7 +259,7 @@ class SetpointEditor {
 
   // --- drag ---
 
-  /** Sets the target to the vehicle's position and yaw; to null if they are not known. */
+  /** Sets the target to the vehicle's position and yaw; null if the position or the yaw is not known. */
   resetDragTarget(facts: VehicleFacts): void {
     const position_ned_m = facts.local?.value.position_ned_m;
     const yaw = facts.attitude?.value.yaw_ned_rad;

@@ -4,7 +4,7 @@
  */
 
 import type { components } from '../../../api/schema';
-import type { Question } from '../../../app/actions/actions';
+import type { ConfirmationTexts } from '../../../app/actions/actions';
 import { join, metres } from '../../../ui/format';
 import { acceptedErrorsText } from './accepted-errors.svelte';
 import { simpleItems, type Plan } from '../document/document';
@@ -39,7 +39,7 @@ export function startQuestion(
   acceptedTexts: readonly string[],
   dryRunId: string | null = null,
   currentItem: CurrentItem | null = null,
-): Question {
+): ConfirmationTexts {
   const isResume = inAir && row === null;
   const startItem = row === null ? (inAir ? currentItemText(currentItem) : 'the first item') : `item ${row + 1}`;
   const path = inAir
@@ -97,7 +97,7 @@ function pathText({ item, title, altitude_m, altitude_reference, distance_m }: R
 }
 
 /** @param acceptedTexts texts of the accepted errors. */
-export function resumeQuestion(vehicleName: string, offer: ResumeOffer, acceptedTexts: readonly string[]): Question {
+export function resumeQuestion(vehicleName: string, offer: ResumeOffer, acceptedTexts: readonly string[]): ConfirmationTexts {
   return {
     title: `Resume the mission of ${vehicleName} at item ${offer.item + 1} of ${offer.count}`,
     effect: join(

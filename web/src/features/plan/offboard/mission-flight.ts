@@ -1,6 +1,6 @@
 /** An offboard mission in flight, as texts and numbers. Pure. */
 
-import type { Question } from '../../../app/actions/actions';
+import type { ConfirmationTexts } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import { durationText, fixed } from '../../../ui/format';
 import { isSameStart, positionAt, type GeoPosition } from '../../../vehicle/geo';
@@ -87,7 +87,7 @@ export function progress(flight: MissionFlight): number | null {
 }
 
 /** The confirmation of a command; null: the command needs none. */
-export function commandQuestion(command: FlightCommand, flight: MissionFlight, vehicleName: string): Question | null {
+export function commandQuestion(command: FlightCommand, flight: MissionFlight, vehicleName: string): ConfirmationTexts | null {
   const step = flight.title === null ? 'the current step' : `“${flight.title}”`;
   switch (command) {
     case 'pause':
@@ -139,7 +139,7 @@ export function startQuestion(
   warningCount: number,
   ifStreamStops: string | null,
   acceptedTexts: readonly string[] = [],
-): Question {
+): ConfirmationTexts {
   const { link_loss, low_battery, control_lost } = mission.actions;
   const actionText = (action: string): string => ACTION_VERBS[action] ?? action;
   const count = nodesOf(mission).filter((node) => node.depth === 0).length;

@@ -1,6 +1,6 @@
 /** Offboard missions that are registered with PX4 as flight modes, as texts. Pure. */
 
-import type { Question } from '../../../app/actions/actions';
+import type { ConfirmationTexts } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import type { Finding } from '../document/fixes';
 import type { Mission } from './mission';
@@ -103,7 +103,7 @@ function versionText(mode: MissionMode): string {
   return mode.version === null ? '' : ` (version ${mode.version})`;
 }
 
-export function selectQuestion(mode: MissionMode, vehicleName: string, inAir: boolean): Question {
+export function selectQuestion(mode: MissionMode, vehicleName: string, inAir: boolean): ConfirmationTexts {
   const deferralText =
     mode.defer_failsafes_s > 0
       ? ` During the mission, PX4 defers these failsafes for up to ${mode.defer_failsafes_s} s: lost ground station connection, lost manual control, low battery.`
