@@ -1,4 +1,4 @@
-/** Loads what the socket does not send: the fleet's present state and the last minutes, after each (re)connection. */
+/** Loads what the socket does not send: the fleet's present state and the telemetry of the last minutes, after each (re)connection. */
 
 import { ofVehicle, type ApiClient } from '../api/client';
 import type { TelemetryStore } from '../live/store';
@@ -9,7 +9,7 @@ const BACKFILL_S = 300;
 
 type JsonObject = Record<string, unknown>;
 
-/** The objects of a list: the body itself, or the body's field. */
+/** The objects in a list. The list is the body, or the field `field` of the body. */
 function objectsOf(body: unknown, field: string): JsonObject[] {
   const list = Array.isArray(body) ? body : (body as JsonObject | null)?.[field];
   return Array.isArray(list) ? list.filter((v): v is JsonObject => typeof v === 'object' && v !== null) : [];
@@ -17,21 +17,21 @@ function objectsOf(body: unknown, field: string): JsonObject[] {
 
 /**
  * Loads the fleet into the store.
- * @returns the ids, and whether vehicles were removed. A removed vehicle may have reappeared during the request: then
- * the data that the socket has sent for this vehicle during the request is also removed.
+ * @returns the ids, and whether vehicles were removed from the store (`hasRemoved`). If a removed vehicle reappeared during
+ * the request, the data that the socket sent for this vehicle during the request is also removed.
  */
-export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; removed: boolean }> {
+export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; hasRemoved: boolean }> {
   const storedBefore = new Map(store.vehicles);
   const response = await api.get('/vehicles');
-  if (!response.ok) return { ids: store.ids(), removed: false };
+  if (!response.ok) return { ids: store.ids(), hasRemoved: false };
   const vehicles = objectsOf(response.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
-  // A replay may have jumped to another time meanwhile. The store then has a new vehicle with the same id, and the
-  // response is outdated for it.
+  // A replay may have jumped to another time during the request. The store then has a new vehicle with the same id, and
+  // the response is outdated for the new vehicle.
   const unchangedVehicles = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === storedBefore.get(v['id'] as string));
-  const removed = store.keepOnly(ids);
+  const hasRemoved = store.keepOnly(ids);
   store.apply({ type: 'samples', samples: unchangedVehicles.flatMap(vehicleSamples) });
-  return { ids, removed };
+  return { ids, hasRemoved };
 }
 
 function vehicleSamples(vehicle: JsonObject): WireSample[] {
@@ -39,7 +39,7 @@ function vehicleSamples(vehicle: JsonObject): WireSample[] {
   const samples: WireSample[] = [];
   const add = (topic: string, value: unknown, reported_unix_s: unknown): void => {
     if (typeof value !== 'object' || value === null) return;
-    // A value without a time counts as older than any sample from the socket, which sends some values only once.
+    // 0: a value without a time must not replace a sample from the socket, because the socket sends some values only once.
     const received_unix_s = typeof reported_unix_s === 'number' ? reported_unix_s : 0;
     samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s, value });
   };

@@ -53,15 +53,15 @@ export function markUnloaded(tabStorage: KeyValueStorage): void {
   tabStorage.setItem(UNLOADED_KEY, '1');
 }
 
-/** Sets the person's name for this browser's pages; empty restores the default name. */
-export function rename(identity: Identity, name: string, browserStorage: KeyValueStorage): void {
+/** Sets and stores the page's name for all pages of this browser; an empty name restores the default name. */
+export function setName(identity: Identity, name: string, browserStorage: KeyValueStorage): void {
   const newName = name.trim().slice(0, MAX_NAME_LENGTH);
   if (newName === '') browserStorage.removeItem(NAME_KEY);
   else browserStorage.setItem(NAME_KEY, newName);
   identity.name = newName || defaultName(identity.id);
 }
 
-/** The page's name without a name from the person: the same for each load of this tab. */
+/** The page's name if the person has not chosen a name; stays the same when this tab is reloaded. */
 function defaultName(id: string): string {
   return pageName(() => Number.parseInt(id.slice(0, 4), 16) / 0xffff || 0);
 }

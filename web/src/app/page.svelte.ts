@@ -12,7 +12,7 @@ import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../vehicle/offboard';
 import { vehicleFacts, type VehicleFacts } from '../vehicle/facts';
 import { loadFleet, loadHistory } from './backfill';
-import { availableStorage, loadIdentity, markUnloaded, rename } from './identity';
+import { availableStorage, loadIdentity, markUnloaded, setName } from './identity';
 
 /** Repaint interval without new data [ms], so that ages and remaining times advance. */
 const QUIET_REPAINT_MS = 200;
@@ -32,10 +32,10 @@ class Page {
   readonly api = new ApiClient(this.identity, () => location.reload());
   /** Socket for all vehicles and every event. */
   readonly socket: TelemetrySocket;
-  /** Socket for a large fleet: all topics of the selected vehicle and of `neededVehicles`; samples only. */
+  /** Second socket, for a large fleet: receives all topics of the selected vehicle and of `neededVehicles`, but no events. */
   private readonly detailSocket: TelemetrySocket;
-  private detailOpen = false;
-  /** The sent subscriptions of both sockets as JSON, the fleet's first. */
+  private isDetailSocketOpen = false;
+  /** The last sent subscriptions of both sockets as JSON: first the subscription of `socket`, then that of `detailSocket`. */
   private sentSubscriptions = '';
   /** Vehicles whose history has been requested. */
   private readonly historyRequested = new Set<string>();
@@ -98,9 +98,9 @@ class Page {
     return `${scheme}//${location.host}/api/v1${path}?${new URLSearchParams({ client: this.identity.name, client_id: this.identity.id }).toString()}`;
   }
 
-  /** Sets the person's name for this browser's pages. */
+  /** Sets the page's name for all pages of this browser. */
   rename(name: string): void {
-    rename(
+    setName(
       this.identity,
       name,
       availableStorage(() => localStorage),
@@ -157,19 +157,19 @@ class Page {
     return this.selectedId === null ? null : (this.store.vehicles.get(this.selectedId) ?? null);
   }
 
-  /** The selected vehicle in this animation frame; read reactively. */
+  /** The facts of the selected vehicle in this animation frame; read reactively. */
   readonly facts: VehicleFacts | null = $derived.by(() => {
     void this.tick;
     return this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS(this.selectedId), this.store.connected);
   });
 
-  /** Any vehicle in this animation frame; read reactively. */
+  /** The facts of any vehicle in this animation frame; read reactively. */
   factsOf(id: string): VehicleFacts | null {
     void this.tick;
     return this.factsNow(id);
   }
 
-  /** Any vehicle now; not reactive. For views of all vehicles, which `fleetTick` repaints. */
+  /** The present facts of any vehicle; not reactive. For views of all vehicles: `fleetTick` repaints these views. */
   factsNow(id: string): VehicleFacts | null {
     const vehicle = this.store.vehicles.get(id);
     return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);
@@ -205,19 +205,19 @@ class Page {
     this.sentSubscriptions = subscriptions;
     if (details === null) {
       this.detailSocket.stop();
-      this.detailOpen = false;
-    } else if (this.detailOpen) this.detailSocket.resubscribe();
+      this.isDetailSocketOpen = false;
+    } else if (this.isDetailSocketOpen) this.detailSocket.resubscribe();
     else {
       this.detailSocket.start();
-      this.detailOpen = true;
+      this.isDetailSocketOpen = true;
     }
   }
 
-  /** @param addedId the vehicle that has just appeared; the history of the other vehicles is already loaded. Null: all vehicles. */
+  /** Loads the fleet and its history. @param addedId load only the history of this vehicle, which has just appeared; null: of all vehicles. */
   private async backfill(addedId: string | null = null): Promise<void> {
-    const { ids, removed } = await loadFleet(this.api, this.store);
-    if (removed) this.socket.resubscribe();
-    if (removed && this.detailOpen) this.detailSocket.resubscribe();
+    const { ids, hasRemoved } = await loadFleet(this.api, this.store);
+    if (hasRemoved) this.socket.resubscribe();
+    if (hasRemoved && this.isDetailSocketOpen) this.detailSocket.resubscribe();
     if (addedId === null) this.historyRequested.clear();
     const detailIds = isLarge(ids.length) ? [] : ids.filter((id) => addedId === null || id === addedId);
     for (const id of detailIds) this.historyRequested.add(id);

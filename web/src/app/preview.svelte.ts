@@ -20,7 +20,7 @@ export interface ScenePreview {
   handles: boolean;
 }
 
-/** A dry run in the 3D view, at one time. */
+/** A dry run in the 3D view, shown at the time `t_s`. */
 export interface SceneDryRun {
   id: string;
   /** Time since the start of the dry run; null: the 3D view shows only the path and the corridor. */
@@ -30,9 +30,9 @@ export interface SceneDryRun {
 }
 
 class Preview {
-  /** Not reactive, because the map reads this value once per animation frame. */
+  /** The setpoint on the map; null: none. Not reactive, because the map reads this value once per animation frame. */
   map: MapPreview | null = null;
-  /** Null: no preview. Each change is sent to the 3D view. */
+  /** The setpoint in the 3D view; null: none. Each change is sent to the 3D view. */
   scene = $state.raw<ScenePreview | null>(null);
   /** Null: no dry run is shown. */
   dryRun = $state.raw<SceneDryRun | null>(null);

@@ -29,8 +29,8 @@ export interface Room {
 }
 
 /**
- * Exactly one of `room` and `roomWithoutVehicle` is set. The frame places this component over `main`; map and 3D view leave
- * `--dock-left` and `--dock-bottom` free for it.
+ * Exactly one of `room` and `roomWithoutVehicle` is set. The frame places this component over `main`. Map and 3D view keep
+ * the width `--dock-left` and the height `--dock-bottom` free for this component.
  */
 export interface RoomParts {
   /** The room's component for the selected vehicle. */
@@ -46,7 +46,7 @@ export interface Panel extends Part {
   id: string;
   /** Escape closes the open panel with the lowest order first. */
   order: number;
-  /** Of the open `side` panels, the page shows only the panel with the lowest order. */
+  /** `side`: at the side of the stage, only one at a time (the open panel with the lowest order). `over`: over the stage, together with other panels. */
   place: 'side' | 'over';
   /** The panel's button on the rail; missing if another part of the page opens the panel. */
   rail?: { title: string; icon: IconName; hint: string };
@@ -103,14 +103,14 @@ export interface KeyLine {
   handlers?: Readonly<Record<string, (facts: VehicleFacts | null) => boolean | void>>;
 }
 
-/** A part of the page that Escape closes. */
+/** Closes a part of the page when Escape is pressed. */
 export interface Closer {
   order: number;
   isOpen: () => boolean;
   close: () => void;
 }
 
-function withEntry<T extends { order: number }>(entries: readonly T[], entry: T): T[] {
+function insertByOrder<T extends { order: number }>(entries: readonly T[], entry: T): T[] {
   return [...entries, entry].sort((a, b) => a.order - b.order);
 }
 
@@ -124,20 +124,20 @@ class Registry {
   private readonly slots = new Map<SlotName, readonly SlotPart[]>();
 
   addRoom(room: Room): void {
-    this.rooms = withEntry(this.rooms, room);
+    this.rooms = insertByOrder(this.rooms, room);
   }
 
   addPanel(panel: Panel): void {
-    this.panels = withEntry(this.panels, panel);
+    this.panels = insertByOrder(this.panels, panel);
     this.addCloser(panel);
   }
 
   addKeys(lines: readonly KeyLine[]): void {
-    for (const line of lines) this.keys = withEntry(this.keys, line);
+    for (const line of lines) this.keys = insertByOrder(this.keys, line);
   }
 
   addCloser(closer: Closer): void {
-    this.closers = withEntry(this.closers, closer);
+    this.closers = insertByOrder(this.closers, closer);
   }
 
   addWarnings(read: () => readonly string[]): void {
@@ -145,7 +145,7 @@ class Registry {
   }
 
   addTo(slot: SlotName, part: SlotPart): void {
-    this.slots.set(slot, withEntry(this.slot(slot), part));
+    this.slots.set(slot, insertByOrder(this.slot(slot), part));
   }
 
   slot(name: SlotName): readonly SlotPart[] {
@@ -167,18 +167,18 @@ class Registry {
 
 export const registry = new Registry();
 
-/** Opens and closes rooms. `current` is the open room's id; `fly` is the page without a room. */
+/** Opens and closes rooms. `openId` is the open room's id; `fly` is the page without a room. */
 class Rooms {
-  current = $state('fly');
+  openId = $state('fly');
 
-  readonly room = $derived(registry.rooms.find((room) => room.id === this.current) ?? null);
+  readonly room = $derived(registry.rooms.find((room) => room.id === this.openId) ?? null);
 
   open(id: string): void {
-    this.current = id;
+    this.openId = id;
   }
 
   toggle(id: string): void {
-    this.current = this.current === id ? 'fly' : id;
+    this.openId = this.openId === id ? 'fly' : id;
   }
 }
 

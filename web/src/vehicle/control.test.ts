@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { loadIdentity, markUnloaded, rename } from '../app/identity';
+import { loadIdentity, markUnloaded, setName } from '../app/identity';
 import {
   chipText,
   forceHint,
@@ -95,9 +95,9 @@ describe('the page’s identity', () => {
     const browser = memory();
     const own = loadIdentity(memory(), browser);
     expect(own.name).toMatch(/^page-[0-9a-f]{4}$/);
-    rename(own, '  Anna ', browser);
+    setName(own, '  Anna ', browser);
     expect([own.name, loadIdentity(memory(), browser).name]).toEqual(['Anna', 'Anna']);
-    rename(own, '', browser);
+    setName(own, '', browser);
     expect(own.name).toMatch(/^page-/);
   });
 });
