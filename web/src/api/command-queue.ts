@@ -1,5 +1,5 @@
 /**
- * One request per vehicle at a time. Parallel requests can overtake each other: a renewal sent just before a new setpoint may
+ * Sends one request to a vehicle at a time. Parallel requests can overtake each other: a renewal sent just before a new setpoint may
  * arrive after that setpoint and replace it. So each request waits for the response to the previous request. The wait is
  * limited, because a request that is sent late would move the vehicle unexpectedly.
  */

@@ -1,7 +1,7 @@
 /**
  * Ensures that a key pressed on one control never acts on another control.
  * For example, holding Space confirms and closes the confirmation, and another button gets the focus while Space is still down.
- * The repeats and the release of Space would press that button.
+ * Without the guard, the repeats and the release of Space would press the other button.
  */
 
 /** Keys that press the focused control. */

@@ -28,7 +28,7 @@ export interface LayerPoint extends LayerPosition {
   readonly selected: boolean;
   /** Heading of a simulated vehicle, clockwise from north. */
   readonly yaw_deg?: number;
-  /** Altitude as text; missing: the editor cannot change the altitude. */
+  /** Text of the altitude; set only if the editor can change the altitude of this point. */
   readonly altitudeText?: string;
 }
 
@@ -51,14 +51,15 @@ export interface LayerSolid {
   readonly tone: Tone;
 }
 
+/** What a layer shows. */
 export interface LayerPicture {
   readonly points: readonly LayerPoint[];
   readonly lines: readonly LayerLine[];
   readonly areas: readonly LayerArea[];
   readonly solids?: readonly LayerSolid[];
   /**
-   * A position on the ground. The 3D view draws flat ground at its altitude. Missing: the layer is not shown in the 3D
-   * view.
+   * A position on the ground. The 3D view draws flat ground at the altitude of this position. Missing: the 3D view does
+   * not show the layer.
    */
   readonly ground?: Required<LayerPosition>;
 }
@@ -100,7 +101,7 @@ class MapLayers {
 
   readonly pictures: readonly LayerPicture[] = $derived(this.layers.flatMap((layer) => layer.picture() ?? []));
 
-  /** The topmost editable layer and its picture; its editor handles the gestures. */
+  /** Picture and editor of the topmost editable layer. This editor handles the gestures. */
   readonly edited: { readonly picture: LayerPicture; readonly editor: LayerEditor } | null = $derived.by(() => {
     for (const layer of [...this.layers].reverse()) {
       const picture = layer.editor === undefined ? null : layer.picture();

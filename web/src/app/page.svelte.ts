@@ -40,7 +40,7 @@ class Page {
   /** Vehicles whose history has been requested. */
   private readonly historyRequested = new Set<string>();
   tick = $state(0);
-  /** Repaint counter of views that show all vehicles: like `tick` for a small fleet, slower for a large one. */
+  /** Repaint counter of views that show all vehicles: like `tick` for a small fleet, slower for a large fleet. */
   fleetTick = $state(0);
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
   /** The vehicle that the person chose; null: the first vehicle. */
@@ -219,9 +219,9 @@ class Page {
     if (hasRemoved) this.socket.resubscribe();
     if (hasRemoved && this.isDetailSocketOpen) this.detailSocket.resubscribe();
     if (addedId === null) this.historyRequested.clear();
-    const detailIds = isLarge(ids.length) ? [] : ids.filter((id) => addedId === null || id === addedId);
-    for (const id of detailIds) this.historyRequested.add(id);
-    await Promise.all(detailIds.map((id) => loadHistory(this.api, this.store, id)));
+    const historyIds = isLarge(ids.length) ? [] : ids.filter((id) => addedId === null || id === addedId);
+    for (const id of historyIds) this.historyRequested.add(id);
+    await Promise.all(historyIds.map((id) => loadHistory(this.api, this.store, id)));
     this.loadHistory();
   }
 

@@ -33,7 +33,7 @@ export interface Services {
   };
   stage: {
     readonly sceneAvailable: boolean;
-    /** Which of map and 3D view is large. */
+    /** The large view: the map or the 3D view. */
     readonly main: 'map' | 'scene';
     camera: Camera;
     /** Swaps map and 3D view. */

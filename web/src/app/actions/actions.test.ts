@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { confirmationTexts, sendAction, reasonUnavailable, type ActionFacts, type ActionName } from './actions';
 import { DEFAULT_VALIDITY } from '../../vehicle/setpoint';
-import { ConfirmationSlider, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from './confirmation';
+import { ConfirmationSlider, EXPIRES_AFTER_S, DANGER_KEY_HOLD_S, KEY_HOLD_S, KNOB_STEPS } from './confirmation';
 
 const facts: ActionFacts = {
   vehicleId: '1',
@@ -91,12 +91,12 @@ describe('confirmation', () => {
     const confirmation = new ConfirmationSlider(false, 0);
     confirmation.pressKey(1);
     confirmation.pressKey(1.5); // the keyboard repeats
-    expect(tickFrames(confirmation, 1, 1 + HOLD_S - 0.01)).toBe('asking');
-    expect(tickFrames(confirmation, 1 + HOLD_S - 0.01, 1 + HOLD_S)).toBe('confirmed');
+    expect(tickFrames(confirmation, 1, 1 + KEY_HOLD_S - 0.01)).toBe('asking');
+    expect(tickFrames(confirmation, 1 + KEY_HOLD_S - 0.01, 1 + KEY_HOLD_S)).toBe('confirmed');
     const kill = new ConfirmationSlider(true, 0);
     kill.pressKey(0);
-    expect(tickFrames(kill, 0, HOLD_S)).toBe('asking');
-    expect(tickFrames(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
+    expect(tickFrames(kill, 0, KEY_HOLD_S)).toBe('asking');
+    expect(tickFrames(kill, KEY_HOLD_S, DANGER_KEY_HOLD_S)).toBe('confirmed');
   });
   it('starts over after an early release, and does not expire while the knob is held', () => {
     const confirmation = new ConfirmationSlider(true, 0);

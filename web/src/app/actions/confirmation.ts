@@ -1,12 +1,13 @@
 /**
  * State machine of a confirmation: asking, confirmed, expired, cancelled. A person confirms by moving the knob to the end of the
  * track with a pointer or arrow keys, or by holding Space or Enter. An open confirmation expires `EXPIRES_AFTER_S` after the last
- * input, and does not expire while a pointer or a key holds the knob. Callers pass the time.
+ * input, and does not expire while a pointer holds the knob or a key is held. Callers pass the time.
  */
 
 export const EXPIRES_AFTER_S = 5;
-export const HOLD_S = 0.8;
-export const HOLD_DANGER_S = 1.5;
+/** How long Space or Enter must be held to confirm [s]. */
+export const KEY_HOLD_S = 0.8;
+export const DANGER_KEY_HOLD_S = 1.5;
 /** Number of arrow key presses from one end of the track to the other. */
 export const KNOB_STEPS = 10;
 /**
@@ -41,7 +42,7 @@ export class ConfirmationSlider {
     return this.lastTick_s === null ? this.knobPosition : Math.min(1, this.held_s / this.holdTime_s());
   }
 
-  /** Time until the confirmation expires; the full time while a pointer or a key holds the knob. */
+  /** Time until the confirmation expires; the full time while a pointer holds the knob or a key is held. */
   remaining_s(now_s: number): number {
     return this.isHeld() ? EXPIRES_AFTER_S : Math.max(0, this.deadline_s - now_s);
   }
@@ -112,6 +113,6 @@ export class ConfirmationSlider {
   }
 
   private holdTime_s(): number {
-    return this.danger ? HOLD_DANGER_S : HOLD_S;
+    return this.danger ? DANGER_KEY_HOLD_S : KEY_HOLD_S;
   }
 }

@@ -94,7 +94,7 @@ export class ActionController {
   /** Return altitudes that this page has read, by vehicle id. */
   private readonly returnAlts_home_m = new Map<string, number>();
   /** Progress of the confirmation, 0–1; updated once per animation frame. */
-  progress = $state(0);
+  sliderProgress = $state(0);
   /** Time until the confirmation expires; updated once per animation frame. */
   remaining_s = $state(0);
   private nextId = 1;
@@ -160,7 +160,7 @@ export class ActionController {
       initialTexts: texts,
       slider: new ConfirmationSlider(texts.danger, this.nowS()),
     };
-    this.progress = 0;
+    this.sliderProgress = 0;
     this.remaining_s = this.pending.slider.remaining_s(this.nowS());
     this.takeoffProblem = null;
     if (action === 'rtl') void this.loadReturnAltitude(facts.id);
@@ -172,7 +172,7 @@ export class ActionController {
     const texts = group.texts();
     const slider = new ConfirmationSlider(texts.danger, this.nowS());
     this.pending = { action: 'offboard_start', pagePart, facts, target: null, streamStart: null, group, initialTexts: texts, slider };
-    this.progress = 0;
+    this.sliderProgress = 0;
     this.remaining_s = slider.remaining_s(this.nowS());
   }
 
@@ -223,7 +223,7 @@ export class ActionController {
     if (pending === null) return;
     const now = this.nowS();
     const phase = pending.group !== null || pending.facts.id === selectedId ? pending.slider.tick(now) : 'cancelled';
-    this.progress = pending.slider.progress();
+    this.sliderProgress = pending.slider.progress();
     this.remaining_s = pending.slider.remaining_s(now);
     if (phase === 'asking') return;
     this.pending = null;
