@@ -4,10 +4,10 @@ import ControlChip from './ControlChip.svelte';
 import ControlPrompt from './ControlPrompt.svelte';
 import { control } from './controllers';
 
-const isLive = (): boolean => page.facts !== null && !page.facts.replayed;
+const isNotReplayed = (): boolean => page.facts !== null && !page.facts.replayed;
 
 page.onEvent.push((event) => control.onEvent(event));
-registry.addTo('indicators', { order: 20, vehicleComponent: ControlChip, applies: isLive });
+registry.addTo('indicators', { order: 20, vehicleComponent: ControlChip, applies: isNotReplayed });
 registry.addTo('notices', { order: 20, vehicleComponent: ControlPrompt });
 registry.addCloser({ order: 50, isOpen: () => control.open, close: () => (control.open = false) });
 registry.addKeys([

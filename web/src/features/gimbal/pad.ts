@@ -48,7 +48,7 @@ export function clamp(angles: Angles, limits: AngleLimits): Angles {
   };
 }
 
-/** Degrees per press of an arrow key; ten times as much with Shift, and by PageUp and PageDown. */
+/** Degrees per press of an arrow key. PageUp, PageDown and an arrow key with Shift turn ten times as far. */
 const KEY_STEP_DEG = 1;
 
 /** The angles after a key press on the pad, clamped to the limits; null for other keys. */

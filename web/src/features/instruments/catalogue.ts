@@ -209,8 +209,8 @@ const DERIVED_QUANTITIES: readonly Quantity[] = [
     unit: 'm/s',
     topic: null,
     read: ({ facts }) => {
-      const { m_s, stale, age_s } = verticalSpeed(facts);
-      return { text: fixed(m_s, 1, true), unit: 'm/s', stale, age_s };
+      const { speed_m_s, stale, age_s } = verticalSpeed(facts);
+      return { text: fixed(speed_m_s, 1, true), unit: 'm/s', stale, age_s };
     },
   },
   {

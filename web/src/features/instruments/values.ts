@@ -5,7 +5,7 @@ import type { FlightClock } from '../../live/flight-time';
 import { duration, UNKNOWN } from '../../ui/format';
 
 export interface VerticalSpeed {
-  m_s: number | null;
+  speed_m_s: number | null;
   stale: boolean;
   age_s: number | null;
 }
@@ -13,8 +13,8 @@ export interface VerticalSpeed {
 /** Vertical speed (up is positive) from the HUD message; if there is none, from the global position. */
 export function verticalSpeed(facts: Pick<VehicleFacts, 'hud' | 'global'>): VerticalSpeed {
   const source = facts.hud ?? facts.global;
-  const m_s = facts.hud?.value.climb_m_s ?? (facts.global === null ? null : -facts.global.value.velocity_ned_m_s[2]);
-  return { m_s, stale: source?.stale ?? false, age_s: source?.age_s ?? null };
+  const speed_m_s = facts.hud?.value.climb_m_s ?? (facts.global === null ? null : -facts.global.value.velocity_ned_m_s[2]);
+  return { speed_m_s, stale: source?.stale ?? false, age_s: source?.age_s ?? null };
 }
 
 /**

@@ -39,7 +39,7 @@ export class GamepadControl {
   }
 
   /** Starts to read the gamepad. @returns a function that stops the reading; the panel calls this function when the panel closes. */
-  watch(host: GamepadHost): () => void {
+  startReading(host: GamepadHost): () => void {
     this.host = host;
     const poll = (): void => this.poll();
     const timer = setInterval(poll, 1000 / RATE_HZ);

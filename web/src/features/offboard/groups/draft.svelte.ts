@@ -41,14 +41,14 @@ class GroupDraft {
   }
 
   /** Opens the confirmation; if the form has errors, shows all errors instead. */
-  requestStart(selected: VehicleFacts): void {
+  requestStart(selectedFacts: VehicleFacts): void {
     const fields = this.fields;
     this.showsErrors = true;
     if (Object.keys(fieldErrors(fields, false)).length > 0) return;
     const names = fields.members.map((id) => page.factsOf(id)?.name ?? id);
     actions.requestForGroup(
       { commandName: 'Group', vehicleNames: joinNames(names), texts: () => startTexts(names, fields), run: () => this.start(fields) },
-      selected,
+      selectedFacts,
       'panel',
     );
   }
@@ -58,7 +58,7 @@ class GroupDraft {
     const result = setpointsFor(factsOf(fields.members), fields);
     if (!result.ok) return positionsUnknownRefusal(result);
     groups.dismissEnded();
-    return this.sendLogged(fields.members, fields, () => groups.start(startBody(result.setpoints, fields, page.store.nowUnixS()), validityOf(fields)));
+    return this.sendAndLog(fields.members, fields, () => groups.start(startBody(result.setpoints, fields, page.store.nowUnixS()), validityOf(fields)));
   }
 
   /** Sends new setpoints to all members that still follow the group, without a confirmation, like the room's other forms. */
@@ -69,7 +69,7 @@ class GroupDraft {
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
     await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.memberNames(group)) }, 'panel', async (): Promise<Outcome<unknown>> => {
       const result = setpointsFor(factsOf(members), fields);
-      return result.ok ? this.sendLogged(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : positionsUnknownRefusal(result);
+      return result.ok ? this.sendAndLog(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : positionsUnknownRefusal(result);
     });
   }
 
@@ -83,7 +83,7 @@ class GroupDraft {
     );
   }
 
-  private async sendLogged(members: readonly string[], fields: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
+  private async sendAndLog(members: readonly string[], fields: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
     const lineId = editor.recordSent('group', { type: `Group of ${joinNames(members)}: ${motionText(fields)}` });
     const outcome = await send();
     editor.recordOutcome(lineId, outcome, null);

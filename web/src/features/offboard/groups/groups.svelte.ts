@@ -11,7 +11,7 @@ import type { ActionController } from '../../../app/actions/controller.svelte';
 import { toRequestSetpoint, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
 import type { GroupBody, MemberSetpoint } from './group-form';
 import { isActive, groupKey, newestEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
-import { GroupRenewer, type RenewalResult } from './renewer';
+import { GroupRenewer, type GroupRenewalResult } from './renewer';
 
 const POLL_INTERVAL_S = 1;
 
@@ -137,7 +137,7 @@ export class GroupController {
     await this.actions.attempt(commandName, { name: vehicleName }, 'panel', () => Promise.resolve({ ok: false, problem }));
   }
 
-  private async sendRenewal(group: Group, validity: Validity): Promise<RenewalResult> {
+  private async sendRenewal(group: Group, validity: Validity): Promise<GroupRenewalResult> {
     const outcome = await this.enqueue(group, () => this.post(group, this.currentSetpoints(group), validity));
     if (outcome.ok) {
       this.update(outcome.value);

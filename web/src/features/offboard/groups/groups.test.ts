@@ -21,7 +21,7 @@ import {
   type ReceivedGroup,
 } from './group';
 import { GroupController } from './groups.svelte';
-import { GroupRenewer, type RenewalResult } from './renewer';
+import { GroupRenewer, type GroupRenewalResult } from './renewer';
 import { motionOf } from './group-form';
 import { vehicle } from './vehicle.fixture';
 
@@ -109,7 +109,7 @@ describe('a group’s state', () => {
 
 describe('the group renewer', () => {
   const VALIDITY = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
-  function setup(results: RenewalResult[] = []): { renewedAt_s: number[]; renewer: GroupRenewer; clock: { now_s: number } } {
+  function setup(results: GroupRenewalResult[] = []): { renewedAt_s: number[]; renewer: GroupRenewer; clock: { now_s: number } } {
     const renewedAt_s: number[] = [];
     const clock = { now_s: 0 };
     const renewer = new GroupRenewer(() => {

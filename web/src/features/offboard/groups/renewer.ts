@@ -17,13 +17,13 @@ interface RenewedGroup {
 }
 
 /** Result of a renewal; after `no answer` the renewer tries again. */
-export type RenewalResult = 'accepted' | 'refused' | 'no answer';
+export type GroupRenewalResult = 'accepted' | 'refused' | 'no answer';
 
 export class GroupRenewer {
   private current: RenewedGroup | null = null;
 
   /** @param send renews the setpoints of all members. */
-  constructor(private readonly send: (group: Group, validity: Validity) => Promise<RenewalResult>) {}
+  constructor(private readonly send: (group: Group, validity: Validity) => Promise<GroupRenewalResult>) {}
 
   /** Starts to renew this group if `validity.renew` is set. The caller has just sent the group's setpoints. */
   start(group: Group, validity: Validity, now_s: number): void {

@@ -25,7 +25,7 @@ const MOTION_VALIDITY_S = 2;
 const DIRECT_VALIDITY_S = 0.5;
 export const DIRECT_VALIDITY: Validity = { valid_for_s: DIRECT_VALIDITY_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
 
-const CLOSE_DELAY_MS = 500;
+const SOCKET_CLOSE_DELAY_MS = 500;
 
 export interface DragTarget {
   position_ned_m: Vector3;
@@ -38,12 +38,12 @@ class SetpointEditor {
   private forms = $state.raw<Readonly<Record<string, Form>>>({});
   /** False until a person presses Start or Send. */
   showsErrors = $state(false);
-  expiry = $state<OnExpiry['action']>('hold');
+  expiryAction = $state<OnExpiry['action']>('hold');
   private validForTexts = $state.raw<Readonly<Record<string, string>>>({});
   private renewChoices = $state.raw<Readonly<Record<string, boolean>>>({});
   /** The server's view of the vehicle's offboard state: available types, limits, failsafe. */
   view = $state.raw<OffboardView | null>(null);
-  lines = $state.raw<readonly SentLine[]>([]);
+  sentLines = $state.raw<readonly SentLine[]>([]);
   dragTarget = $state.raw<DragTarget | null>(null);
   /** Whether the page sends the target while a handle is dragged. */
   sendsWhileDragging = $state(false);
@@ -109,7 +109,7 @@ class SetpointEditor {
   }
 
   get validity(): Validity {
-    const on_expiry: OnExpiry = this.expiry === 'hold' ? { action: 'hold', hold_for_s: 5 } : { action: this.expiry };
+    const on_expiry: OnExpiry = this.expiryAction === 'hold' ? { action: 'hold', hold_for_s: 5 } : { action: this.expiryAction };
     return { valid_for_s: Number(this.validForText.replace(',', '.')), on_expiry, renew: this.renew };
   }
 
@@ -195,12 +195,12 @@ class SetpointEditor {
   recordOutcome(lineId: number, outcome: Outcome<unknown>, roundTrip_s: number | null): void {
     const limited = outcome.ok ? (readOffboard(outcome.value)?.limited ?? []) : [];
     this.log.addResult(lineId, { note: outcome.ok ? limited.join(' ') || null : outcome.problem.detail, refused: !outcome.ok, roundTrip_s });
-    this.lines = this.log.lines;
+    this.sentLines = this.log.lines;
   }
 
   recordSent(input: InputMethod, setpoint: AnySetpoint): number {
     const lineId = this.log.add(input, setpoint, page.store.nowUnixS(this.vehicle));
-    this.lines = this.log.lines;
+    this.sentLines = this.log.lines;
     return lineId;
   }
 
@@ -229,7 +229,7 @@ class SetpointEditor {
     const connection = this.connection;
     setTimeout(() => {
       if (connection !== null && this.connection === connection) this.closeSocket();
-    }, CLOSE_DELAY_MS);
+    }, SOCKET_CLOSE_DELAY_MS);
   }
 
   closeSocket(): void {
@@ -253,7 +253,7 @@ class SetpointEditor {
     this.unacknowledged.delete(ack.seq);
     if (lineId === undefined) return;
     this.log.addResult(lineId, { note: ack.problem?.detail ?? (ack.limited.join(' ') || null), refused: ack.problem !== null, roundTrip_s: ack.roundTrip_s });
-    this.lines = this.log.lines;
+    this.sentLines = this.log.lines;
     if (ack.problem !== null) onEnd(ack.problem.detail);
   }
 
