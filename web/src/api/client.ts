@@ -43,7 +43,7 @@ export class ApiClient {
   readonly delete: ApiCall<'delete'> = this.apiCall('delete');
 
   /**
-   * @param identity this page's name in the journal, its unique id and the server's key for it. If it is a string, it is the name; the page then has no id and no key.
+   * @param identity this page's name for the journal, its unique id and its key from the server. A string: only the name; the page then has no id and no key.
    * @param onSignedOut called when the server rejects this page's token, for example because the token was changed on the server.
    */
   constructor(

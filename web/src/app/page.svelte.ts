@@ -45,7 +45,7 @@ class Page {
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
   /** The vehicle that the person chose; null: the first vehicle. */
   private chosenId = $state<string | null>(null);
-  /** Called for each frame from the telemetry sockets, also in a hidden tab. */
+  /** Called for each message from the telemetry sockets, also in a hidden tab. */
   readonly onTelemetry: (() => void)[] = [];
   /** Called for each event of any vehicle. */
   readonly onEvent: ((event: WireEvent) => void)[] = [];

@@ -42,7 +42,7 @@ export interface Services {
     showMap: () => void;
     /** Fits positions into the part of the map that no panel covers. */
     showPositions: (positions: readonly GeoPosition[]) => void;
-    /** Fits the positions of an opened plan into the map. If the 3D view is large and no vehicle is flying, the 3D view also fits them, once. */
+    /** Fits the positions of an opened plan into the map. If the 3D view is large and no vehicle is flying, the 3D view also fits the positions, once. */
     showPlan: (positions: readonly GeoPosition[]) => void;
     /** Called when more positions of the shown plan are known. The 3D view fits the plan again, unless a person has moved the camera. */
     refitPlan: () => void;

@@ -5,7 +5,7 @@ import { fixed, metres, UNKNOWN } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { StreamStart } from '../../vehicle/setpoint';
 
-/** `land_now` works without control of the vehicle; `land` needs control. */
+/** `land_now` works even if another client has control of the vehicle; `land` does not. */
 export type ActionName = 'arm' | 'disarm' | 'takeoff' | 'land' | 'rtl' | 'hold' | 'land_now' | 'kill' | 'force_control' | 'offboard_start' | 'goto';
 
 /** Values for the confirmation texts. Null: unknown, unless the field's description says otherwise. */

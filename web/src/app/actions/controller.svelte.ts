@@ -34,7 +34,7 @@ export interface GroupConfirmation {
   run: () => Promise<Outcome<unknown>>;
 }
 
-/** Used as the vehicle id of a command to several vehicles. */
+/** Used as the vehicle id of the command of a `GroupConfirmation`, which may be for several vehicles. */
 export const SEVERAL_VEHICLES = 'several';
 
 export interface PendingConfirmation {
@@ -44,7 +44,7 @@ export interface PendingConfirmation {
   target: GotoTarget | null;
   /** The stream's first setpoint; null: hold the vehicle's position. */
   streamStart: StreamStart | null;
-  /** Null: the confirmation is for one vehicle. */
+  /** Null: texts and command are those of `action`. */
   group: GroupConfirmation | null;
   /** The texts when the confirmation was opened. */
   initialTexts: ConfirmationTexts;
