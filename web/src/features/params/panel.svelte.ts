@@ -7,17 +7,17 @@ import { NO_FILTER, type Filter, type Parameters } from './params';
 /** Poll interval while the parameters are read [ms]. */
 const POLL_MS = 500;
 
-class ParamPanel {
+class ParamPanelState {
   open = $state(false);
   filter = $state.raw<Filter>(NO_FILTER);
   /** The parameters that the server has read; null: not requested yet. */
-  loaded = $state.raw<Parameters | null>(null);
+  parametersView = $state.raw<Parameters | null>(null);
   problem = $state.raw<Problem | null>(null);
   /** Name of the parameter whose editor is open. */
-  chosen = $state<string | null>(null);
+  editedName = $state<string | null>(null);
   busy = $state(false);
-  /** Number of the latest call of `show`. An earlier call stops polling. */
-  private latestShow = 0;
+  /** Number of the latest call of `show`; earlier calls stop polling. */
+  private latestShowNumber = 0;
 
   toggle(): void {
     this.open = !this.open;
@@ -25,7 +25,7 @@ class ParamPanel {
 
   close(): void {
     this.open = false;
-    this.latestShow += 1; // the running call of `show` stops polling
+    this.latestShowNumber += 1; // the running call of `show` stops polling
   }
 
   /**
@@ -33,17 +33,17 @@ class ParamPanel {
    * parameters from the vehicle, and this function polls until they are read.
    */
   async show(api: ApiClient, vehicle: string, readAgain = false): Promise<void> {
-    const showNumber = ++this.latestShow;
+    const showNumber = ++this.latestShowNumber;
     this.problem = null;
-    if (this.loaded?.vehicle !== vehicle) {
-      this.loaded = null;
-      this.chosen = null;
+    if (this.parametersView?.vehicle !== vehicle) {
+      this.parametersView = null;
+      this.editedName = null;
     }
     await this.poll(api, vehicle, showNumber);
-    if (showNumber !== this.latestShow) return;
-    if (readAgain || this.loaded?.list.state !== 'ready') {
+    if (showNumber !== this.latestShowNumber) return;
+    if (readAgain || this.parametersView?.list.state !== 'ready') {
       const refresh = await api.post('/vehicles/{v}/params/refresh', ofVehicle(vehicle));
-      if (showNumber !== this.latestShow) return;
+      if (showNumber !== this.latestShowNumber) return;
       if (!refresh.ok) {
         this.problem = refresh.problem;
         return;
@@ -51,9 +51,9 @@ class ParamPanel {
     }
     do {
       await new Promise((resolve) => setTimeout(resolve, POLL_MS));
-      if (showNumber !== this.latestShow) return;
+      if (showNumber !== this.latestShowNumber) return;
       await this.poll(api, vehicle, showNumber);
-    } while (showNumber === this.latestShow && this.isIncomplete());
+    } while (showNumber === this.latestShowNumber && this.isIncomplete());
   }
 
   /** Sets a parameter, and stores the value that the vehicle reports. @returns whether the vehicle set the parameter. */
@@ -67,24 +67,24 @@ class ParamPanel {
       this.problem = outcome.problem;
       return false;
     }
-    const { loaded } = this;
-    if (loaded?.vehicle === vehicle) {
-      this.loaded = { ...loaded, params: loaded.params.map((p) => (p.name === name ? outcome.value : p)) };
+    const { parametersView } = this;
+    if (parametersView?.vehicle === vehicle) {
+      this.parametersView = { ...parametersView, params: parametersView.params.map((p) => (p.name === name ? outcome.value : p)) };
     }
     return true;
   }
 
   private isIncomplete(): boolean {
-    const list = this.loaded?.list;
+    const list = this.parametersView?.list;
     return list === undefined || list.state === 'reading' || (list.state === 'ready' && !list.facts && list.facts_problem === null);
   }
 
   private async poll(api: ApiClient, vehicle: string, showNumber: number): Promise<void> {
     const outcome = await api.get('/vehicles/{v}/params', ofVehicle(vehicle));
-    if (showNumber !== this.latestShow) return;
-    if (outcome.ok) this.loaded = outcome.value;
+    if (showNumber !== this.latestShowNumber) return;
+    if (outcome.ok) this.parametersView = outcome.value;
     else this.problem = outcome.problem;
   }
 }
 
-export const params = new ParamPanel();
+export const paramPanel = new ParamPanelState();

@@ -7,7 +7,7 @@ import {
   valueProblem,
   rangeText,
   stateText,
-  parseTyped,
+  parseTypedNumber,
   valueText,
   type ParameterMetadata,
   type Parameter,
@@ -82,14 +82,16 @@ test('a value is shown with its label, unit and decimals', () => {
 });
 
 test('only a number, or an integer where required, is read from typed text', () => {
-  expect([parseTyped('12,5', false), parseTyped(' −3 ', true), parseTyped('.5', false), parseTyped('1e3', true)]).toEqual([12.5, -3, 0.5, 1000]);
-  expect([parseTyped('', false), parseTyped('1.5', true), parseTyped('abc', false), parseTyped('1e999', false), parseTyped('0x10', true)]).toEqual([
-    null,
-    null,
-    null,
-    null,
-    null,
+  expect([parseTypedNumber('12,5', false), parseTypedNumber(' −3 ', true), parseTypedNumber('.5', false), parseTypedNumber('1e3', true)]).toEqual([
+    12.5, -3, 0.5, 1000,
   ]);
+  expect([
+    parseTypedNumber('', false),
+    parseTypedNumber('1.5', true),
+    parseTypedNumber('abc', false),
+    parseTypedNumber('1e999', false),
+    parseTypedNumber('0x10', true),
+  ]).toEqual([null, null, null, null, null]);
 });
 
 test('a value outside range, enum or bits has a problem text', () => {

@@ -28,16 +28,16 @@ export function matchingParameters(params: readonly Parameter[], filter: Filter)
     .toLowerCase()
     .split(/\s+/)
     .filter((w) => w !== '');
-  const matching = params.filter((p) => {
+  const matchingParams = params.filter((p) => {
     if (filter.group !== '' && p.facts?.group !== filter.group) return false;
     if (filter.nonDefaultOnly && p.is_default !== false) return false;
     const text = `${p.name} ${p.facts?.title ?? ''}`.toLowerCase();
     return words.every((w) => text.includes(w));
   });
   const firstWord = words[0];
-  if (firstWord === undefined) return matching;
+  if (firstWord === undefined) return matchingParams;
   const rank = (p: Parameter): number => Number(!p.name.toLowerCase().startsWith(firstWord));
-  return matching.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name));
+  return matchingParams.sort((a, b) => rank(a) - rank(b) || a.name.localeCompare(b.name));
 }
 
 /** A number without the rounding noise of 32-bit floats. */
@@ -51,14 +51,14 @@ export function numberText(value: number | null, decimals: number | null = null)
 
 /** The value with the given number of decimals, or with more decimals if the value needs them. */
 function withDecimals(value: number, decimals: number): string {
-  const exact = String(Number(value.toPrecision(7)));
-  const neededDecimals = exact.includes('e') ? 0 : (exact.split('.')[1] ?? '').length;
-  return neededDecimals > decimals ? exact : value.toFixed(decimals);
+  const exactText = String(Number(value.toPrecision(7)));
+  const neededDecimals = exactText.includes('e') ? 0 : (exactText.split('.')[1] ?? '').length;
+  return neededDecimals > decimals ? exactText : value.toFixed(decimals);
 }
 
 const UNIT_SYMBOLS: Readonly<Record<string, string>> = { deg: '°', Ohm: 'Ω', norm: '', us: 'µs', '%': '%' };
 
-/** A unit of PX4's metadata, which is ASCII, with symbols such as ² and °. */
+/** A unit from PX4's metadata, with symbols: `m^2` becomes `m²`, `deg` becomes `°`. */
 export function unitText(unit: string | null): string {
   if (unit === null) return '';
   return unit
@@ -77,45 +77,45 @@ function withUnit(number: string, unit: string | null): string {
 
 /** The value as text: the label of an enum value, the names of set bits, or the number with its unit. */
 export function valueText(parameter: Parameter): string {
-  const { facts, value } = parameter;
-  if (facts === null || value === null) return numberText(value);
-  const choice = facts.choices.find((c) => c.value === value);
+  const { facts: metadata, value } = parameter;
+  if (metadata === null || value === null) return numberText(value);
+  const choice = metadata.choices.find((c) => c.value === value);
   if (choice !== undefined) return choice.label;
-  if (facts.bits.length > 0 && value > 0) {
-    const setBits = facts.bits.filter((b) => Math.floor(value / 2 ** b.value) % 2 === 1).map((b) => b.label);
+  if (metadata.bits.length > 0 && value > 0) {
+    const setBits = metadata.bits.filter((b) => Math.floor(value / 2 ** b.value) % 2 === 1).map((b) => b.label);
     if (setBits.length > 0) return setBits.join(', ');
   }
-  const number = numberText(value, facts.is_integer ? null : facts.decimals);
-  return withUnit(number, facts.unit);
+  const number = numberText(value, metadata.is_integer ? null : metadata.decimals);
+  return withUnit(number, metadata.unit);
 }
 
 /** The documented range as text; empty if none is documented. */
-export function rangeText(facts: ParameterMetadata): string {
-  if (facts.min !== null && facts.max !== null) return `${numberText(facts.min)} to ${withUnit(numberText(facts.max), facts.unit)}`;
-  if (facts.min !== null) return `at least ${withUnit(numberText(facts.min), facts.unit)}`;
-  return facts.max === null ? '' : `at most ${withUnit(numberText(facts.max), facts.unit)}`;
+export function rangeText(metadata: ParameterMetadata): string {
+  if (metadata.min !== null && metadata.max !== null) return `${numberText(metadata.min)} to ${withUnit(numberText(metadata.max), metadata.unit)}`;
+  if (metadata.min !== null) return `at least ${withUnit(numberText(metadata.min), metadata.unit)}`;
+  return metadata.max === null ? '' : `at most ${withUnit(numberText(metadata.max), metadata.unit)}`;
 }
 
-/** The number in a typed text; null if it is not a number, or if an integer is required and it is not an integer. */
-export function parseTyped(text: string, isInteger: boolean): number | null {
-  const normalized = text.trim().replace('−', '-').replace(',', '.');
-  if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(normalized)) return null;
-  const value = Number(normalized);
+/** The number in a typed text; null if the text is not a number, or not an integer where `isInteger` requires one. */
+export function parseTypedNumber(text: string, isInteger: boolean): number | null {
+  const normalizedText = text.trim().replace('−', '-').replace(',', '.');
+  if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(normalizedText)) return null;
+  const value = Number(normalizedText);
   return Number.isFinite(value) && (!isInteger || Number.isInteger(value)) ? value : null;
 }
 
 /** Why the metadata does not permit a value; null if it is permitted. The server makes the same check. */
-export function valueProblem(facts: ParameterMetadata | null, value: number): string | null {
-  if (facts === null) return null;
-  if (facts.choices.length > 0) return facts.choices.some((c) => equalAsFloat32(c.value, value)) ? null : 'Not one of the documented values.';
-  if (facts.bits.length > 0) {
-    const knownBits = facts.bits.reduce((sum, b) => sum + 2 ** b.value, 0);
+export function valueProblem(metadata: ParameterMetadata | null, value: number): string | null {
+  if (metadata === null) return null;
+  if (metadata.choices.length > 0) return metadata.choices.some((c) => equalAsFloat32(c.value, value)) ? null : 'Not one of the documented values.';
+  if (metadata.bits.length > 0) {
+    const knownBits = metadata.bits.reduce((sum, b) => sum + 2 ** b.value, 0);
     const hasUnknownBits = [...Array(32).keys()].some((bit) => Math.floor(value / 2 ** bit) % 2 === 1 && Math.floor(knownBits / 2 ** bit) % 2 === 0);
     return value < 0 || hasUnknownBits ? 'This value sets undocumented bits.' : null;
   }
-  const isTooLow = facts.min !== null && value < facts.min && !equalAsFloat32(value, facts.min);
-  const isTooHigh = facts.max !== null && value > facts.max && !equalAsFloat32(value, facts.max);
-  return isTooLow || isTooHigh ? `Outside the documented range: ${rangeText(facts)}.` : null;
+  const isTooLow = metadata.min !== null && value < metadata.min && !equalAsFloat32(value, metadata.min);
+  const isTooHigh = metadata.max !== null && value > metadata.max && !equalAsFloat32(value, metadata.max);
+  return isTooLow || isTooHigh ? `Outside the documented range: ${rangeText(metadata)}.` : null;
 }
 
 /** Whether two values are equal as 32-bit floats, as the vehicle stores them. */

@@ -1,6 +1,6 @@
 import { registry } from '../../app/registry.svelte';
 import ParamPanel from './ParamPanel.svelte';
-import { params } from './panel.svelte';
+import { paramPanel } from './panel.svelte';
 
 registry.addPanel({
   id: 'params',
@@ -9,9 +9,9 @@ registry.addPanel({
   vehicleComponent: ParamPanel,
   needs: 'parameters',
   rail: { title: 'Params', icon: 'sliders', hint: 'Parameters (I)' },
-  isOpen: () => params.open,
-  toggle: () => params.toggle(),
-  close: () => params.close(),
+  isOpen: () => paramPanel.open,
+  toggle: () => paramPanel.toggle(),
+  close: () => paramPanel.close(),
 });
 registry.addKeys([
   { order: 160, keys: 'I', description: 'Parameters: search, read, set', inScene: true, handlers: { i: (facts) => registry.toggle('params', facts) } },
