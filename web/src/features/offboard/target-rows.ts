@@ -10,16 +10,16 @@ export interface TargetRow {
   text: string;
   unit: string;
   /** Text of the button that decreases the value by one step. */
-  less: string;
+  decreaseText: string;
   /** Text of the button that increases the value by one step. */
-  more: string;
+  increaseText: string;
 }
 
 /**
  * Rows for north, east, up and yaw.
  * @param yaw_deg clockwise from north, 0 to 360.
  * @param names displayed names of the first three rows.
- * @param steps size of one step: the text of a distance, and an angle.
+ * @param steps sizes of one step; `distance` is a text with its unit.
  */
 export function targetRows(
   names: readonly [string, string, string],
@@ -32,13 +32,20 @@ export function targetRows(
     title,
     text: fixed(value_m, 1),
     unit: 'm',
-    less: `${steps.distance} ${negative}`,
-    more: `${steps.distance} ${positive}`,
+    decreaseText: `${steps.distance} ${negative}`,
+    increaseText: `${steps.distance} ${positive}`,
   });
   return [
     row(names[0], 'North of the local origin', north_m, 'south', 'north'),
     row(names[1], 'East of the local origin', east_m, 'west', 'east'),
     row(names[2], 'Altitude above the local origin', down_m === null ? null : -down_m, 'down', 'up'),
-    { name: 'Yaw', title: 'Yaw from north', text: fixed(yaw_deg, 0), unit: '°', less: `${steps.yaw_deg}° left`, more: `${steps.yaw_deg}° right` },
+    {
+      name: 'Yaw',
+      title: 'Yaw from north',
+      text: fixed(yaw_deg, 0),
+      unit: '°',
+      decreaseText: `${steps.yaw_deg}° left`,
+      increaseText: `${steps.yaw_deg}° right`,
+    },
   ];
 }
