@@ -48,9 +48,9 @@ export interface GeneratedPattern {
   readonly notes: readonly string[];
 }
 
+/** `resolved` and `unknown` are numbers of altitudes, `added` is the number of added waypoints. */
 export interface ResolvedPlan {
   readonly plan: Plan;
-  /** This field and the next two: numbers of resolved altitudes, unresolved altitudes and added waypoints. */
   readonly resolved: number;
   readonly unknown: number;
   readonly added: number;
@@ -129,7 +129,7 @@ export class PlanApi {
     return fromApi(this.api.post('/plans/check', { body: { plan: toApi(plan), vehicle, power } }));
   }
 
-  /** Reads the vehicle's parameters, which the checks need; the server responds when all are read. */
+  /** Makes the server read the vehicle's parameters for the check; the response comes after the server has read them all. */
   readParameters(vehicle: string): Promise<Outcome<unknown>> {
     return this.api.post('/vehicles/{v}/params/refresh', { params: { path: { v: vehicle } }, body: { wait: true } });
   }
@@ -141,7 +141,7 @@ export class PlanApi {
 
   /**
    * Computes the AMSL altitudes of items above terrain.
-   * @param tolerance_m largest deviation of a leg from its height above ground. The server adds waypoints to
+   * @param tolerance_m largest permitted deviation of a leg from its height above ground. The server adds waypoints to
    * limit the deviation. Null: the server adds no waypoints.
    */
   resolveTerrain(plan: Plan, tolerance_m: number | null): Promise<Outcome<ResolvedPlan>> {
@@ -159,13 +159,13 @@ export class PlanApi {
    * Inserts a stored mission: its steps become a list of the mission, and a call step at `callPath` flies this list.
    * @param in_air true: the take-off and the last landing of the stored mission are left out.
    * @param positions null: the server refuses with an error on the field `positions` if the planned starts differ and
-   * the path depends on them.
+   * the path depends on the start.
    */
   insert(plan: Mission, callPath: JsonPath, plan_id: string, in_air: boolean, positions: PositionHandling | null): Promise<Outcome<InsertedMission>> {
     return fromApi(this.api.post('/plans/insert', { body: { plan: toApi(plan), at: [...callPath], plan_id, in_air, positions } }));
   }
 
-  /** The trajectory in a CSV or NumPy file (.npy). */
+  /** Reads the trajectory in a CSV or NumPy (.npy) file. */
   importTable(file: File): Promise<Outcome<ImportedTable>> {
     const headers = { 'Content-Type': 'application/octet-stream' };
     return this.api.post('/plans/table', { params: { query: { filename: file.name } }, body: file, bodySerializer: (body) => body, headers });
@@ -177,7 +177,7 @@ export class PlanApi {
 
   /**
    * Generates a pattern as items or steps.
-   * @param tolerance_m largest deviation of the lines from their height above ground; null: the server does not compute
+   * @param tolerance_m largest permitted deviation of the lines from their height above ground; null: the server does not compute
    * the AMSL altitudes of items above terrain.
    */
   pattern(pattern: Pattern, kind: PlanKind, vehicle: string | null, tolerance_m: number | null): Promise<Outcome<GeneratedPattern>> {

@@ -2,16 +2,16 @@
 
 import type { LayerPicture, LayerPosition } from '../../app/map-layers.svelte';
 import { positionAt, type EastNorth, type GeoPosition } from '../../vehicle/geo';
-import { altitudeBefore, positionOf, allPositions, refOf, sharedPositionOf, sharedPositions, type PlannedHome, type Plan } from './document/document';
-import * as edit from './document/edit';
+import { altitudeForNewItem, positionOf, allPositions, partRefOf, areaPositionOf, areaPositions, type PlannedHome, type Plan } from './document/document';
+import * as planEdit from './document/edit';
 import { newItem } from './document/items';
-import { insertionOf, picture, type Sketch } from './document/layer';
-import * as offboard from './offboard/edit';
+import { parseMidpointId, planLayer, type Sketch } from './document/layer';
+import * as missionEdit from './offboard/edit';
 import type { CompiledFlight } from './offboard/compiled-path';
-import { isMission, nodesOf, pathOf, positionsOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
-import * as missionPicture from './offboard/mission-layer';
-import { geoPointOf, type Frame } from './offboard/positions';
-import { treeOf, type TreeEntry } from './document/list-entries';
+import { isMission, nodesOf, pathOf, positionsOf, pointId, pointRefOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
+import { missionEntries, missionLayer, parseLegMidpointId } from './offboard/mission-layer';
+import { geoPointOf, type MissionFrame } from './offboard/positions';
+import { planEntries, type ListEntry } from './document/list-entries';
 
 export type Document = Plan | Mission;
 
@@ -31,67 +31,67 @@ export function withHome<D extends Document>(document: D, home: PlannedHome): D 
 }
 
 /** Position of the part with this id; null if the part has no position or no longer exists. */
-export function positionIn(document: Document, id: string, frame: Frame): GeoPosition | null {
+export function positionIn(document: Document, id: string, frame: MissionFrame): GeoPosition | null {
   if (!isMission(document)) return positionOf(document, id);
-  const ref = pointOf(id);
+  const ref = pointRefOf(id);
   if (ref !== null) {
-    const node = offboard.nodeOf(document, id);
+    const node = missionEdit.nodeOf(document, id);
     const position = node === null ? undefined : (valueAt(document, pathOf(node, ref)) as MissionPosition | undefined);
     return position == null ? null : geoPointOf(position, frame);
   }
   if (id === 'home') return document.home ?? null;
-  return sharedPositionOf(document, refOf(id));
+  return areaPositionOf(document, partRefOf(id));
 }
 
 /** The positions of the part with this id; for a step, the positions of all its points. */
-export function positionsOfId(document: Document, id: string, frame: Frame): GeoPosition[] {
+export function positionsOfId(document: Document, id: string, frame: MissionFrame): GeoPosition[] {
   if (isMission(document) && id.startsWith('step:')) {
-    const node = offboard.nodeOf(document, id);
+    const node = missionEdit.nodeOf(document, id);
     return node === null ? [] : positionsOf(node).map(({ position }) => geoPointOf(position, frame));
   }
   return [positionIn(document, id, frame) ?? []].flat();
 }
 
 /** Moves points by the same horizontal offset. @param positions positions of the points before the move, by id. */
-export function move<D extends Document>(document: D, positions: ReadonlyMap<string, GeoPosition>, offset: EastNorth, frame: Frame): D {
+export function movePoints<D extends Document>(document: D, positions: ReadonlyMap<string, GeoPosition>, offset: EastNorth, frame: MissionFrame): D {
   let moved: Document = document;
   for (const [id, position] of positions) {
     const target = positionAt(position, offset);
-    moved = isMission(moved) ? offboard.movePoint(moved, id, target, frame) : edit.movePoint(moved, id, target);
+    moved = isMission(moved) ? missionEdit.movePoint(moved, id, target, frame) : planEdit.movePoint(moved, id, target);
   }
   return moved as D;
 }
 
 /** Changes the altitudes of several points by `by_m`; negative: down. */
-export function raise<D extends Document>(document: D, ids: Iterable<string>, by_m: number): D {
+export function raisePoints<D extends Document>(document: D, ids: Iterable<string>, by_m: number): D {
   let raised: Document = document;
-  for (const id of ids) raised = isMission(raised) ? offboard.raisePoint(raised, id, by_m) : edit.raisePoint(raised, id, by_m);
+  for (const id of ids) raised = isMission(raised) ? missionEdit.raisePoint(raised, id, by_m) : planEdit.raisePoint(raised, id, by_m);
   return raised as D;
 }
 
 export function remove(document: Document, ids: readonly string[]): Document {
-  return isMission(document) ? offboard.remove(document, ids) : edit.remove(document, ids);
+  return isMission(document) ? missionEdit.remove(document, ids) : planEdit.remove(document, ids);
 }
 
 /** Inserts a point at a midpoint. @returns null: the id is not that of a midpoint. */
-export function insertAt(document: Document, id: string, position: GeoPosition, frame: Frame): { document: Document; id: string } | null {
-  const pointInsertion = missionPicture.pointInsertionOf(id);
+export function insertAtMidpoint(document: Document, id: string, position: GeoPosition, frame: MissionFrame): { document: Document; id: string } | null {
+  const pointInsertion = parseLegMidpointId(id);
   if (pointInsertion !== null && isMission(document)) {
-    const inserted = offboard.insertPoint(document, pointInsertion.place, pointInsertion.index, position, frame);
+    const inserted = missionEdit.insertPoint(document, pointInsertion.place, pointInsertion.index, position, frame);
     return inserted === null ? null : { document: inserted.mission, id: inserted.id };
   }
-  const insertion = insertionOf(id);
+  const insertion = parseMidpointId(id);
   if (insertion === null) return null;
   if ('zone' in insertion)
-    return { document: edit.insertCorner(document, insertion.zone, insertion.corner, position), id: `corner:${insertion.zone}:${insertion.corner}` };
+    return { document: planEdit.insertCorner(document, insertion.zone, insertion.corner, position), id: `corner:${insertion.zone}:${insertion.corner}` };
   if ('obstacle' in insertion)
     return {
-      document: edit.insertObstacleCorner(document, insertion.obstacle, insertion.corner, position),
+      document: planEdit.insertObstacleCorner(document, insertion.obstacle, insertion.corner, position),
       id: `obstacle:${insertion.obstacle}:${insertion.corner}`,
     };
   if (isMission(document)) return null;
   return {
-    document: edit.insertItem(document, insertion.row, newItem('waypoint', position, altitudeBefore(document, insertion.row))),
+    document: planEdit.insertItem(document, insertion.row, newItem('waypoint', position, altitudeForNewItem(document, insertion.row))),
     id: `item:${insertion.row}`,
   };
 }
@@ -100,53 +100,60 @@ export function insertAt(document: Document, id: string, position: GeoPosition, 
  * Inserts the items or steps of another document after the selection, or without a selection at the end, but before a
  * final landing or return. @returns the ids of the inserted items or steps.
  */
-export function insertAll(document: Document, source: Document, selected: readonly string[]): { document: Document; ids: string[] } {
+export function insertContent(document: Document, source: Document, selected: readonly string[]): { document: Document; ids: string[] } {
   if (isMission(document)) {
-    const inserted = offboard.addSteps(document, isMission(source) ? source.steps : [], selected);
+    const inserted = missionEdit.addSteps(document, isMission(source) ? source.steps : [], selected);
     return { document: inserted.mission, ids: inserted.ids };
   }
   const items = isMission(source) ? [] : source.items;
-  const row = edit.rowToInsert(document, selected);
-  return { document: edit.insertItems(document, row, items), ids: items.map((_, i) => `item:${row + i}`) };
+  const row = planEdit.insertionRow(document, selected);
+  return { document: planEdit.insertItems(document, row, items), ids: items.map((_, i) => `item:${row + i}`) };
 }
 
-export function isInsertion(id: string): boolean {
-  return insertionOf(id) !== null || missionPicture.pointInsertionOf(id) !== null;
+export function isMidpointId(id: string): boolean {
+  return parseMidpointId(id) !== null || parseLegMidpointId(id) !== null;
 }
 
-/** The newest flight that the server has compiled from a mission; null: none yet. */
+/** The flight that the server last compiled from the mission. */
 export interface CompiledMission {
+  /** Null: the server has not compiled the mission yet. */
   readonly flight: CompiledFlight | null;
   /** False: the flight was compiled before the last change. */
   readonly isCurrent: boolean;
 }
 
 /**
- * Start of the plan, with the altitude to which altitudes above home are relative. Without home: the first point, at sea
- * level.
+ * Position of the plan's start; altitudes above home are relative to its altitude. Without home: the first point of the
+ * plan, at sea level.
  * @param drawnPosition a position of the area that is being drawn, used for a plan without points.
  */
-export function startOf(document: Document, frame: Frame, drawnPosition?: GeoPosition): Required<LayerPosition> {
+export function startOf(document: Document, frame: MissionFrame, drawnPosition?: GeoPosition): Required<LayerPosition> {
   const first = isMission(document) ? undefined : allPositions(document)[0];
-  const { lat_deg, lon_deg } = frame.known ? frame.start : (first ?? drawnPosition ?? frame.start);
+  const { lat_deg, lon_deg } = frame.isStartKnown ? frame.start : (first ?? drawnPosition ?? frame.start);
   return { lat_deg, lon_deg, alt_amsl_m: frame.start.alt_amsl_m };
 }
 
-export function pictureOf(document: Document, selected: ReadonlySet<string>, sketch: Sketch | null, frame: Frame, compiled: CompiledMission): LayerPicture {
-  if (!isMission(document)) return picture(document, selected, sketch, startOf(document, frame));
-  return missionPicture.picture(document, selected, sketch, frame, compiled.flight, compiled.isCurrent);
+export function layerOf(
+  document: Document,
+  selected: ReadonlySet<string>,
+  sketch: Sketch | null,
+  frame: MissionFrame,
+  compiled: CompiledMission,
+): LayerPicture {
+  if (!isMission(document)) return planLayer(document, selected, sketch, startOf(document, frame));
+  return missionLayer(document, selected, sketch, frame, compiled.flight, compiled.isCurrent);
 }
 
-export function entriesOf(document: Document, flight: CompiledFlight | null): TreeEntry[] {
-  return isMission(document) ? missionPicture.treeOf(document, flight?.steps ?? []) : treeOf(document);
+export function entriesOf(document: Document, flight: CompiledFlight | null): ListEntry[] {
+  return isMission(document) ? missionEntries(document, flight?.steps ?? []) : planEntries(document);
 }
 
 /** All positions, to fit them into the view. */
-export function allPositionsOf(document: Document, frame: Frame, flight: CompiledFlight | null = null): GeoPosition[] {
+export function allPositionsOf(document: Document, frame: MissionFrame, flight: CompiledFlight | null = null): GeoPosition[] {
   if (!isMission(document)) return allPositions(document);
   const stepPositions = nodesOf(document).flatMap((node) => positionsOf(node).map(({ position }) => geoPointOf(position, frame)));
   const pathPositions = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m })));
-  return [frame.start, ...stepPositions, ...pathPositions, ...sharedPositions(document)];
+  return [frame.start, ...stepPositions, ...pathPositions, ...areaPositions(document)];
 }
 
 /** Ids of all steps or items, to select them. */
@@ -155,9 +162,9 @@ export function allStepIds(document: Document): string[] {
 }
 
 /** Whether the part with this id exists. */
-export function exists(document: Document, id: string, frame: Frame): boolean {
-  if (isMission(document) && id.startsWith('step:')) return offboard.nodeOf(document, id) !== null;
-  const ref = refOf(id);
+export function partExists(document: Document, id: string, frame: MissionFrame): boolean {
+  if (isMission(document) && id.startsWith('step:')) return missionEdit.nodeOf(document, id) !== null;
+  const ref = partRefOf(id);
   if (ref?.type === 'item') return !isMission(document) && ref.row < document.items.length;
   return positionIn(document, id, frame) !== null;
 }
@@ -166,11 +173,11 @@ export function exists(document: Document, id: string, frame: Frame): boolean {
  * The parts of a mission to select after a deletion: the step or point that now has the id of a deleted part, or else
  * the trajectory point before the deleted point. Empty for a waypoint plan.
  */
-export function selectionAfterDelete(oldDocument: Document, newDocument: Document, ids: readonly string[], frame: Frame): string[] {
+export function selectionAfterDelete(oldDocument: Document, newDocument: Document, ids: readonly string[], frame: MissionFrame): string[] {
   if (!isMission(oldDocument) || !isMission(newDocument)) return [];
-  const remaining = ids.find((id) => exists(newDocument, id, frame));
+  const remaining = ids.find((id) => partExists(newDocument, id, frame));
   if (remaining !== undefined) return [remaining];
-  const point = ids.map(pointOf).find((ref) => ref !== null && ref?.field === 'points');
-  if (point != null && point.index > 0) return [pointId({ ...point, index: point.index - 1 })].filter((id) => exists(newDocument, id, frame));
+  const point = ids.map(pointRefOf).find((ref) => ref !== null && ref?.field === 'points');
+  if (point != null && point.index > 0) return [pointId({ ...point, index: point.index - 1 })].filter((id) => partExists(newDocument, id, frame));
   return [];
 }

@@ -8,9 +8,9 @@ import { DEFAULT_CONDITIONS, powerOf, type Conditions } from './dry-run/conditio
 import { EMPTY_PLAN, type PlannedHome } from './document/document';
 import type { Draft, PlanEditor } from './editor/editor.svelte';
 import { homeOf, type Document } from './document-kinds';
-import type { Downloaded } from './flight/vehicle-mission.svelte';
+import type { DownloadedPlan } from './flight/vehicle-mission.svelte';
 import { isMission, roleNames, type StepNode } from './offboard/mission';
-import { frameOf } from './offboard/positions';
+import { missionFrameOf } from './offboard/positions';
 import { MAX_TABLES, withTable } from './offboard/tables';
 import { fixed } from '../../ui/format';
 
@@ -223,7 +223,7 @@ export class Plans {
   }
 
   /** Opens the vehicle's plan as a new plan; undo restores the previously edited plan. */
-  openFromVehicle(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: PlannedHome | null): void {
+  openFromVehicle(vehicleName: string, { plan, plan_name, notes }: DownloadedPlan, home: PlannedHome | null): void {
     this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY_PLAN, ...plan, planned_home: plan.planned_home ?? home });
     const text = [`Opened the plan of ${vehicleName}. It is not saved on the server yet.`, ...notes].join(' ');
     this.notice = { tone: notes.length > 0 ? 'caution' : 'ok', text };
@@ -292,7 +292,7 @@ export class Plans {
   compile(vehicleHome: PlannedHome | null): void {
     const flight = this.check?.flight ?? null;
     this.editor.compiled = { flight, isCurrent: this.isChecked };
-    this.editor.frame = frameOf(this.editor.mission, vehicleHome ?? homeOf(this.editor.document), flight?.origin ?? null);
+    this.editor.frame = missionFrameOf(this.editor.mission, vehicleHome ?? homeOf(this.editor.document), flight?.origin ?? null);
   }
 
   /** Handles the event that a client saved or deleted a plan. */

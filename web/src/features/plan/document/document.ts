@@ -6,7 +6,7 @@ import type { GeoPosition } from '../../../vehicle/geo';
 type Schemas = components['schemas'];
 
 export type Altitude = Readonly<Schemas['Altitude']>;
-export type Reference = Altitude['reference'];
+export type AltitudeReference = Altitude['reference'];
 export type ItemKind = Schemas['Plan']['items'][number]['kind'];
 
 /** A mission item. The further fields depend on `kind`; `fields.ts` reads them by name. */
@@ -28,19 +28,19 @@ export type FenceZone = FenceCircle | FencePolygon;
 export type Obstacle = Readonly<Omit<Schemas['Obstacle'], 'polygon' | 'name'>> & { readonly name?: string; readonly polygon: readonly GeoPosition[] };
 export type RallyPoint = Readonly<Schemas['RallyPoint']>;
 
-/** Properties that waypoint plans and missions share. */
-export interface SharedParts {
+/** The areas of a waypoint plan or an offboard mission: geofence and obstacles. */
+export interface DocumentAreas {
   readonly fence: readonly FenceZone[];
   /** Older documents do not have this field. */
   readonly obstacles?: readonly Obstacle[];
 }
 
-export function obstaclesOf(document: SharedParts): readonly Obstacle[] {
+export function obstaclesOf(document: DocumentAreas): readonly Obstacle[] {
   return document.obstacles ?? [];
 }
 
 export type Plan = Readonly<Required<Omit<Schemas['Plan'], 'items' | 'fence' | 'rally_points' | 'obstacles'>>> &
-  SharedParts & {
+  DocumentAreas & {
     readonly items: readonly Item[];
     readonly rally_points: readonly RallyPoint[];
   };
@@ -64,7 +64,7 @@ export function isPlaced(item: Item): item is PlacedItem {
   return item.lat_deg !== undefined && item.lon_deg !== undefined && item.altitude !== undefined;
 }
 
-/** Items with a position that the camera looks at and the vehicle does not fly to. */
+/** Kinds of items whose position is a target of the camera; the vehicle does not fly to this position. */
 export const ROI_KINDS: ReadonlySet<ItemKind> = new Set(['roi_location', 'roi']);
 
 export function isFlownTo(item: Item): item is PlacedItem {
@@ -100,7 +100,7 @@ export function alt_amsl_m(altitude: Altitude, home_amsl_m: number): number {
 }
 
 /** A part of a plan that can be selected and dragged. */
-export type PointRef =
+export type PartRef =
   | { readonly type: 'item'; readonly row: number }
   | { readonly type: 'corner'; readonly zone: number; readonly corner: number }
   | { readonly type: 'circle'; readonly zone: number }
@@ -109,7 +109,7 @@ export type PointRef =
   | { readonly type: 'home' };
 
 /** The part with this id, for example `item:3`, `corner:0:2` or `home`; null for any other id. */
-export function refOf(id: string): PointRef | null {
+export function partRefOf(id: string): PartRef | null {
   const [type, first, second] = id.split(':');
   const [a, b] = [Number(first), Number(second)];
   if (type === 'item') return { type, row: a };
@@ -122,7 +122,7 @@ export function refOf(id: string): PointRef | null {
 
 /** Position of the point with this id; null if the point has no position or no longer exists. */
 export function positionOf(plan: Plan, id: string): GeoPosition | null {
-  const ref = refOf(id);
+  const ref = partRefOf(id);
   if (ref === null) return null;
   if (ref.type === 'item') {
     const item = plan.items[ref.row];
@@ -130,11 +130,11 @@ export function positionOf(plan: Plan, id: string): GeoPosition | null {
   }
   if (ref.type === 'home') return plan.planned_home;
   if (ref.type === 'rally') return plan.rally_points[ref.index] ?? null;
-  return sharedPositionOf(plan, ref);
+  return areaPositionOf(plan, ref);
 }
 
 /** Position of a part of the geofence or of an obstacle; null for any other part, or if the part no longer exists. */
-export function sharedPositionOf(document: SharedParts, ref: PointRef | null): GeoPosition | null {
+export function areaPositionOf(document: DocumentAreas, ref: PartRef | null): GeoPosition | null {
   if (ref?.type === 'obstacle') return obstaclesOf(document)[ref.index]?.polygon[ref.corner] ?? null;
   if (ref?.type !== 'corner' && ref?.type !== 'circle') return null;
   const zone = document.fence[ref.zone];
@@ -143,7 +143,7 @@ export function sharedPositionOf(document: SharedParts, ref: PointRef | null): G
 }
 
 /** All positions of the geofence and the obstacles. */
-export function sharedPositions(document: SharedParts): GeoPosition[] {
+export function areaPositions(document: DocumentAreas): GeoPosition[] {
   const fencePositions = document.fence.flatMap((zone) => (zone.shape === 'polygon' ? zone.polygon : [zone.center]));
   return [...fencePositions, ...obstaclesOf(document).flatMap((obstacle) => obstacle.polygon)];
 }
@@ -151,11 +151,11 @@ export function sharedPositions(document: SharedParts): GeoPosition[] {
 /** All positions of the plan, to fit them into the view. */
 export function allPositions(plan: Plan): GeoPosition[] {
   const itemPositions = simpleItems(plan).flatMap(({ item }) => (isPlaced(item) ? [item as GeoPosition] : []));
-  return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...itemPositions, ...sharedPositions(plan), ...plan.rally_points];
+  return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...itemPositions, ...areaPositions(plan), ...plan.rally_points];
 }
 
 /** Altitude for a new item: the altitude of the previous flown item, or else of the first one, or else the default. */
-export function altitudeBefore(plan: Plan, row: number): Altitude {
+export function altitudeForNewItem(plan: Plan, row: number): Altitude {
   const neighbour = plan.items.slice(0, row).reverse().find(isFlownTo) ?? plan.items.find(isFlownTo);
   const altitude = neighbour?.altitude ?? DEFAULT_ALTITUDE;
   return { value_m: altitude.value_m, reference: altitude.reference };

@@ -5,19 +5,19 @@ import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import {
   isPlaced,
   obstaclesOf,
-  refOf,
+  partRefOf,
   type Altitude,
   type FenceZone,
   type Item,
   type Obstacle,
   type Plan,
   type PlannedHome,
-  type PointRef,
+  type PartRef,
   type RallyPoint,
-  type SharedParts,
+  type DocumentAreas,
 } from './document';
 
-function withReplaced<T>(list: readonly T[], index: number, next: T): T[] {
+function replaceAt<T>(list: readonly T[], index: number, next: T): T[] {
   return list.map((value, i) => (i === index ? next : value));
 }
 
@@ -31,26 +31,26 @@ function latLon({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
  */
 export function setItem(plan: Plan, row: number, fields: Readonly<Record<string, unknown>>): Plan {
   const item = plan.items[row];
-  return item === undefined ? plan : { ...plan, items: withReplaced(plan.items, row, { ...item, ...fields }) };
+  return item === undefined ? plan : { ...plan, items: replaceAt(plan.items, row, { ...item, ...fields }) };
 }
 
-export function setZone<D extends SharedParts>(plan: D, zone: number, fields: Partial<FenceZone>): D {
-  const old = plan.fence[zone];
-  return old === undefined ? plan : { ...plan, fence: withReplaced(plan.fence, zone, { ...old, ...fields } as FenceZone) };
+export function setZone<D extends DocumentAreas>(plan: D, index: number, fields: Partial<FenceZone>): D {
+  const zone = plan.fence[index];
+  return zone === undefined ? plan : { ...plan, fence: replaceAt(plan.fence, index, { ...zone, ...fields } as FenceZone) };
 }
 
-export function setObstacle<D extends SharedParts>(plan: D, index: number, fields: Partial<Obstacle>): D {
-  const old = obstaclesOf(plan)[index];
-  return old === undefined ? plan : { ...plan, obstacles: withReplaced(obstaclesOf(plan), index, { ...old, ...fields }) };
+export function setObstacle<D extends DocumentAreas>(plan: D, index: number, fields: Partial<Obstacle>): D {
+  const obstacle = obstaclesOf(plan)[index];
+  return obstacle === undefined ? plan : { ...plan, obstacles: replaceAt(obstaclesOf(plan), index, { ...obstacle, ...fields }) };
 }
 
-export function addObstacle<D extends SharedParts>(plan: D, obstacle: Obstacle): D {
+export function addObstacle<D extends DocumentAreas>(plan: D, obstacle: Obstacle): D {
   return { ...plan, obstacles: [...obstaclesOf(plan), { ...obstacle, polygon: obstacle.polygon.map(latLon) }] };
 }
 
 /** Moves the point with this id. */
 export function movePoint(plan: Plan, id: string, position: GeoPosition): Plan {
-  const ref = refOf(id);
+  const ref = partRefOf(id);
   const target = latLon(position);
   if (ref === null) return plan;
   if (ref.type === 'item') {
@@ -61,24 +61,23 @@ export function movePoint(plan: Plan, id: string, position: GeoPosition): Plan {
     const point = plan.rally_points[ref.index];
     return point === undefined
       ? plan
-      : { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, ...target, altitude: withoutResolvedAltitude(point.altitude) }) };
+      : { ...plan, rally_points: replaceAt(plan.rally_points, ref.index, { ...point, ...target, altitude: withoutResolvedAltitude(point.altitude) }) };
   }
-  return moveShared(plan, id, position);
+  return moveHomeOrArea(plan, id, position);
 }
 
-/** Limits of an altitude. */
 export const ALTITUDE_LIMITS_M = { min: -12_000, max: 100_000 } as const;
 
 /** Changes the altitude of an item or a rally point by `by_m`; other parts have no altitude. */
 export function raisePoint(plan: Plan, id: string, by_m: number): Plan {
-  const ref = refOf(id);
+  const ref = partRefOf(id);
   const item = ref?.type === 'item' ? plan.items[ref.row] : undefined;
   if (ref?.type === 'item' && item !== undefined && isPlaced(item)) return setItem(plan, ref.row, { altitude: withAltitudeChange(item.altitude, by_m) });
   const point = ref?.type === 'rally' ? plan.rally_points[ref.index] : undefined;
   if (ref?.type !== 'rally' || point === undefined) return plan;
   return {
     ...plan,
-    rally_points: withReplaced(plan.rally_points, ref.index, { ...point, altitude: withAltitudeChange(point.altitude, by_m) } satisfies RallyPoint),
+    rally_points: replaceAt(plan.rally_points, ref.index, { ...point, altitude: withAltitudeChange(point.altitude, by_m) } satisfies RallyPoint),
   };
 }
 
@@ -94,8 +93,8 @@ function withoutResolvedAltitude(altitude: Altitude): Altitude {
 }
 
 /** Moves home, a part of the geofence, or a corner of an obstacle. */
-export function moveShared<D extends SharedParts>(plan: D, id: string, position: GeoPosition): D {
-  const ref = refOf(id);
+export function moveHomeOrArea<D extends DocumentAreas>(plan: D, id: string, position: GeoPosition): D {
+  const ref = partRefOf(id);
   const target = latLon(position);
   if (ref?.type === 'home') {
     const field = 'planned_home' in plan ? 'planned_home' : 'home';
@@ -104,12 +103,12 @@ export function moveShared<D extends SharedParts>(plan: D, id: string, position:
   }
   if (ref?.type === 'obstacle') {
     const obstacle = obstaclesOf(plan)[ref.index];
-    return obstacle === undefined ? plan : setObstacle(plan, ref.index, { polygon: withReplaced(obstacle.polygon, ref.corner, target) });
+    return obstacle === undefined ? plan : setObstacle(plan, ref.index, { polygon: replaceAt(obstacle.polygon, ref.corner, target) });
   }
   if (ref?.type !== 'corner' && ref?.type !== 'circle') return plan;
   const zone = plan.fence[ref.zone];
   if (zone?.shape === 'circle' && ref.type === 'circle') return setZone(plan, ref.zone, { center: target });
-  if (zone?.shape === 'polygon' && ref.type === 'corner') return setZone(plan, ref.zone, { polygon: withReplaced(zone.polygon, ref.corner, target) });
+  if (zone?.shape === 'polygon' && ref.type === 'corner') return setZone(plan, ref.zone, { polygon: replaceAt(zone.polygon, ref.corner, target) });
   return plan;
 }
 
@@ -120,14 +119,12 @@ export function insertItem(plan: Plan, row: number, item: Item): Plan {
 /** Kinds of items that end the flight; no item is added after them. */
 export const FLIGHT_END_KINDS: ReadonlySet<Item['kind']> = new Set(['land', 'return_home']);
 
-/**
- * The row after the selected rows, or without a selection the end of the plan, but before a final landing or return.
- */
-export function rowToInsert(plan: Plan, selected: readonly string[]): number {
+/** Row at which items are inserted: after the selected rows, or without a selection at the end, but before a final landing or return. */
+export function insertionRow(plan: Plan, selected: readonly string[]): number {
   const { items } = plan;
   const last = items.at(-1);
   const end = last !== undefined && FLIGHT_END_KINDS.has(last.kind) ? items.length - 1 : items.length;
-  const rows = selected.map(refOf).flatMap((ref) => (ref?.type === 'item' ? [ref.row] : []));
+  const rows = selected.map(partRefOf).flatMap((ref) => (ref?.type === 'item' ? [ref.row] : []));
   return rows.length > 0 ? Math.min(Math.max(...rows) + 1, end) : end;
 }
 
@@ -138,16 +135,16 @@ export function insertItems(plan: Plan, row: number, items: readonly Item[]): Pl
   return { ...shifted, items: [...shifted.items.slice(0, row), ...items, ...shifted.items.slice(row)] };
 }
 
-export function insertCorner<D extends SharedParts>(plan: D, zone: number, corner: number, position: GeoPosition): D {
-  const old = plan.fence[zone];
-  if (old?.shape !== 'polygon') return plan;
-  return setZone(plan, zone, { polygon: [...old.polygon.slice(0, corner), latLon(position), ...old.polygon.slice(corner)] });
+export function insertCorner<D extends DocumentAreas>(plan: D, index: number, corner: number, position: GeoPosition): D {
+  const zone = plan.fence[index];
+  if (zone?.shape !== 'polygon') return plan;
+  return setZone(plan, index, { polygon: [...zone.polygon.slice(0, corner), latLon(position), ...zone.polygon.slice(corner)] });
 }
 
-export function insertObstacleCorner<D extends SharedParts>(plan: D, index: number, corner: number, position: GeoPosition): D {
-  const old = obstaclesOf(plan)[index];
-  if (old === undefined) return plan;
-  return setObstacle(plan, index, { polygon: [...old.polygon.slice(0, corner), latLon(position), ...old.polygon.slice(corner)] });
+export function insertObstacleCorner<D extends DocumentAreas>(plan: D, index: number, corner: number, position: GeoPosition): D {
+  const obstacle = obstaclesOf(plan)[index];
+  if (obstacle === undefined) return plan;
+  return setObstacle(plan, index, { polygon: [...obstacle.polygon.slice(0, corner), latLon(position), ...obstacle.polygon.slice(corner)] });
 }
 
 /** The midpoint of two positions, at which a point can be inserted. */
@@ -159,22 +156,22 @@ export function midpoint(a: LayerPosition, b: LayerPosition): LayerPosition {
 
 /** Removes the selected parts. A polygon with fewer than three remaining corners is removed completely. */
 export function remove(plan: Plan, ids: readonly string[]): Plan {
-  const refs = ids.flatMap((id) => refOf(id) ?? []);
+  const refs = ids.flatMap((id) => partRefOf(id) ?? []);
   const rows = new Set(refs.flatMap((ref) => (ref.type === 'item' ? [ref.row] : [])));
   const rallies = new Set(refs.flatMap((ref) => (ref.type === 'rally' ? [ref.index] : [])));
-  const remaining = plan.items.map((_, row) => row).filter((row) => !rows.has(row));
+  const remainingRows = plan.items.map((_, row) => row).filter((row) => !rows.has(row));
   const next = {
-    ...removeShared(plan, ids),
+    ...removeHomeAndAreas(plan, ids),
     items: plan.items.filter((_, row) => !rows.has(row)),
     rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)),
   };
   // A jump to a removed item now goes to the next remaining item.
-  return shiftJumps(next, (target) => (target >= plan.items.length ? target : remaining.filter((row) => row < target).length));
+  return shiftJumps(next, (target) => (target >= plan.items.length ? target : remainingRows.filter((row) => row < target).length));
 }
 
 /** Removes home, corners and circles of the geofence, and corners of obstacles. */
-export function removeShared<D extends SharedParts>(plan: D, ids: readonly string[]): D {
-  const refs = ids.flatMap((id) => refOf(id) ?? []);
+export function removeHomeAndAreas<D extends DocumentAreas>(plan: D, ids: readonly string[]): D {
+  const refs = ids.flatMap((id) => partRefOf(id) ?? []);
   const circles = new Set(refs.flatMap((ref) => (ref.type === 'circle' ? [ref.zone] : [])));
   const fence = plan.fence.flatMap((zone, index): FenceZone[] => {
     if (circles.has(index)) return [];
@@ -188,22 +185,22 @@ export function removeShared<D extends SharedParts>(plan: D, ids: readonly strin
   return { ...plan, ...home, fence, ...(obstaclesOf(plan).length === 0 ? {} : { obstacles }) };
 }
 
-/** The polygon without the selected corners; none if fewer than three remain. */
+/** The part without the selected corners, as a list; the list is empty if fewer than three corners remain. */
 function withoutCorners<P extends { readonly polygon: readonly GeoPosition[] }>(
   part: P,
-  refersTo: (ref: PointRef, corner: number) => boolean,
-  refs: readonly PointRef[],
+  refersTo: (ref: PartRef, corner: number) => boolean,
+  refs: readonly PartRef[],
 ): P[] {
   const polygon = part.polygon.filter((_, corner) => !refs.some((ref) => refersTo(ref, corner)));
   return polygon.length === part.polygon.length ? [part] : polygon.length < 3 ? [] : [{ ...part, polygon }];
 }
 
-export function removeObstacle<D extends SharedParts>(plan: D, index: number): D {
+export function removeObstacle<D extends DocumentAreas>(plan: D, index: number): D {
   return { ...plan, obstacles: obstaclesOf(plan).filter((_, i) => i !== index) };
 }
 
-export function removeZone<D extends SharedParts>(plan: D, zone: number): D {
-  return { ...plan, fence: plan.fence.filter((_, index) => index !== zone) };
+export function removeZone<D extends DocumentAreas>(plan: D, index: number): D {
+  return { ...plan, fence: plan.fence.filter((_, i) => i !== index) };
 }
 
 /** Moves rows before `targetRow`, a row of the unchanged plan. The moved rows keep their order. @returns the plan and the new rows. */
@@ -222,13 +219,13 @@ export function reorder(plan: Plan, rows: readonly number[], targetRow: number):
 /**
  * Adapts the target indexes of jumps when rows are inserted, removed or moved. Jumps of a plan with patterns are not
  * changed, because their targets count the items of a pattern one by one.
- * @param inserted row of a jump that was just inserted and keeps its target.
+ * @param insertedRow row of a jump that was just inserted and keeps its target.
  */
-function shiftJumps(plan: Plan, newTarget: (target: number) => number, inserted = -1): Plan {
+function shiftJumps(plan: Plan, newTarget: (target: number) => number, insertedRow = -1): Plan {
   if (!plan.items.some((item) => item.kind === 'jump') || plan.items.some((item) => item.kind === 'complex')) return plan;
   const items = plan.items.map((item, row) => {
     const target = item['target_index'];
-    return item.kind === 'jump' && row !== inserted && typeof target === 'number' ? { ...item, target_index: newTarget(target) } : item;
+    return item.kind === 'jump' && row !== insertedRow && typeof target === 'number' ? { ...item, target_index: newTarget(target) } : item;
   });
   return { ...plan, items };
 }

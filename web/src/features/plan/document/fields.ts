@@ -1,4 +1,4 @@
-/** The editor's rows of an item. The suffix of a field's name gives its unit (`acceptance_radius_m`). Pure. */
+/** The fields of an item in the editor. The suffix of a field's name gives its unit (`acceptance_radius_m`). Pure. */
 
 import type { Item } from './document';
 import { optionText, specsOf, type FieldSpec } from './item-fields';
@@ -13,12 +13,12 @@ export interface Field {
   readonly min: number;
   readonly max: number;
   readonly decimals: number;
-  /** The field may be empty: the placeholder then applies. */
+  /** The field may be empty; the editor then shows this text in the field. */
   readonly placeholder?: string;
   readonly options?: readonly { readonly value: string; readonly text: string }[];
 }
 
-/** Suffixes of field names, each with unit and step; longest first. */
+/** Suffixes of field names, each with unit and step. The first match applies. */
 const UNITS: readonly (readonly [string, string, number])[] = [
   ['_deg_s', '°/s', 1],
   ['_m_s', 'm/s', 0.5],
@@ -63,7 +63,7 @@ export function fieldsOf(item: Item): Field[] {
   });
 }
 
-/** The choices: all code numbers with a text, and the current number if it has none. */
+/** The choices of an enum field: all enum values with a text, and the item's value even if it has no text. */
 function optionsOf(item: Item, name: string, { options = {} }: FieldSpec): { value: string; text: string }[] {
   const choices = Object.entries(options).map(([value, text]) => ({ value, text }));
   const current = String(item[name]);
@@ -72,7 +72,7 @@ function optionsOf(item: Item, name: string, { options = {} }: FieldSpec): { val
 
 export type ParsedNumber = { ok: true; value: number | null } | { ok: false; problem: string };
 
-/** Parses typed text, with a comma or a point. Empty text is null if the field is optional. */
+/** Parses a typed number with a decimal comma or point. Empty text is null if the field is optional. */
 export function parseNumber(text: string, limits: { optional?: boolean; min?: number; max?: number } = {}): ParsedNumber {
   const normalized = text.trim().replace(',', '.').replace('−', '-');
   if (normalized === '') return limits.optional === true ? { ok: true, value: null } : { ok: false, problem: 'Enter a number.' };
@@ -83,9 +83,9 @@ export function parseNumber(text: string, limits: { optional?: boolean; min?: nu
   return { ok: true, value };
 }
 
-/** Converts the displayed value of a field to the document's value. */
-export function toDocument({ kind }: Pick<Item, 'kind'>, name: string, value: number | string | boolean | null): number | null {
+/** Converts the displayed value of a field to the value in the document. */
+export function toDocumentValue({ kind }: Pick<Item, 'kind'>, name: string, value: number | string | boolean | null): number | null {
   if (value === null || value === 'null') return null;
-  const isWhole = specsOf(kind).find(([field]) => field === name)?.[1].whole === true;
-  return (isWhole ? Math.round(Number(value)) : Number(value)) - (ONE_BASED.has(name) ? 1 : 0);
+  const isInteger = specsOf(kind).find(([field]) => field === name)?.[1].integer === true;
+  return (isInteger ? Math.round(Number(value)) : Number(value)) - (ONE_BASED.has(name) ? 1 : 0);
 }

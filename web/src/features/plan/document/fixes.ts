@@ -66,7 +66,7 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
   }
 }
 
-/** Adds a take-off at home, or else at the first point, to the altitude of the first point; null for a plan without both. */
+/** Adds a take-off at home, or else at the first point, to the altitude of the first point. Null: the plan has neither home nor points. */
 function addTakeoff(plan: Plan): Fix | null {
   const first = flownItems(plan)[0]?.item;
   const position = plan.planned_home ?? first;
@@ -74,7 +74,7 @@ function addTakeoff(plan: Plan): Fix | null {
   return { text: 'Add a take-off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', position, first?.altitude ?? DEFAULT_ALTITUDE)) };
 }
 
-/** Adds a landing at home, or else at the last point; null if the plan ends with a return or an unlimited loiter. */
+/** Adds a landing at home, or else at the last point. Null: the plan has neither, or ends with a return or an unlimited loiter. */
 function addLanding(plan: Plan): Fix | null {
   const last = plan.items.at(-1);
   const position = plan.planned_home ?? flownItems(plan).at(-1)?.item;

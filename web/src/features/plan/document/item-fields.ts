@@ -1,6 +1,6 @@
 /**
- * Every field of every mission item: initial value, label, bounds, and texts instead of code numbers. The types require
- * an entry for each field of the API's items. The fields mean what MAVLink's common message set and PX4 v1.16 define. Pure.
+ * Every field of every mission item: initial value, label, bounds, and texts of enum values. The types require
+ * an entry for each field of the API's items. The meanings are those of MAVLink's common message set and PX4 v1.16. Pure.
  */
 
 import type { components } from '../../../api/schema';
@@ -8,9 +8,9 @@ import type { Item, ItemKind } from './document';
 
 type ApiItem = components['schemas']['Plan']['items'][number];
 /** Kinds with fields of their own; `command` and `complex` are kept unchanged. */
-export type SimpleKind = Exclude<ItemKind, 'command' | 'complex'>;
-type SharedField = 'kind' | 'autocontinue' | 'spare_params' | 'original' | 'lat_deg' | 'lon_deg' | 'altitude';
-type OwnField<K extends SimpleKind> = Exclude<keyof Extract<ApiItem, { kind: K }>, SharedField>;
+export type EditableKind = Exclude<ItemKind, 'command' | 'complex'>;
+type CommonField = 'kind' | 'autocontinue' | 'spare_params' | 'original' | 'lat_deg' | 'lon_deg' | 'altitude';
+type OwnField<K extends EditableKind> = Exclude<keyof Extract<ApiItem, { kind: K }>, CommonField>;
 
 export interface FieldSpec {
   /** Value in a new item; null is sent as NaN. */
@@ -21,10 +21,10 @@ export interface FieldSpec {
   readonly max?: number;
   readonly step?: number;
   /** Whether only whole numbers are permitted. */
-  readonly whole?: boolean;
+  readonly integer?: boolean;
   /** The field may be empty; this text then describes the value that applies. */
   readonly placeholder?: string;
-  /** Texts of the code numbers. */
+  /** Texts of the enum values. */
   readonly options?: Readonly<Record<string, string>>;
   /** Unit, if the name of the field does not give it. */
   readonly unit?: (item: Item) => string;
@@ -48,15 +48,15 @@ const isOneOf =
   (item: Item): boolean =>
     values.includes(Number(item[name]));
 
-const ID_RANGE = { min: 0, max: 255, whole: true };
+const ID_RANGE = { min: 0, max: 255, integer: true };
 const camera = field(0, 'Camera (0: all)', ID_RANGE);
 const gimbal = field(0, 'Gimbal (0: all)', ID_RANGE);
 const stream = field(0, 'Video stream (0: all)', ID_RANGE);
 const shutter = field(0, 'Shutter time (0: set by the camera)', { min: -1 });
-const hold = (initial: number) => field(initial, 'Hold for', { min: 0 });
+const holdTime = (initial: number) => field(initial, 'Hold for', { min: 0 });
 const yaw = field(null, 'Yaw from north', { placeholder: 'chosen by the autopilot' });
 const ANGLE_RANGE = { min: -360, max: 360 };
-const WHOLE_ANGLE_RANGE = { min: -180, max: 180, whole: true };
+const INTEGER_ANGLE_RANGE = { min: -180, max: 180, integer: true };
 const UNCHANGED_IF_EMPTY = { placeholder: 'unchanged' };
 
 const YES_NO = { 0: 'no', 1: 'yes' };
@@ -92,16 +92,16 @@ const COMPONENTS = { ...GIMBAL_CONTROL, 1: 'autopilot (1)', 190: 'ground station
 /** Sums of GIMBAL_MANAGER_FLAGS: 4 roll lock, 8 pitch lock, 16 yaw lock. */
 const GIMBAL_FLAGS = { 0: 'vehicle', 12: 'vehicle heading, horizon', 16: 'north', 28: 'north, horizon' };
 
-export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnField<K>]-?: FieldSpec } } = {
+export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnField<K>]-?: FieldSpec } } = {
   takeoff: { pitch_deg: hiddenField(0), yaw_ned_deg: yaw },
   waypoint: {
-    hold_s: hold(0),
+    hold_s: holdTime(0),
     acceptance_radius_m: field(0, 'Acceptance radius', { min: 0 }),
     pass_radius_m: field(0, 'Pass radius (negative: counter-clockwise)'),
     yaw_ned_deg: yaw,
   },
   loiter_unlimited: { radius_m: hiddenField(0), yaw_ned_deg: yaw },
-  loiter_time: { hold_s: hold(10), radius_m: hiddenField(0), exit_xtrack: hiddenField(0) },
+  loiter_time: { hold_s: holdTime(10), radius_m: hiddenField(0), exit_xtrack: hiddenField(0) },
   loiter_to_altitude: { leave_towards_next: hiddenField(0), radius_m: hiddenField(0), exit_xtrack: hiddenField(0) },
   land: {
     abort_altitude_m: hiddenField(0),
@@ -115,13 +115,13 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   return_home: {},
   delay: {
     delay_s: field(5, 'Wait for (−1: until a UTC time)', { min: -1 }),
-    hour_utc: field(0, 'Until, hour (UTC)', { min: -1, max: 23, whole: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
-    minute_utc: field(0, 'Until, minute (UTC)', { min: -1, max: 59, whole: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
-    second_utc: field(0, 'Until, second (UTC)', { min: -1, max: 59, whole: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    hour_utc: field(0, 'Until, hour (UTC)', { min: -1, max: 23, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    minute_utc: field(0, 'Until, minute (UTC)', { min: -1, max: 59, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    second_utc: field(0, 'Until, second (UTC)', { min: -1, max: 59, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
   },
   jump: {
-    target_index: field(0, 'Target item', { min: 1, max: 100_001, whole: true }),
-    repeat: field(1, 'Repeats (−1: endless)', { min: -1, max: 65_535, whole: true }),
+    target_index: field(0, 'Target item', { min: 1, max: 100_001, integer: true }),
+    repeat: field(1, 'Repeats (−1: endless)', { min: -1, max: 65_535, integer: true }),
   },
   change_speed: {
     speed_type: choice(1, 'Speed type', { 1: 'ground speed', 2: 'climb speed', 3: 'descent speed', 0: 'airspeed' }),
@@ -133,8 +133,8 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   land_start: {},
   roi_next_waypoint: {
     gimbal_id: gimbal,
-    pitch_offset_deg: field(0, 'Pitch offset', WHOLE_ANGLE_RANGE),
-    roll_offset_deg: field(0, 'Roll offset', WHOLE_ANGLE_RANGE),
+    pitch_offset_deg: field(0, 'Pitch offset', INTEGER_ANGLE_RANGE),
+    roll_offset_deg: field(0, 'Roll offset', INTEGER_ANGLE_RANGE),
     yaw_offset_deg: field(0, 'Yaw offset', ANGLE_RANGE),
   },
   roi_none: { gimbal_id: gimbal },
@@ -144,7 +144,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
     actuator_2: field(null, 'Actuator 2, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
     actuator_3: field(null, 'Actuator 3, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
     actuator_4: field(null, 'Actuator 4, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
-    // PX4 has only set 0.
+    // PX4 has only the actuator set 0.
     set_index: field(0, 'Actuator set', { ...ID_RANGE, appliesTo: (item) => item['set_index'] !== 0 }),
   },
   gripper: { gripper: field(1, 'Gripper', { ...ID_RANGE, min: 1 }), action: choice(0, 'Action', { 0: 'open', 1: 'close' }) },
@@ -169,7 +169,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   },
   photo_start: {
     interval_s: field(0, 'Interval', { min: 0 }),
-    count: field(1, 'Photos (0: until stopped)', { min: 0, whole: true }),
+    count: field(1, 'Photos (0: until stopped)', { min: 0, integer: true }),
     camera,
     sequence: hiddenField(0),
   },
@@ -204,10 +204,10 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   },
   oblique_survey: {
     distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
-    interval_ms: field(0, 'Minimum time between photos', { min: 0, whole: true }),
-    positions: field(3, 'Number of camera positions', { min: 0, max: 100, whole: true }),
-    roll_deg: field(30, 'Roll to each side', WHOLE_ANGLE_RANGE),
-    pitch_deg: field(-90, 'Pitch', WHOLE_ANGLE_RANGE),
+    interval_ms: field(0, 'Minimum time between photos', { min: 0, integer: true }),
+    positions: field(3, 'Number of camera positions', { min: 0, max: 100, integer: true }),
+    roll_deg: field(30, 'Roll to each side', INTEGER_ANGLE_RANGE),
+    pitch_deg: field(-90, 'Pitch', INTEGER_ANGLE_RANGE),
     shutter_ms: shutter,
   },
   gimbal_pitch_yaw: {
@@ -244,7 +244,7 @@ export function specsOf(kind: ItemKind): [string, FieldSpec][] {
   return Object.entries((ITEM_FIELDS as Readonly<Partial<Record<ItemKind, Readonly<Record<string, FieldSpec>>>>>)[kind] ?? {});
 }
 
-/** Text of a code number; null if the field has no texts. */
+/** Text of an enum value; null if the field has no texts. */
 export function optionText(item: Item, name: string): string | null {
   const options = specsOf(item.kind).find(([field]) => field === name)?.[1].options;
   const value = item[name];

@@ -1,9 +1,9 @@
 import { describe, expect, it } from 'vitest';
 import schema from '../../../api/schema.d.ts?raw';
 import type { Item, ItemKind } from './document';
-import { fieldsOf, toDocument } from './fields';
+import { fieldsOf, toDocumentValue } from './fields';
 import { ITEM_FIELDS, specsOf } from './item-fields';
-import { CHOICES, detailOf, needsPosition, newItem, titleOf } from './items';
+import { KIND_GROUPS, detailOf, needsPosition, newItem, titleOf } from './items';
 
 const AT = { lat_deg: 47.4, lon_deg: 8.5 };
 const ALTITUDE = { value_m: 30, reference: 'home' } as const;
@@ -20,7 +20,7 @@ const API_ITEMS = new Map(
   }),
 );
 const KINDS = [...API_ITEMS.keys()] as ItemKind[];
-const ADDED = CHOICES.flatMap(({ kinds }) => kinds);
+const ADDED = KIND_GROUPS.flatMap(({ kinds }) => kinds);
 const added = (kind: ItemKind): Item => newItem(kind, needsPosition(kind) ? AT : null, ALTITUDE);
 
 describe('the kinds of mission items', () => {
@@ -79,7 +79,7 @@ describe('the fields of an item', () => {
     expect(detailOf(climb)).toBe('climb speed · 5.0 m/s');
     expect(detailOf({ ...climb, speed_m_s: -2 })).toBe('climb speed · default');
     expect(detailOf(added('trigger_interval'))).toBe('every 1.0 s');
-    expect(toDocument(climb, 'speed_type', '3')).toBe(3);
+    expect(toDocumentValue(climb, 'speed_type', '3')).toBe(3);
   });
   it('keep a code number for which the editor has no text', () => {
     const row = field({ ...added('roi'), mode: 1 }, 'mode');
@@ -87,7 +87,7 @@ describe('the fields of an item', () => {
     expect(row?.options?.at(-1)).toEqual({ value: '1', text: 'other (1)' });
     const empty = field({ ...added('gripper'), action: null }, 'action');
     expect(empty?.options?.at(-1)).toEqual({ value: 'null', text: 'not set' });
-    expect(toDocument(added('gripper'), 'action', 'null')).toBeNull();
+    expect(toDocumentValue(added('gripper'), 'action', 'null')).toBeNull();
   });
   it('appear only if they apply', () => {
     expect(labels({ ...added('winch'), action: 1 })).toEqual(['Winch []', 'Action []', 'Line out (negative: in) [m]', 'Rate out (negative: in) [m/s]']);
@@ -105,8 +105,8 @@ describe('the fields of an item', () => {
   it('count items from 1 on the page', () => {
     const jump: Item = { ...added('jump'), target_index: 2 };
     expect(field(jump, 'target_index')?.value).toBe(3);
-    expect(toDocument(jump, 'target_index', 3)).toBe(2);
-    expect(toDocument(jump, 'repeat', 1.6)).toBe(2);
+    expect(toDocumentValue(jump, 'target_index', 3)).toBe(2);
+    expect(toDocumentValue(jump, 'repeat', 1.6)).toBe(2);
   });
   it('are not shown for an unknown command', () => {
     expect(fieldsOf({ kind: 'command', command: 17, frame: 2 })).toEqual([]);

@@ -2,8 +2,8 @@
 
 import { fixed } from '../../../ui/format';
 import type { GeoPosition } from '../../../vehicle/geo';
-import { isPlaced, ROI_KINDS, type Altitude, type Item, type ItemKind, type Reference } from './document';
-import { optionText, specsOf, type SimpleKind } from './item-fields';
+import { isPlaced, ROI_KINDS, type Altitude, type Item, type ItemKind, type AltitudeReference } from './document';
+import { optionText, specsOf, type EditableKind } from './item-fields';
 
 const TITLES: Readonly<Record<ItemKind, string>> = {
   takeoff: 'Take off',
@@ -48,9 +48,9 @@ const TITLES: Readonly<Record<ItemKind, string>> = {
   complex: 'Pattern',
 };
 
-const REFERENCE_TEXTS: Readonly<Record<Reference, string>> = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' };
+const REFERENCE_TEXTS: Readonly<Record<AltitudeReference, string>> = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' };
 
-export const REFERENCE_CHOICES = (Object.keys(REFERENCE_TEXTS) as Reference[]).map((value) => ({ value, text: REFERENCE_TEXTS[value] }));
+export const REFERENCE_CHOICES = (Object.keys(REFERENCE_TEXTS) as AltitudeReference[]).map((value) => ({ value, text: REFERENCE_TEXTS[value] }));
 
 export function altitudeText(altitude: Altitude): string {
   return `${fixed(altitude.value_m, 1)} m ${REFERENCE_TEXTS[altitude.reference]}`;
@@ -65,7 +65,7 @@ export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: u
 
 const numberIn = (item: Item, field: string): number | null => (typeof item[field] === 'number' ? item[field] : null);
 
-/** Choice fields that the text below the title states. */
+/** Fields whose chosen option is shown in the text below the title. */
 const DETAIL_FIELDS: Readonly<Partial<Record<ItemKind, readonly string[]>>> = {
   change_speed: ['speed_type'],
   trigger_control: ['enable'],
@@ -77,10 +77,10 @@ const DETAIL_FIELDS: Readonly<Partial<Record<ItemKind, readonly string[]>>> = {
   mount_configure: ['mode'],
 };
 
-/** Speeds of a speed change that stand for another value (MAV_CMD_DO_CHANGE_SPEED). */
+/** Negative speeds with a special meaning (MAV_CMD_DO_CHANGE_SPEED). */
 const SPECIAL_SPEEDS: Readonly<Record<number, string>> = { '-1': 'unchanged', '-2': 'default' };
 
-/** Text below the title. */
+/** The text below an item's title in the list. */
 export function detailOf(item: Item): string {
   const parts: string[] = [];
   const add = (field: string, text: (value: number) => string): void => {
@@ -108,7 +108,7 @@ export function detailOf(item: Item): string {
   return parts.join(' · ');
 }
 
-/** Kinds that a click on the map places. */
+/** Kinds of items that a person places with a click on the map. */
 const KINDS_WITH_POSITION: ReadonlySet<ItemKind> = new Set([
   'takeoff',
   'waypoint',
@@ -126,7 +126,7 @@ export function needsPosition(kind: ItemKind): boolean {
 }
 
 /** The kinds that can be added, in groups: all except `set_servo` and `camera_zoom`, which PX4 v1.16 refuses. */
-export const CHOICES: readonly { readonly label: string; readonly folded: boolean; readonly kinds: readonly SimpleKind[] }[] = [
+export const KIND_GROUPS: readonly { readonly label: string; readonly folded: boolean; readonly kinds: readonly EditableKind[] }[] = [
   {
     label: 'Movement',
     folded: false,

@@ -1,8 +1,8 @@
-/** A waypoint plan as an editable map layer. Pure. */
+/** A waypoint plan as an editable map layer. */
 
 import type { LayerArea, LayerLine, LayerPicture, LayerPoint, LayerPosition, LayerSolid, Tone } from '../../../app/map-layers.svelte';
 import type { GeoPosition } from '../../../vehicle/geo';
-import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, flownItems, type Altitude, type FenceZone, type Plan, type SharedParts } from './document';
+import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, flownItems, type Altitude, type FenceZone, type Plan, type DocumentAreas } from './document';
 import { midpoint } from './edit';
 import { altitudeText } from './items';
 
@@ -12,10 +12,10 @@ const CIRCLE_CORNERS = 72;
 const EARTH_M_PER_DEG = 111_194.9;
 
 /**
- * Parses the id of a midpoint: `middle:ROW` inserts an item before the row, `side:ZONE:CORNER` a corner into a geofence
- * zone, `edge:OBSTACLE:CORNER` a corner into an obstacle.
+ * Parses the id of a midpoint: `middle:ROW` between two items, `side:ZONE:CORNER` on the outline of a geofence zone,
+ * `edge:OBSTACLE:CORNER` on the outline of an obstacle. ROW or CORNER is the index of the inserted point.
  */
-export function insertionOf(id: string): { row: number } | { zone: number; corner: number } | { obstacle: number; corner: number } | null {
+export function parseMidpointId(id: string): { row: number } | { zone: number; corner: number } | { obstacle: number; corner: number } | null {
   const [type, a, b] = id.split(':');
   if (type === 'middle') return { row: Number(a) };
   if (type === 'edge') return { obstacle: Number(a), corner: Number(b) };
@@ -30,15 +30,15 @@ export interface Sketch {
 
 /**
  * Points, lines and areas of a waypoint plan.
- * @param ground position of home, to which altitudes above home are relative.
+ * @param start position of home; altitudes above home are relative to its altitude.
  */
-export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, ground: Required<LayerPosition>): LayerPicture {
+export function planLayer(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, start: Required<LayerPosition>): LayerPicture {
   const withAltitude = (item: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
     lat_deg: item.lat_deg,
     lon_deg: item.lon_deg,
-    alt_amsl_m: alt_amsl_m(item.altitude, ground.alt_amsl_m),
+    alt_amsl_m: alt_amsl_m(item.altitude, start.alt_amsl_m),
   });
-  const { points, lines: sharedLines, areas, solids } = sharedPicture(plan, selected, sketch, ground.alt_amsl_m);
+  const { points, lines: areaLines, areas, solids } = areaLayer(plan, selected, sketch, start.alt_amsl_m);
   const add = pointAdder(points, selected);
   const items = flownItems(plan);
   const showsAllMidpoints = items.length <= MAX_MIDPOINTS;
@@ -49,16 +49,16 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
       add(`middle:${row}`, midpoint(withAltitude(previous.item), withAltitude(item)), 'midpoint', 'target');
   });
   plan.rally_points.forEach((point, index) => add(`rally:${index}`, withAltitude(point), 'disc', 'actual', 'R', altitudeText(point.altitude)));
-  if (plan.planned_home !== null) add('home', { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m }, 'home', 'text2');
+  if (plan.planned_home !== null) add('home', { ...plan.planned_home, alt_amsl_m: start.alt_amsl_m }, 'home', 'text2');
   plan.items.forEach((item, row) => {
     if (!isPlaced(item)) return;
     const isFlown = isFlownTo(item);
     add(`item:${row}`, withAltitude(item), isFlown ? 'disc' : 'cross', 'target', isFlown ? String(row + 1) : '', altitudeText(item.altitude));
   });
-  return { points, lines: [...sharedLines, ...pathLines(plan, withAltitude, ground), ...sketchLines(sketch)], areas, solids, ground };
+  return { points, lines: [...areaLines, ...pathLines(plan, withAltitude, start), ...sketchLines(sketch)], areas, solids, ground: start };
 }
 
-/** @returns a function that adds a point. The altitude of a point can be changed only if the point has an `altitudeText`. */
+/** @returns a function that adds a point to `points`. The editor can raise and lower only points that were added with a text of the altitude. */
 export function pointAdder(points: LayerPoint[], selected: ReadonlySet<string>) {
   return (
     id: string,
@@ -66,28 +66,36 @@ export function pointAdder(points: LayerPoint[], selected: ReadonlySet<string>) 
     mark: LayerPoint['mark'],
     tone: Tone,
     text = '',
-    altitudeText?: string,
+    pointAltitudeText?: string,
   ): void => {
     const position = { lat_deg, lon_deg, ...(amsl_m === undefined ? {} : { alt_amsl_m: amsl_m }) };
-    points.push({ id, ...position, mark, tone, text, selected: selected.has(id), ...(altitudeText === undefined ? {} : { altitudeText }) });
+    points.push({
+      id,
+      ...position,
+      mark,
+      tone,
+      text,
+      selected: selected.has(id),
+      ...(pointAltitudeText === undefined ? {} : { altitudeText: pointAltitudeText }),
+    });
   };
 }
 
 /**
- * Draws the geofence, the obstacles, and the area that is being drawn.
+ * Points, lines, areas and solids of the geofence, of the obstacles, and of the area that a person is drawing.
  * @param home_amsl_m altitude of home.
  */
-export function sharedPicture(
-  plan: SharedParts,
+export function areaLayer(
+  plan: DocumentAreas,
   selected: ReadonlySet<string>,
   sketch: Sketch | null,
   home_amsl_m: number,
 ): { points: LayerPoint[]; lines: LayerLine[]; areas: LayerArea[]; solids: LayerSolid[] } {
   const points: LayerPoint[] = [];
   const add = pointAdder(points, selected);
-  const addPolygon = (polygon: readonly GeoPosition[], corners: string, sides: string, tone: Tone): void => {
-    polygon.forEach((corner, i) => add(`${corners}:${i}`, corner, 'corner', tone));
-    polygon.forEach((corner, i) => add(`${sides}:${i + 1}`, midpoint(corner, polygon[(i + 1) % polygon.length] ?? corner), 'midpoint', tone));
+  const addPolygon = (polygon: readonly GeoPosition[], cornerPrefix: string, midpointPrefix: string, tone: Tone): void => {
+    polygon.forEach((corner, i) => add(`${cornerPrefix}:${i}`, corner, 'corner', tone));
+    polygon.forEach((corner, i) => add(`${midpointPrefix}:${i + 1}`, midpoint(corner, polygon[(i + 1) % polygon.length] ?? corner), 'midpoint', tone));
   };
   plan.fence.forEach((zone, index) => {
     const tone = toneOf(zone);
@@ -129,10 +137,10 @@ export function ringOf(zone: FenceZone): GeoPosition[] {
 function pathLines(
   plan: Plan,
   withAltitude: (item: GeoPosition & { readonly altitude: Altitude }) => LayerPosition,
-  ground: Required<LayerPosition>,
+  start: Required<LayerPosition>,
 ): LayerLine[] {
   const path = flownItems(plan).map(({ item }) => withAltitude(item));
-  const home = plan.planned_home === null ? null : { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m };
+  const home = plan.planned_home === null ? null : { ...plan.planned_home, alt_amsl_m: start.alt_amsl_m };
   const lines: LayerLine[] = [];
   if (path.length > 1) lines.push({ positions: path, tone: 'target', style: 'solid' });
   const [first, last] = [path[0], path.at(-1)];
@@ -149,10 +157,10 @@ export function sketchLines(sketch: Sketch | null): LayerLine[] {
   return [{ positions: [...corners, first], tone, style: 'dashed' }];
 }
 
-function areasOf(plan: SharedParts, sketch: Sketch | null): LayerArea[] {
-  const forbidden = [
+function areasOf(plan: DocumentAreas, sketch: Sketch | null): LayerArea[] {
+  const forbiddenAreas = [
     ...plan.fence.filter((zone) => !zone.inclusion).map((zone) => ({ ring: ringOf(zone), tone: 'danger' as const })),
     ...obstaclesOf(plan).map(({ polygon }) => ({ ring: polygon, tone: 'danger' as const })),
   ];
-  return sketch !== null && sketch.corners.length > 2 ? [...forbidden, { ring: sketch.corners, tone: sketch.tone }] : forbidden;
+  return sketch !== null && sketch.corners.length > 2 ? [...forbiddenAreas, { ring: sketch.corners, tone: sketch.tone }] : forbiddenAreas;
 }

@@ -2,31 +2,32 @@
 
 import { fixed } from '../../../ui/format';
 import type { IconName } from '../../../ui/icons';
-import { obstaclesOf, type FenceZone, type Obstacle, type PlannedHome, type Plan, type SharedParts } from './document';
+import { obstaclesOf, type FenceZone, type Obstacle, type PlannedHome, type Plan, type DocumentAreas } from './document';
 import { altitudeText, detailOf, titleOf } from './items';
 
-export interface TreeEntry {
+export interface ListEntry {
   /** Ids of all points of the entry, such as the corners of a fence. */
   readonly ids: readonly string[];
   /** Row of an item of a waypoint plan; null for other entries. */
   readonly row: number | null;
-  readonly mark: string;
+  /** Text in the circle before the title; empty if the entry has an icon. */
+  readonly symbol: string;
   readonly icon: IconName | null;
   readonly tone: 'target' | 'caution' | 'danger' | 'actual' | 'dim';
   readonly title: string;
   readonly detail: string;
   /** The server's name of a step of an offboard mission: "step 3", "step 4.2". */
-  readonly step?: string;
+  readonly stepPlace?: string;
   /** Nesting depth. */
   readonly depth?: number;
   /** Heading of the list of steps that begins with this entry: `then`, `otherwise`, the name of a called list, or a role. */
   readonly listHeading?: string;
-  /** Duration and number of photos of a step. */
-  readonly durationText?: string;
+  /** Estimated duration and number of photos of a step. */
+  readonly estimateText?: string;
 }
 
 /** Ids of the points of a fence zone. */
-export function zoneIds(zone: FenceZone, index: number): string[] {
+export function zonePointIds(zone: FenceZone, index: number): string[] {
   return zone.shape === 'circle' ? [`circle:${index}`] : zone.polygon.map((_, corner) => `corner:${index}:${corner}`);
 }
 
@@ -35,14 +36,14 @@ export function zoneText(zone: FenceZone): { title: string; detail: string } {
   return { title, detail: zone.shape === 'circle' ? `circle, radius ${fixed(zone.radius_m, 0)} m` : `${zone.polygon.length} corners` };
 }
 
-const BASE_ENTRY = { row: null, mark: '', icon: null };
+const BASE_ENTRY = { row: null, symbol: '', icon: null };
 
-export function homeEntry(home: PlannedHome | null): TreeEntry[] {
+export function homeEntry(home: PlannedHome | null): ListEntry[] {
   return home === null ? [] : [{ ...BASE_ENTRY, ids: ['home'], icon: 'home', tone: 'dim', title: 'Home', detail: `${fixed(home.alt_amsl_m, 1)} m AMSL` }];
 }
 
 /** Ids of the corners of an obstacle. */
-export function obstacleIds(obstacle: Obstacle, index: number): string[] {
+export function obstacleCornerIds(obstacle: Obstacle, index: number): string[] {
   return obstacle.polygon.map((_, corner) => `obstacle:${index}:${corner}`);
 }
 
@@ -51,19 +52,19 @@ export function obstacleTitle(obstacle: Obstacle, index: number): string {
 }
 
 /** The geofence and the obstacles. */
-export function sharedEntries(document: SharedParts): TreeEntry[] {
+export function areaEntries(document: DocumentAreas): ListEntry[] {
   return [
-    ...document.fence.map((zone, index): TreeEntry => ({
+    ...document.fence.map((zone, index): ListEntry => ({
       ...BASE_ENTRY,
-      ids: zoneIds(zone, index),
-      mark: '▱',
+      ids: zonePointIds(zone, index),
+      symbol: '▱',
       tone: zone.inclusion ? 'caution' : 'danger',
       ...zoneText(zone),
     })),
-    ...obstaclesOf(document).map((obstacle, index): TreeEntry => ({
+    ...obstaclesOf(document).map((obstacle, index): ListEntry => ({
       ...BASE_ENTRY,
-      ids: obstacleIds(obstacle, index),
-      mark: '▲',
+      ids: obstacleCornerIds(obstacle, index),
+      symbol: '▲',
       tone: 'danger',
       title: obstacleTitle(obstacle, index),
       detail: `obstacle, top ${altitudeText(obstacle.top)}`,
@@ -71,23 +72,23 @@ export function sharedEntries(document: SharedParts): TreeEntry[] {
   ];
 }
 
-export function treeOf(plan: Plan): TreeEntry[] {
+export function planEntries(plan: Plan): ListEntry[] {
   return [
     ...homeEntry(plan.planned_home),
     ...plan.items.map((item, row) => ({
       ...BASE_ENTRY,
       ids: [`item:${row}`],
       row,
-      mark: String(row + 1),
+      symbol: String(row + 1),
       tone: 'target' as const,
       title: titleOf(item),
       detail: detailOf(item),
     })),
-    ...sharedEntries(plan),
+    ...areaEntries(plan),
     ...plan.rally_points.map((point, index) => ({
       ...BASE_ENTRY,
       ids: [`rally:${index}`],
-      mark: 'R',
+      symbol: 'R',
       tone: 'actual' as const,
       title: 'Rally point',
       detail: altitudeText(point.altitude),

@@ -6,9 +6,9 @@ import { parseNumber } from './fields';
 import { fixOf, type Finding } from './fixes';
 import * as history from './history';
 import { newItem } from './items';
-import { picture, ringOf } from './layer';
+import { planLayer, ringOf } from './layer';
 import { groundAreas, polylines, profile } from '../profile/profile';
-import { treeOf } from './list-entries';
+import { planEntries } from './list-entries';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
@@ -21,21 +21,21 @@ describe('history', () => {
     let edited = history.begin(0);
     for (const next of [1, 2]) edited = history.change(edited, next);
     edited = history.undo(history.undo(edited));
-    expect(edited.now).toBe(0);
+    expect(edited.present).toBe(0);
     expect(history.undo(edited)).toBe(edited);
-    expect(history.redo(history.redo(edited)).now).toBe(2);
+    expect(history.redo(history.redo(edited)).present).toBe(2);
   });
   it('undoes all changes of one gesture together', () => {
     let edited = history.begin(0);
     for (const next of [1, 2, 3]) edited = history.change(edited, next, 'drag 1');
     edited = history.change(history.endGroup(edited), 4, 'drag 1');
-    expect(history.undo(edited).now).toBe(3);
-    expect(history.undo(history.undo(edited)).now).toBe(0);
+    expect(history.undo(edited).present).toBe(3);
+    expect(history.undo(history.undo(edited)).present).toBe(0);
   });
   it('removes only the changes of a cancelled gesture', () => {
     const edited = history.change(history.change(history.begin(0), 1), 2, 'drag 1');
-    expect(history.cancel(edited, 'drag 1')).toMatchObject({ now: 1, future: [] });
-    expect(history.cancel(edited, 'drag 2')).toBe(edited);
+    expect(history.cancelGroup(edited, 'drag 1')).toMatchObject({ present: 1, future: [] });
+    expect(history.cancelGroup(edited, 'drag 2')).toBe(edited);
   });
   it('discards undone changes after a new change', () => {
     const edited = history.change(history.undo(history.change(history.begin(0), 1)), 5);
@@ -75,7 +75,7 @@ describe('editing', () => {
 
 describe('the map', () => {
   it('shows items, midpoints, fence and home, with the selection marked', () => {
-    const layer = picture({ ...fenced, items: [waypoint(10), waypoint(30)] }, new Set(['item:1']), null, HOME);
+    const layer = planLayer({ ...fenced, items: [waypoint(10), waypoint(30)] }, new Set(['item:1']), null, HOME);
     const ids = layer.points.map((point) => point.id);
     expect(ids).toEqual(expect.arrayContaining(['home', 'item:0', 'item:1', 'middle:1', 'corner:0:3', 'side:0:4']));
     expect(layer.points.filter((point) => point.selected).map((point) => point.id)).toEqual(['item:1']);
@@ -84,14 +84,14 @@ describe('the map', () => {
   });
   it('shows midpoints of a long plan only beside the selection', () => {
     const plan = planOf(...Array.from({ length: 200 }, (_, i) => waypoint(i * 10)));
-    const middles = (selected: string[]) => picture(plan, new Set(selected), null, HOME).points.filter((point) => point.mark === 'midpoint');
+    const middles = (selected: string[]) => planLayer(plan, new Set(selected), null, HOME).points.filter((point) => point.mark === 'midpoint');
     expect(middles([])).toEqual([]);
     expect(middles(['item:7']).map((point) => point.id)).toEqual(['middle:7', 'middle:8']);
   });
   it('has the altitudes of items, path and rally points for the 3D view', () => {
     const high = { ...waypoint(10), altitude: { value_m: 900, reference: 'amsl' as const } };
     const terrain = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
-    const layer = picture(
+    const layer = planLayer(
       { ...planOf(waypoint(0), high, terrain), rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' } }] },
       new Set(),
       null,
@@ -118,7 +118,7 @@ describe('the map', () => {
   });
   it('draws no path to a point that the camera looks at', () => {
     const roi = newItem('roi_location', at(500), { value_m: 0, reference: 'home' });
-    const layer = picture(planOf(waypoint(10), roi, waypoint(20)), new Set(), null, HOME);
+    const layer = planLayer(planOf(waypoint(10), roi, waypoint(20)), new Set(), null, HOME);
     expect(layer.lines.find((line) => line.style === 'solid')?.positions).toHaveLength(2);
     expect(layer.points.find((point) => point.id === 'item:1')?.mark).toBe('cross');
   });
@@ -126,7 +126,7 @@ describe('the map', () => {
 
 describe('the list', () => {
   it('has home, items, fence and rally points', () => {
-    const titles = treeOf({ ...fenced, rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'amsl' } }] }).map(
+    const titles = planEntries({ ...fenced, rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'amsl' } }] }).map(
       (entry) => `${entry.title}|${entry.detail}`,
     );
     expect(titles).toEqual(['Home|480.0 m AMSL', 'Waypoint|30.0 m above home', 'Geofence: stay inside|4 corners', 'Rally point|20.0 m AMSL']);

@@ -1,4 +1,4 @@
-/** Wind, payload, battery and similar conditions of a flight, for the dry run and for the estimates. Pure. */
+/** Wind, mass, battery and similar conditions of a flight, for the dry run and for the estimates. Pure. */
 
 import type { components } from '../../../api/schema';
 
@@ -25,7 +25,7 @@ export interface Conditions {
   readonly spread_mass_percent: number;
   readonly spread_battery_percent: number;
   readonly spread_noise_percent: number;
-  /** This field and the next two: data of the real vehicle; null: not known. */
+  /** `hover_power_w`, `battery_wh` and `mass_kg`: data of the real vehicle; null: not known. */
   readonly hover_power_w: number | null;
   readonly battery_wh: number | null;
   readonly mass_kg: number | null;
@@ -63,8 +63,8 @@ export interface ConditionRow {
   readonly optional?: boolean;
 }
 
-/** The rows of the form. Their bounds are those of the server. */
-export const ROWS: readonly ConditionRow[] = [
+/** The rows of the form except `SPREAD_ROWS`. Their bounds are those of the server. */
+export const CONDITION_ROWS: readonly ConditionRow[] = [
   { name: 'wind_m_s', label: 'Wind', unit: 'm/s', min: 0, max: 30 },
   { name: 'from_deg', label: 'Wind from', unit: '°', min: 0, max: 360, step: 10 },
   { name: 'gusts_m_s', label: 'Gusts (one sigma)', unit: 'm/s', min: 0, max: 20, step: 0.5 },
@@ -78,12 +78,10 @@ export const ROWS: readonly ConditionRow[] = [
   { name: 'reserve_percent', label: 'Battery reserve', unit: '%', min: 0, max: 95, step: 5 },
 ];
 
-/** The first row of `ROWS` with data of the vehicle; the earlier rows contain the simulated conditions. */
+/** The first row of `CONDITION_ROWS` with data of the vehicle; the earlier rows contain the simulated conditions. */
 export const FIRST_VEHICLE_ROW = 'hover_power_w';
 
-/**
- * The rows for the variation of each condition (1 σ), shown for several flights. Their bounds are those of the server.
- */
+/** The rows for the variation of each condition (1 σ) in Monte Carlo flights. Their bounds are those of the server. */
 export const SPREAD_ROWS: readonly ConditionRow[] = [
   { name: 'spread_wind_m_s', label: 'Wind varies by', unit: 'm/s', min: 0, max: 10, step: 0.5 },
   { name: 'spread_gusts_percent', label: 'Gusts vary by', unit: '%', min: 0, max: 50, step: 5 },

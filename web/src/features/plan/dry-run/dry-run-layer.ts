@@ -25,14 +25,14 @@ export interface SimulatedVehicle extends GeoPosition {
 }
 
 const DEG_PER_RAD = 180 / Math.PI;
-/** Half the drawn field of view of the camera [deg]. */
-const HALF_VIEW_DEG = 27;
-/** Limits of the drawn length of the camera's view on the ground [m]. */
-const VIEW_LENGTH_M = { min: 4, max: 15 } as const;
-/** Shortest distance between two drawn samples of the corridor [m], and number of sides in one drawn area. */
-const CORRIDOR = { step_m: 0.5, sides_per_area: 4 } as const;
+/** Half the field of view of the drawn camera footprint [deg]. */
+const HALF_FIELD_OF_VIEW_DEG = 27;
+/** Shortest and longest drawn camera footprint [m]. */
+const FOOTPRINT_LENGTH_M = { min: 4, max: 15 } as const;
+/** Shortest distance between two drawn samples of the corridor [m], and number of segments between samples in one drawn area. */
+const CORRIDOR = { step_m: 0.5, segments_per_area: 4 } as const;
 
-/** The simulated flight of each vehicle under the exact conditions. */
+/** The simulated flight of each vehicle under the given conditions, without variation. */
 const nominalFlights = (view: DryRunView): readonly SimulatedFlight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
 
 /** The Monte Carlo flights of each vehicle with its role; the role is null for a plan with one vehicle. */
@@ -72,23 +72,22 @@ function yaw_deg([w = 1, x = 0, y = 0, z = 0]: Vector): number {
   return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) * DEG_PER_RAD;
 }
 
-/** The ground that the camera sees, up to a maximum length; empty if its far edge is too near to be drawn. */
-function cameraViewRing(simulated: SimulatedVehicle): GeoPosition[] {
+/** The camera's footprint on the ground, cut off at the longest drawn length; empty if the footprint is too short to be drawn. */
+function cameraFootprint(simulated: SimulatedVehicle): GeoPosition[] {
   const slope = Math.tan(-simulated.camera_pitch_deg / DEG_PER_RAD);
-  const far_m = slope > 1e-3 ? Math.max(0, simulated.up_m) / slope : VIEW_LENGTH_M.max;
-  if (far_m < VIEW_LENGTH_M.min) return [];
-  const length_m = Math.min(VIEW_LENGTH_M.max, far_m);
+  const farEdgeDistance_m = slope > 1e-3 ? Math.max(0, simulated.up_m) / slope : FOOTPRINT_LENGTH_M.max;
+  if (farEdgeDistance_m < FOOTPRINT_LENGTH_M.min) return [];
+  const length_m = Math.min(FOOTPRINT_LENGTH_M.max, farEdgeDistance_m);
   const farPoint = (turn_deg: number): GeoPosition => {
     const angle = (simulated.camera_yaw_deg + turn_deg) / DEG_PER_RAD;
     return positionAt(simulated, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
   };
-  return [{ lat_deg: simulated.lat_deg, lon_deg: simulated.lon_deg }, farPoint(-HALF_VIEW_DEG), farPoint(0), farPoint(HALF_VIEW_DEG)];
+  return [{ lat_deg: simulated.lat_deg, lon_deg: simulated.lon_deg }, farPoint(-HALF_FIELD_OF_VIEW_DEG), farPoint(0), farPoint(HALF_FIELD_OF_VIEW_DEG)];
 }
 
 /**
- * The corridor: the 95th percentile of the horizontal deviation, to both sides of the path. It is drawn as several
- * short areas, because a single ring around a path that turns back would cross itself. Samples too close to the previous
- * one are skipped.
+ * The corridor, which extends to both sides of the path by the 95th percentile of the horizontal deviation. Several short
+ * areas, because a single ring around a path that turns back would cross itself.
  */
 function corridorRings(origin: SimulatedFlight['origin'], { corridor }: MonteCarlo): GeoPosition[][] {
   if (corridor === null) return [];
@@ -98,7 +97,7 @@ function corridorRings(origin: SimulatedFlight['origin'], { corridor }: MonteCar
     if (last === undefined || Math.hypot(north_m - last.north_m, east_m - last.east_m) >= CORRIDOR.step_m)
       samples.push({ north_m, east_m, deviation_m: corridor.horizontal_m.p95[i] ?? 0 });
   });
-  const sides = samples.map((sample, i) => {
+  const edgePoints = samples.map((sample, i) => {
     const [before, after] = [samples[Math.max(0, i - 1)] ?? sample, samples[Math.min(samples.length - 1, i + 1)] ?? sample];
     const [north, east] = [after.north_m - before.north_m, after.east_m - before.east_m];
     const length = Math.hypot(north, east) || 1;
@@ -110,15 +109,15 @@ function corridorRings(origin: SimulatedFlight['origin'], { corridor }: MonteCar
     return { left: side(-1), right: side(1) };
   });
   const rings: GeoPosition[][] = [];
-  for (let start = 0; start < sides.length - 1; start += CORRIDOR.sides_per_area) {
-    const areaSides = sides.slice(start, start + CORRIDOR.sides_per_area + 1);
-    rings.push([...areaSides.map(({ left }) => left), ...areaSides.reverse().map(({ right }) => right)]);
+  for (let start = 0; start < edgePoints.length - 1; start += CORRIDOR.segments_per_area) {
+    const areaEdgePoints = edgePoints.slice(start, start + CORRIDOR.segments_per_area + 1);
+    rings.push([...areaEdgePoints.map(({ left }) => left), ...areaEdgePoints.reverse().map(({ right }) => right)]);
   }
   return rings;
 }
 
 /** Paths and corridors, in the colour of planned paths. They do not depend on the time. */
-export function dryRunPicture(view: DryRunView): LayerPicture {
+export function dryRunLayer(view: DryRunView): LayerPicture {
   const paths = nominalFlights(view).map(({ path, origin }) =>
     ((path?.position_ned_m ?? []) as readonly Vector[]).map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m })),
   );
@@ -131,14 +130,14 @@ export function dryRunPicture(view: DryRunView): LayerPicture {
   };
 }
 
-/** The simulated vehicles at a time, and the ground that their cameras see. */
-export function simulatedVehiclePicture(view: DryRunView, t_s: number): LayerPicture | null {
+/** The simulated vehicles at a time, with the footprints of their cameras. */
+export function simulatedVehicleLayer(view: DryRunView, t_s: number): LayerPicture | null {
   const vehicles = nominalFlights(view).flatMap((nominal) => simulatedVehicleAt({ nominal }, t_s) ?? []);
   if (vehicles.length === 0) return null;
   return {
     lines: [],
     areas: vehicles
-      .map(cameraViewRing)
+      .map(cameraFootprint)
       .filter((ring) => ring.length > 2)
       .map((ring) => ({ ring, tone: 'target' })),
     points: vehicles.map(({ lat_deg, lon_deg, yaw_deg: yaw }, i) => ({

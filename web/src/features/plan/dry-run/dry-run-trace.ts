@@ -64,7 +64,7 @@ interface UnscaledTrace extends Pick<Trace, 'unit' | 'decimals' | 'end_s' | 'poi
   readonly furtherPoints?: Trace['points'];
 }
 
-/** A trace with a scale that contains zero and all values; the lower end may cut off up to 5 % of `scaleStep`. */
+/** A trace whose scale contains zero and all values, except values less than 5 % of `scaleStep` below its lower end. */
 export function scaledTrace({ unit, decimals, scaleStep, end_s, points, band = [], ground = [], furtherPoints = [] }: UnscaledTrace): Trace {
   const values = [...points, ...ground, ...furtherPoints].map(([, value]) => value).concat(band.flatMap(([, low, high]) => [low, high]));
   const bottom = Math.min(0, Math.floor(Math.min(...values) / scaleStep + 0.05) * scaleStep);
@@ -103,12 +103,12 @@ export function plotShape({ points, band, ground, end_s, top, bottom }: Trace, w
 }
 
 /** The time that a key selects; null for other keys. */
-export function timeAfterKey(key: string, isFine: boolean, t_s: number, end_s: number): number | null {
+export function timeAfterKey(key: string, hasFineSteps: boolean, t_s: number, end_s: number): number | null {
   const step_s: Readonly<Record<string, number>> = {
-    ArrowRight: isFine ? 0.1 : 1,
-    ArrowUp: isFine ? 0.1 : 1,
-    ArrowLeft: isFine ? -0.1 : -1,
-    ArrowDown: isFine ? -0.1 : -1,
+    ArrowRight: hasFineSteps ? 0.1 : 1,
+    ArrowUp: hasFineSteps ? 0.1 : 1,
+    ArrowLeft: hasFineSteps ? -0.1 : -1,
+    ArrowDown: hasFineSteps ? -0.1 : -1,
     PageUp: 10,
     PageDown: -10,
     Home: -Infinity,

@@ -3,9 +3,9 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
 import { EMPTY_PLAN } from '../document/document';
-import { toDryRunRequest, DEFAULT_CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
+import { toDryRunRequest, DEFAULT_CONDITIONS, powerOf, CONDITION_ROWS, windOf, withCondition, type ConditionRow } from './conditions';
 import { DryRun, type DryRunView } from './dry-run.svelte';
-import { dryRunPicture, findingPosition, simulatedVehicleAt, simulatedVehiclePicture, resultLines } from './dry-run-layer';
+import { dryRunLayer, findingPosition, simulatedVehicleAt, simulatedVehicleLayer, resultLines } from './dry-run-layer';
 import { plotShape, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -96,13 +96,13 @@ describe('a dry run', () => {
   });
 
   it('draws the path and the corridor of many flights', () => {
-    const layer = dryRunPicture(MONTE_CARLO);
+    const layer = dryRunLayer(MONTE_CARLO);
     expect(layer.lines[0]?.positions).toHaveLength(3);
     const [ring] = layer.areas;
     expect(ring?.ring).toHaveLength(4);
     expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
-    expect(dryRunPicture(VIEW).areas).toEqual([]);
-    expect(dryRunPicture(MONTE_CARLO_TOGETHER).areas).toHaveLength(2);
+    expect(dryRunLayer(VIEW).areas).toEqual([]);
+    expect(dryRunLayer(MONTE_CARLO_TOGETHER).areas).toHaveLength(2);
   });
 
   it('draws the corridor of a path that turns back as areas that do not cross each other', () => {
@@ -111,7 +111,7 @@ describe('a dry run', () => {
     const position_ned_m = [[0, 0, 0], [0, 0.1, -5], ...outbound, ...inbound];
     const p95 = position_ned_m.map(() => 2);
     const corridor = { t_s: p95, position_ned_m, horizontal_m: { p95 }, vertical_m: { p5: p95, p95 } };
-    const { areas } = dryRunPicture({ ...MONTE_CARLO, monte_carlo: { ...MONTE_CARLO.monte_carlo, corridor } } as unknown as DryRunView);
+    const { areas } = dryRunLayer({ ...MONTE_CARLO, monte_carlo: { ...MONTE_CARLO.monte_carlo, corridor } } as unknown as DryRunView);
     expect(areas.map(({ ring }) => ring.length)).toEqual([10, 10, 10, 10]); // samples nearer than 0.5 m to each other are one point
     const east_m = (position: { lat_deg: number; lon_deg: number }) => groundDistance_m(position, { ...position, lon_deg: ORIGIN.lon_deg });
     expect(Math.max(...(areas[0]?.ring ?? []).map(east_m))).toBeLessThan(2.1);
@@ -119,14 +119,14 @@ describe('a dry run', () => {
   });
 
   it('draws the vehicle with its heading, and the ground that its camera sees', () => {
-    const layer = simulatedVehiclePicture(VIEW, 10);
+    const layer = simulatedVehicleLayer(VIEW, 10);
     expect(layer?.points).toMatchObject([{ id: 'simulated vehicle', mark: 'vehicle', yaw_deg: expect.closeTo(90) }]);
     const ahead = layer?.areas[0]?.ring[2] ?? ORIGIN;
     expect(groundDistance_m(ahead, positionAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
-    expect(simulatedVehiclePicture(VIEW, 20)?.areas).toEqual([]);
-    expect(simulatedVehiclePicture({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
-    expect(simulatedVehiclePicture(TOGETHER, 10)?.points.map(({ id }) => id)).toEqual(['simulated vehicle', 'simulated vehicle 1']);
-    expect(dryRunPicture(TOGETHER).lines).toHaveLength(2);
+    expect(simulatedVehicleLayer(VIEW, 20)?.areas).toEqual([]);
+    expect(simulatedVehicleLayer({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
+    expect(simulatedVehicleLayer(TOGETHER, 10)?.points.map(({ id }) => id)).toEqual(['simulated vehicle', 'simulated vehicle 1']);
+    expect(dryRunLayer(TOGETHER).lines).toHaveLength(2);
   });
 
   it('plots values over time, with the band of 90 % of many flights', () => {
@@ -191,7 +191,7 @@ describe('a dry run', () => {
     });
     expect(powerOf(stated)).toBeNull();
     expect(powerOf({ ...stated, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
-    const row = (name: string) => ROWS.find((condition) => condition.name === name) as ConditionRow;
+    const row = (name: string) => CONDITION_ROWS.find((condition) => condition.name === name) as ConditionRow;
     expect(withCondition(stated, row('flights'), 7.6).flights).toBe(8);
     expect(withCondition(stated, row('hover_power_w'), null).hover_power_w).toBeNull();
     expect(withCondition(stated, row('wind_m_s'), null)).toBe(stated);

@@ -3,28 +3,28 @@
 import type { LayerEditor } from '../../../app/map-layers.svelte';
 import { eastNorth, type GeoPosition } from '../../../vehicle/geo';
 import {
-  altitudeBefore,
+  altitudeForNewItem,
   DEFAULT_ALTITUDE,
   EMPTY_PLAN,
   obstaclesOf,
-  refOf,
+  partRefOf,
   type Altitude,
   type PlannedHome,
   type ItemKind,
   type Plan,
 } from '../document/document';
-import * as edit from '../document/edit';
+import * as planEdit from '../document/edit';
 import * as history from '../document/history';
 import { newItem, titleOf } from '../document/items';
-import * as kinds from '../document-kinds';
+import * as documents from '../document-kinds';
 import type { Document } from '../document-kinds';
 import type { Sketch } from '../document/layer';
-import * as offboard from '../offboard/edit';
+import * as missionEdit from '../offboard/edit';
 import { isMission, type Mission, type StepKind } from '../offboard/mission';
-import { frameOf, type Frame } from '../offboard/positions';
-import { newMission, titleOf as stepKindTitle } from '../offboard/step-titles';
+import { missionFrameOf, type MissionFrame } from '../offboard/positions';
+import { newMission, stepKindTitle } from '../offboard/step-titles';
 
-/** One state of the history. */
+/** The edited document and its name; one state of the history. */
 export interface Draft {
   /** Identifies the opened or new plan to which this state belongs. */
   readonly documentId: number;
@@ -54,11 +54,11 @@ export class PlanEditor implements LayerEditor {
   selected = $state.raw<ReadonlySet<string>>(NO_SELECTION);
   placing = $state.raw<Placing | null>({ type: 'item', kind: 'waypoint' });
   /** Corners of the area that is being drawn. */
-  corners = $state.raw<readonly GeoPosition[]>([]);
+  sketchCorners = $state.raw<readonly GeoPosition[]>([]);
   private documentCount = 0;
   private gestureCount = 0;
   /** A drag in progress: its start, and the document, positions by id and selection before the drag. */
-  private grabbed: {
+  private dragInProgress: {
     group: string;
     document: Document;
     start: GeoPosition;
@@ -66,30 +66,30 @@ export class PlanEditor implements LayerEditor {
     selected: ReadonlySet<string>;
   } | null = null;
 
-  readonly draft = $derived(this.history.now);
+  readonly draft = $derived(this.history.present);
   /** The edited document, a waypoint plan or a mission. */
-  readonly document = $derived(this.history.now.plan);
+  readonly document = $derived(this.history.present.plan);
   /** The edited waypoint plan; empty while a mission is edited. */
-  readonly plan: Plan = $derived(isMission(this.history.now.plan) ? EMPTY_PLAN : this.history.now.plan);
+  readonly plan: Plan = $derived(isMission(this.history.present.plan) ? EMPTY_PLAN : this.history.present.plan);
   /** The edited mission; null while a waypoint plan is edited. */
-  readonly mission: Mission | null = $derived(isMission(this.history.now.plan) ? this.history.now.plan : null);
+  readonly mission: Mission | null = $derived(isMission(this.history.present.plan) ? this.history.present.plan : null);
   /** The mission's position on the earth. */
-  frame = $state.raw<Frame>(frameOf(null, null, null));
+  frame = $state.raw<MissionFrame>(missionFrameOf(null, null, null));
   /** The mission's path, if the server has compiled one. */
-  compiled = $state.raw<kinds.CompiledMission>({ flight: null, isCurrent: false });
+  compiled = $state.raw<documents.CompiledMission>({ flight: null, isCurrent: false });
   readonly canUndo = $derived(this.history.past.length > 0);
   readonly canRedo = $derived(this.history.future.length > 0);
   /** Rows of the selected items. */
-  readonly rows: readonly number[] = $derived(
+  readonly selectedRows: readonly number[] = $derived(
     [...this.selected].flatMap((id) => {
-      const ref = refOf(id);
+      const ref = partRefOf(id);
       return ref?.type === 'item' ? [ref.row] : [];
     }),
   );
   readonly sketch: Sketch | null = $derived(
-    this.placing?.type === 'area' ? { corners: this.corners, tone: this.placing.use === 'inclusion' ? 'caution' : 'danger' } : null,
+    this.placing?.type === 'area' ? { corners: this.sketchCorners, tone: this.placing.use === 'inclusion' ? 'caution' : 'danger' } : null,
   );
-  readonly picture = $derived(kinds.pictureOf(this.document, this.selected, this.sketch, this.frame, this.compiled));
+  readonly picture = $derived(documents.layerOf(this.document, this.selected, this.sketch, this.frame, this.compiled));
 
   /** @param group changes of one group are undone together. */
   change(plan: Document, group: string | null = null): void {
@@ -106,7 +106,7 @@ export class PlanEditor implements LayerEditor {
     this.history = history.change(this.history, { ...this.draft, name }, 'name');
   }
 
-  /** A field lost the focus: later changes are undone separately. */
+  /** Called when a field loses the focus: later changes are undone separately. */
   endGroup(): void {
     this.history = history.endGroup(this.history);
   }
@@ -154,7 +154,7 @@ export class PlanEditor implements LayerEditor {
 
   /** Selects a point; with `extend`, adds the point to the selection or removes it. For a midpoint, inserts a point. */
   pick(id: string, extend: boolean): void {
-    if (kinds.isInsertion(id)) {
+    if (documents.isMidpointId(id)) {
       const midpoint = this.picture.points.find((point) => point.id === id);
       if (midpoint !== undefined) this.insert(id, midpoint);
       return;
@@ -167,24 +167,24 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Selects the range from the last selected row to `row`. */
-  selectTo(row: number): void {
-    const lastRow = this.rows.at(-1) ?? row;
+  selectRangeTo(row: number): void {
+    const lastRow = this.selectedRows.at(-1) ?? row;
     const [low, high] = [Math.min(lastRow, row), Math.max(lastRow, row)];
     this.select(Array.from({ length: high - low + 1 }, (_, i) => `item:${low + i}`));
   }
 
   selectAll(): void {
-    this.select(kinds.allStepIds(this.document));
+    this.select(documents.allStepIds(this.document));
   }
 
   startPlacing(placing: Placing): void {
     this.placing = placing;
-    this.corners = [];
+    this.sketchCorners = [];
   }
 
   stopPlacing(): void {
     this.placing = null;
-    this.corners = [];
+    this.sketchCorners = [];
   }
 
   /** Handles a click on the ground: adds what `placing` states, or clears the selection. @returns true: the click was handled. */
@@ -205,14 +205,14 @@ export class PlanEditor implements LayerEditor {
       this.change({ ...this.document, fence: [...this.document.fence, { shape: 'circle', inclusion: true, center, radius_m: CIRCLE_RADIUS_M }] });
       this.select([`circle:${this.document.fence.length - 1}`]);
       this.stopPlacing();
-    } else this.corners = [...this.corners, { lat_deg: position.lat_deg, lon_deg: position.lon_deg }];
+    } else this.sketchCorners = [...this.sketchCorners, { lat_deg: position.lat_deg, lon_deg: position.lon_deg }];
     return true;
   }
 
   /** Adds an item after the selection, or without a selection at the end, but before a final landing or return. */
   addItem(kind: ItemKind, position: GeoPosition | null): void {
-    const row = kind === 'takeoff' ? 0 : edit.FLIGHT_END_KINDS.has(kind) ? this.plan.items.length : edit.rowToInsert(this.plan, [...this.selected]);
-    this.change(edit.insertItem(this.plan, row, newItem(kind, position, altitudeBefore(this.plan, row))));
+    const row = kind === 'takeoff' ? 0 : planEdit.FLIGHT_END_KINDS.has(kind) ? this.plan.items.length : planEdit.insertionRow(this.plan, [...this.selected]);
+    this.change(planEdit.insertItem(this.plan, row, newItem(kind, position, altitudeForNewItem(this.plan, row))));
     this.select([`item:${row}`]);
     if (kind !== 'waypoint' && this.placing?.type === 'item') this.stopPlacing();
   }
@@ -223,7 +223,7 @@ export class PlanEditor implements LayerEditor {
    */
   addStep(kind: StepKind, position: GeoPosition | null): void {
     if (this.mission === null) return;
-    const added = offboard.addStep(this.mission, kind, position, [...this.selected], this.frame);
+    const added = missionEdit.addStep(this.mission, kind, position, [...this.selected], this.frame);
     this.change(added.mission);
     this.select([added.id]);
     if (kind !== 'fly' && this.placing?.type === 'step') this.stopPlacing();
@@ -232,7 +232,7 @@ export class PlanEditor implements LayerEditor {
   /** Adds the drawn area as a geofence or as an obstacle. */
   addArea(use: AreaUse, polygon: readonly GeoPosition[]): void {
     if (use !== 'obstacle') return this.addZone(use === 'inclusion', polygon);
-    this.change(edit.addObstacle(this.document, { name: '', polygon, top: OBSTACLE_TOP }));
+    this.change(planEdit.addObstacle(this.document, { name: '', polygon, top: OBSTACLE_TOP }));
     const index = obstaclesOf(this.document).length - 1;
     this.select(polygon.map((_, corner) => `obstacle:${index}:${corner}`));
     this.stopPlacing();
@@ -246,28 +246,28 @@ export class PlanEditor implements LayerEditor {
   }
 
   /** Inserts the items or steps of a pattern after the selection, as one change. */
-  insertPattern(added: Document): void {
-    const inserted = kinds.insertAll(this.document, added, [...this.selected]);
+  insertPattern(pattern: Document): void {
+    const inserted = documents.insertContent(this.document, pattern, [...this.selected]);
     this.change(inserted.document);
     this.select(inserted.ids);
   }
 
   /** Removes the last drawn corner, or else the selected parts. @returns false if nothing was drawn or selected. */
   remove(): boolean {
-    if (this.corners.length > 0) {
-      this.corners = this.corners.slice(0, -1);
+    if (this.sketchCorners.length > 0) {
+      this.sketchCorners = this.sketchCorners.slice(0, -1);
       return true;
     }
     if (this.selected.size === 0) return false;
     if (this.mission !== null) {
       const [mission, ids] = [this.mission, [...this.selected]];
-      this.change(kinds.remove(mission, ids));
-      this.select(kinds.selectionAfterDelete(mission, this.document, ids, this.frame));
+      this.change(documents.remove(mission, ids));
+      this.select(documents.selectionAfterDelete(mission, this.document, ids, this.frame));
       return true;
     }
-    const firstRow = Math.min(...(this.rows.length > 0 ? this.rows : [0]));
-    const hadRows = this.rows.length > 0;
-    this.change(edit.remove(this.plan, [...this.selected]));
+    const firstRow = Math.min(...(this.selectedRows.length > 0 ? this.selectedRows : [0]));
+    const hadRows = this.selectedRows.length > 0;
+    this.change(planEdit.remove(this.plan, [...this.selected]));
     this.select(hadRows && this.plan.items.length > 0 ? [`item:${Math.min(firstRow, this.plan.items.length - 1)}`] : []);
     return true;
   }
@@ -275,24 +275,24 @@ export class PlanEditor implements LayerEditor {
   /** Moves the selected rows or steps up (−1) or down (1) in the list. */
   reorder(direction: -1 | 1): void {
     if (this.mission !== null) {
-      const moved = offboard.reorder(this.mission, [...this.selected], direction);
+      const moved = missionEdit.reorder(this.mission, [...this.selected], direction);
       if (moved === null) return;
       this.change(moved.mission);
       this.select(moved.ids);
       return;
     }
-    const rows = [...this.rows].sort((a, b) => a - b);
+    const rows = [...this.selectedRows].sort((a, b) => a - b);
     const [first, last] = [rows[0], rows.at(-1)];
     if (first === undefined || last === undefined) return;
     const targetRow = direction < 0 ? first - 1 : last + 2;
     if (targetRow < 0 || targetRow > this.plan.items.length) return;
-    const moved = edit.reorder(this.plan, rows, targetRow);
+    const moved = planEdit.reorder(this.plan, rows, targetRow);
     this.change(moved.plan);
     this.select(moved.rows.map((row) => `item:${row}`));
   }
 
   grab(id: string): string | null {
-    const isMidpoint = kinds.isInsertion(id);
+    const isMidpoint = documents.isMidpointId(id);
     const start = this.picture.points.find((point) => point.id === id);
     if (start === undefined || id.startsWith('sketch:')) return null;
     this.gestureCount += 1;
@@ -302,60 +302,62 @@ export class PlanEditor implements LayerEditor {
     if (!isMidpoint && !this.selected.has(id)) this.select([id]);
     const positions = new Map(
       [...this.selected]
-        .map((selectedId) => [selectedId, kinds.positionIn(this.document, selectedId, this.frame)] as const)
+        .map((selectedId) => [selectedId, documents.positionIn(this.document, selectedId, this.frame)] as const)
         .filter((pair): pair is [string, GeoPosition] => pair[1] !== null),
     );
-    this.grabbed = { group, document: this.document, start, positions, selected: previousSelection };
+    this.dragInProgress = { group, document: this.document, start, positions, selected: previousSelection };
     return draggedId;
   }
 
   drag(_id: string, to: GeoPosition): void {
-    const grabbed = this.grabbed;
-    if (grabbed !== null) this.change(kinds.move(grabbed.document, grabbed.positions, eastNorth(grabbed.start, to), this.frame), grabbed.group);
+    const currentDrag = this.dragInProgress;
+    if (currentDrag !== null)
+      this.change(documents.movePoints(currentDrag.document, currentDrag.positions, eastNorth(currentDrag.start, to), this.frame), currentDrag.group);
   }
 
   raise(by_m: number): void {
-    const [grabbed, rounded_m] = [this.grabbed, Number(by_m.toFixed(1))];
-    if (grabbed !== null && Number.isFinite(rounded_m)) this.change(kinds.raise(grabbed.document, grabbed.positions.keys(), rounded_m), grabbed.group);
+    const [currentDrag, rounded_m] = [this.dragInProgress, Number(by_m.toFixed(1))];
+    if (currentDrag !== null && Number.isFinite(rounded_m))
+      this.change(documents.raisePoints(currentDrag.document, currentDrag.positions.keys(), rounded_m), currentDrag.group);
   }
 
   drop(keep: boolean): void {
-    const grabbed = this.grabbed;
-    this.grabbed = null;
-    if (grabbed === null) return;
+    const currentDrag = this.dragInProgress;
+    this.dragInProgress = null;
+    if (currentDrag === null) return;
     if (!keep) {
-      this.history = history.cancel(this.history, grabbed.group);
-      this.selected = grabbed.selected;
+      this.history = history.cancelGroup(this.history, currentDrag.group);
+      this.selected = currentDrag.selected;
     }
     this.endGroup();
   }
 
   private insert(id: string, position: GeoPosition, group: string | null = null): string {
-    const inserted = kinds.insertAt(this.document, id, position, this.frame);
+    const inserted = documents.insertAtMidpoint(this.document, id, position, this.frame);
     if (inserted === null) return id;
     this.change(inserted.document, group);
     this.select([inserted.id]);
     return inserted.id;
   }
 
-  /** Removes ids from the selection that no longer exist after an undo. */
+  /** Deselects the parts that no longer exist after an undo or redo. */
   private pruneSelection(): void {
-    const existing = [...this.selected].filter((id) => kinds.exists(this.document, id, this.frame));
+    const existing = [...this.selected].filter((id) => documents.partExists(this.document, id, this.frame));
     this.select(existing);
   }
 }
 
 /**
  * The hint's text about what the next click adds.
- * @param where the view that the person clicks: the map, or the ground in the 3D view.
+ * @param surface what the person clicks: the map, or the ground in the 3D view.
  */
-export function placingText(placing: Placing, cornerCount: number, where: 'map' | 'ground' = 'map'): string {
+export function placingText(placing: Placing, cornerCount: number, surface: 'map' | 'ground' = 'map'): string {
   if (placing.type === 'item')
-    return placing.kind === 'waypoint' ? `Click the ${where} to add waypoints.` : `Click the ${where} to place “${titleOf({ kind: placing.kind })}”.`;
+    return placing.kind === 'waypoint' ? `Click the ${surface} to add waypoints.` : `Click the ${surface} to place “${titleOf({ kind: placing.kind })}”.`;
   if (placing.type === 'step')
-    return placing.kind === 'fly' ? `Click the ${where} to add points to the trajectory.` : `Click the ${where} to place “${stepKindTitle(placing.kind)}”.`;
-  if (placing.type === 'rally') return `Click the ${where} to place the rally point.`;
-  if (placing.type === 'circle') return `Click the ${where} at the centre of the geofence circle.`;
+    return placing.kind === 'fly' ? `Click the ${surface} to add points to the trajectory.` : `Click the ${surface} to place “${stepKindTitle(placing.kind)}”.`;
+  if (placing.type === 'rally') return `Click the ${surface} to place the rally point.`;
+  if (placing.type === 'circle') return `Click the ${surface} at the centre of the geofence circle.`;
   return `Click the corners of ${AREA_TEXTS[placing.use]}${cornerCount > 0 ? ` (${cornerCount} so far)` : ''}.`;
 }
 

@@ -95,7 +95,7 @@ describe('the editor', () => {
   it('selects a range in the list and deletes it', () => {
     const editor = editorWithWaypoints();
     editor.select(['item:0']);
-    editor.selectTo(1);
+    editor.selectRangeTo(1);
     expect(editor.remove()).toBe(true);
     expect(editor.plan.items).toHaveLength(1);
     editor.select([]);
@@ -107,8 +107,8 @@ describe('the editor', () => {
     editor.startPlacing({ type: 'area', use: 'inclusion' });
     for (const corner of [at(0, 0), at(50, 0), at(50, 50), at(0, 99)]) editor.press(corner);
     editor.remove();
-    expect(editor.corners).toHaveLength(3);
-    editor.addZone(true, editor.corners);
+    expect(editor.sketchCorners).toHaveLength(3);
+    editor.addZone(true, editor.sketchCorners);
     expect(editor.plan.fence).toMatchObject([{ shape: 'polygon', inclusion: true, polygon: { length: 3 } }]);
     expect(editor.placing).toBeNull();
   });

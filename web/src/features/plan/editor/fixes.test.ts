@@ -4,7 +4,7 @@ import type { Plan } from '../document/document';
 import { fixOf, type Finding } from '../document/fixes';
 import { fixOf as fixOfMission } from '../offboard/fixes';
 import type { Mission } from '../offboard/mission';
-import { frameOf } from '../offboard/positions';
+import { missionFrameOf } from '../offboard/positions';
 
 /**
  * Plans with one finding each, made by `tests/unit/gcs_server/plans/test_fixes.py`, which also checks the fixed plans.
@@ -20,7 +20,7 @@ const cases = JSON.parse(text) as Record<string, Case>;
 it('each fix makes the plan in the file that the server’s test checks', async () => {
   const fixed: string[] = [];
   for (const [name, { document, finding }] of Object.entries(cases)) {
-    const fix = 'steps' in document ? fixOfMission(document, finding, frameOf(document, HOME, null)) : fixOf(document, finding, HOME);
+    const fix = 'steps' in document ? fixOfMission(document, finding, missionFrameOf(document, HOME, null)) : fixOf(document, finding, HOME);
     expect(fix, name).not.toBeNull();
     expect(fix?.plan, name).not.toEqual(document);
     fixed.push(`${JSON.stringify(name)}: ${JSON.stringify(fix?.plan)}`);

@@ -1,14 +1,14 @@
 import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
-import { pictureOf, positionIn } from '../document-kinds';
+import { layerOf, positionIn } from '../document-kinds';
 import { EMPTY_PLAN, obstaclesOf, type Obstacle, type Plan } from '../document/document';
 import { PlanEditor } from './editor.svelte';
 import { fixOf, type Finding } from '../document/fixes';
 import { newItem } from '../document/items';
-import { picture } from '../document/layer';
-import { treeOf } from '../document/list-entries';
+import { planLayer } from '../document/layer';
+import { planEntries } from '../document/list-entries';
 import * as offboard from '../offboard/fixes';
-import { frameOf } from '../offboard/positions';
+import { missionFrameOf } from '../offboard/positions';
 import { newMission } from '../offboard/step-titles';
 import { missionProfile, obstacleAreas, profile } from '../profile/profile';
 
@@ -24,7 +24,7 @@ function editorWithObstacle(mission = false): PlanEditor {
   else editor.begin(HOME);
   editor.startPlacing({ type: 'area', use: 'obstacle' });
   for (const corner of CORNERS) editor.press(corner);
-  editor.addArea('obstacle', editor.corners);
+  editor.addArea('obstacle', editor.sketchCorners);
   return editor;
 }
 const north_m = (editor: PlanEditor, id: string): number => Math.round(groundDistance_m(HOME, positionIn(editor.document, id, editor.frame) ?? HOME));
@@ -77,12 +77,12 @@ describe('a plan with obstacles', () => {
   };
 
   it('shows the obstacles on the map and in the list', () => {
-    const { lines, areas, points } = picture(plan, NONE, null, HOME);
+    const { lines, areas, points } = planLayer(plan, NONE, null, HOME);
     expect(lines.filter((line) => line.style === 'solid' && line.tone === 'danger')).toHaveLength(2);
     expect(areas.map((area) => area.ring)).toEqual([CORNERS, CORNERS]);
     expect(points.filter(({ id }) => id.startsWith('obstacle:1:'))).toHaveLength(4);
-    expect(picture(plan, NONE, null, HOME).solids).toEqual([488, 500].map((top_amsl_m) => ({ ring: CORNERS, top_amsl_m, tone: 'danger' })));
-    expect(treeOf(plan).map((entry) => `${entry.title}|${entry.detail}`)).toEqual([
+    expect(planLayer(plan, NONE, null, HOME).solids).toEqual([488, 500].map((top_amsl_m) => ({ ring: CORNERS, top_amsl_m, tone: 'danger' })));
+    expect(planEntries(plan).map((entry) => `${entry.title}|${entry.detail}`)).toEqual([
       'Home|480.0 m AMSL',
       'Waypoint|5.0 m above home',
       'Barn|obstacle, top 8.0 m above home',
@@ -109,17 +109,17 @@ describe('a plan with obstacles', () => {
 
   it('may have been stored without the field `obstacles`', () => {
     const { obstacles: _, ...old } = plan;
-    expect(picture(old, NONE, null, HOME).areas).toEqual([]);
-    expect(treeOf(old)).toHaveLength(2);
+    expect(planLayer(old, NONE, null, HOME).areas).toEqual([]);
+    expect(planEntries(old)).toHaveLength(2);
   });
 });
 
 describe('a mission with obstacles', () => {
   const mission = { ...newMission(HOME), obstacles: [BARN] };
-  const frame = frameOf(mission, HOME, HOME);
+  const frame = missionFrameOf(mission, HOME, HOME);
 
   it('shows the obstacles in the 3D view from the ground to their tops', () => {
-    const layer = pictureOf(mission, NONE, null, frame, { flight: null, isCurrent: false });
+    const layer = layerOf(mission, NONE, null, frame, { flight: null, isCurrent: false });
     expect(layer.solids).toEqual([{ ring: CORNERS, top_amsl_m: 488, tone: 'danger' }]);
   });
 

@@ -12,7 +12,7 @@ import { fieldsOf, missionFields } from '../offboard/fields';
 import { nodesOf, type Mission } from '../offboard/mission';
 import { addRole, renameRole } from '../offboard/roles';
 import { PatternDrawing } from '../patterns/drawing.svelte';
-import { KINDS as PATTERN_KINDS, type PatternKind } from '../patterns/shape';
+import { PATTERN_KINDS, type PatternKind } from '../patterns/shape';
 import { Plans } from '../plans.svelte';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -60,7 +60,7 @@ class Session {
 
   async insertPattern(kind: PatternKind): Promise<void> {
     this.drawing.begin(kind);
-    this.drawing.draw(AREA);
+    this.drawing.replaceShape(AREA);
     await this.drawing.insert();
   }
 

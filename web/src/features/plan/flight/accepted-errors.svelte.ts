@@ -23,8 +23,8 @@ export class AcceptedErrors {
   /** Accepts an error, or withdraws its acceptance. Any change of the plan withdraws all acceptances. */
   set(finding: Finding, document: Document, vehicle: string | null, accepted: boolean): void {
     const keys = this.acceptance.document === document && this.acceptance.vehicle === vehicle ? this.acceptance.keys : [];
-    const others = keys.filter((key) => key !== keyOf(finding));
-    this.acceptance = { document, vehicle, keys: accepted ? [...others, keyOf(finding)] : others };
+    const otherKeys = keys.filter((key) => key !== keyOf(finding));
+    this.acceptance = { document, vehicle, keys: accepted ? [...otherKeys, keyOf(finding)] : otherKeys };
   }
 
   /** Separates the errors that prevent the start (`blocking`) from the accepted errors. */
@@ -50,13 +50,13 @@ export class StartErrors {
     this.accepted = false;
   }
 
-  /** Texts of the errors. */
-  findings(document: Document, startKey: Readonly<Record<string, string>>): readonly string[] {
+  /** Texts of the errors that the server found at this start. */
+  texts(document: Document, startKey: Readonly<Record<string, string>>): readonly string[] {
     return this.appliesTo(document, startKey) ? (this.refusal?.problem.reasons ?? []) : [];
   }
 
   /** The codes of the accepted errors, for the next start; empty if the errors are not accepted. */
-  codes(document: Document, startKey: Readonly<Record<string, string>>): readonly string[] {
+  acceptedCodes(document: Document, startKey: Readonly<Record<string, string>>): readonly string[] {
     return this.accepted && this.appliesTo(document, startKey) ? (this.refusal?.problem.codes ?? []) : [];
   }
 

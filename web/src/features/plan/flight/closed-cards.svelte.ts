@@ -7,19 +7,20 @@ const KEY_PREFIX = 'gcs.closed-flight.';
 type Card = 'offboard' | 'waypoints';
 
 export class ClosedCards {
-  private readonly closed = $state<Record<string, string | null>>({});
+  /** Start of the closed flight, by card and vehicle. */
+  private readonly closedFlights = $state<Record<string, string | null>>({});
 
   constructor(private readonly storage: Pick<Storage, 'getItem' | 'setItem'>) {}
 
   /** @param started_unix_s start of the flight, which identifies the flight. */
   isClosed(card: Card, vehicle: string, started_unix_s: number): boolean {
     const key = `${card}.${vehicle}`;
-    return (this.closed[key] ?? this.storage.getItem(KEY_PREFIX + key)) === String(started_unix_s);
+    return (this.closedFlights[key] ?? this.storage.getItem(KEY_PREFIX + key)) === String(started_unix_s);
   }
 
   close(card: Card, vehicle: string, started_unix_s: number): void {
     const key = `${card}.${vehicle}`;
-    this.closed[key] = String(started_unix_s);
+    this.closedFlights[key] = String(started_unix_s);
     this.storage.setItem(KEY_PREFIX + key, String(started_unix_s));
   }
 }

@@ -9,12 +9,12 @@ import { join, metres } from '../../../ui/format';
 import { acceptedErrorsText } from './accepted-errors.svelte';
 import { simpleItems, type Plan } from '../document/document';
 
-/** The index on the vehicle of the first item of a row. A pattern is one row with several items. */
+/** Index of a row's first item in the mission on the vehicle. A pattern is one row with several items. */
 function itemOfRow(plan: Plan, row: number): number {
   return simpleItems({ ...plan, items: plan.items.slice(0, row) }).length;
 }
 
-/** The current item of the mission on the vehicle, from 0, and the number of items. */
+/** The current item of the mission on the vehicle, counted from 0, and the number of items. */
 export type CurrentItem = Readonly<{ current: number; count: number | null }>;
 
 function currentItemText(item: CurrentItem | null): string {
@@ -22,7 +22,7 @@ function currentItemText(item: CurrentItem | null): string {
 }
 
 /** Text of the button that continues the mission in the air. */
-export function continueVerb(item: CurrentItem | null): string {
+export function continueButtonText(item: CurrentItem | null): string {
   return item === null ? 'Resume…' : `Resume at item ${item.current + 1}${item.count === null ? '' : ` of ${item.count}`}…`;
 }
 
@@ -80,7 +80,7 @@ export type ResumeOffer = Readonly<components['schemas']['ResumeOffer']>;
 
 const REFERENCE_TEXTS = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' } as const;
 
-export function resumeVerb({ item, count }: ResumeOffer): string {
+export function resumeButtonText({ item, count }: ResumeOffer): string {
   return `Resume at item ${item + 1} of ${count}…`;
 }
 

@@ -1,4 +1,4 @@
-/** The plan on the selected vehicle, and its upload or download. The server stores both, so a reload of the page keeps them. */
+/** The plan on the selected vehicle, and its upload or download. The server stores the plan and the transfer, so they survive a reload of the page. */
 
 import { ofVehicle, type ApiClient, type Outcome } from '../../../api/client';
 import type { Problem } from '../../../api/problems';
@@ -9,7 +9,7 @@ import { isOnVehicle, type Comparison } from './vehicle-plan';
 
 type View = Readonly<components['schemas']['MissionView']>;
 type Operation = Readonly<components['schemas']['Operation']>;
-export type Downloaded = Readonly<Omit<components['schemas']['DownloadedPlan'], 'plan'>> & { readonly plan: Plan };
+export type DownloadedPlan = Readonly<Omit<components['schemas']['DownloadedPlan'], 'plan'>> & { readonly plan: Plan };
 /** A saved version, or the content of an unsaved plan. */
 type PlanReference = Readonly<components['schemas']['WhichPlan']>;
 
@@ -44,7 +44,7 @@ export class VehicleMission {
    * Requests the server's view again after a change of the reported state.
    * @param reported result of `reportedState`.
    */
-  onReported(reported: string): void {
+  onReportedState(reported: string): void {
     const hasChanged = this.reportedState !== null && this.reportedState !== reported;
     this.reportedState = reported;
     if (hasChanged) void this.refresh();
@@ -92,10 +92,10 @@ export class VehicleMission {
   }
 
   /** The plan that the server last read from the vehicle; null: the request failed, see `problem`. */
-  async downloadedPlan(): Promise<Downloaded | null> {
+  async downloadedPlan(): Promise<DownloadedPlan | null> {
     const response = await this.api.get('/vehicles/{v}/mission/plan', ofVehicle(this.vehicle ?? ''));
     this.problem = response.ok ? null : response.problem;
-    return response.ok ? (response.value as Downloaded) : null;
+    return response.ok ? (response.value as DownloadedPlan) : null;
   }
 
   async cancel(): Promise<void> {

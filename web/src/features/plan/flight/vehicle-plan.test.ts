@@ -7,7 +7,7 @@ import type { Finding } from '../document/fixes';
 import { comparisonText, differenceText, reportedState, vehiclePlanText, type Comparison } from './vehicle-plan';
 import { newItem } from '../document/items';
 import { VehicleMission } from './vehicle-mission.svelte';
-import { continueVerb, interruptedText, resumeBody, resumeQuestion, resumeVerb, startBody, startQuestion } from './mission-start';
+import { continueButtonText, interruptedText, resumeBody, resumeQuestion, resumeButtonText, startBody, startQuestion } from './mission-start';
 
 describe('the plan on the vehicle', () => {
   const operation = (over: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...over });
@@ -88,14 +88,14 @@ describe('the plan on the vehicle', () => {
     const { mission, requests } = pageWith([200, { ...view('plan', named), no_resume: 'Vehicle 1 is armed.' }], [200, interrupted], [200, interrupted]);
     const at = (armed: boolean, current: number) => reportedState({ armed, mode: 'mission' } as never, { current, mission_id: 7 } as never, null);
     mission.selectVehicle('1');
-    for (const state of [at(true, 3), at(true, 3)]) mission.onReported(state);
+    for (const state of [at(true, 3), at(true, 3)]) mission.onReportedState(state);
     await settled();
     expect([mission.view?.no_resume, requests.length]).toEqual(['Vehicle 1 is armed.', 1]);
-    mission.onReported(at(false, 3));
+    mission.onReportedState(at(false, 3));
     await settled();
     expect([mission.view?.no_resume, mission.view?.resume?.item, requests.length]).toEqual([null, 3, 2]);
-    mission.onReported(at(false, 4));
-    mission.onReported(at(false, 4));
+    mission.onReportedState(at(false, 4));
+    mission.onReportedState(at(false, 4));
     await settled();
     expect(requests.length).toBe(3);
   });
@@ -121,8 +121,8 @@ describe('the plan on the vehicle', () => {
     const api = new ApiClient('p', undefined, () => new Promise((resolve) => responses.push((body) => resolve(Response.json(body)))));
     const mission = new VehicleMission(api);
     mission.selectVehicle('1');
-    mission.onReported('armed');
-    mission.onReported('disarmed');
+    mission.onReportedState('armed');
+    mission.onReportedState('disarmed');
     await settled();
     responses[1]?.({ ...view('plan', named), no_resume: null });
     responses[0]?.({ ...view('plan', named), no_resume: 'Vehicle 1 is armed.' });
@@ -191,12 +191,12 @@ describe('the start of the plan on the vehicle', () => {
     const startErrors = new StartErrors();
     const vehicles = { lead: '1', left: '2' };
     startErrors.setOutcome(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY_PLAN, vehicles);
-    expect([startErrors.findings(EMPTY_PLAN, { ...vehicles }), startErrors.codes(EMPTY_PLAN, vehicles)]).toEqual([refusal.reasons, []]);
+    expect([startErrors.texts(EMPTY_PLAN, { ...vehicles }), startErrors.acceptedCodes(EMPTY_PLAN, vehicles)]).toEqual([refusal.reasons, []]);
     startErrors.accepted = true;
-    expect(startErrors.codes(EMPTY_PLAN, vehicles)).toEqual(['separation']);
-    expect([startErrors.codes({ ...EMPTY_PLAN }, vehicles), startErrors.codes(EMPTY_PLAN, { lead: '2', left: '1' })]).toEqual([[], []]);
+    expect(startErrors.acceptedCodes(EMPTY_PLAN, vehicles)).toEqual(['separation']);
+    expect([startErrors.acceptedCodes({ ...EMPTY_PLAN }, vehicles), startErrors.acceptedCodes(EMPTY_PLAN, { lead: '2', left: '1' })]).toEqual([[], []]);
     startErrors.setOutcome({ ok: true, value: null }, EMPTY_PLAN, vehicles);
-    expect(startErrors.findings(EMPTY_PLAN, vehicles)).toEqual([]);
+    expect(startErrors.texts(EMPTY_PLAN, vehicles)).toEqual([]);
   });
 
   it('asks for a confirmation that lists the accepted errors and is shown as dangerous', () => {
@@ -211,7 +211,7 @@ describe('the start of the plan on the vehicle', () => {
     });
     expect(startQuestion('1 Quad', true, null, [])).toMatchObject({ title: 'Resume the mission of 1 Quad', verb: 'Resume' });
     expect(startQuestion('1 Quad', true, null, [], null, { current: 2, count: 10 }).effect).toContain('The vehicle flies to item 3 of 10 (current)');
-    expect(continueVerb({ current: 2, count: 10 })).toBe('Resume at item 3 of 10…');
+    expect(continueButtonText({ current: 2, count: 10 })).toBe('Resume at item 3 of 10…');
   });
 
   it('starts at the item of the chosen row, counted with all items of earlier patterns', () => {
@@ -238,7 +238,7 @@ describe('an interrupted flight', () => {
   } as const;
 
   it('has texts about the item at which it resumes and how far it was flown', () => {
-    expect(resumeVerb(offer)).toBe('Resume at item 7 of 20…');
+    expect(resumeButtonText(offer)).toBe('Resume at item 7 of 20…');
     expect(interruptedText(offer, '12 min ago')).toBe('Interrupted on the way to item 9 of 20, 12 min ago.');
   });
 

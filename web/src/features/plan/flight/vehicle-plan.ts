@@ -19,7 +19,7 @@ const FIELD_NAMES: Readonly<Record<string, string>> = {
   autocontinue: 'autocontinue',
 };
 
-/** Altitude references of the values of MAV_FRAME that plans use. */
+/** Altitude reference for each MAV_FRAME value that plans use. */
 const ALTITUDE_REFERENCES: Readonly<Record<number, string>> = {
   0: 'AMSL',
   2: 'no position',
@@ -30,13 +30,17 @@ const ALTITUDE_REFERENCES: Readonly<Record<number, string>> = {
   11: 'above terrain',
 };
 
-/** Sentence about the plan on the vehicle. @param edited version of the edited plan; null: the plan has unsaved changes. */
-export function vehiclePlanText(name: string, vehiclePlan: VehiclePlan | undefined, edited: { readonly id: string; readonly version: number } | null): string {
+/** Sentence about the plan on the vehicle. @param editedVersion version of the edited plan; null: the plan has unsaved changes. */
+export function vehiclePlanText(
+  name: string,
+  vehiclePlan: VehiclePlan | undefined,
+  editedVersion: { readonly id: string; readonly version: number } | null,
+): string {
   if (vehiclePlan === undefined || vehiclePlan.state === 'not_known') return `The server does not know which plan is on ${name}.`;
   if (vehiclePlan.state === 'another') return `The plan on ${name} is not the plan that this server last uploaded.`;
-  if (isOnVehicle(vehiclePlan, edited)) return `This plan is on ${name}.`;
+  if (isOnVehicle(vehiclePlan, editedVersion)) return `This plan is on ${name}.`;
   const storedPlan =
-    edited !== null && vehiclePlan.plan?.id === edited.id
+    editedVersion !== null && vehiclePlan.plan?.id === editedVersion.id
       ? `version ${vehiclePlan.plan.version ?? 0} of this plan`
       : vehiclePlan.plan?.name == null
         ? 'an unnamed plan'
@@ -44,7 +48,7 @@ export function vehiclePlanText(name: string, vehiclePlan: VehiclePlan | undefin
   return `On ${name}: ${storedPlan}.`;
 }
 
-/** A key whose change means that the server's view of the plan may have changed; the page then requests the view again. */
+/** The reported state as a key. After a change of the key, the page requests the server's view of the plan again. */
 export function reportedState(status: Status | null, mission: Schemas['Mission'] | null, flight: WaypointFlight | null): string {
   return JSON.stringify([status?.armed, status?.mode, mission?.current, mission?.mission_id, flight?.state, flight?.started_unix_s]);
 }
@@ -55,7 +59,7 @@ export function isOnVehicle(vehiclePlan: VehiclePlan | undefined, version: { rea
   return version !== null && plan?.id === version.id && plan.version === version.version;
 }
 
-/** Text about the comparison of the vehicle's plan, which was read back, with the edited plan. */
+/** Text about the comparison of the plan that was read back from the vehicle with the edited plan. */
 export function comparisonText(name: string, { equal, differences, still_held }: Comparison): string {
   if (still_held === false) return `The plan on ${name} has changed since it was read. Read it back again.`;
   if (equal && differences.length === 0) return `Read back: the plan on ${name} is identical to this plan.`;

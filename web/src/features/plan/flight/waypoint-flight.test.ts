@@ -3,7 +3,7 @@ import { positionAt } from '../../../vehicle/geo';
 import { EMPTY_PLAN } from '../document/document';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
 import { startBody, startQuestion } from './mission-start';
-import { dryRunFor, flightLabel, flightProgress, flightText, hasEnded, type WaypointFlight } from './waypoint-flight';
+import { dryRunIdFor, flightLabel, flightProgress, flightText, hasEnded, type WaypointFlight } from './waypoint-flight';
 
 const FLIGHT: WaypointFlight = {
   state: 'flying',
@@ -54,12 +54,12 @@ describe('the dry run that a flight is compared with', () => {
   const near = positionAt(origin, { north_m: 3, east_m: 0 });
 
   it('is completed, of the same vehicle and from the same start', () => {
-    expect(dryRunFor(view, '1', near)).toBe('4');
-    expect(dryRunFor(view, '2', near)).toBeNull();
-    expect(dryRunFor(view, '1', null)).toBeNull();
-    expect(dryRunFor(null, '1', near)).toBeNull();
-    expect(dryRunFor(view, '1', positionAt(origin, { north_m: 6, east_m: 0 }))).toBeNull();
-    expect(dryRunFor({ ...view, nominal: { ...view.nominal, finished: false } }, '1', near)).toBeNull();
+    expect(dryRunIdFor(view, '1', near)).toBe('4');
+    expect(dryRunIdFor(view, '2', near)).toBeNull();
+    expect(dryRunIdFor(view, '1', null)).toBeNull();
+    expect(dryRunIdFor(null, '1', near)).toBeNull();
+    expect(dryRunIdFor(view, '1', positionAt(origin, { north_m: 6, east_m: 0 }))).toBeNull();
+    expect(dryRunIdFor({ ...view, nominal: { ...view.nominal, finished: false } }, '1', near)).toBeNull();
   });
 
   it('is mentioned in the question and sent in the request', () => {

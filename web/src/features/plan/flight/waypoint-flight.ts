@@ -46,7 +46,7 @@ function deviationText({ deviation_horizontal_m: horizontal_m, deviation_vertica
  * Id of the dry run to compare a flight with: a completed dry run of this vehicle from the same start; null: none.
  * @param position position of the vehicle on the ground.
  */
-export function dryRunFor(view: DryRunView | null, vehicle: string, position: GeoPosition | null): string | null {
+export function dryRunIdFor(view: DryRunView | null, vehicle: string, position: GeoPosition | null): string | null {
   if (view === null || view.vehicle !== vehicle || !view.nominal.finished || position === null) return null;
   return isSameStart(position, view.nominal.origin) ? view.id : null;
 }

@@ -1,13 +1,13 @@
 /** Edits of a mission. Pure: each function returns a new mission. */
 
-import { moveShared, removeShared } from '../document/edit';
+import { moveHomeOrArea, removeHomeAndAreas } from '../document/edit';
 import type { GeoPosition } from '../../../vehicle/geo';
 import {
   nodesOf,
   pathOf,
-  stepNameOf,
+  stepPlaceOf,
   pointId,
-  pointOf,
+  pointRefOf,
   roleNames,
   stepId,
   valueAt,
@@ -19,14 +19,14 @@ import {
   type StepKind,
   type StepNode,
 } from './mission';
-import { movedTo, raisedBy, inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
+import { movedTo, raisedBy, positionInFrame, geoPointOf, positionFrameOf, type MissionFrame, type GeoPoint, type PositionFrame } from './positions';
 import { newStep, KINDS_WITH_POSITION } from './step-titles';
 
 /** Altitude above the start of a new point without a neighbour [m]. */
 const DEFAULT_UP_M = 10;
 
 export function nodeOf(mission: Mission, id: string): StepNode | null {
-  const place = stepNameOf(id);
+  const place = stepPlaceOf(id);
   return place === null ? null : (nodesOf(mission).find((node) => node.place === place) ?? null);
 }
 
@@ -35,10 +35,10 @@ export function setStep(mission: Mission, node: StepNode, step: Step): Mission {
 }
 
 /** Moves the point with this id. */
-export function movePoint(mission: Mission, id: string, position: GeoPosition, frame: Frame): Mission {
-  const ref = pointOf(id);
+export function movePoint(mission: Mission, id: string, position: GeoPosition, frame: MissionFrame): Mission {
+  const ref = pointRefOf(id);
   const node = ref === null ? null : nodeOf(mission, id);
-  if (ref === null || node === null) return moveShared(mission, id, position);
+  if (ref === null || node === null) return moveHomeOrArea(mission, id, position);
   const path = pathOf(node, ref);
   const old = valueAt(mission, path) as MissionPosition | undefined;
   return old === undefined ? mission : withValue(mission, path, movedTo(old, position, frame));
@@ -46,15 +46,15 @@ export function movePoint(mission: Mission, id: string, position: GeoPosition, f
 
 /** Changes the altitude of the point with this id by `by_m`; home and the geofence have no altitude. */
 export function raisePoint(mission: Mission, id: string, by_m: number): Mission {
-  const ref = pointOf(id);
+  const ref = pointRefOf(id);
   const node = ref === null ? null : nodeOf(mission, id);
   const path = ref === null || node === null ? null : pathOf(node, ref);
   const old = path === null ? undefined : (valueAt(mission, path) as MissionPosition | undefined);
   return path === null || old === undefined ? mission : withValue(mission, path, raisedBy(old, by_m));
 }
 
-function spliced<T>(list: readonly T[], start: number, removed: number, ...added: readonly T[]): T[] {
-  return [...list.slice(0, start), ...added, ...list.slice(start + removed)];
+function splice<T>(list: readonly T[], start: number, removeCount: number, ...added: readonly T[]): T[] {
+  return [...list.slice(0, start), ...added, ...list.slice(start + removeCount)];
 }
 
 const listPathOf = (path: JsonPath): JsonPath => path.slice(0, -1);
@@ -68,14 +68,14 @@ export function remove(mission: Mission, ids: readonly string[]): Mission {
   for (const id of ids) {
     const node = nodeOf(mission, id);
     if (node === null) continue;
-    const ref = pointOf(id);
+    const ref = pointRefOf(id);
     if (ref?.field === 'look_at') continue;
     if (ref?.field === 'points') {
       const entry = removedPoints.get(pathKey(node.path)) ?? { node, indexes: new Set() };
       removedPoints.set(pathKey(node.path), { node, indexes: entry.indexes.add(ref.index) });
     } else removedSteps.set(pathKey(node.path), node.path);
   }
-  let next = removeShared(mission, ids);
+  let next = removeHomeAndAreas(mission, ids);
   for (const [key, { node, indexes }] of removedPoints) {
     const remaining = (node.step.points ?? []).filter((_, index) => !indexes.has(index));
     if (remaining.length === 0) removedSteps.set(key, node.path);
@@ -85,19 +85,26 @@ export function remove(mission: Mission, ids: readonly string[]): Mission {
   const paths = [...removedSteps.values()].sort((a, b) => b.length - a.length || indexOf(b) - indexOf(a));
   for (const path of paths) {
     const list = valueAt(next, listPathOf(path));
-    if (Array.isArray(list)) next = withValue(next, listPathOf(path), spliced(list as readonly Step[], indexOf(path), 1));
+    if (Array.isArray(list)) next = withValue(next, listPathOf(path), splice(list as readonly Step[], indexOf(path), 1));
   }
   return next;
 }
 
 /** Inserts a point into a step at `index`, with the frame and altitude of a neighbouring point. */
-export function insertPoint(mission: Mission, place: string, index: number, position: GeoPosition, frame: Frame): { mission: Mission; id: string } | null {
+export function insertPoint(
+  mission: Mission,
+  place: string,
+  index: number,
+  position: GeoPosition,
+  frame: MissionFrame,
+): { mission: Mission; id: string } | null {
   const node = nodeOf(mission, stepId(place));
   const points = node?.step.points;
   if (node === null || points === undefined) return null;
   const template = points[index - 1] ?? points[index];
-  const point = template === undefined ? inFrame('offset', { ...position, up_m: DEFAULT_UP_M }, frame) : positionOnly(movedTo(template, position, frame));
-  const next = withValue(mission, [...node.path, 'points'], spliced(points, index, 0, point));
+  const point =
+    template === undefined ? positionInFrame('offset', { ...position, up_m: DEFAULT_UP_M }, frame) : positionOnly(movedTo(template, position, frame));
+  const next = withValue(mission, [...node.path, 'points'], splice(points, index, 0, point));
   return { mission: next, id: pointId({ place, field: 'points', index }) };
 }
 
@@ -111,16 +118,16 @@ function positionOnly(point: MissionPosition): MissionPosition {
  * A new position, in the frame of the previous position. The first position is in lat/lon if the start is known.
  * @param nodeCount number of nodes before the new step.
  */
-function newPosition(mission: Mission, position: GeoPosition | null, frame: Frame, nodeCount: number, nodes: readonly StepNode[]): MissionPosition {
+function newPosition(mission: Mission, position: GeoPosition | null, frame: MissionFrame, nodeCount: number, nodes: readonly StepNode[]): MissionPosition {
   const positionsBefore = nodes
     .slice(0, nodeCount)
     .flatMap((node): readonly MissionPosition[] | MissionPosition => node.step.points?.at(-1) ?? (node.step['center'] as MissionPosition | undefined) ?? []);
   const template = positionsBefore.at(-1);
-  const positionFrame: PositionFrame = template !== undefined ? frameOfPosition(template) : frame.known && mission.home != null ? 'home' : 'offset';
+  const positionFrame: PositionFrame = template !== undefined ? positionFrameOf(template) : frame.isStartKnown && mission.home != null ? 'home' : 'offset';
   const takeoffHeight_m = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
   const up_m = template !== undefined ? geoPointOf(template, frame).up_m : typeof takeoffHeight_m === 'number' ? takeoffHeight_m : DEFAULT_UP_M;
   const geoPoint: GeoPoint = { ...(position ?? (template === undefined ? frame.start : geoPointOf(template, frame))), up_m };
-  return inFrame(positionFrame, geoPoint, frame);
+  return positionInFrame(positionFrame, geoPoint, frame);
 }
 
 /**
@@ -132,13 +139,13 @@ export function addStep(
   kind: StepKind,
   position: GeoPosition | null,
   selected: readonly string[],
-  frame: Frame,
+  frame: MissionFrame,
 ): { mission: Mission; id: string } {
   const nodes = nodesOf(mission);
-  const last = lastSelected(mission, selected);
+  const last = lastSelectedStep(mission, selected);
   if (kind === 'fly' && position !== null && last?.step.step === 'fly') {
     const ref = selected
-      .map(pointOf)
+      .map(pointRefOf)
       .filter((point) => point?.field === 'points')
       .at(-1);
     const added = insertPoint(mission, last.place, ref == null ? (last.step.points?.length ?? 0) : ref.index + 1, position, frame);
@@ -152,7 +159,7 @@ export function addStep(
 }
 
 /** The last selected step; null: no step is selected. */
-export function lastSelected(mission: Mission, selected: readonly string[]): StepNode | null {
+export function lastSelectedStep(mission: Mission, selected: readonly string[]): StepNode | null {
   return (
     selected
       .map((id) => nodeOf(mission, id))
@@ -163,7 +170,7 @@ export function lastSelected(mission: Mission, selected: readonly string[]): Ste
 
 /** Inserts several steps where `addStep` would insert a step. @returns the mission and the ids of the inserted steps. */
 export function addSteps(mission: Mission, steps: readonly Step[], selected: readonly string[]): { mission: Mission; ids: string[] } {
-  const last = lastSelected(mission, selected);
+  const last = lastSelectedStep(mission, selected);
   const { mission: next, places } = insertSteps(mission, steps, last);
   return { mission: next, ids: places.map(stepId) };
 }
@@ -172,7 +179,7 @@ export function addSteps(mission: Mission, steps: readonly Step[], selected: rea
  * Path at which a step is inserted: after the selected step or into its empty branch, or without a selection at the end,
  * but before a final landing. A take-off is inserted at the beginning.
  */
-function pathToInsert(mission: Mission, kind: StepKind | undefined, selectedNode: StepNode | null): JsonPath {
+function insertionPath(mission: Mission, kind: StepKind | undefined, selectedNode: StepNode | null): JsonPath {
   const [role] = roleNames(mission);
   let listPath: JsonPath = role === undefined ? ['steps'] : ['roles', role, 'steps'];
   let index = role === undefined ? mission.steps.length : (mission.roles?.[role]?.steps.length ?? 0);
@@ -188,22 +195,22 @@ function pathToInsert(mission: Mission, kind: StepKind | undefined, selectedNode
 }
 
 /** Path at which `addStep` would insert a call. */
-export function pathOfCall(mission: Mission, selected: readonly string[]): JsonPath {
-  return pathToInsert(mission, 'call', lastSelected(mission, selected));
+export function callInsertionPath(mission: Mission, selected: readonly string[]): JsonPath {
+  return insertionPath(mission, 'call', lastSelectedStep(mission, selected));
 }
 
 /** Id of the step at a path; null: there is no step. */
-export function idAt(mission: Mission, path: JsonPath): string | null {
+export function stepIdAt(mission: Mission, path: JsonPath): string | null {
   const node = nodesOf(mission).find((candidate) => pathKey(candidate.path) === pathKey(path));
   return node === undefined ? null : stepId(node.place);
 }
 
-/** Inserts steps in their order, at the path for the first of them. */
+/** Inserts steps one after the other; the first step at the path from `insertionPath`. */
 function insertSteps(mission: Mission, added: readonly Step[], selectedNode: StepNode | null): { mission: Mission; places: string[] } {
-  const path = pathToInsert(mission, added[0]?.step, selectedNode);
+  const path = insertionPath(mission, added[0]?.step, selectedNode);
   const [listPath, index] = [listPathOf(path), indexOf(path)];
   const steps = (valueAt(mission, listPath) ?? []) as readonly Step[];
-  const next = withValue(mission, listPath, spliced(steps, index, 0, ...added));
+  const next = withValue(mission, listPath, splice(steps, index, 0, ...added));
   const placeOf = new Map(nodesOf(next).map((node) => [pathKey(node.path), node.place]));
   return { mission: next, places: added.map((_, i) => placeOf.get(pathKey([...listPath, index + i])) ?? '') };
 }
@@ -240,14 +247,14 @@ export function reorder(mission: Mission, ids: readonly string[], direction: -1 
   const [first] = paths;
   if (first === undefined || paths.some((path) => pathKey(listPathOf(path)) !== pathKey(listPathOf(first)))) return null;
   const list = valueAt(mission, listPathOf(first)) as readonly Step[];
-  const chosen = new Set(paths.map(indexOf));
-  const neighbourIndex = direction < 0 ? Math.min(...chosen) - 1 : Math.max(...chosen) + 1;
+  const movedIndexes = new Set(paths.map(indexOf));
+  const neighbourIndex = direction < 0 ? Math.min(...movedIndexes) - 1 : Math.max(...movedIndexes) + 1;
   const neighbour = list[neighbourIndex];
   if (neighbour === undefined) return null;
-  const targetIndex = direction < 0 ? Math.max(...chosen) : Math.min(...chosen);
-  const withoutNeighbour = spliced(list, neighbourIndex, 1);
-  const next = withValue(mission, listPathOf(first), spliced(withoutNeighbour, targetIndex, 0, neighbour));
-  const moved = new Set([...chosen].map((index) => pathKey([...listPathOf(first), index + direction])));
+  const targetIndex = direction < 0 ? Math.max(...movedIndexes) : Math.min(...movedIndexes);
+  const withoutNeighbour = splice(list, neighbourIndex, 1);
+  const next = withValue(mission, listPathOf(first), splice(withoutNeighbour, targetIndex, 0, neighbour));
+  const moved = new Set([...movedIndexes].map((index) => pathKey([...listPathOf(first), index + direction])));
   return {
     mission: next,
     ids: nodesOf(next)

@@ -1,7 +1,7 @@
 /** The editor's rows of a step, a trajectory point and a mission. Some fields of a step have several rows. Pure. */
 
 import { positionFields } from './position-fields';
-import type { Frame } from './positions';
+import type { MissionFrame } from './positions';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
 import { PERCENT, GIMBAL_MODES, CONDITION_VALUES } from './step-titles';
 
@@ -28,16 +28,16 @@ export interface Field<T> {
 /** The part of a field that is needed to display it. */
 export type ShownField = Omit<Field<never>, 'name' | 'set'>;
 
-/** What the rows of a step depend on besides the step. */
-export interface Context {
+/** The data besides the step that determine the rows of a step. */
+export interface RowContext {
   readonly mission: Mission;
-  readonly frame: Frame;
+  readonly frame: MissionFrame;
 }
 
-/** Returns the rows of one field of a step. */
-type RowSpec = (step: Step, context: Context) => Field<Step>[];
+/** Returns the rows for one field of the document. */
+type RowSpec = (step: Step, context: RowContext) => Field<Step>[];
 
-/** Suffixes of field names, unit and step; longest first. Angles are in radians in the document, in degrees on the page. */
+/** Suffixes of field names, unit and step. The first match applies. Angles are in radians in the document, in degrees on the page. */
 const UNITS: readonly (readonly [string, string, number])[] = [
   ['_m_s2', 'm/s²', 0.5],
   ['_m_s3', 'm/s³', 0.5],
@@ -130,7 +130,7 @@ const headingRows: RowSpec = (step, context) => {
         { value: 'look_at', text: 'towards a point' },
       ],
       set: (old, next) => {
-        const { yaw_ned_rad: _yaw, look_at: _at, ...rest } = old;
+        const { yaw_ned_rad: _yaw, look_at: _lookAt, ...rest } = old;
         if (next === 'yaw') return { ...rest, step: old.step, heading: 'keep', yaw_ned_rad: 0 };
         if (next === 'look_at')
           return { ...rest, step: old.step, heading: 'keep', look_at: old['center'] ?? old.points?.at(-1) ?? { offset_ned_m: [0, 0, 0] } };
@@ -151,7 +151,7 @@ const avoidanceRow = (value: unknown) =>
     over: 'over them',
     around: 'around them',
   });
-const stepAvoidance: RowSpec = (step) => {
+const stepAvoidanceRow: RowSpec = (step) => {
   const row = avoidanceRow(step['avoidance'] ?? '');
   return [
     {
@@ -161,13 +161,13 @@ const stepAvoidance: RowSpec = (step) => {
     },
   ];
 };
-const PATH_FIELDS: readonly RowSpec[] = [
+const PATH_ROWS: readonly RowSpec[] = [
   numberRow('speed_m_s', 'Maximum speed', SPEED_M_S),
   headingRows,
   numberRow('photo_every_m', 'Photo every', { ...LENGTH_M, placeholder: 'none' }),
-  stepAvoidance,
+  stepAvoidanceRow,
 ];
-const CIRCLE_FIELDS: readonly RowSpec[] = [
+const CIRCLE_ROWS: readonly RowSpec[] = [
   positionRows('center', 'Centre'),
   numberRow('radius_m', 'Radius', LENGTH_M),
   numberRow('turns', 'Turns', { min: 0.01, max: 200, step: 0.5 }),
@@ -288,7 +288,7 @@ const gimbalRows: RowSpec = (step, context) => {
   return rows;
 };
 
-const nameChoice =
+const nameChoiceRow =
   (field: string, label: string, source: 'missions' | 'tables', emptyText: string): RowSpec =>
   (step, { mission }) => {
     const names = Object.keys(mission[source] ?? {});
@@ -299,17 +299,17 @@ const nameChoice =
     return [choiceField(step, field, label, options)];
   };
 
-const STEP_FIELDS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
+const STEP_ROWS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
   take_off: [numberRow('height_m', 'Height above the start', { min: 0.5, max: 500 }), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '60' })],
-  fly: [choiceRow('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_FIELDS],
+  fly: [choiceRow('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_ROWS],
   hold: [numberRow('duration_s', 'Duration', DURATION_S), numberRow('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG)],
-  orbit: [...CIRCLE_FIELDS, ...PATH_FIELDS],
-  helix: [...CIRCLE_FIELDS, numberRow('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
+  orbit: [...CIRCLE_ROWS, ...PATH_ROWS],
+  helix: [...CIRCLE_ROWS, numberRow('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }), ...PATH_ROWS],
   spiral: [
-    ...CIRCLE_FIELDS,
+    ...CIRCLE_ROWS,
     numberRow('end_radius_m', 'Radius at the end', LENGTH_M),
     numberRow('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }),
-    ...PATH_FIELDS,
+    ...PATH_ROWS,
   ],
   figure_eight: [
     positionRows('center', 'Centre'),
@@ -317,9 +317,9 @@ const STEP_FIELDS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
     numberRow('width_m', 'Width of a loop', LENGTH_M),
     numberRow('rounds', 'Laps', { min: 0.01, max: 200, step: 0.5 }),
     numberRow('axis_ned_rad', 'Bearing of the long axis', ANGLE_DEG),
-    ...PATH_FIELDS,
+    ...PATH_ROWS,
   ],
-  table: [nameChoice('file', 'Table', 'tables', 'none'), switchRow('relative', 'Positions relative to the start of the mission', true)],
+  table: [nameChoiceRow('file', 'Table', 'tables', 'none'), switchRow('relative', 'Positions relative to the start of the mission', true)],
   velocity: [velocityRows, numberRow('duration_s', 'Duration', { min: 0.1, max: 3600 }), numberRow('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG)],
   attitude: [
     numberRow('roll_rad', 'Roll', { min: -85, max: 85 }),
@@ -337,21 +337,23 @@ const STEP_FIELDS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
   wait: [untilRows, numberRow('timeout_s', 'Timeout', { min: 0.1, max: 86_400 }), choiceRow('on_timeout', 'On timeout', ACTIONS)],
   repeat: [numberRow('times', 'Times', { min: 1, max: 1000 })],
   branch: [conditionRows('condition')],
-  call: [nameChoice('mission', 'List of steps', 'missions', 'choose …')],
+  call: [nameChoiceRow('mission', 'List of steps', 'missions', 'choose …')],
   land: [numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '300' })],
   meet: [textRow('meeting', 'Name of the sync point'), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '120' })],
 };
 /** Fields with whole numbers; the page rounds typed fractions. */
-const INTEGERS: ReadonlySet<string> = new Set(['times', 'count']);
+const INTEGER_FIELDS: ReadonlySet<string> = new Set(['times', 'count']);
 
 /** The rows of a step; the first row is the name. */
-export function fieldsOf(step: Step, context: Context): Field<Step>[] {
-  const rows = [...textRow('name', 'Name')(step, context), ...STEP_FIELDS[step.step].flatMap((spec) => spec(step, context))];
-  return rows.map((row) => (INTEGERS.has(row.name) ? { ...row, set: (old, next) => row.set(old, typeof next === 'number' ? Math.round(next) : next) } : row));
+export function fieldsOf(step: Step, context: RowContext): Field<Step>[] {
+  const rows = [...textRow('name', 'Name')(step, context), ...STEP_ROWS[step.step].flatMap((spec) => spec(step, context))];
+  return rows.map((row) =>
+    INTEGER_FIELDS.has(row.name) ? { ...row, set: (old, next) => row.set(old, typeof next === 'number' ? Math.round(next) : next) } : row,
+  );
 }
 
 /** The rows of one point of a trajectory. */
-export function pointFields(point: MissionPosition, { frame }: Context): Field<MissionPosition>[] {
+export function pointFields(point: MissionPosition, { frame }: RowContext): Field<MissionPosition>[] {
   return [
     ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Position', 'point'),
     numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG),

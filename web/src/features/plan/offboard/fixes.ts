@@ -6,15 +6,15 @@ import { removeObstacle } from '../document/edit';
 import { limitText, type Finding, type Fix } from '../document/fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
 import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type StepNode } from './mission';
-import { inFrame, geoPointOf, frameOfPosition, type Frame } from './positions';
+import { positionInFrame, geoPointOf, positionFrameOf, type MissionFrame } from './positions';
 import { newStep } from './step-titles';
 
 /** Minimum altitude above the start to which points are raised [m]. */
 const MIN_UP_M = 2;
-/** Distance below a limit to which points are lowered [m]. A curve may pass slightly above its points. */
+/** Points are lowered to this distance below a limit [m], because a curve may pass slightly above its points. */
 const MARGIN_M = 0.5;
 
-export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mission> | null {
+export function fixOf(mission: Mission, finding: Finding, frame: MissionFrame): Fix<Mission> | null {
   const node = finding.place.step === null ? null : nodeOf(mission, stepId(finding.place.step));
   switch (finding.code) {
     case 'takeoff_missing':
@@ -40,7 +40,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
     case 'estimate_missing':
     case 'fence_unknown':
     case 'obstacles_unknown':
-      return frame.known && mission.home == null ? { text: 'Use the vehicle’s home', plan: { ...mission, home: frame.start } } : null;
+      return frame.isStartKnown && mission.home == null ? { text: 'Use the vehicle’s home', plan: { ...mission, home: frame.start } } : null;
     case 'obstacle_invalid':
       return finding.place.obstacle === null ? null : { text: 'Delete this obstacle', plan: removeObstacle(mission, finding.place.obstacle) };
     case 'duration_too_short': {
@@ -55,7 +55,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
   }
 }
 
-/** Sets the maximum speed of the step to the limit, or that of the mission if only the mission has one. */
+/** Sets the maximum speed of the step to the limit; if only the mission has a maximum speed, sets that of the mission. */
 function setSpeed(mission: Mission, node: StepNode, limit: number | null): Fix<Mission> | null {
   if (limit === null) return null;
   const text = `Set the speed to ${limitText(limit)} m/s`;
@@ -65,7 +65,7 @@ function setSpeed(mission: Mission, node: StepNode, limit: number | null): Fix<M
 }
 
 /** Lowers the points of a step, or the height of a take-off, to an altitude above home. */
-function limitAltitude(mission: Mission, node: StepNode, frame: Frame, max_m: number): Fix<Mission> | null {
+function limitAltitude(mission: Mission, node: StepNode, frame: MissionFrame, max_m: number): Fix<Mission> | null {
   if (node.step.step === 'take_off') {
     const text = `Limit the height above the start to ${limitText(max_m)} m`;
     return { text, plan: setStep(mission, node, { ...node.step, height_m: max_m }) };
@@ -92,14 +92,14 @@ function limitGimbal(mission: Mission, node: StepNode): Fix<Mission> {
 }
 
 /** Sets the altitude above the start of each point of a step to `newUp_m(up_m)`; null for a step without points. */
-function changeAltitudes(mission: Mission, node: StepNode, frame: Frame, text: string, newUp_m: (up_m: number) => number): Fix<Mission> | null {
-  const changed = (point: MissionPosition): MissionPosition => {
+function changeAltitudes(mission: Mission, node: StepNode, frame: MissionFrame, text: string, newUp_m: (up_m: number) => number): Fix<Mission> | null {
+  const withNewAltitude = (point: MissionPosition): MissionPosition => {
     const geoPoint = geoPointOf(point, frame);
     const up_m = newUp_m(geoPoint.up_m);
-    return up_m === geoPoint.up_m ? point : inFrame(frameOfPosition(point), { ...geoPoint, up_m }, frame, point);
+    return up_m === geoPoint.up_m ? point : positionInFrame(positionFrameOf(point), { ...geoPoint, up_m }, frame, point);
   };
   if (node.step.points === undefined) return null;
-  return { text, plan: setStep(mission, node, { ...node.step, points: node.step.points.map(changed) }) };
+  return { text, plan: setStep(mission, node, { ...node.step, points: node.step.points.map(withNewAltitude) }) };
 }
 
 /** Ids of the parts that a finding concerns. */

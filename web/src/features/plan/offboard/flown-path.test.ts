@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
 import { ClosedCards } from '../flight/closed-cards.svelte';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
-import { distanceText, figures, flownLength_m, flownPicture, flownPlot, pathDistances, sourceText, type FlownPath } from './flown-path';
+import { distanceText, figures, flownLength_m, flownPathLayer, flownPlot, pathDistances, sourceText, type FlownPath } from './flown-path';
 
 type Vector = [number, number, number];
 type Sample = FlownPath['samples'][number];
@@ -136,7 +136,7 @@ describe('plot', () => {
 
 describe('map', () => {
   it('shows the planned path dashed and the flown path solid', () => {
-    const lines = flownPicture(FLOWN)?.lines ?? [];
+    const lines = flownPathLayer(FLOWN)?.lines ?? [];
     expect(lines.map(({ tone, style, positions }) => [tone, style, positions.length])).toEqual([
       ['target', 'dashed', 3],
       ['target', 'dashed', 3],
@@ -147,13 +147,13 @@ describe('map', () => {
 
   it('shows a branch only if it is the longest or was flown', () => {
     const branch = (flown: FlownPath) =>
-      flownPicture({ ...flown, planned_legs: [leg('step 2', [0, 0, 0], [9, 0, 0]), leg('step 3', [9, 9, 0], [9, 0, 0], false)] });
+      flownPathLayer({ ...flown, planned_legs: [leg('step 2', [0, 0, 0], [9, 0, 0]), leg('step 3', [9, 9, 0], [9, 0, 0], false)] });
     expect(branch(FLOWN)?.lines).toHaveLength(3);
     expect(branch({ ...FLOWN, samples: FLOWN.samples.filter(({ place }) => place !== 'step 3') })?.lines).toHaveLength(2);
   });
 
   it('shows nothing while the origin is not known', () => {
-    expect(flownPicture({ ...FLOWN, origin: null })).toBeNull();
+    expect(flownPathLayer({ ...FLOWN, origin: null })).toBeNull();
   });
 });
 

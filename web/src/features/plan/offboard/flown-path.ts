@@ -12,7 +12,7 @@ export type FlownPath = Readonly<Schemas['FlownMission']>;
 type Sample = FlownPath['samples'][number];
 type Vector = readonly number[];
 
-/** Minimum step for measuring the flown length, which excludes the noise of the position estimate [m]. */
+/** Movements below this distance [m] are left out of the flown length, as noise of the position estimate. */
 const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
 
@@ -35,9 +35,9 @@ interface PathDistance {
 /** The planned and the flown figures of a mission; null: not known. */
 export interface Figures {
   /** Largest distance from the planned path. */
-  readonly largest_m: number | null;
+  readonly largestDistance_m: number | null;
   /** 95th percentile of the distances from the planned path. */
-  readonly p95_m: number | null;
+  readonly p95Distance_m: number | null;
   readonly rows: readonly FigureRow[];
 }
 
@@ -62,20 +62,20 @@ function plannedLines({ planned_legs, samples }: FlownPath): { place: string; po
 }
 
 /**
- * Distance of each sample with a planned position from the planned path of the sample's step. Samples of take-off and
- * landing have no planned position, because PX4 flies them by itself.
+ * Distances from the planned path of the step, for all samples with a planned position. Samples of take-off and landing
+ * have no planned position, because PX4 flies both by itself.
  */
-export function pathDistances(flown: FlownPath): PathDistance[] {
-  const lines = plannedLines(flown);
+export function pathDistances(flownPath: FlownPath): PathDistance[] {
+  const lines = plannedLines(flownPath);
   const linesByPlace = new Map<string | null, readonly (readonly Vector[])[]>();
-  for (const { place } of flown.samples) {
+  for (const { place } of flownPath.samples) {
     const stepLines = lines.filter((line) => line.place === place);
     linesByPlace.set(
       place,
       (stepLines.length === 0 ? lines : stepLines).map(({ points }) => points),
     );
   }
-  return flown.samples.flatMap((sample) => {
+  return flownPath.samples.flatMap((sample) => {
     const distance_m = sample.planned_ned_m === null ? Infinity : distanceToLines_m(sample.flown_ned_m, linesByPlace.get(sample.place) ?? []);
     return Number.isFinite(distance_m) ? [{ t_s: sample.t_s, distance_m }] : [];
   });
@@ -116,24 +116,24 @@ export function flownLength_m(samples: readonly Sample[]): number {
 }
 
 /** The figures of a flight. @param dryRun the dry run that the flight was compared with; null: none. */
-export function figures(flown: FlownPath, distances: readonly PathDistance[], dryRun: DryRunView | null): Figures {
+export function figures(flownPath: FlownPath, distances: readonly PathDistance[], dryRun: DryRunView | null): Figures {
   const sorted_m = distances.map(({ distance_m }) => distance_m).sort((a, b) => a - b);
   const lengthText = (value_m: number | null): string => (value_m === null ? 'not known' : `${metres(value_m).text} ${metres(value_m).unit}`);
   const dryRunFlight = dryRun?.together == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is the flight of the first role
   return {
-    largest_m: sorted_m.at(-1) ?? null,
-    p95_m: sorted_m[Math.ceil(QUANTILE * sorted_m.length) - 1] ?? null,
+    largestDistance_m: sorted_m.at(-1) ?? null,
+    p95Distance_m: sorted_m[Math.ceil(QUANTILE * sorted_m.length) - 1] ?? null,
     rows: [
       {
-        name: TIME_LABELS[flown.planned_by === 'mission' ? 'setpoints' : 'armed'],
-        planned: durationText(flown.planned_duration_s),
-        flown: durationText(flown.duration_s),
+        name: TIME_LABELS[flownPath.planned_by === 'mission' ? 'setpoints' : 'armed'],
+        planned: durationText(flownPath.planned_duration_s),
+        flown: durationText(flownPath.duration_s),
       },
-      { name: 'Length', planned: lengthText(flown.planned_length_m), flown: lengthText(flownLength_m(flown.samples)) },
+      { name: 'Length', planned: lengthText(flownPath.planned_length_m), flown: lengthText(flownLength_m(flownPath.samples)) },
       {
         name: 'Battery used',
         planned: percentUsed(dryRunFlight?.battery_start_share, dryRunFlight?.battery_end_share),
-        flown: percentUsed(flown.battery_start_share, flown.battery_end_share),
+        flown: percentUsed(flownPath.battery_start_share, flownPath.battery_end_share),
       },
     ],
   };
@@ -149,30 +149,30 @@ export function sourceText({ planned_by }: FlownPath): string {
 }
 
 /** The largest distance and the 95th percentile as text. */
-export function distanceText({ largest_m, p95_m }: Figures, { planned_by }: FlownPath): string {
-  if (largest_m === null) {
+export function distanceText({ largestDistance_m, p95Distance_m }: Figures, { planned_by }: FlownPath): string {
+  if (largestDistance_m === null) {
     const reason = planned_by === 'mission' ? 'the server sent no position setpoints' : 'no planned path is known for this flight';
     return `Distance from the planned path: not known, because ${reason}.`;
   }
-  return `Distance from the planned path: at most ${fixed(largest_m, 1)} m; 95 % within ${fixed(p95_m, 1)} m.`;
+  return `Distance from the planned path: at most ${fixed(largestDistance_m, 1)} m; 95 % within ${fixed(p95Distance_m, 1)} m.`;
 }
 
 export const FLOWN_QUANTITIES = ['Distance', 'Altitude'] as const;
 export type FlownQuantity = (typeof FLOWN_QUANTITIES)[number];
 
 /** A plot over the time since the start; null: no value is known. */
-export function flownPlot(flown: FlownPath, distances: readonly PathDistance[], quantity: FlownQuantity): FlownPlot | null {
-  const end_s = flown.samples.at(-1)?.t_s ?? 0;
+export function flownPlot(flownPath: FlownPath, distances: readonly PathDistance[], quantity: FlownQuantity): FlownPlot | null {
+  const end_s = flownPath.samples.at(-1)?.t_s ?? 0;
   if (quantity === 'Distance') {
     const points = distances.map(({ t_s, distance_m }) => [t_s, distance_m] as const);
     return points.length === 0 ? null : { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 1, end_s, points }), planned: [] };
   }
-  const start_down_m = flown.samples[0]?.flown_ned_m[2];
+  const start_down_m = flownPath.samples[0]?.flown_ned_m[2];
   if (start_down_m === undefined) return null;
   const up_m = (position: Vector): number => start_down_m - (position[2] ?? 0);
-  const points = flown.samples.map(({ t_s, flown_ned_m }) => [t_s, up_m(flown_ned_m)] as const);
+  const points = flownPath.samples.map(({ t_s, flown_ned_m }) => [t_s, up_m(flown_ned_m)] as const);
   const planned: (readonly [number, number])[][] = [[]];
-  for (const { t_s, planned_ned_m } of flown.samples) {
+  for (const { t_s, planned_ned_m } of flownPath.samples) {
     if (planned_ned_m === null) planned.push([]);
     else planned.at(-1)?.push([t_s, up_m(planned_ned_m)]);
   }
@@ -183,12 +183,12 @@ export function flownPlot(flown: FlownPath, distances: readonly PathDistance[], 
 /**
  * The planned path (dashed) and the flown path (solid) on the map; null: the origin of the local frame is not known.
  */
-export function flownPicture(flown: FlownPath): LayerPicture | null {
-  const { origin } = flown;
+export function flownPathLayer(flownPath: FlownPath): LayerPicture | null {
+  const { origin } = flownPath;
   if (origin === null) return null;
   const positionsOf = (points: readonly Vector[]) => points.map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m }));
   const planned: { place: string; points: Vector[] }[] = [];
-  for (const { place, points } of plannedLines(flown)) {
+  for (const { place, points } of plannedLines(flownPath)) {
     const last = planned.at(-1);
     const isContinuous = last?.points.at(-1)?.every((value, axis) => Math.abs(value - (points[0]?.[axis] ?? Infinity)) < 0.01) === true;
     if (last !== undefined && isContinuous) last.points.push(...points.slice(1));
@@ -196,7 +196,7 @@ export function flownPicture(flown: FlownPath): LayerPicture | null {
   }
   const lines: LayerLine[] = [
     ...planned.map(({ points }): LayerLine => ({ positions: positionsOf(points), tone: 'target', style: 'dashed' })),
-    { positions: positionsOf(flown.samples.map(({ flown_ned_m }) => flown_ned_m)), tone: 'actual', style: 'solid' },
+    { positions: positionsOf(flownPath.samples.map(({ flown_ned_m }) => flown_ned_m)), tone: 'actual', style: 'solid' },
   ];
   return { lines: lines.filter((line) => line.positions.length > 1), areas: [], points: [] };
 }

@@ -3,7 +3,7 @@
 import type { InsertedMission, PlanApi, PositionHandling } from '../api';
 import type { PlanEditor } from '../editor/editor.svelte';
 import { fieldProblemText } from '../patterns/drawing.svelte';
-import { idAt, pathOfCall } from './edit';
+import { stepIdAt, callInsertionPath } from './edit';
 
 /** An offboard mission in the list of stored plans. */
 export interface StoredMission {
@@ -52,7 +52,7 @@ export class MissionInsertion {
   async insert(storedMission: StoredMission, positions: PositionHandling | null = null): Promise<InsertedMission | null> {
     const { mission, draft, selected } = this.editor;
     if (mission === null || this.busy) return null;
-    const callPath = pathOfCall(mission, [...selected]);
+    const callPath = callInsertionPath(mission, [...selected]);
     this.requestCount += 1;
     const requestNumber = this.requestCount;
     this.clearProblem();
@@ -71,7 +71,7 @@ export class MissionInsertion {
       return null;
     }
     this.editor.change(response.value.plan);
-    const id = idAt(response.value.plan, callPath);
+    const id = stepIdAt(response.value.plan, callPath);
     this.editor.select(id === null ? [] : [id]);
     this.close();
     return response.value;

@@ -3,8 +3,8 @@ import { positionAt } from '../../../vehicle/geo';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
 import {
   executorText,
-  dryRunWithCorridor,
-  dryRunWithCorridorForRoles,
+  dryRunIdWithCorridor,
+  dryRunIdWithCorridorForRoles,
   corridorText,
   deviationText,
   isOver,
@@ -74,12 +74,12 @@ describe('the corridor of a dry run', () => {
   const view = (fields: object) => ({ id: '7', vehicle: '1', monte_carlo: { corridor: {} }, nominal: { origin: start }, ...fields }) as unknown as DryRunView;
 
   it('is used only for the same vehicle and start', () => {
-    expect(dryRunWithCorridor(view({}), '1', positionAt(start, { north_m: 3, east_m: 3 }))).toBe('7');
-    expect(dryRunWithCorridor(view({}), '1', positionAt(start, { north_m: 6, east_m: 0 }))).toBeNull();
+    expect(dryRunIdWithCorridor(view({}), '1', positionAt(start, { north_m: 3, east_m: 3 }))).toBe('7');
+    expect(dryRunIdWithCorridor(view({}), '1', positionAt(start, { north_m: 6, east_m: 0 }))).toBeNull();
     expect([
-      dryRunWithCorridor(view({}), '2', start),
-      dryRunWithCorridor(view({ monte_carlo: null }), '1', start),
-      dryRunWithCorridor(null, '1', start),
+      dryRunIdWithCorridor(view({}), '2', start),
+      dryRunIdWithCorridor(view({ monte_carlo: null }), '1', start),
+      dryRunIdWithCorridor(null, '1', start),
     ]).toEqual([null, null, null]);
   });
 
@@ -89,11 +89,11 @@ describe('the corridor of a dry run', () => {
     const vehicles = { lead: '1', left: '2' };
     const dryRun = view({ vehicle: null, vehicles, together });
     const at = (id: string) => positionAt(start, { north_m: 2, east_m: id === '1' ? 0 : 20 });
-    expect(dryRunWithCorridorForRoles(dryRun, vehicles, at)).toBe('7');
-    expect(dryRunWithCorridorForRoles(dryRun, { lead: '2', left: '1' }, at)).toBeNull();
-    expect(dryRunWithCorridorForRoles(dryRun, vehicles, () => start)).toBeNull();
-    expect(dryRunWithCorridorForRoles(dryRun, vehicles, () => null)).toBeNull();
-    expect([dryRunWithCorridorForRoles(view({ vehicle: null, together: null }), vehicles, at), dryRunWithCorridorForRoles(null, vehicles, at)]).toEqual([
+    expect(dryRunIdWithCorridorForRoles(dryRun, vehicles, at)).toBe('7');
+    expect(dryRunIdWithCorridorForRoles(dryRun, { lead: '2', left: '1' }, at)).toBeNull();
+    expect(dryRunIdWithCorridorForRoles(dryRun, vehicles, () => start)).toBeNull();
+    expect(dryRunIdWithCorridorForRoles(dryRun, vehicles, () => null)).toBeNull();
+    expect([dryRunIdWithCorridorForRoles(view({ vehicle: null, together: null }), vehicles, at), dryRunIdWithCorridorForRoles(null, vehicles, at)]).toEqual([
       null,
       null,
     ]);

@@ -11,6 +11,7 @@ import { nodesOf, type Mission } from './mission';
 
 export type MissionFlight = components['schemas']['OffboardMissionStatus'];
 type State = MissionFlight['state'];
+/** `resume` ends a pause or an interruption; `go_on` answers the mission's question to the operator. */
 export type FlightCommand = 'pause' | 'resume' | 'skip' | 'go_on' | 'abort';
 
 const STATE_TEXTS: Readonly<Record<State, string>> = {
@@ -116,19 +117,21 @@ const ACTION_VERBS: Readonly<Record<string, string>> = { continue: 'continues', 
 
 /**
  * Why this page cannot start a mission; null if it can.
- * @param blocking errors that are not accepted; null: the mission has not been checked.
+ * @param blockingErrors errors that are not accepted; null: the mission has not been checked.
  */
-export function startProblem(blocking: readonly Finding[] | null, flight: MissionFlight | null): string | null {
+export function startProblem(blockingErrors: readonly Finding[] | null, flight: MissionFlight | null): string | null {
   if (flight !== null && !isOver(flight)) return 'The vehicle is already flying a mission. Abort it first.';
-  if (blocking === null) return 'The mission has not been checked for this vehicle yet.';
-  if (blocking.length === 0) return null;
-  return blockingErrorsText(blocking);
+  if (blockingErrors === null) return 'The mission has not been checked for this vehicle yet.';
+  if (blockingErrors.length === 0) return null;
+  return blockingErrorsText(blockingErrors);
 }
 
 /** Text about errors that are not accepted, with the text of the first error. */
-export function blockingErrorsText(blocking: readonly Finding[]): string {
-  const text = blocking[0]?.text ?? '';
-  return blocking.length === 1 ? `An error to fix or accept below: ${text}` : `${blocking.length} errors to fix or accept below. The first one: ${text}`;
+export function blockingErrorsText(blockingErrors: readonly Finding[]): string {
+  const text = blockingErrors[0]?.text ?? '';
+  return blockingErrors.length === 1
+    ? `An error to fix or accept below: ${text}`
+    : `${blockingErrors.length} errors to fix or accept below. The first one: ${text}`;
 }
 
 /** The confirmation of the start: duration, warnings, failsafe actions. */
@@ -137,7 +140,7 @@ export function startQuestion(
   vehicleName: string,
   time_s: number | null,
   warningCount: number,
-  ifStreamStops: string | null,
+  streamStopText: string | null,
   acceptedTexts: readonly string[] = [],
 ): ConfirmationTexts {
   const { link_loss, low_battery, control_lost } = mission.actions;
@@ -148,7 +151,7 @@ export function startQuestion(
     warningCount === 0 ? '' : `The check found ${warningCount} ${warningCount === 1 ? 'warning' : 'warnings'}.`,
     acceptedErrorsText(acceptedTexts),
     `${low_battery === 'continue' ? 'Low battery: no action by the mission; the vehicle’s own setting applies' : `Low battery: the vehicle ${actionText(low_battery)}`}. If the controlling client is lost: the vehicle ${actionText(control_lost)}.`,
-    `If the server fails or loses the connection to the vehicle: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(
+    `If the server fails or loses the connection to the vehicle: ${streamStopText ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(
       /\.\.$/,
       '.',
     ),
@@ -168,13 +171,13 @@ export function startQuestion(
  * is none.
  * @param position position of the vehicle; null: not known.
  */
-export function dryRunWithCorridor(view: DryRunView | null, vehicle: string, position: GeoPosition | null): string | null {
+export function dryRunIdWithCorridor(view: DryRunView | null, vehicle: string, position: GeoPosition | null): string | null {
   if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || position === null) return null;
   return isSameStart(position, view.nominal.origin) ? view.id : null;
 }
 
-/** Like `dryRunWithCorridor`, for a mission with roles: all vehicles must match. @param positionOf null: the position is not known. */
-export function dryRunWithCorridorForRoles(
+/** Like `dryRunIdWithCorridor`, for a mission with roles: all vehicles must match. @param positionOf null: the position is not known. */
+export function dryRunIdWithCorridorForRoles(
   view: DryRunView | null,
   vehicles: Readonly<Record<string, string>>,
   positionOf: (vehicle: string) => GeoPosition | null,

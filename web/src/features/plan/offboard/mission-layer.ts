@@ -3,11 +3,11 @@
 import type { LayerLine, LayerPicture, LayerPosition } from '../../../app/map-layers.svelte';
 import { durationText } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
-import { pointAdder, sharedPicture, sketchLines, type Sketch } from '../document/layer';
+import { pointAdder, areaLayer, sketchLines, type Sketch } from '../document/layer';
 import { midpoint } from '../document/edit';
-import { homeEntry, sharedEntries, type TreeEntry } from '../document/list-entries';
-import { nodesOf, stepNameOf, positionsOf, pointId, pointOf, stepId, type Mission, type StepNode } from './mission';
-import { altitudeText, geoPointOf, type Frame, type GeoPoint } from './positions';
+import { homeEntry, areaEntries, type ListEntry } from '../document/list-entries';
+import { nodesOf, stepPlaceOf, positionsOf, pointId, pointRefOf, stepId, type Mission, type StepNode } from './mission';
+import { altitudeText, geoPointOf, type MissionFrame, type GeoPoint } from './positions';
 import type { CompiledFlight, StepTime } from './compiled-path';
 import { detailOf, stepTitle } from './step-titles';
 
@@ -15,24 +15,24 @@ import { detailOf, stepTitle } from './step-titles';
 const MAX_MIDPOINTS = 60;
 
 /** Text on a point, such as "2b": number of the step and letter of the point; from the 27th point "2 27". */
-export function pointMark(node: StepNode, index: number, count: number): string {
-  if (count === 1) return node.mark;
-  return node.mark + (index < 26 ? String.fromCharCode(97 + index) : ` ${index + 1}`);
+export function pointLabel(node: StepNode, index: number, count: number): string {
+  if (count === 1) return node.numberText;
+  return node.numberText + (index < 26 ? String.fromCharCode(97 + index) : ` ${index + 1}`);
 }
 
-export function picture(
+export function missionLayer(
   mission: Mission,
   selected: ReadonlySet<string>,
   sketch: Sketch | null,
-  frame: Frame,
+  frame: MissionFrame,
   flight: CompiledFlight | null,
   isCurrent: boolean,
 ): LayerPicture {
-  const { points, areas, lines, solids } = sharedPicture(mission, selected, sketch, frame.start.alt_amsl_m);
+  const { points, areas, lines, solids } = areaLayer(mission, selected, sketch, frame.start.alt_amsl_m);
   const add = pointAdder(points, selected);
   const nodes = nodesOf(mission);
   const showsAllMidpoints = nodes.reduce((count, node) => count + (node.step.points?.length ?? 0), 0) <= MAX_MIDPOINTS;
-  const selectedPlaces = new Set([...selected].map(stepNameOf));
+  const selectedPlaces = new Set([...selected].map(stepPlaceOf));
   add('home', frame.start, 'home', 'text2');
   const drawnPaths = new Set<string>();
   for (const node of nodes) {
@@ -55,7 +55,7 @@ export function picture(
       }
     for (const { ref, position } of positions) {
       const isFlown = ref.field === 'points';
-      const text = isFlown ? pointMark(node, ref.index, count) : '';
+      const text = isFlown ? pointLabel(node, ref.index, count) : '';
       add(
         pointId(ref),
         withAltitude(geoPointOf(position, frame), frame),
@@ -72,18 +72,18 @@ export function picture(
 }
 
 /** A point with its altitude AMSL. */
-function withAltitude({ lat_deg, lon_deg, up_m }: GeoPoint, frame: Frame): LayerPosition {
+function withAltitude({ lat_deg, lon_deg, up_m }: GeoPoint, frame: MissionFrame): LayerPosition {
   return { lat_deg, lon_deg, alt_amsl_m: frame.start.alt_amsl_m + up_m };
 }
 
 /** Straight lines between the points, used until the server has compiled the path. */
-function straightLines(nodes: readonly StepNode[], frame: Frame): LayerLine[] {
+function straightLines(nodes: readonly StepNode[], frame: MissionFrame): LayerLine[] {
   const positions = nodes.flatMap((node) => (node.step.points ?? []).map((point) => withAltitude(geoPointOf(point, frame), frame)));
   return positions.length === 0 ? [] : [{ positions: [frame.start, ...positions], tone: 'target', style: 'dotted' }];
 }
 
 /** The compiled path. Alternative branches and outdated paths are dotted. */
-function flightLines(flight: CompiledFlight, frame: Frame, isCurrent: boolean): LayerLine[] {
+function flightLines(flight: CompiledFlight, frame: MissionFrame, isCurrent: boolean): LayerLine[] {
   const lines: { main: boolean; positions: LayerPosition[] }[] = [];
   for (const { main, points } of flight.legs) {
     const positions = points.map(([, north_m, east_m, down_m]): LayerPosition => ({
@@ -105,13 +105,13 @@ function isSamePosition(a: GeoPosition | undefined, b: GeoPosition | undefined):
 }
 
 /** Parses the id of a leg's midpoint. @returns the step, and the index that a new point gets; null: the id of another part. */
-export function pointInsertionOf(id: string): { index: number; place: string } | null {
+export function parseLegMidpointId(id: string): { index: number; place: string } | null {
   const match = /^between:(\d+):(.*)$/s.exec(id);
   return match === null ? null : { index: Number(match[1]), place: match[2] ?? '' };
 }
 
 /** The list entries of a mission. The duration of a step contains the durations of its nested steps. */
-export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[] {
+export function missionEntries(mission: Mission, times: readonly StepTime[]): ListEntry[] {
   const timeOfStep = new Map(times.map((time) => [time.place, time]));
   const duration_s = (node: StepNode, nested: readonly StepNode[]): number | null => {
     const times_s = [node, ...nested].flatMap(({ place }) => timeOfStep.get(place)?.duration_s ?? []);
@@ -120,11 +120,11 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
   const nodes = nodesOf(mission);
   return [
     ...homeEntry(mission.home ?? null),
-    ...nodes.map((node, index): TreeEntry => {
+    ...nodes.map((node, index): ListEntry => {
       const endIndex = nodes.findIndex((other, i) => i > index && other.depth <= node.depth);
       const stepDuration_s = duration_s(node, nodes.slice(index + 1, endIndex < 0 ? nodes.length : endIndex));
       const photos = timeOfStep.get(node.place)?.photos ?? 0;
-      const timeText = [
+      const estimateText = [
         stepDuration_s === null || stepDuration_s < 0.5 ? '' : durationText(stepDuration_s),
         photos > 0 ? `${photos} ${photos === 1 ? 'photo' : 'photos'}` : '',
       ]
@@ -133,22 +133,22 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
       return {
         ids: [stepId(node.place)],
         row: null,
-        step: node.place,
-        mark: node.mark,
+        stepPlace: node.place,
+        symbol: node.numberText,
         icon: null,
         tone: 'target',
         title: stepTitle(node.step),
         detail: detailOf(node.step),
         depth: node.depth,
         listHeading: node.listHeading,
-        durationText: timeText,
+        estimateText,
       };
     }),
-    ...sharedEntries(mission),
+    ...areaEntries(mission),
   ];
 }
 
 /** Whether one of the points of this step is selected. */
-export function hasSelectedPoint(entry: TreeEntry, selected: ReadonlySet<string>): boolean {
-  return entry.step !== undefined && [...selected].some((id) => pointOf(id)?.place === entry.step);
+export function hasSelectedPoint(entry: ListEntry, selected: ReadonlySet<string>): boolean {
+  return entry.stepPlace !== undefined && [...selected].some((id) => pointRefOf(id)?.place === entry.stepPlace);
 }

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { canRemove, canSelect, deferralOf, deferralProblem, modeName, modeText, registerProblem, selectQuestion, type MissionMode } from './mission-modes';
+import { canRemove, canSelect, parseDeferral, deferralProblem, modeName, modeText, registerProblem, selectQuestion, type MissionMode } from './mission-modes';
 import type { Finding } from '../document/fixes';
 import type { Mission } from './mission';
 
@@ -50,7 +50,7 @@ describe('the time for deferred failsafes', () => {
     ['1e2', null],
     ['soon', null],
   ])('is read from “%s”', (text, deferral_s) => {
-    expect(deferralOf(text)).toBe(deferral_s);
+    expect(parseDeferral(text)).toBe(deferral_s);
     expect(deferralProblem(text) === null).toBe(deferral_s !== null);
   });
 

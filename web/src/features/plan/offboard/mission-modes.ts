@@ -21,7 +21,7 @@ export function modeName(missionName: string): string {
 }
 
 /** Parses the time for which PX4 may defer a failsafe, in whole seconds; empty text is 0 (never). Null: not valid. */
-export function deferralOf(text: string): number | null {
+export function parseDeferral(text: string): number | null {
   const typed = text.trim();
   if (!/^[0-9]{0,3}$/.test(typed)) return null;
   const deferral_s = Number(typed);
@@ -30,21 +30,21 @@ export function deferralOf(text: string): number | null {
 
 /** Why the typed time is not valid; null: it is valid. */
 export function deferralProblem(text: string): string | null {
-  return deferralOf(text) === null ? `Enter a whole number from 0 (never) to ${MAX_DEFERRAL_S}.` : null;
+  return parseDeferral(text) === null ? `Enter a whole number from 0 (never) to ${MAX_DEFERRAL_S}.` : null;
 }
 
 /**
  * Why a mission cannot be registered under this name; null: it can be registered.
- * @param blocking errors that are not accepted; null: the mission has not been checked. A missing take-off is not
+ * @param blockingErrors errors that are not accepted; null: the mission has not been checked. A missing take-off is not
  *   counted as an error, because the mode of a mission without a take-off begins in the air.
  */
-export function registerProblem(name: string, mission: Mission, blocking: readonly Finding[] | null, modes: readonly MissionMode[]): string | null {
+export function registerProblem(name: string, mission: Mission, blockingErrors: readonly Finding[] | null, modes: readonly MissionMode[]): string | null {
   if (!NAME_PATTERN.test(name)) return `The name of the mode must have 1 to ${MAX_NAME_LENGTH} ASCII characters.`;
   if (modes.some((mode) => mode.name === name && (mode.state === 'registered' || mode.state === 'registering')))
     return `A mode “${name}” is already registered. Remove it first, or choose another name.`;
-  if (blocking === null) return 'The mission has not been checked for this vehicle yet.';
+  if (blockingErrors === null) return 'The mission has not been checked for this vehicle yet.';
   const takesOff = mission.steps?.[0]?.step === 'take_off';
-  const errors = blocking.filter((finding) => takesOff || finding.code !== 'takeoff_missing');
+  const errors = blockingErrors.filter((finding) => takesOff || finding.code !== 'takeoff_missing');
   if (errors.length === 0) return null;
   return blockingErrorsText(errors);
 }

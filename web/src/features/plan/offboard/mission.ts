@@ -1,7 +1,7 @@
 /** The document of an offboard mission (`docs/missions.md`), and its steps as a tree. Pure. */
 
 import type { components } from '../../../api/schema';
-import type { PlannedHome, SharedParts } from '../document/document';
+import type { PlannedHome, DocumentAreas } from '../document/document';
 
 type Schemas = components['schemas'];
 type ApiMission = Schemas['OffboardMission'];
@@ -34,19 +34,19 @@ export interface Step {
   readonly [field: string]: unknown;
 }
 
-/** The steps of one of several vehicles. */
+/** The planned start and the steps of one role; one vehicle flies a role. */
 export interface Role {
   readonly start_ned_m?: Vector | null;
   readonly steps: readonly Step[];
 }
 
 export type Mission = Readonly<Omit<ApiMission, 'steps' | 'roles' | 'missions' | 'fence' | 'obstacles' | 'home'>> &
-  SharedParts & {
+  DocumentAreas & {
     readonly home?: PlannedHome | null;
     readonly steps: readonly Step[];
     /** The roles of a mission for several vehicles, by name; the field `steps` of such a mission is empty. */
     readonly roles?: Readonly<Record<string, Role>>;
-    /** Lists of steps that call steps can call, by name. */
+    /** Lists of steps by name; a `call` step flies one of these lists. */
     readonly missions: Readonly<Record<string, readonly Step[]>>;
   };
 
@@ -68,7 +68,7 @@ export interface StepNode {
   /** Nesting depth. */
   readonly depth: number;
   /** Number of the step in its list. */
-  readonly mark: string;
+  readonly numberText: string;
   /** Heading of the list of steps that begins with this step; empty for the other steps. */
   readonly listHeading: string;
 }
@@ -85,7 +85,7 @@ export function nodesOf(mission: Mission): StepNode[] {
       if (nodes.length >= MAX_NODES || depth > MAX_DEPTH) return;
       const place = `${prefix}${index + 1}`;
       const stepPath = [...path, index];
-      nodes.push({ place, path: stepPath, step, depth, mark: String(index + 1), listHeading: index === 0 ? listHeading : '' });
+      nodes.push({ place, path: stepPath, step, depth, numberText: String(index + 1), listHeading: index === 0 ? listHeading : '' });
       if (step.step === 'repeat') walk(step.steps ?? [], [...stepPath, 'steps'], `${place}.`, depth + 1, '', callingLists);
       if (step.step === 'branch') {
         walk(step.then ?? [], [...stepPath, 'then'], `${place} then `, depth + 1, 'then', callingLists);
@@ -123,13 +123,13 @@ export const stepId = (place: string): string => `step:${place}`;
 export const pointId = ({ field, index, place }: PointRef): string => `point:${field}:${index}:${place}`;
 
 /** The server's name of the step to which an id of the list or the map belongs. */
-export function stepNameOf(id: string): string | null {
+export function stepPlaceOf(id: string): string | null {
   if (id.startsWith('step:')) return id.slice(5);
-  return pointOf(id)?.place ?? null;
+  return pointRefOf(id)?.place ?? null;
 }
 
 /** Parses the id of a point; null: the id of another part. */
-export function pointOf(id: string): PointRef | null {
+export function pointRefOf(id: string): PointRef | null {
   const match = /^point:(points|center|look_at|place):(\d+):(.*)$/s.exec(id);
   return match === null ? null : { field: match[1] as PointRef['field'], index: Number(match[2]), place: match[3] ?? '' };
 }

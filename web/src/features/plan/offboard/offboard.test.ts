@@ -7,17 +7,17 @@ import { fieldsOf, missionFields, pointFields, type Field } from './fields';
 import { fixOf } from './fixes';
 import type { CompiledFlight } from './compiled-path';
 import { nodesOf, assignmentProblem, stepId, type Mission, type MissionPosition, type Step } from './mission';
-import { picture, treeOf } from './mission-layer';
+import { missionLayer, missionEntries } from './mission-layer';
 import { addRole, nameProblem, removeRole, renameRole } from './roles';
-import { frameOf, movedTo, raisedBy, inFrame, geoPointOf, type PositionFrame } from './positions';
-import { detailOf, newMission, newStep, KINDS, stepTitle } from './step-titles';
+import { missionFrameOf, movedTo, raisedBy, positionInFrame, geoPointOf, type PositionFrame } from './positions';
+import { detailOf, newMission, newStep, STEP_KINDS, stepTitle } from './step-titles';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
 const offset = (north_m: number, east_m: number, up_m: number): MissionPosition => ({ offset_ned_m: [north_m, east_m, -up_m] });
 const FLY: Step = { step: 'fly', points: [offset(10, 0, 10), offset(30, 0, 20)] };
 const missionOf = (...steps: Step[]): Mission => ({ ...newMission(HOME), steps });
-const FRAME = frameOf(missionOf(), null, null);
+const FRAME = missionFrameOf(missionOf(), null, null);
 const NESTED: Mission = {
   ...missionOf(
     newStep('take_off'),
@@ -82,7 +82,7 @@ describe('the steps of a mission', () => {
   });
 
   it('have a title for every kind', () => {
-    for (const kind of KINDS) expect(stepTitle(newStep(kind))).not.toBe('');
+    for (const kind of STEP_KINDS) expect(stepTitle(newStep(kind))).not.toBe('');
     expect(detailOf(FLY)).toBe('2 points');
     expect(detailOf(NESTED.steps[2] as Step)).toBe('if battery above 50 %');
     expect(detailOf({ ...newStep('orbit'), turns: 1 })).toBe('radius 10 m · 1 turn');
@@ -92,7 +92,9 @@ describe('the steps of a mission', () => {
 
   it('show durations that contain the durations of nested steps', () => {
     const times = ['step 1', 'step 2.1', 'step 3 otherwise 1'].map((place, i) => ({ place, start_s: 0, duration_s: 60 * (i + 1), length_m: 0, photos: 0 }));
-    const durations = Object.fromEntries(treeOf(NESTED, times).flatMap((entry) => (entry.step === undefined ? [] : [[entry.step, entry.durationText]])));
+    const durations = Object.fromEntries(
+      missionEntries(NESTED, times).flatMap((entry) => (entry.stepPlace === undefined ? [] : [[entry.stepPlace, entry.estimateText]])),
+    );
     expect([durations['step 1'], durations['step 2'], durations['step 3'], durations['step 3 then 1']]).toEqual(['1 min 00 s', '2 min 00 s', '3 min 00 s', '']);
   });
 });
@@ -102,11 +104,11 @@ describe('positions', () => {
     const frame = { ...FRAME, origin: { ...positionAt(HOME, { north_m: 5, east_m: -3 }), alt_amsl_m: 478 } };
     const geoPoint = { ...at(40, 25), up_m: 12 };
     for (const positionFrame of ['offset', 'home', 'amsl', 'local'] as PositionFrame[]) {
-      const back = geoPointOf(inFrame(positionFrame, geoPoint, frame), frame);
+      const back = geoPointOf(positionInFrame(positionFrame, geoPoint, frame), frame);
       expect(groundDistance_m(back, geoPoint)).toBeLessThan(0.02);
       expect(back.up_m).toBeCloseTo(12, 2);
     }
-    expect(inFrame('local', geoPoint, frame)).toEqual({ position_ned_m: [35, 28, -14] });
+    expect(positionInFrame('local', geoPoint, frame)).toEqual({ position_ned_m: [35, 28, -14] });
   });
 
   it('keep their frame, altitude and other fields when they are moved', () => {
@@ -200,7 +202,7 @@ describe('the fields of steps', () => {
   const fieldNamed = <T>(rows: readonly Field<T>[], name: string): Field<T> => rows.find((row) => row.name === name) as Field<T>;
 
   it('exist for every kind, and keep a value that is set again', () => {
-    for (const kind of KINDS)
+    for (const kind of STEP_KINDS)
       for (const row of fieldsOf(newStep(kind), context)) {
         const changed = fieldsOf(row.set(newStep(kind), row.value), context).find(({ name }) => name === row.name);
         expect([kind, row.name, changed?.value]).toEqual([kind, row.name, row.value]);
@@ -282,7 +284,7 @@ describe('the map of a mission', () => {
   };
 
   it('has points with letters, midpoints, and the compiled path', () => {
-    const layer = picture(missionOf(newStep('take_off'), FLY), new Set(['point:points:1:step 2']), null, FRAME, flight as unknown as CompiledFlight, true);
+    const layer = missionLayer(missionOf(newStep('take_off'), FLY), new Set(['point:points:1:step 2']), null, FRAME, flight as unknown as CompiledFlight, true);
     expect(layer.points.filter((point) => point.mark === 'disc').map((point) => [point.text, point.selected])).toEqual([
       ['2a', false],
       ['2b', true],
@@ -295,7 +297,7 @@ describe('the map of a mission', () => {
   });
 
   it('has altitudes for the 3D view, from the start and along the compiled path', () => {
-    const layer = picture(missionOf(newStep('take_off'), FLY), new Set(), null, FRAME, flight as unknown as CompiledFlight, true);
+    const layer = missionLayer(missionOf(newStep('take_off'), FLY), new Set(), null, FRAME, flight as unknown as CompiledFlight, true);
     const { start, origin } = FRAME;
     const [first] = layer.points.filter((point) => point.mark === 'disc');
     expect(first?.alt_amsl_m).toBeCloseTo(start.alt_amsl_m + geoPointOf(FLY.points?.[0] ?? {}, FRAME).up_m, 6);
@@ -317,7 +319,7 @@ describe('the map of a mission', () => {
   });
 
   it('connects the points by straight lines until the server has compiled the path', () => {
-    expect(picture(missionOf(FLY), new Set(), null, FRAME, null, false).lines).toMatchObject([{ style: 'dotted', positions: { length: 3 } }]);
+    expect(missionLayer(missionOf(FLY), new Set(), null, FRAME, null, false).lines).toMatchObject([{ style: 'dotted', positions: { length: 3 } }]);
   });
 });
 

@@ -2,7 +2,7 @@
 
 import type { Field } from './fields';
 import type { MissionPosition } from './mission';
-import { inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
+import { positionInFrame, geoPointOf, positionFrameOf, type MissionFrame, type GeoPoint, type PositionFrame } from './positions';
 
 const FRAME_TEXTS: Readonly<Record<PositionFrame, string>> = {
   offset: 'offset from mission start',
@@ -25,12 +25,12 @@ const ALTITUDE_LABELS: Readonly<Record<PositionFrame, string>> = {
  */
 export function positionFields<T>(
   position: MissionPosition,
-  frame: Frame,
+  frame: MissionFrame,
   withPosition: (target: T, position: MissionPosition) => T,
   label: string,
   prefix: string,
 ): Field<T>[] {
-  const positionFrame = frameOfPosition(position);
+  const positionFrame = positionFrameOf(position);
   const geoPoint = geoPointOf(position, frame);
   const altitude_m = (): number => {
     if (positionFrame === 'home') return position.alt_home_m ?? 0;
@@ -56,13 +56,13 @@ export function positionFields<T>(
     ...details,
   });
   const vector = position.offset_ned_m ?? position.position_ned_m;
-  const degrees = (limit: number): Partial<Field<T>> => ({ unit: '°', step: 0.00001, decimals: 7, min: -limit, max: limit });
+  const degreeDetails = (limit: number): Partial<Field<T>> => ({ unit: '°', step: 0.00001, decimals: 7, min: -limit, max: limit });
   const coordinates =
     vector != null
       ? [row('north', `${label}: north`, vector[0], (value) => withAxis(0, value)), row('east', `${label}: east`, vector[1], (value) => withAxis(1, value))]
       : [
-          row('lat', 'Latitude', position.lat_deg ?? 0, (lat_deg) => ({ ...position, lat_deg }), degrees(90)),
-          row('lon', 'Longitude', position.lon_deg ?? 0, (lon_deg) => ({ ...position, lon_deg }), degrees(180)),
+          row('lat', 'Latitude', position.lat_deg ?? 0, (lat_deg) => ({ ...position, lat_deg }), degreeDetails(90)),
+          row('lon', 'Longitude', position.lon_deg ?? 0, (lon_deg) => ({ ...position, lon_deg }), degreeDetails(180)),
         ];
   return [
     {
@@ -71,7 +71,7 @@ export function positionFields<T>(
       type: 'choice',
       value: positionFrame,
       options: (Object.keys(FRAME_TEXTS) as PositionFrame[]).map((value) => ({ value, text: FRAME_TEXTS[value] })),
-      set: (target, next) => withPosition(target, inFrame(next as PositionFrame, geoPoint as GeoPoint, frame, position)),
+      set: (target, next) => withPosition(target, positionInFrame(next as PositionFrame, geoPoint as GeoPoint, frame, position)),
     },
     row('height', ALTITUDE_LABELS[positionFrame], altitude_m(), withAltitude),
     ...coordinates,

@@ -6,27 +6,27 @@ import type { PlannedHome } from '../document/document';
 import type { Mission, MissionPosition, Vector } from './mission';
 
 /** The start of a mission and the local origin, on the earth. */
-export interface Frame {
+export interface MissionFrame {
   /** Start of the mission: the vehicle's home, or else the mission's planned home. */
   readonly start: PlannedHome;
   /** Origin of the vehicle's local frame. */
   readonly origin: PlannedHome;
   /** False: the start is not known, and the mission is drawn at an arbitrary position. */
-  readonly known: boolean;
+  readonly isStartKnown: boolean;
 }
 
 const UNKNOWN_START: PlannedHome = { lat_deg: 0, lon_deg: 0, alt_amsl_m: 0 };
 
 /** @param origin the local origin that the server's check used. */
-export function frameOf(mission: Mission | null, vehicleHome: PlannedHome | null, origin: PlannedHome | null): Frame {
+export function missionFrameOf(mission: Mission | null, vehicleHome: PlannedHome | null, origin: PlannedHome | null): MissionFrame {
   const start = vehicleHome ?? mission?.home ?? null;
-  return { start: start ?? UNKNOWN_START, origin: origin ?? start ?? UNKNOWN_START, known: start !== null };
+  return { start: start ?? UNKNOWN_START, origin: origin ?? start ?? UNKNOWN_START, isStartKnown: start !== null };
 }
 
 export type PositionFrame = 'offset' | 'home' | 'amsl' | 'local';
 
 /** The frame of a position. */
-export function frameOfPosition(position: MissionPosition): PositionFrame {
+export function positionFrameOf(position: MissionPosition): PositionFrame {
   if (position.offset_ned_m != null) return 'offset';
   if (position.position_ned_m != null) return 'local';
   return position.alt_amsl_m != null ? 'amsl' : 'home';
@@ -37,7 +37,7 @@ export interface GeoPoint extends GeoPosition {
   readonly up_m: number;
 }
 
-export function geoPointOf(position: MissionPosition, frame: Frame): GeoPoint {
+export function geoPointOf(position: MissionPosition, frame: MissionFrame): GeoPoint {
   const local = position.offset_ned_m ?? position.position_ned_m;
   if (local != null) {
     const reference = position.offset_ned_m != null ? frame.start : frame.origin;
@@ -58,22 +58,22 @@ const WITHOUT_POSITION = {
 };
 
 /** A position in the given frame. @param point a point whose other fields are kept. */
-export function inFrame(positionFrame: PositionFrame, geoPoint: GeoPoint, frame: Frame, point: MissionPosition = {}): MissionPosition {
-  const kept: MissionPosition = Object.fromEntries(Object.entries({ ...point, ...WITHOUT_POSITION }).filter(([, value]) => value !== undefined));
+export function positionInFrame(positionFrame: PositionFrame, geoPoint: GeoPoint, frame: MissionFrame, point: MissionPosition = {}): MissionPosition {
+  const otherFields: MissionPosition = Object.fromEntries(Object.entries({ ...point, ...WITHOUT_POSITION }).filter(([, value]) => value !== undefined));
   const amsl_m = frame.start.alt_amsl_m + geoPoint.up_m;
   if (positionFrame === 'home' || positionFrame === 'amsl') {
     const latLon = { lat_deg: Number(geoPoint.lat_deg.toFixed(8)), lon_deg: Number(geoPoint.lon_deg.toFixed(8)) };
-    return positionFrame === 'amsl' ? { ...kept, ...latLon, alt_amsl_m: roundCm(amsl_m) } : { ...kept, ...latLon, alt_home_m: roundCm(geoPoint.up_m) };
+    return positionFrame === 'amsl' ? { ...otherFields, ...latLon, alt_amsl_m: roundCm(amsl_m) } : { ...otherFields, ...latLon, alt_home_m: roundCm(geoPoint.up_m) };
   }
   const reference = positionFrame === 'offset' ? frame.start : frame.origin;
   const { north_m, east_m } = eastNorth(reference, geoPoint);
   const vector: Vector = [roundCm(north_m), roundCm(east_m), roundCm(reference.alt_amsl_m - amsl_m)];
-  return positionFrame === 'offset' ? { ...kept, offset_ned_m: vector } : { ...kept, position_ned_m: vector };
+  return positionFrame === 'offset' ? { ...otherFields, offset_ned_m: vector } : { ...otherFields, position_ned_m: vector };
 }
 
 /** Changes the altitude of a point by `by_m`; the frame is kept. */
 export function raisedBy(position: MissionPosition, by_m: number): MissionPosition {
-  const positionFrame = frameOfPosition(position);
+  const positionFrame = positionFrameOf(position);
   if (positionFrame === 'home') return { ...position, alt_home_m: roundCm((position.alt_home_m ?? 0) + by_m) };
   if (positionFrame === 'amsl') return { ...position, alt_amsl_m: roundCm((position.alt_amsl_m ?? 0) + by_m) };
   const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';
@@ -82,16 +82,16 @@ export function raisedBy(position: MissionPosition, by_m: number): MissionPositi
 }
 
 /** The altitude of a point as text: AMSL, above home or above the start, depending on its frame. */
-export function altitudeText(position: MissionPosition, frame: Frame): string {
+export function altitudeText(position: MissionPosition, frame: MissionFrame): string {
   if (position.alt_amsl_m != null) return `${fixed(position.alt_amsl_m, 1)} m AMSL`;
-  return `${fixed(geoPointOf(position, frame).up_m, 1)} m above ${frameOfPosition(position) === 'home' ? 'home' : 'the start'}`;
+  return `${fixed(geoPointOf(position, frame).up_m, 1)} m above ${positionFrameOf(position) === 'home' ? 'home' : 'the start'}`;
 }
 
 /** Moves a point horizontally; altitude and frame are kept. */
-export function movedTo(position: MissionPosition, target: GeoPosition, frame: Frame): MissionPosition {
-  const positionFrame = frameOfPosition(position);
+export function movedTo(position: MissionPosition, target: GeoPosition, frame: MissionFrame): MissionPosition {
+  const positionFrame = positionFrameOf(position);
   const { up_m } = geoPointOf(position, frame);
-  const moved = inFrame(positionFrame, { ...target, up_m }, frame, position);
+  const moved = positionInFrame(positionFrame, { ...target, up_m }, frame, position);
   // Keeps the exact altitude, without rounding.
   if (positionFrame === 'home') return { ...moved, alt_home_m: position.alt_home_m ?? 0 };
   if (positionFrame === 'amsl') return { ...moved, alt_amsl_m: position.alt_amsl_m ?? 0 };

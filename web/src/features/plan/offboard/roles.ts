@@ -8,10 +8,10 @@ export const MAX_ROLES = 10;
 const ROLE_SPACING_M = 10;
 
 function newRoleName(mission: Mission, requested: string): string {
-  const existing = roleNames(mission);
-  let number = existing.length + 1;
-  if (!existing.includes(requested)) return requested;
-  while (existing.includes(`role ${number}`)) number += 1;
+  const existingNames = roleNames(mission);
+  let number = existingNames.length + 1;
+  if (!existingNames.includes(requested)) return requested;
+  while (existingNames.includes(`role ${number}`)) number += 1;
   return `role ${number}`;
 }
 
@@ -25,11 +25,11 @@ function newRoleSteps(otherRoleSteps: readonly Step[]): readonly Step[] {
 export function addRole(mission: Mission): Mission {
   const roles: Readonly<Record<string, Role>> =
     roleNames(mission).length > 0 ? (mission.roles ?? {}) : { lead: { start_ned_m: [0, 0, 0], steps: mission.steps } };
-  const existing = Object.values(roles);
-  const starts = existing.map((role) => role.start_ned_m ?? null);
+  const existingRoles = Object.values(roles);
+  const starts = existingRoles.map((role) => role.start_ned_m ?? null);
   const [north = 0, , down = 0] = starts.at(-1) ?? [];
   const east = Math.max(...starts.map((start) => start?.[1] ?? 0)) + ROLE_SPACING_M;
-  const role: Role = { start_ned_m: starts.includes(null) ? null : [north, east, down], steps: newRoleSteps(existing[0]?.steps ?? []) };
+  const role: Role = { start_ned_m: starts.includes(null) ? null : [north, east, down], steps: newRoleSteps(existingRoles[0]?.steps ?? []) };
   const withRoles = { ...mission, roles, steps: [] };
   return { ...withRoles, roles: { ...roles, [newRoleName(withRoles, 'wing')]: role } };
 }

@@ -24,7 +24,7 @@ const TITLES: Readonly<Record<StepKind, string>> = {
   land: 'Land',
   meet: 'Wait for the other vehicles',
 };
-export const KINDS = Object.keys(TITLES) as StepKind[];
+export const STEP_KINDS = Object.keys(TITLES) as StepKind[];
 
 export const GIMBAL_MODES: Readonly<Record<string, string>> = {
   fixed: 'fixed to the vehicle',
@@ -46,7 +46,7 @@ export const CONDITION_VALUES: Readonly<Record<string, readonly [string, string]
 /** Factor from a fraction to per cent. */
 export const PERCENT = 100;
 
-export const titleOf = (kind: StepKind): string => TITLES[kind];
+export const stepKindTitle = (kind: StepKind): string => TITLES[kind];
 
 /** The name of the step, or else the title of its kind. */
 export function stepTitle(step: Step): string {
@@ -65,7 +65,7 @@ function conditionText(condition: unknown): string {
   return `${label} ${above != null ? 'above' : 'below'} ${fixed(displayed, 1).replace(/\.0$/, '')}${unit === '' ? '' : ` ${unit}`}${durationText}`;
 }
 
-/** Text below the title. */
+/** The text below a step's title in the list. */
 export function detailOf(step: Step): string {
   const parts: string[] = step.name != null && step.name !== '' ? [TITLES[step.step]] : [];
   /** Adds the text with the field's value in place of `#`, unless the value is 0 or missing. */
@@ -168,7 +168,7 @@ export function newStep(kind: StepKind, position: MissionPosition = DEFAULT_POSI
   return { step: kind, ...fields[kind] };
 }
 
-/** Kinds of steps that a click on the map places. */
+/** Kinds of steps that a person places with a click on the map. */
 export const KINDS_WITH_POSITION: ReadonlySet<StepKind> = new Set<StepKind>(['fly', 'orbit', 'helix', 'spiral', 'figure_eight']);
 
 /** A mission with take-off and landing; new steps are inserted between them. */

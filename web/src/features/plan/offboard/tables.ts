@@ -40,8 +40,8 @@ export function withTable(mission: Mission, node: StepNode, table: Table): Missi
   const oldName = node.step['file'];
   const withoutTable = setStep(mission, node, { ...node.step, file: null });
   const isStillUsed = allSteps(withoutTable).some((step) => step['file'] === oldName);
-  const kept = Object.fromEntries(Object.entries(mission.tables ?? {}).filter(([name]) => isStillUsed || name !== oldName));
-  const name = uniqueName(kept, table);
-  if (kept[name] === undefined && Object.keys(kept).length >= MAX_TABLES) return null;
-  return setStep({ ...mission, tables: { ...kept, [name]: table.text } }, node, { ...node.step, file: name });
+  const keptTables = Object.fromEntries(Object.entries(mission.tables ?? {}).filter(([name]) => isStillUsed || name !== oldName));
+  const name = uniqueName(keptTables, table);
+  if (keptTables[name] === undefined && Object.keys(keptTables).length >= MAX_TABLES) return null;
+  return setStep({ ...mission, tables: { ...keptTables, [name]: table.text } }, node, { ...node.step, file: name });
 }

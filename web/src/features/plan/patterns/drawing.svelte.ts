@@ -7,13 +7,13 @@ import type { GeneratedPattern, PlanApi } from '../api';
 import { startOf, kindOf, type PlanKind } from '../document-kinds';
 import type { PlanEditor } from '../editor/editor.svelte';
 import type { FieldValue } from '../offboard/fields';
-import { shapePicture } from './pattern-layer';
+import { patternLayer } from './pattern-layer';
 import * as shape from './shape';
 import { NO_RINGS, PATTERNS, type PatternKind, type Rings, type ShapePoint } from './shape';
 import {
   cameraOf,
   DEFAULT_VALUES,
-  placeOf,
+  problemPlaceOf,
   requestOf,
   withCamera,
   withRow,
@@ -25,7 +25,7 @@ import {
 
 type BrowserStorage = Pick<Storage, 'getItem' | 'setItem'>;
 const CAMERA_STORAGE_KEY = 'gcs.pattern-camera';
-/** Largest deviation of the lines from their height above the ground [m]. */
+/** Largest permitted deviation of the lines from their height above ground [m]. */
 export const GROUND_TOLERANCE_M = 5;
 
 interface Preview {
@@ -50,7 +50,7 @@ export class PatternDrawing implements LayerEditor {
   vehicle = $state.raw<string | null>(null);
   private requestCount = 0;
   /** Shape and selection before the drag in progress. */
-  private grabbed: { rings: Rings; selected: ShapePoint | null } | null = null;
+  private stateBeforeDrag: { rings: Rings; selected: ShapePoint | null } | null = null;
 
   constructor(
     private readonly api: PlanApi,
@@ -62,9 +62,9 @@ export class PatternDrawing implements LayerEditor {
 
   readonly type = $derived(PATTERNS[this.kind ?? 'survey']);
   /** Number of points that the shape still needs. */
-  readonly missing = $derived(shape.missingPoints(this.rings, this.type.shape));
+  readonly missingPointCount = $derived(shape.missingPoints(this.rings, this.type.shape));
   private readonly request: PatternRequest | null = $derived.by(() =>
-    this.kind === null || this.missing > 0 ? null : requestOf(this.kind, this.rings, this.values),
+    this.kind === null || this.missingPointCount > 0 ? null : requestOf(this.kind, this.rings, this.values),
   );
   private readonly documentKind: PlanKind = $derived.by(() => kindOf(this.editor.document));
   /** Identifies the request to the server; null: the shape is not complete, or a value is missing. */
@@ -80,8 +80,8 @@ export class PatternDrawing implements LayerEditor {
   readonly picture = $derived.by(() => {
     if (this.kind === null) return null;
     const radius_m = this.kind === 'orbit' ? this.values.radius_m : null;
-    const ground = startOf(this.editor.document, this.editor.frame, this.rings[0]?.[0]);
-    return shapePicture(this.rings, this.type.shape, this.selected, this.generated, this.isCurrent, radius_m, ground);
+    const start = startOf(this.editor.document, this.editor.frame, this.rings[0]?.[0]);
+    return patternLayer(this.rings, this.type.shape, this.selected, this.generated, this.isCurrent, radius_m, start);
   });
 
   begin(kind: PatternKind): void {
@@ -107,7 +107,7 @@ export class PatternDrawing implements LayerEditor {
   }
 
   /** Replaces the shape by an area or a line. */
-  draw(points: readonly GeoPosition[]): void {
+  replaceShape(points: readonly GeoPosition[]): void {
     this.setRings([points]);
     this.selected = points.length > 0 ? { ring: 0, index: 0 } : null;
   }
@@ -123,13 +123,15 @@ export class PatternDrawing implements LayerEditor {
     return this.activeRing > 0;
   }
 
-  choose(point: ShapePoint): void {
+  selectPoint(point: ShapePoint): void {
     this.selected = point;
     this.activeRing = point.ring;
   }
 
   /** Position of the selected point. */
-  readonly at: GeoPosition | null = $derived.by(() => (this.selected === null ? null : (this.rings[this.selected.ring]?.[this.selected.index] ?? null)));
+  readonly selectedPosition: GeoPosition | null = $derived.by(() =>
+    this.selected === null ? null : (this.rings[this.selected.ring]?.[this.selected.index] ?? null),
+  );
 
   /** Moves the selected point. */
   moveTo(position: GeoPosition): void {
@@ -145,16 +147,16 @@ export class PatternDrawing implements LayerEditor {
   pick(id: string): void {
     const parsed = shape.pointOfId(id);
     if (parsed === null) return;
-    if (parsed.inserts) this.insertAt(id, parsed.point);
-    this.choose(parsed.point);
+    if (parsed.isMidpoint) this.insertAt(id, parsed.point);
+    this.selectPoint(parsed.point);
   }
 
   grab(id: string): string | null {
     const parsed = shape.pointOfId(id);
     if (parsed === null) return null;
-    this.grabbed = { rings: this.rings, selected: this.selected };
-    if (parsed.inserts) this.insertAt(id, parsed.point);
-    this.choose(parsed.point);
+    this.stateBeforeDrag = { rings: this.rings, selected: this.selected };
+    if (parsed.isMidpoint) this.insertAt(id, parsed.point);
+    this.selectPoint(parsed.point);
     return shape.pointId(parsed.point);
   }
 
@@ -166,11 +168,11 @@ export class PatternDrawing implements LayerEditor {
   raise(): void {}
 
   drop(keep: boolean): void {
-    if (!keep && this.grabbed !== null) {
-      this.rings = this.grabbed.rings;
-      this.selected = this.grabbed.selected;
+    if (!keep && this.stateBeforeDrag !== null) {
+      this.rings = this.stateBeforeDrag.rings;
+      this.selected = this.stateBeforeDrag.selected;
     }
-    this.grabbed = null;
+    this.stateBeforeDrag = null;
   }
 
   remove(): boolean {
@@ -196,7 +198,11 @@ export class PatternDrawing implements LayerEditor {
     if (requestKey !== this.requestKey) return;
     if (response.ok) this.preview = { requestKey, generated: response.value, problem: null };
     else {
-      this.preview = { requestKey, generated: null, problem: { place: placeOf(kind, response.problem.field), text: fieldProblemText(response.problem) } };
+      this.preview = {
+        requestKey,
+        generated: null,
+        problem: { place: problemPlaceOf(kind, response.problem.field), text: fieldProblemText(response.problem) },
+      };
     }
   }
 
@@ -218,7 +224,7 @@ export class PatternDrawing implements LayerEditor {
   }
 
   private insertAt(id: string, point: ShapePoint): void {
-    const position = shape.midpoints(this.rings, this.type.shape).find((midpoint) => midpoint.id === id)?.at;
+    const position = shape.midpoints(this.rings, this.type.shape).find((midpoint) => midpoint.id === id)?.position;
     if (position !== undefined) this.rings = shape.insertPoint(this.rings, point, position);
   }
 

@@ -8,7 +8,7 @@ export interface Figure {
   readonly value: string;
 }
 
-/** Square metres, hectares from 10,000 m², square kilometres from 1,000,000 m². */
+/** An area in m²; from 10,000 m² in hectares, from 1,000,000 m² in km². */
 export function areaText(area_m2: number): string {
   if (area_m2 >= 1e6) return `${fixed(area_m2 / 1e6, 2)} km²`;
   return area_m2 >= 1e4 ? `${fixed(area_m2 / 1e4, 2)} ha` : `${fixed(area_m2, 0)} m²`;

@@ -16,20 +16,20 @@ const SAME_POSITION_M = 0.01;
 /**
  * Points, lines and areas of a drawn shape and of its generated pattern.
  * @param radius_m radius of the circle of an orbit; null: another pattern.
- * @param ground position of home, to which altitudes above home are relative.
+ * @param start position of home; altitudes above home are relative to its altitude.
  */
-export function shapePicture(
+export function patternLayer(
   rings: Rings,
   kind: ShapeKind,
   selected: ShapePoint | null,
   generated: GeneratedPattern | null,
   isCurrent: boolean,
   radius_m: number | null,
-  ground: Required<LayerPosition>,
+  start: Required<LayerPosition>,
 ): LayerPicture {
   const points: LayerPoint[] = [];
   if (rings.flat().length <= MAX_MIDPOINTS)
-    for (const { id, at } of midpoints(rings, kind)) points.push({ id, ...at, mark: 'midpoint', tone: 'actual', text: '', selected: false });
+    for (const { id, position } of midpoints(rings, kind)) points.push({ id, ...position, mark: 'midpoint', tone: 'actual', text: '', selected: false });
   rings.forEach((ring, i) =>
     ring.forEach((position, index) => {
       const isSelected = selected?.ring === i && selected.index === index;
@@ -43,7 +43,12 @@ export function shapePicture(
       });
     }),
   );
-  return { points, lines: [...outlines(rings, kind, radius_m), ...patternLines(generated, isCurrent, ground.alt_amsl_m)], areas: areasOf(rings, kind), ground };
+  return {
+    points,
+    lines: [...outlines(rings, kind, radius_m), ...patternLines(generated, isCurrent, start.alt_amsl_m)],
+    areas: areasOf(rings, kind),
+    ground: start,
+  };
 }
 
 function outlines(rings: Rings, kind: ShapeKind, radius_m: number | null): LayerLine[] {

@@ -7,9 +7,9 @@ import { PlanEditor } from '../editor/editor.svelte';
 import { newItem } from '../document/items';
 import { GROUND_TOLERANCE_M, PatternDrawing } from './drawing.svelte';
 import { areaText, figuresOf } from './figures';
-import { linesOnPath, shapePicture } from './pattern-layer';
-import { KINDS, missingPoints, namedPoints, PATTERNS, rectangle, usableRings, type PatternKind } from './shape';
-import { DEFAULT_VALUES, placeOf, requestOf, sectionsOf, withRow, type PatternValues, type RowName } from './values';
+import { linesOnPath, patternLayer } from './pattern-layer';
+import { PATTERN_KINDS, missingPoints, pointChoices, PATTERNS, rectangle, usableRings, type PatternKind } from './shape';
+import { DEFAULT_VALUES, problemPlaceOf, requestOf, sectionsOf, withRow, type PatternValues, type RowName } from './values';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
@@ -61,10 +61,10 @@ describe('the shape of a pattern', () => {
   it('is drawn by clicks, corrected by drags and midpoints, and reduced by Delete', () => {
     const { drawing } = drawingWith('survey');
     for (const [count, corner] of AREA.slice(0, 3).entries()) {
-      expect(drawing.missing).toBe(3 - count);
+      expect(drawing.missingPointCount).toBe(3 - count);
       drawing.press(corner);
     }
-    expect(drawing.missing).toBe(0);
+    expect(drawing.missingPointCount).toBe(0);
     expect(drawing.grab('between:0:3')).toBe('shape:0:3');
     drawing.drag('shape:0:3', at(0, 80));
     drawing.drop(true);
@@ -81,17 +81,17 @@ describe('the shape of a pattern', () => {
 
   it('has holes; clicks add corners to the hole or outline of the selected corner', () => {
     const { drawing } = drawingWith('survey');
-    drawing.draw(AREA);
+    drawing.replaceShape(AREA);
     drawing.addHole();
-    expect(drawing.missing).toBe(0);
+    expect(drawing.missingPointCount).toBe(0);
     for (const corner of HOLE) drawing.press(corner);
     expect(drawing.rings.map((ring) => ring.length)).toEqual([4, 3]);
-    expect(namedPoints(drawing.rings, 'area').at(-1)).toEqual({ value: '1:2', text: 'Hole 1, corner 3' });
-    drawing.choose({ ring: 0, index: 0 });
+    expect(pointChoices(drawing.rings, 'area').at(-1)).toEqual({ value: '1:2', text: 'Hole 1, corner 3' });
+    drawing.selectPoint({ ring: 0, index: 0 });
     drawing.press(at(-10, 0));
     expect(drawing.rings.map((ring) => ring.length)).toEqual([5, 3]);
     for (let i = 0; i < 3; i += 1) {
-      drawing.choose({ ring: 1, index: 0 });
+      drawing.selectPoint({ ring: 1, index: 0 });
       drawing.remove();
     }
     expect(drawing.rings).toHaveLength(1);
@@ -109,29 +109,29 @@ describe('the shape of a pattern', () => {
 
   it('can be entered as a rectangle with exact coordinates', () => {
     const { drawing } = drawingWith('survey');
-    drawing.draw(rectangle(HOME, 60, 40));
-    expect([drawing.missing, drawing.at?.lat_deg]).toEqual([0, at(40).lat_deg]);
+    drawing.replaceShape(rectangle(HOME, 60, 40));
+    expect([drawing.missingPointCount, drawing.selectedPosition?.lat_deg]).toEqual([0, at(40).lat_deg]);
     drawing.moveTo({ lat_deg: 47.5, lon_deg: 8.4 });
     expect(drawing.rings[0]?.[0]).toEqual({ lat_deg: 47.5, lon_deg: 8.4 });
   });
 
   it('has a closed outline and the path on the map, or a circle for an orbit', () => {
-    const picture = shapePicture([AREA], 'area', { ring: 0, index: 1 }, GENERATED as never, true, null, HOME);
+    const picture = patternLayer([AREA], 'area', { ring: 0, index: 1 }, GENERATED as never, true, null, HOME);
     expect(picture.lines.map(({ style, positions }) => [style, positions.length])).toEqual([
       ['dashed', 5],
       ['dotted', 2],
       ['solid', 2],
     ]);
     expect(picture.points.filter((point) => point.selected).map(({ id }) => id)).toEqual(['shape:0:1']);
-    expect(shapePicture([[at(0)]], 'point', null, null, false, 30, HOME).lines).toMatchObject([{ style: 'dashed', positions: { length: 73 } }]);
+    expect(patternLayer([[at(0)]], 'point', null, null, false, 30, HOME).lines).toMatchObject([{ style: 'dashed', positions: { length: 73 } }]);
   });
 });
 
 describe('a pattern in the 3D view', () => {
   it('has its path and its lines at their altitudes, above the home of the plan', async () => {
     const { drawing, editor } = drawingWith('survey', [200, GENERATED]);
-    editor.frame = { start: HOME, origin: HOME, known: true };
-    drawing.draw(AREA);
+    editor.frame = { start: HOME, origin: HOME, isStartKnown: true };
+    drawing.replaceShape(AREA);
     await drawing.refresh();
     expect(drawing.picture?.ground).toEqual(HOME);
     const altitudes = drawing.picture?.lines.map(({ positions }) => positions.map((position) => position.alt_amsl_m));
@@ -140,14 +140,14 @@ describe('a pattern in the 3D view', () => {
 
   it('has rounds at several altitudes above sea level', () => {
     const path = [20, 30].flatMap((value_m) => AREA.map((place) => ({ ...place, altitude: { value_m, reference: 'amsl' } })));
-    const picture = shapePicture([AREA], 'area', null, { ...GENERATED, path, lines: [] } as never, true, null, HOME);
+    const picture = patternLayer([AREA], 'area', null, { ...GENERATED, path, lines: [] } as never, true, null, HOME);
     expect(picture.lines.at(-1)?.positions.map(({ alt_amsl_m }) => alt_amsl_m)).toEqual([20, 20, 20, 20, 30, 30, 30, 30]);
   });
 
   it('is on the ground at its own position while the plan has no position', () => {
     const { drawing, editor } = drawingWith('survey');
     editor.begin(null);
-    drawing.draw(AREA);
+    drawing.replaceShape(AREA);
     expect(drawing.picture?.ground).toEqual({ ...AREA[0], alt_amsl_m: 0 });
   });
 
@@ -206,7 +206,7 @@ describe('the settings of a pattern', () => {
   });
 
   it('all have a row in the form of at least one pattern', () => {
-    const shown = new Set(KINDS.flatMap((kind) => sectionsOf(kind, DEFAULT_VALUES)).flatMap(({ rows }) => rows.map(({ name }) => name)));
+    const shown = new Set(PATTERN_KINDS.flatMap((kind) => sectionsOf(kind, DEFAULT_VALUES)).flatMap(({ rows }) => rows.map(({ name }) => name)));
     expect([...shown].sort()).toEqual([...Object.keys(DEFAULT_VALUES), 'camera'].sort());
   });
 
@@ -234,7 +234,7 @@ describe('the settings of a pattern', () => {
     ['orbit', 'look_at.value_m', 'look_at_m'],
     ['perimeter', 'body', null],
     ['perimeter', null, null],
-  ])('show a problem of a %s in %s beside %s', (kind, field, place) => expect(placeOf(kind, field)).toBe(place));
+  ])('show a problem of a %s in %s beside %s', (kind, field, place) => expect(problemPlaceOf(kind, field)).toBe(place));
 });
 
 describe('the preview of a pattern', () => {
@@ -245,11 +245,11 @@ describe('the preview of a pattern', () => {
     editor.select([]);
     const before = editor.plan;
     drawing.vehicle = '7';
-    drawing.draw(AREA);
+    drawing.replaceShape(AREA);
     await drawing.refresh();
     expect(requests[0]?.url).toBe('/api/v1/plans/pattern?document=waypoint_plan&vehicle=7');
     expect(drawing.isCurrent).toBe(true);
-    expect(figuresOf(FIGURES, PATTERNS.survey.spacing).map(({ value }) => value)).toEqual([
+    expect(figuresOf(FIGURES, PATTERNS.survey.spacingLabel).map(({ value }) => value)).toEqual([
       '512 m',
       '2 min 05 s',
       '41',
@@ -278,7 +278,7 @@ describe('the preview of a pattern', () => {
     ]);
     editor.beginMission(HOME);
     drawing.begin('survey');
-    drawing.draw(AREA);
+    drawing.replaceShape(AREA);
     await drawing.insert();
     expect(requests[0]?.url).toBe('/api/v1/plans/pattern?document=offboard_mission');
     expect(editor.mission?.steps.map(({ step, name }) => name ?? step)).toEqual(['take_off', 'To survey line 1', 'Survey line 1', 'land']);
@@ -291,7 +291,7 @@ describe('the preview of a pattern', () => {
     const refusal = { code: 'invalid_request', field: 'outer', detail: 'the area: its sides cross or touch.', remedy: 'Move its corners.' };
     const { drawing, editor } = drawingWith('survey', [422, refusal], [200, GENERATED]);
     const before = editor.plan;
-    drawing.draw(AREA);
+    drawing.replaceShape(AREA);
     expect(await drawing.insert()).toBeNull();
     expect(drawing.problem).toEqual({ place: 'shape', text: 'The area: its sides cross or touch. Move its corners.' });
     expect(editor.plan).toBe(before);
@@ -303,7 +303,7 @@ describe('the preview of a pattern', () => {
 
   it('is that of the newest request', async () => {
     const { drawing } = drawingWith('survey', [200, GENERATED], [200, { ...GENERATED, figures: { ...FIGURES, photos: 5 } }]);
-    drawing.draw(AREA);
+    drawing.replaceShape(AREA);
     const first = drawing.refresh();
     drawing.set('altitude_m', 60);
     await Promise.all([first, drawing.refresh()]);
@@ -312,7 +312,7 @@ describe('the preview of a pattern', () => {
 
   it('follows the ground if the altitude is above terrain', async () => {
     const { drawing, requests } = drawingWith('perimeter', [200, GENERATED]);
-    drawing.draw(AREA);
+    drawing.replaceShape(AREA);
     drawing.set('reference', 'terrain');
     await drawing.refresh();
     expect(requests[0]?.url).toContain(`tolerance_m=${GROUND_TOLERANCE_M}`);

@@ -16,29 +16,29 @@ export interface PatternType {
   /** What the pattern is for. */
   readonly hint: string;
   /** Label of the distance between the lines or rounds. */
-  readonly spacing: string;
+  readonly spacingLabel: string;
 }
 
 export const PATTERNS: Readonly<Record<PatternKind, PatternType>> = {
-  survey: { title: 'Survey', noun: 'survey', shape: 'area', hint: 'Parallel lines over an area, with overlapping photos.', spacing: 'Line spacing' },
+  survey: { title: 'Survey', noun: 'survey', shape: 'area', hint: 'Parallel lines over an area, with overlapping photos.', spacingLabel: 'Line spacing' },
   corridor: {
     title: 'Corridor',
     noun: 'corridor',
     shape: 'line',
     hint: 'Parallel lines along a road, a river or a power line, with photos.',
-    spacing: 'Line spacing',
+    spacingLabel: 'Line spacing',
   },
-  perimeter: { title: 'Perimeter', noun: 'perimeter', shape: 'area', hint: 'Rounds along the edge of an area.', spacing: 'Line spacing' },
-  orbit: { title: 'Orbit around a point', noun: 'orbit', shape: 'point', hint: 'Circles around a point.', spacing: 'Line spacing' },
+  perimeter: { title: 'Perimeter', noun: 'perimeter', shape: 'area', hint: 'Rounds along the edge of an area.', spacingLabel: 'Line spacing' },
+  orbit: { title: 'Orbit around a point', noun: 'orbit', shape: 'point', hint: 'Circles around a point.', spacingLabel: 'Line spacing' },
   structure: {
     title: 'Structure scan',
     noun: 'structure scan',
     shape: 'area',
     hint: 'Rounds around a structure at several heights, with photos of its sides.',
-    spacing: 'Height between rounds',
+    spacingLabel: 'Height between rounds',
   },
 };
-export const KINDS = Object.keys(PATTERNS) as PatternKind[];
+export const PATTERN_KINDS = Object.keys(PATTERNS) as PatternKind[];
 
 /** The outline, the line or the point first, then the holes of an area. */
 export type Rings = readonly (readonly GeoPosition[])[];
@@ -112,8 +112,8 @@ export function usableRings(rings: Rings, kind: PatternKind): Rings {
   return kind === 'survey' ? [outline, ...holes] : [outline];
 }
 
-/** The points of a shape with their displayed names. */
-export function namedPoints(rings: Rings, kind: ShapeKind): { value: string; text: string }[] {
+/** The points of a shape as the choices of a select: `RING:INDEX` and the displayed name. */
+export function pointChoices(rings: Rings, kind: ShapeKind): { value: string; text: string }[] {
   const noun = kind === 'line' ? 'Point' : kind === 'point' ? 'Centre' : 'Corner';
   return rings.flatMap((points, ring) =>
     points.map((_, index) => ({
@@ -125,20 +125,20 @@ export function namedPoints(rings: Rings, kind: ShapeKind): { value: string; tex
 
 export const pointId = ({ ring, index }: ShapePoint): string => `shape:${ring}:${index}`;
 
-/** Parses the id of a point on the map. `inserts`: the id is that of a midpoint, at which `point` would be inserted. */
-export function pointOfId(id: string): { point: ShapePoint; inserts: boolean } | null {
+/** Parses the id of a point on the map. For a midpoint, `point` is the point that would be inserted there. */
+export function pointOfId(id: string): { point: ShapePoint; isMidpoint: boolean } | null {
   const match = /^(shape|between):(\d+):(\d+)$/.exec(id);
-  return match === null ? null : { point: { ring: Number(match[2]), index: Number(match[3]) }, inserts: match[1] === 'between' };
+  return match === null ? null : { point: { ring: Number(match[2]), index: Number(match[3]) }, isMidpoint: match[1] === 'between' };
 }
 
 /** The midpoints of the sides, at which a point can be inserted. */
-export function midpoints(rings: Rings, kind: ShapeKind): { id: string; at: GeoPosition }[] {
+export function midpoints(rings: Rings, kind: ShapeKind): { id: string; position: GeoPosition }[] {
   if (kind === 'point') return [];
   return rings.flatMap((points, ring) => {
     const isClosed = kind === 'area' && points.length > 2;
     return points.flatMap((a, index) => {
       const b = points[index + 1] ?? (isClosed ? points[0] : undefined);
-      return b === undefined ? [] : [{ id: `between:${ring}:${index + 1}`, at: midpoint(a, b) }];
+      return b === undefined ? [] : [{ id: `between:${ring}:${index + 1}`, position: midpoint(a, b) }];
     });
   });
 }

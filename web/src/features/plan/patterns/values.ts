@@ -1,7 +1,7 @@
 /** The settings of patterns: their rows in the form, and their conversion to the API's format. Pure. */
 
 import type { GeoPosition } from '../../../vehicle/geo';
-import type { Altitude, Reference } from '../document/document';
+import type { Altitude, AltitudeReference } from '../document/document';
 import { REFERENCE_CHOICES } from '../document/items';
 import type { FieldValue, ShownField } from '../offboard/fields';
 import type { Pattern, PatternKind, Rings } from './shape';
@@ -9,7 +9,7 @@ import type { Pattern, PatternKind, Rings } from './shape';
 /** One value for each setting of any pattern. Overlaps are in per cent, and in the API as fractions. */
 export interface PatternValues {
   readonly altitude_m: number;
-  readonly reference: Reference;
+  readonly reference: AltitudeReference;
   /** Distance from the camera to the ground; null: equal to the altitude. */
   readonly distance_m: number | null;
   /** Overlap of photos along a line. */
@@ -149,7 +149,7 @@ const FIELD_SPECS: Readonly<Record<ValueName, FieldSpec>> = {
   order: choiceSpec('Order', choicesOf({ up: 'from the bottom', down: 'from the top' })),
   gimbal_pitch_deg: numberSpec('Gimbal pitch', '°', -90, 90),
 };
-const WHOLE_NUMBERS: ReadonlySet<ValueName> = new Set(['rounds', 'image_width_px', 'image_height_px']);
+const INTEGER_FIELDS: ReadonlySet<ValueName> = new Set(['rounds', 'image_width_px', 'image_height_px']);
 
 interface SectionSpec {
   readonly title: string;
@@ -213,7 +213,7 @@ function cameraField(values: PatternValues): ShownField {
 /** The values after a row was edited. */
 export function withRow(values: PatternValues, name: RowName, value: FieldValue): PatternValues {
   if (name === 'camera') return { ...values, ...CAMERAS[String(value)] };
-  return { ...values, [name]: WHOLE_NUMBERS.has(name) ? Math.round(Number(value)) : value };
+  return { ...values, [name]: INTEGER_FIELDS.has(name) ? Math.round(Number(value)) : value };
 }
 
 /** The values with the camera that was stored in the browser; an invalid camera is ignored. */
@@ -303,7 +303,7 @@ const API_FIELDS: readonly (readonly [string, ProblemPlace])[] = [
 ];
 
 /** The row beside which a problem of this API field is shown; null: the problem belongs to the whole form. */
-export function placeOf(kind: PatternKind, field: string | null): ProblemPlace {
+export function problemPlaceOf(kind: PatternKind, field: string | null): ProblemPlace {
   if (field === null) return null;
   const lastName = field.split('.').at(-1) ?? '';
   if (field.startsWith('coverage.camera.') && lastName in FIELD_SPECS) return lastName as ValueName;

@@ -1,7 +1,7 @@
 /** The altitude profile along the path. Pure. */
 
 import { groundDistance_m, positionAt, type GeoPosition } from '../../../vehicle/geo';
-import { alt_home_m, obstaclesOf, flownItems, type Plan, type PlannedHome, type SharedParts } from '../document/document';
+import { alt_home_m, obstaclesOf, flownItems, type Plan, type PlannedHome, type DocumentAreas } from '../document/document';
 import type { CompiledFlight } from '../offboard/compiled-path';
 import { obstacleSpans, type ObstacleSpan } from './profile-obstacles';
 
@@ -55,7 +55,7 @@ export function profile(plan: Plan, ground: Ground = []): Profile {
  * Profile of a mission: the altitudes above the start along its compiled path, through the longest branches.
  * @param mission gives the obstacles and home.
  */
-export function missionProfile(flight: CompiledFlight, ground: Ground, mission: SharedParts & { readonly home?: PlannedHome | null }): Profile {
+export function missionProfile(flight: CompiledFlight, ground: Ground, mission: DocumentAreas & { readonly home?: PlannedHome | null }): Profile {
   const points: ProfilePoint[] = [];
   const start_down_m = flight.start_ned_m[2] ?? 0;
   let [along_m, lastPlace] = [0, ''];
@@ -74,7 +74,7 @@ export function missionProfile(flight: CompiledFlight, ground: Ground, mission: 
 }
 
 /** Adds the obstacles, the length and the range of altitudes to the points. */
-function completeProfile(points: readonly ProfilePoint[], ground: Ground, document: SharedParts, home: PlannedHome | null): Profile {
+function completeProfile(points: readonly ProfilePoint[], ground: Ground, document: DocumentAreas, home: PlannedHome | null): Profile {
   const path = points.flatMap(({ at, along_m }) => (at === null ? [] : [{ at, distance_m: along_m }]));
   const obstacles = obstacleSpans(path, obstaclesOf(document), home);
   const length_m = points.at(-1)?.along_m ?? 0;
