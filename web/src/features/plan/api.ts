@@ -32,7 +32,7 @@ export interface Area {
   readonly outer: readonly GeoPosition[];
 }
 
-/** A plan from a file, and the areas of the file, which can become geofences. */
+/** A plan from a file, and the areas of the file, which a person can add as geofences. */
 export interface ImportedFile {
   readonly plan: Document;
   readonly areas: readonly Area[];

@@ -28,7 +28,7 @@ page.onEvent.push((event) => void dryRun.onEvent(event));
 export const acceptedErrors = new AcceptedErrors();
 export const roleAssignment = new RoleAssignment();
 
-/** Home of the selected vehicle; null if it is not known or the vehicle is a replay. */
+/** Home of the selected vehicle; null: home is not known, or the vehicle is a replay. */
 export function vehicleHome(): PlannedHome | null {
   const home = page.facts === null || page.facts.replayed ? null : page.facts.home;
   return home === null ? null : { lat_deg: home.value.lat_deg, lon_deg: home.value.lon_deg, alt_amsl_m: home.value.alt_amsl_m };

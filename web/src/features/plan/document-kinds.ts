@@ -175,8 +175,8 @@ export function partExists(document: Document, id: string, frame: MissionFrame):
  */
 export function selectionAfterDelete(oldDocument: Document, newDocument: Document, ids: readonly string[], frame: MissionFrame): string[] {
   if (!isMission(oldDocument) || !isMission(newDocument)) return [];
-  const remaining = ids.find((id) => partExists(newDocument, id, frame));
-  if (remaining !== undefined) return [remaining];
+  const remainingId = ids.find((id) => partExists(newDocument, id, frame));
+  if (remainingId !== undefined) return [remainingId];
   const point = ids.map(pointRefOf).find((ref) => ref !== null && ref?.field === 'points');
   if (point != null && point.index > 0) return [pointId({ ...point, index: point.index - 1 })].filter((id) => partExists(newDocument, id, frame));
   return [];

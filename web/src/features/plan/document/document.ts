@@ -93,7 +93,7 @@ export function alt_home_m(altitude: Altitude, home: PlannedHome | null): number
   return amsl_m === null || home === null ? null : amsl_m - home.alt_amsl_m;
 }
 
-/** Altitude AMSL [m]; an altitude above terrain without a resolved altitude is taken as above home. */
+/** Altitude AMSL [m]; an altitude above terrain without a resolved altitude counts as an altitude above home. */
 export function alt_amsl_m(altitude: Altitude, home_amsl_m: number): number {
   if (altitude.reference === 'amsl') return altitude.value_m;
   return (altitude.reference === 'terrain' ? altitude.resolved_amsl_m : null) ?? home_amsl_m + altitude.value_m;
@@ -154,7 +154,7 @@ export function allPositions(plan: Plan): GeoPosition[] {
   return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...itemPositions, ...areaPositions(plan), ...plan.rally_points];
 }
 
-/** Altitude for a new item: the altitude of the previous flown item, or else of the first one, or else the default. */
+/** Altitude for a new item: that of the last flown item before the row, or else of the first flown item, or else the default. */
 export function altitudeForNewItem(plan: Plan, row: number): Altitude {
   const neighbour = plan.items.slice(0, row).reverse().find(isFlownTo) ?? plan.items.find(isFlownTo);
   const altitude = neighbour?.altitude ?? DEFAULT_ALTITUDE;

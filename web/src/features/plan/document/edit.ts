@@ -26,8 +26,8 @@ function latLon({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
 }
 
 /**
- * Changes these fields of an item. An imported item keeps its text from the file (`original`) with fields that this
- * editor does not know; the export writes the changed values into this text.
+ * Changes these fields of an item. The field `original` of an imported item contains its text in the file, with fields
+ * that this editor does not know; the export writes the changed values into this text.
  */
 export function setItem(plan: Plan, row: number, fields: Readonly<Record<string, unknown>>): Plan {
   const item = plan.items[row];
@@ -203,13 +203,13 @@ export function removeZone<D extends DocumentAreas>(plan: D, index: number): D {
   return { ...plan, fence: plan.fence.filter((_, i) => i !== index) };
 }
 
-/** Moves rows before `targetRow`, a row of the unchanged plan. The moved rows keep their order. @returns the plan and the new rows. */
+/** Moves the rows to the place before `targetRow`, a row of the unchanged plan. The moved rows keep their order. @returns the plan and the new rows. */
 export function reorder(plan: Plan, rows: readonly number[], targetRow: number): { plan: Plan; rows: number[] } {
-  const chosen = new Set(rows);
+  const movedRowSet = new Set(rows);
   const allRows = plan.items.map((_, row) => row);
-  const rowsBefore = allRows.filter((row) => row < targetRow && !chosen.has(row));
-  const rowsAfter = allRows.filter((row) => row >= targetRow && !chosen.has(row));
-  const movedRows = allRows.filter((row) => chosen.has(row));
+  const rowsBefore = allRows.filter((row) => row < targetRow && !movedRowSet.has(row));
+  const rowsAfter = allRows.filter((row) => row >= targetRow && !movedRowSet.has(row));
+  const movedRows = allRows.filter((row) => movedRowSet.has(row));
   const newOrder = [...rowsBefore, ...movedRows, ...rowsAfter];
   const items = newOrder.flatMap((row) => plan.items[row] ?? []);
   const result = shiftJumps({ ...plan, items }, (target) => (newOrder.includes(target) ? newOrder.indexOf(target) : target));

@@ -13,7 +13,7 @@ export interface Fix<D = Plan> {
   readonly plan: D;
 }
 
-/** Speed of a speed change that stands for the vehicle's default speed. */
+/** Value of `speed_m_s` for the vehicle's default speed (MAV_CMD_DO_CHANGE_SPEED). */
 const VEHICLE_DEFAULT_SPEED = -2;
 
 /** @param home home of the vehicle; null if it is not known. */
@@ -90,7 +90,7 @@ function setAltitude(plan: Plan, { limit, place: { row } }: Finding): Fix | null
   return { text: `Set the altitude to ${limitText(limit)} m above home`, plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }) };
 }
 
-/** Sets the speed of the item, or without an item the speed of the plan, to the limit of the finding. */
+/** Sets the speed of the item to the limit of the finding; for a finding without an item, sets the speed of the plan. */
 function setSpeed(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
   if (limit === null) return null;
   const text = `Set the speed to ${limitText(limit)} m/s`;

@@ -102,7 +102,7 @@ export function windOf({ wind_m_s, from_deg }: Conditions): [number, number, num
   return [-wind_m_s * Math.cos(from_rad) + 0, -wind_m_s * Math.sin(from_rad) + 0, 0];
 }
 
-/** Values for the energy estimate; null if power, capacity or mass is not known, because then there is no estimate. */
+/** Values for the energy estimate; null: power, capacity or mass is not known, so there is no estimate. */
 export function powerOf({ hover_power_w, battery_wh, mass_kg, reserve_percent }: Conditions): Power | null {
   if (hover_power_w === null || battery_wh === null || mass_kg === null) return null;
   return { hover_power_w, battery_wh, mass_kg, reserve: reserve_percent / 100 };

@@ -41,7 +41,7 @@ function monteCarloByRole({ monte_carlo, together }: DryRunView): (readonly [str
   return together?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(together.monte_carlo.roles);
 }
 
-/** The simulated vehicle at a time, with its position interpolated between the samples; null if it did not take off. */
+/** The simulated vehicle at a time, with its position interpolated between the samples; null: the vehicle did not take off. */
 export function simulatedVehicleAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): SimulatedVehicle | null {
   const { path, origin } = nominal;
   const last = (path?.t_s.length ?? 0) - 1;

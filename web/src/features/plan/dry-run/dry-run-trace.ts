@@ -11,7 +11,7 @@ export interface Trace {
   readonly end_s: number;
   /** Time [s] and value. */
   readonly points: readonly (readonly [number, number])[];
-  /** Time [s], lower and upper bound of 90 % of the flights. */
+  /** Time [s], and the bounds between which the values of 90 % of the flights are. */
   readonly band: readonly (readonly [number, number, number])[];
   /** Time [s] and altitude of the terrain below the vehicle; only in the altitude trace, if the terrain is known. */
   readonly ground: readonly (readonly [number, number])[];
@@ -79,7 +79,7 @@ export function valueAt({ points }: Trace, t_s: number): number {
   return previous[1] + ((t_s - previous[0]) / (next[0] - previous[0])) * (next[1] - previous[1]);
 }
 
-export interface PlotShape {
+export interface PlotPaths {
   readonly line: string;
   /** The band of many flights; empty if there was only one flight. */
   readonly band: string;
@@ -89,7 +89,7 @@ export interface PlotShape {
 }
 
 /** The trace as SVG paths in a box of this size; y points down. */
-export function plotShape({ points, band, ground, end_s, top, bottom }: Trace, width: number, height: number): PlotShape {
+export function plotPaths({ points, band, ground, end_s, top, bottom }: Trace, width: number, height: number): PlotPaths {
   const x = (t_s: number): string => ((end_s === 0 ? 0 : t_s / end_s) * width).toFixed(1);
   const y = (value: number): string => (((top - value) / (top - bottom)) * height).toFixed(1);
   const upper = band.map(([t_s, , high]) => `${x(t_s)} ${y(high)}`);

@@ -6,7 +6,7 @@ import { EMPTY_PLAN } from '../document/document';
 import { toDryRunRequest, DEFAULT_CONDITIONS, powerOf, CONDITION_ROWS, windOf, withCondition, type ConditionRow } from './conditions';
 import { DryRun, type DryRunView } from './dry-run.svelte';
 import { dryRunLayer, findingPosition, simulatedVehicleAt, simulatedVehicleLayer, resultLines } from './dry-run-layer';
-import { plotShape, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
+import { plotPaths, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const VIEW = {
@@ -137,15 +137,15 @@ describe('a dry run', () => {
     expect(trace('Altitude', MONTE_CARLO).band[2]).toEqual([20, 9, 12]);
     expect(trace('Altitude', MONTE_CARLO).top).toBe(20);
     expect(trace('Speed', MONTE_CARLO).band).toEqual([]);
-    expect(plotShape(trace('Altitude'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', ground: '', zero_y: 50 });
-    expect(plotShape(trace('Altitude', MONTE_CARLO), 100, 50).band).toMatch(/^M.*Z$/);
+    expect(plotPaths(trace('Altitude'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', ground: '', zero_y: 50 });
+    expect(plotPaths(trace('Altitude', MONTE_CARLO), 100, 50).band).toMatch(/^M.*Z$/);
   });
 
   it('shows the terrain below the path, in a scale that contains both', () => {
     const hilly = { ...VIEW, nominal: { ...VIEW.nominal, path: { ...VIEW.nominal.path, ground_m: [0, 5, 20] } } } as DryRunView;
     const altitude = traceOf(hilly, 'Altitude');
     expect(altitude?.top).toBe(20);
-    expect(altitude && plotShape(altitude, 100, 40).ground).toBe('M0 40L0.0 40.0L50.0 30.0L100.0 0.0L100 40Z');
+    expect(altitude && plotPaths(altitude, 100, 40).ground).toBe('M0 40L0.0 40.0L50.0 30.0L100.0 0.0L100 40Z');
     expect(traceOf(hilly, 'Speed')?.ground).toEqual([]);
     const path = { ...VIEW.nominal.path, battery_share: null };
     expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();

@@ -73,7 +73,7 @@ export class PlanEditor implements LayerEditor {
   readonly plan: Plan = $derived(isMission(this.history.present.plan) ? EMPTY_PLAN : this.history.present.plan);
   /** The edited mission; null while a waypoint plan is edited. */
   readonly mission: Mission | null = $derived(isMission(this.history.present.plan) ? this.history.present.plan : null);
-  /** The mission's position on the earth. */
+  /** Positions of the mission's start and of the local origin on the earth. */
   frame = $state.raw<MissionFrame>(missionFrameOf(null, null, null));
   /** The mission's path, if the server has compiled one. */
   compiled = $state.raw<documents.CompiledMission>({ flight: null, isCurrent: false });
@@ -342,8 +342,7 @@ export class PlanEditor implements LayerEditor {
 
   /** Deselects the parts that no longer exist after an undo or redo. */
   private pruneSelection(): void {
-    const existing = [...this.selected].filter((id) => documents.partExists(this.document, id, this.frame));
-    this.select(existing);
+    this.select([...this.selected].filter((id) => documents.partExists(this.document, id, this.frame)));
   }
 }
 

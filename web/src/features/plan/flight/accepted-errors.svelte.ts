@@ -43,7 +43,7 @@ export class StartErrors {
   /** Whether a person has accepted these errors. */
   accepted = $state(false);
 
-  /** Stores the errors of a refused start. Another document or key withdraws the acceptance. */
+  /** Stores the errors of a refused start for this document and key, and withdraws the acceptance of the previous errors. */
   setOutcome(outcome: Outcome<unknown>, document: Document, startKey: Readonly<Record<string, string>>): void {
     const hasErrors = !outcome.ok && outcome.problem.codes !== undefined;
     this.refusal = hasErrors ? { document, startKey: JSON.stringify(startKey), problem: outcome.problem } : null;

@@ -1,4 +1,4 @@
-/** The cards of ended flights that a person has closed. The browser tab stores them: a reload does not open the cards again. */
+/** The cards of ended flights that a person has closed. The browser tab stores these cards, so that a reload does not open them again. */
 
 import { availableStorage } from '../../../app/identity';
 

@@ -8,8 +8,8 @@ export class RoleAssignment {
   }
 
   rename(old: string, name: string): void {
-    const { [old]: vehicle = '', ...others } = this.vehicles;
-    this.vehicles = { ...others, [name]: vehicle };
+    const { [old]: vehicle = '', ...otherVehicles } = this.vehicles;
+    this.vehicles = { ...otherVehicles, [name]: vehicle };
   }
 
   /** The vehicles of these roles; an empty text for a role without a vehicle. */

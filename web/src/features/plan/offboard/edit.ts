@@ -22,7 +22,7 @@ import {
 import { movedTo, raisedBy, positionInFrame, geoPointOf, positionFrameOf, type MissionFrame, type GeoPoint, type PositionFrame } from './positions';
 import { newStep, KINDS_WITH_POSITION } from './step-titles';
 
-/** Altitude above the start of a new point without a neighbour [m]. */
+/** Altitude of a new point without a neighbour, above the start [m]. */
 const DEFAULT_UP_M = 10;
 
 export function nodeOf(mission: Mission, id: string): StepNode | null {
@@ -77,9 +77,9 @@ export function remove(mission: Mission, ids: readonly string[]): Mission {
   }
   let next = removeHomeAndAreas(mission, ids);
   for (const [key, { node, indexes }] of removedPoints) {
-    const remaining = (node.step.points ?? []).filter((_, index) => !indexes.has(index));
-    if (remaining.length === 0) removedSteps.set(key, node.path);
-    else next = withValue(next, [...node.path, 'points'], remaining);
+    const remainingPoints = (node.step.points ?? []).filter((_, index) => !indexes.has(index));
+    if (remainingPoints.length === 0) removedSteps.set(key, node.path);
+    else next = withValue(next, [...node.path, 'points'], remainingPoints);
   }
   // The deepest and last steps are removed first, so that the paths of the other steps stay valid.
   const paths = [...removedSteps.values()].sort((a, b) => b.length - a.length || indexOf(b) - indexOf(a));

@@ -15,7 +15,7 @@ export interface Field<T> {
   readonly value: FieldValue;
   readonly set: (target: T, value: FieldValue) => T;
   readonly unit?: string;
-  /** The field may be empty; the value in the placeholder then applies. */
+  /** The field may be empty; the editor then shows this text in the field. */
   readonly placeholder?: string;
   readonly min?: number;
   readonly max?: number;

@@ -9,7 +9,7 @@ import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type St
 import { positionInFrame, geoPointOf, positionFrameOf, type MissionFrame } from './positions';
 import { newStep } from './step-titles';
 
-/** Minimum altitude above the start to which points are raised [m]. */
+/** Points are raised to at least this altitude above the start [m]. */
 const MIN_UP_M = 2;
 /** Points are lowered to this distance below a limit [m], because a curve may pass slightly above its points. */
 const MARGIN_M = 0.5;

@@ -116,14 +116,14 @@ describe('figures', () => {
 describe('plot', () => {
   it('shows the distance from the path over time', () => {
     const plot = flownPlot(FLOWN, pathDistances(FLOWN), 'Distance');
-    expect([plot?.trace.end_s, plot?.trace.top, plot?.trace.bottom, plot?.planned]).toEqual([40, 4, 0, []]);
+    expect([plot?.trace.end_s, plot?.trace.top, plot?.trace.bottom, plot?.plannedParts]).toEqual([40, 4, 0, []]);
     expect(flownPlot(FLOWN, [], 'Distance')).toBeNull();
   });
 
   it('shows the flown and the planned altitude above the start', () => {
     const plot = flownPlot(FLOWN, [], 'Altitude');
     expect(plot?.trace.points.map(([, up_m]) => up_m)).toEqual([0, 10, 10, 11, 10, 0]);
-    expect(plot?.planned).toEqual([
+    expect(plot?.plannedParts).toEqual([
       [
         [15, 9],
         [20, 9],

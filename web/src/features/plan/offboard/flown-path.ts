@@ -50,7 +50,7 @@ export interface FigureRow {
 export interface FlownPlot {
   readonly trace: Trace;
   /** Time [s] and planned value, one list for each part of the flight with setpoints. */
-  readonly planned: readonly (readonly (readonly [number, number])[])[];
+  readonly plannedParts: readonly (readonly (readonly [number, number])[])[];
 }
 
 /** The planned path of the flown steps, and of the steps on the longest path through the branches. */
@@ -165,19 +165,19 @@ export function flownPlot(flownPath: FlownPath, distances: readonly PathDistance
   const end_s = flownPath.samples.at(-1)?.t_s ?? 0;
   if (quantity === 'Distance') {
     const points = distances.map(({ t_s, distance_m }) => [t_s, distance_m] as const);
-    return points.length === 0 ? null : { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 1, end_s, points }), planned: [] };
+    return points.length === 0 ? null : { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 1, end_s, points }), plannedParts: [] };
   }
   const start_down_m = flownPath.samples[0]?.flown_ned_m[2];
   if (start_down_m === undefined) return null;
   const up_m = (position: Vector): number => start_down_m - (position[2] ?? 0);
   const points = flownPath.samples.map(({ t_s, flown_ned_m }) => [t_s, up_m(flown_ned_m)] as const);
-  const planned: (readonly [number, number])[][] = [[]];
+  const parts: (readonly [number, number])[][] = [[]];
   for (const { t_s, planned_ned_m } of flownPath.samples) {
-    if (planned_ned_m === null) planned.push([]);
-    else planned.at(-1)?.push([t_s, up_m(planned_ned_m)]);
+    if (planned_ned_m === null) parts.push([]);
+    else parts.at(-1)?.push([t_s, up_m(planned_ned_m)]);
   }
-  const plannedParts = planned.filter((part) => part.length > 1);
-  return { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 5, end_s, points, furtherPoints: plannedParts.flat() }), planned: plannedParts };
+  const plannedParts = parts.filter((part) => part.length > 1);
+  return { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 5, end_s, points, furtherPoints: plannedParts.flat() }), plannedParts };
 }
 
 /**
@@ -187,15 +187,15 @@ export function flownPathLayer(flownPath: FlownPath): LayerPicture | null {
   const { origin } = flownPath;
   if (origin === null) return null;
   const positionsOf = (points: readonly Vector[]) => points.map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m }));
-  const planned: { place: string; points: Vector[] }[] = [];
+  const plannedLegs: { place: string; points: Vector[] }[] = [];
   for (const { place, points } of plannedLines(flownPath)) {
-    const last = planned.at(-1);
+    const last = plannedLegs.at(-1);
     const isContinuous = last?.points.at(-1)?.every((value, axis) => Math.abs(value - (points[0]?.[axis] ?? Infinity)) < 0.01) === true;
     if (last !== undefined && isContinuous) last.points.push(...points.slice(1));
-    else planned.push({ place, points: [...points] });
+    else plannedLegs.push({ place, points: [...points] });
   }
   const lines: LayerLine[] = [
-    ...planned.map(({ points }): LayerLine => ({ positions: positionsOf(points), tone: 'target', style: 'dashed' })),
+    ...plannedLegs.map(({ points }): LayerLine => ({ positions: positionsOf(points), tone: 'target', style: 'dashed' })),
     { positions: positionsOf(flownPath.samples.map(({ flown_ned_m }) => flown_ned_m)), tone: 'actual', style: 'solid' },
   ];
   return { lines: lines.filter((line) => line.positions.length > 1), areas: [], points: [] };

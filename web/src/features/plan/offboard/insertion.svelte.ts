@@ -13,8 +13,8 @@ export interface StoredMission {
 
 export class MissionInsertion {
   isOpen = $state(false);
-  /** Whether the take-off and the last landing of the stored mission are left out. */
-  inAir = $state(true);
+  /** The insertion leaves out the take-off and the last landing of the stored mission. */
+  skipsTakeoffAndLanding = $state(true);
   busy = $state(false);
   /** Why the stored mission was not inserted. */
   problem = $state.raw<string | null>(null);
@@ -57,7 +57,7 @@ export class MissionInsertion {
     const requestNumber = this.requestCount;
     this.clearProblem();
     this.busy = true;
-    const response = await this.api.insert(mission, callPath, storedMission.id, this.inAir, positions);
+    const response = await this.api.insert(mission, callPath, storedMission.id, this.skipsTakeoffAndLanding, positions);
     if (requestNumber !== this.requestCount) return null;
     this.busy = false;
     if (!response.ok) {

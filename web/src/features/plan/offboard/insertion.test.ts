@@ -72,7 +72,7 @@ describe('inserting a stored mission', () => {
     ['step:step 3 then 1', ['steps', 2, 'then', 1], 'step:step 3 then 2'],
   ])('adds the call after the selected %s', async (selected, at, id) => {
     const session = new Session(selected);
-    session.insertion.inAir = false;
+    session.insertion.skipsTakeoffAndLanding = false;
     await session.insertion.insert(TOWER);
     expect(session.requests[0]).toMatchObject({ at, in_air: false });
     expect([...session.editor.selected]).toEqual([id]);

@@ -7,11 +7,11 @@ import {
   dryRunIdWithCorridorForRoles,
   corridorText,
   deviationText,
-  isOver,
+  hasEnded,
   startProblem,
   commandQuestion,
   availableCommands,
-  progress,
+  flightProgress,
   startQuestion,
   lastFlightText,
   stateLabel,
@@ -124,17 +124,17 @@ describe('an offboard mission in flight', () => {
   });
 
   it('has texts for progress, position error and state', () => {
-    expect(progress(FLIGHT)).toBeCloseTo(0.25);
-    expect(progress(flightWith({ remaining_s: null }))).toBeNull();
-    expect(progress(flightWith({ duration_s: 0 }))).toBeNull();
-    expect(progress(flightWith({ remaining_s: 500 }))).toBe(0);
+    expect(flightProgress(FLIGHT)).toBeCloseTo(0.25);
+    expect(flightProgress(flightWith({ remaining_s: null }))).toBeNull();
+    expect(flightProgress(flightWith({ duration_s: 0 }))).toBeNull();
+    expect(flightProgress(flightWith({ remaining_s: 500 }))).toBe(0);
     expect(deviationText(FLIGHT)).toBe('0.3 m position error');
     expect(deviationText(flightWith({ deviation_m: null }))).toBeNull();
     expect(stateLabel(flightWith({ state: 'suspended' }))).toEqual({ text: 'Interrupted by another mode', tone: 'caution' });
     expect(lastFlightText(flightWith({ state: 'aborted' }), '1 Quad')).toBe(`Last flight of “${FLIGHT.name}” by 1 Quad: aborted.`);
     expect(stateLabel(flightWith({ state: 'starting' })).text).toBe('Switching to Offboard');
     expect(stateLabel(flightWith({ state: 'starting', mode: 'external_1' })).text).toBe('Starting');
-    expect([isOver(FLIGHT), isOver(flightWith({ state: 'done' }))]).toEqual([false, true]);
+    expect([hasEnded(FLIGHT), hasEnded(flightWith({ state: 'done' }))]).toEqual([false, true]);
   });
 });
 

@@ -30,14 +30,14 @@ const STATE_TEXTS: Readonly<Record<State, string>> = {
 };
 const END_STATES: readonly State[] = ['done', 'aborted', 'stopped'];
 
-export function isOver(flight: MissionFlight): boolean {
+export function hasEnded(flight: MissionFlight): boolean {
   return END_STATES.includes(flight.state);
 }
 
 export function stateLabel(flight: MissionFlight): { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' } {
   const text = flight.state === 'starting' && flight.mode !== 'offboard' ? 'Starting' : STATE_TEXTS[flight.state];
   if (flight.state === 'done') return { text, tone: 'ok' };
-  if (isOver(flight) || flight.state === 'suspended') return { text, tone: 'caution' };
+  if (hasEnded(flight) || flight.state === 'suspended') return { text, tone: 'caution' };
   return { text, tone: flight.state === 'paused' ? 'dim' : 'target' };
 }
 
@@ -48,7 +48,7 @@ export function lastFlightText(flight: MissionFlight, vehicleName: string): stri
 
 /** Text about who commands the vehicle during a mission; null: the flight mode has no executor, or the mission is over. */
 export function executorText(flight: MissionFlight): string | null {
-  if (isOver(flight) || flight.executor_in_charge === null) return null;
+  if (hasEnded(flight) || flight.executor_in_charge === null) return null;
   return flight.executor_in_charge
     ? 'The mission commands the vehicle until another mode is selected.'
     : 'Another mode was selected, so the mission no longer commands the vehicle: PX4 accepts no command from it.';
@@ -56,7 +56,7 @@ export function executorText(flight: MissionFlight): string | null {
 
 /** The commands that are possible in the present state. */
 export function availableCommands(flight: MissionFlight): readonly FlightCommand[] {
-  if (isOver(flight)) return [];
+  if (hasEnded(flight)) return [];
   const isPaused = flight.state === 'paused' || flight.state === 'suspended' || flight.state === 'pausing';
   const goOnCommands: FlightCommand[] = flight.question === null || isPaused ? [] : ['go_on'];
   const skipCommands: FlightCommand[] = flight.others.length > 0 ? [] : ['skip']; // after a skipped step, vehicles that fly together would no longer be synchronized
@@ -82,7 +82,7 @@ export const COMMAND_NAMES: Readonly<Record<FlightCommand, string>> = {
 };
 
 /** Elapsed part of the flight time, 0 to 1; null if it is not known. */
-export function progress(flight: MissionFlight): number | null {
+export function flightProgress(flight: MissionFlight): number | null {
   if (flight.remaining_s === null || !(flight.duration_s > 0)) return null;
   return Math.min(1, Math.max(0, 1 - flight.remaining_s / flight.duration_s));
 }
@@ -120,7 +120,7 @@ const ACTION_VERBS: Readonly<Record<string, string>> = { continue: 'continues', 
  * @param blockingErrors errors that are not accepted; null: the mission has not been checked.
  */
 export function startProblem(blockingErrors: readonly Finding[] | null, flight: MissionFlight | null): string | null {
-  if (flight !== null && !isOver(flight)) return 'The vehicle is already flying a mission. Abort it first.';
+  if (flight !== null && !hasEnded(flight)) return 'The vehicle is already flying a mission. Abort it first.';
   if (blockingErrors === null) return 'The mission has not been checked for this vehicle yet.';
   if (blockingErrors.length === 0) return null;
   return blockingErrorsText(blockingErrors);

@@ -21,7 +21,7 @@ const ALTITUDE_LABELS: Readonly<Record<PositionFrame, string>> = {
  * The rows of a position in any object.
  * @param withPosition returns the target with the changed position.
  * @param label displayed name of the position.
- * @param prefix prefix of the names of the rows.
+ * @param prefix prefix of the rows' names.
  */
 export function positionFields<T>(
   position: MissionPosition,

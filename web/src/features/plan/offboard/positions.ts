@@ -5,7 +5,7 @@ import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { PlannedHome } from '../document/document';
 import type { Mission, MissionPosition, Vector } from './mission';
 
-/** The start of a mission and the local origin, on the earth. */
+/** Positions of a mission's start and of the local origin on the earth. */
 export interface MissionFrame {
   /** Start of the mission: the vehicle's home, or else the mission's planned home. */
   readonly start: PlannedHome;
@@ -25,7 +25,6 @@ export function missionFrameOf(mission: Mission | null, vehicleHome: PlannedHome
 
 export type PositionFrame = 'offset' | 'home' | 'amsl' | 'local';
 
-/** The frame of a position. */
 export function positionFrameOf(position: MissionPosition): PositionFrame {
   if (position.offset_ned_m != null) return 'offset';
   if (position.position_ned_m != null) return 'local';
@@ -63,7 +62,9 @@ export function positionInFrame(positionFrame: PositionFrame, geoPoint: GeoPoint
   const amsl_m = frame.start.alt_amsl_m + geoPoint.up_m;
   if (positionFrame === 'home' || positionFrame === 'amsl') {
     const latLon = { lat_deg: Number(geoPoint.lat_deg.toFixed(8)), lon_deg: Number(geoPoint.lon_deg.toFixed(8)) };
-    return positionFrame === 'amsl' ? { ...otherFields, ...latLon, alt_amsl_m: roundCm(amsl_m) } : { ...otherFields, ...latLon, alt_home_m: roundCm(geoPoint.up_m) };
+    return positionFrame === 'amsl'
+      ? { ...otherFields, ...latLon, alt_amsl_m: roundCm(amsl_m) }
+      : { ...otherFields, ...latLon, alt_home_m: roundCm(geoPoint.up_m) };
   }
   const reference = positionFrame === 'offset' ? frame.start : frame.origin;
   const { north_m, east_m } = eastNorth(reference, geoPoint);

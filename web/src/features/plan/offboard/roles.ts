@@ -4,13 +4,13 @@ import { roleNames, type Mission, type Role, type Step } from './mission';
 import { newStep } from './step-titles';
 
 export const MAX_ROLES = 10;
-/** Distance of a new role's start from the other starts, to the east [m]. */
+/** A new role starts at this distance east of the easternmost start [m]. */
 const ROLE_SPACING_M = 10;
 
-function newRoleName(mission: Mission, requested: string): string {
+function newRoleName(mission: Mission, requestedName: string): string {
   const existingNames = roleNames(mission);
   let number = existingNames.length + 1;
-  if (!existingNames.includes(requested)) return requested;
+  if (!existingNames.includes(requestedName)) return requestedName;
   while (existingNames.includes(`role ${number}`)) number += 1;
   return `role ${number}`;
 }
@@ -54,10 +54,10 @@ export function setRole(mission: Mission, name: string, fields: Partial<Role>): 
 /** Removes a role. If only one role remains, the mission becomes a mission for one vehicle, without "meet" steps. */
 export function removeRole(mission: Mission, name: string): Mission {
   const { [name]: _removed, ...roles } = mission.roles ?? {};
-  const [remaining, ...others] = Object.values(roles);
-  if (remaining === undefined || others.length > 0) return { ...mission, roles };
+  const [remainingRole, ...otherRoles] = Object.values(roles);
+  if (remainingRole === undefined || otherRoles.length > 0) return { ...mission, roles };
   const { roles: _roles, minimum_separation_m: _separation, ...rest } = mission;
-  return { ...rest, steps: withoutMeetings(remaining.steps) };
+  return { ...rest, steps: withoutMeetings(remainingRole.steps) };
 }
 
 function withoutMeetings(steps: readonly Step[]): readonly Step[] {

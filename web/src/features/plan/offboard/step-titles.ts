@@ -141,7 +141,7 @@ export function detailOf(step: Step): string {
 /** 10 m above the start. */
 const DEFAULT_POSITION: MissionPosition = { offset_ned_m: [0, 0, -10] };
 
-/** A new step. @param position the clicked position. */
+/** @param position the clicked position. */
 export function newStep(kind: StepKind, position: MissionPosition = DEFAULT_POSITION): Step {
   const circle = { center: position, radius_m: 10, turns: 1, clockwise: true };
   const condition = { value: 'battery_share', above: 0.5 };

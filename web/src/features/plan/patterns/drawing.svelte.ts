@@ -46,7 +46,7 @@ export class PatternDrawing implements LayerEditor {
   private preview = $state.raw<Preview | null>(null);
   /** Whether a preview is being generated. */
   busy = $state(false);
-  /** The vehicle whose parameters are used; null: none. */
+  /** The vehicle whose parameters the server uses for the pattern; null: none. */
   vehicle = $state.raw<string | null>(null);
   private requestCount = 0;
   /** Shape and selection before the drag in progress. */
@@ -180,8 +180,8 @@ export class PatternDrawing implements LayerEditor {
     if (point === null) return false;
     this.rings = shape.removePoint(this.rings, point);
     this.activeRing = Math.min(this.activeRing, this.rings.length - 1);
-    const remaining = this.rings[point.ring]?.length ?? 0;
-    this.selected = remaining === 0 ? null : { ring: point.ring, index: Math.max(0, point.index - 1) };
+    const remainingCount = this.rings[point.ring]?.length ?? 0;
+    this.selected = remainingCount === 0 ? null : { ring: point.ring, index: Math.max(0, point.index - 1) };
     return true;
   }
 

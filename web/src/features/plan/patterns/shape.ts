@@ -80,12 +80,12 @@ export function movePoint(rings: Rings, { ring, index }: ShapePoint, to: GeoPosi
 
 /** Removes a point; a hole without points is removed. */
 export function removePoint(rings: Rings, { ring, index }: ShapePoint): Rings {
-  const remaining = withRing(
+  const remainingRings = withRing(
     rings,
     ring,
     (rings[ring] ?? []).filter((_, i) => i !== index),
   );
-  return remaining.filter((points, i) => i === 0 || points.length > 0 || i !== ring);
+  return remainingRings.filter((points, i) => i === 0 || points.length > 0 || i !== ring);
 }
 
 /** Begins an empty hole, unless the last hole is still empty. */

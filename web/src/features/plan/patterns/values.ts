@@ -6,7 +6,7 @@ import { REFERENCE_CHOICES } from '../document/items';
 import type { FieldValue, ShownField } from '../offboard/fields';
 import type { Pattern, PatternKind, Rings } from './shape';
 
-/** One value for each setting of any pattern. Overlaps are in per cent, and in the API as fractions. */
+/** The values of the settings of all patterns. Overlaps are in per cent here, and fractions in the API. */
 export interface PatternValues {
   readonly altitude_m: number;
   readonly reference: AltitudeReference;
@@ -40,7 +40,7 @@ export interface PatternValues {
   /** Altitude of the base of the structure. */
   readonly base_m: number;
   readonly height_m: number;
-  /** Lowest round above the base. */
+  /** Height of the lowest round above the base. */
   readonly lowest_m: number;
   /** Distance from the sides of the structure. */
   readonly sides_m: number;
