@@ -22,7 +22,7 @@ export function groupsOf(params: readonly Parameter[]): string[] {
   return [...new Set(params.map((p) => p.facts?.group ?? '').filter((g) => g !== ''))].sort((a, b) => a.localeCompare(b));
 }
 
-/** The parameters in whose name or description each typed word occurs. Names that begin with the first word come first. */
+/** The parameters whose name or description contains all typed words. Names that begin with the first word come first. */
 export function matchingParameters(params: readonly Parameter[], filter: Filter): Parameter[] {
   const words = filter.text
     .toLowerCase()
@@ -104,7 +104,7 @@ export function parseTypedNumber(text: string, isInteger: boolean): number | nul
   return Number.isFinite(value) && (!isInteger || Number.isInteger(value)) ? value : null;
 }
 
-/** Why the metadata does not permit a value; null if it is permitted. The server makes the same check. */
+/** Why the metadata does not permit a value; null: the value is permitted. The server makes the same check. */
 export function valueProblem(metadata: ParameterMetadata | null, value: number): string | null {
   if (metadata === null) return null;
   if (metadata.choices.length > 0) return metadata.choices.some((c) => equalAsFloat32(c.value, value)) ? null : 'Not one of the documented values.';
