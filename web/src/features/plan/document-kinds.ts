@@ -54,19 +54,20 @@ export function positionsOfId(document: Document, id: string, frame: MissionFram
 
 /** Moves points by the same horizontal offset. @param positions positions of the points before the move, by id. */
 export function movePoints<D extends Document>(document: D, positions: ReadonlyMap<string, GeoPosition>, offset: EastNorth, frame: MissionFrame): D {
-  let moved: Document = document;
+  let movedDocument: Document = document;
   for (const [id, position] of positions) {
     const target = positionAt(position, offset);
-    moved = isMission(moved) ? missionEdit.movePoint(moved, id, target, frame) : planEdit.movePoint(moved, id, target);
+    movedDocument = isMission(movedDocument) ? missionEdit.movePoint(movedDocument, id, target, frame) : planEdit.movePoint(movedDocument, id, target);
   }
-  return moved as D;
+  return movedDocument as D;
 }
 
 /** Changes the altitudes of several points by `by_m`; negative: down. */
 export function raisePoints<D extends Document>(document: D, ids: Iterable<string>, by_m: number): D {
-  let raised: Document = document;
-  for (const id of ids) raised = isMission(raised) ? missionEdit.raisePoint(raised, id, by_m) : planEdit.raisePoint(raised, id, by_m);
-  return raised as D;
+  let raisedDocument: Document = document;
+  for (const id of ids)
+    raisedDocument = isMission(raisedDocument) ? missionEdit.raisePoint(raisedDocument, id, by_m) : planEdit.raisePoint(raisedDocument, id, by_m);
+  return raisedDocument as D;
 }
 
 export function remove(document: Document, ids: readonly string[]): Document {

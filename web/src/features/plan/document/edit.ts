@@ -131,8 +131,8 @@ export function insertionRow(plan: Plan, selected: readonly string[]): number {
 /** Inserts several items, for example those of a pattern; jumps keep their targets. */
 export function insertItems(plan: Plan, row: number, items: readonly Item[]): Plan {
   const { length } = items;
-  const shifted = shiftJumps(plan, (target) => (target >= row ? target + length : target));
-  return { ...shifted, items: [...shifted.items.slice(0, row), ...items, ...shifted.items.slice(row)] };
+  const shiftedPlan = shiftJumps(plan, (target) => (target >= row ? target + length : target));
+  return { ...shiftedPlan, items: [...shiftedPlan.items.slice(0, row), ...items, ...shiftedPlan.items.slice(row)] };
 }
 
 export function insertCorner<D extends DocumentAreas>(plan: D, index: number, corner: number, position: GeoPosition): D {

@@ -37,10 +37,10 @@ const ONE_BASED: ReadonlySet<string> = new Set(['target_index']);
 export function fieldsOf(item: Item): Field[] {
   return specsOf(item.kind).flatMap(([name, spec]): Field[] => {
     if (spec.label === null || spec.appliesTo?.(item) === false) return [];
-    const stored = item[name] === undefined ? spec.initial : item[name];
-    const value = typeof stored === 'number' ? stored : null;
+    const storedValue = item[name] === undefined ? spec.initial : item[name];
+    const value = typeof storedValue === 'number' ? storedValue : null;
     const [, unit, step] = UNITS.find(([suffix]) => name.endsWith(suffix)) ?? ['', '', 1];
-    const common = {
+    const commonProperties = {
       name,
       label: spec.label,
       step: spec.step ?? step,
@@ -49,12 +49,13 @@ export function fieldsOf(item: Item): Field[] {
       max: spec.max ?? 1e9,
       decimals: 3,
     };
-    if (spec.options !== undefined) return [{ ...common, type: 'choice', value: String(value), options: optionsOf({ ...item, [name]: value }, name, spec) }];
+    if (spec.options !== undefined)
+      return [{ ...commonProperties, type: 'choice', value: String(value), options: optionsOf({ ...item, [name]: value }, name, spec) }];
     // A field without a value in an imported file stays empty until it is edited.
     const placeholder = spec.placeholder ?? (value === null ? 'not set' : undefined);
     return [
       {
-        ...common,
+        ...commonProperties,
         type: 'number',
         value: value === null ? null : value + (ONE_BASED.has(name) ? 1 : 0),
         ...(placeholder === undefined ? {} : { placeholder }),
@@ -66,17 +67,17 @@ export function fieldsOf(item: Item): Field[] {
 /** The choices of an enum field: all enum values with a text, and the item's value even if it has no text. */
 function optionsOf(item: Item, name: string, { options = {} }: FieldSpec): { value: string; text: string }[] {
   const choices = Object.entries(options).map(([value, text]) => ({ value, text }));
-  const current = String(item[name]);
-  return options[current] !== undefined ? choices : [...choices, { value: current, text: optionText(item, name) ?? current }];
+  const currentValue = String(item[name]);
+  return options[currentValue] !== undefined ? choices : [...choices, { value: currentValue, text: optionText(item, name) ?? currentValue }];
 }
 
 export type ParsedNumber = { ok: true; value: number | null } | { ok: false; problem: string };
 
 /** Parses a typed number with a decimal comma or point. Empty text is null if the field is optional. */
 export function parseNumber(text: string, limits: { optional?: boolean; min?: number; max?: number } = {}): ParsedNumber {
-  const normalized = text.trim().replace(',', '.').replace('−', '-');
-  if (normalized === '') return limits.optional === true ? { ok: true, value: null } : { ok: false, problem: 'Enter a number.' };
-  const value = Number(normalized);
+  const normalizedText = text.trim().replace(',', '.').replace('−', '-');
+  if (normalizedText === '') return limits.optional === true ? { ok: true, value: null } : { ok: false, problem: 'Enter a number.' };
+  const value = Number(normalizedText);
   if (!Number.isFinite(value)) return { ok: false, problem: `“${text.trim()}” is not a number.` };
   const { min = -1e9, max = 1e9 } = limits;
   if (value < min || value > max) return { ok: false, problem: `Enter a number from ${min} to ${max}.` };

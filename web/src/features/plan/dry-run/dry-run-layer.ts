@@ -73,16 +73,16 @@ function yaw_deg([w = 1, x = 0, y = 0, z = 0]: Vector): number {
 }
 
 /** The camera's footprint on the ground, cut off at the longest drawn length; empty if the footprint is too short to be drawn. */
-function cameraFootprint(simulated: SimulatedVehicle): GeoPosition[] {
-  const slope = Math.tan(-simulated.camera_pitch_deg / DEG_PER_RAD);
-  const farEdgeDistance_m = slope > 1e-3 ? Math.max(0, simulated.up_m) / slope : FOOTPRINT_LENGTH_M.max;
+function cameraFootprint(vehicle: SimulatedVehicle): GeoPosition[] {
+  const slope = Math.tan(-vehicle.camera_pitch_deg / DEG_PER_RAD);
+  const farEdgeDistance_m = slope > 1e-3 ? Math.max(0, vehicle.up_m) / slope : FOOTPRINT_LENGTH_M.max;
   if (farEdgeDistance_m < FOOTPRINT_LENGTH_M.min) return [];
   const length_m = Math.min(FOOTPRINT_LENGTH_M.max, farEdgeDistance_m);
   const farPoint = (turn_deg: number): GeoPosition => {
-    const angle = (simulated.camera_yaw_deg + turn_deg) / DEG_PER_RAD;
-    return positionAt(simulated, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
+    const angle = (vehicle.camera_yaw_deg + turn_deg) / DEG_PER_RAD;
+    return positionAt(vehicle, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
   };
-  return [{ lat_deg: simulated.lat_deg, lon_deg: simulated.lon_deg }, farPoint(-HALF_FIELD_OF_VIEW_DEG), farPoint(0), farPoint(HALF_FIELD_OF_VIEW_DEG)];
+  return [{ lat_deg: vehicle.lat_deg, lon_deg: vehicle.lon_deg }, farPoint(-HALF_FIELD_OF_VIEW_DEG), farPoint(0), farPoint(HALF_FIELD_OF_VIEW_DEG)];
 }
 
 /**
@@ -98,8 +98,8 @@ function corridorRings(origin: SimulatedFlight['origin'], { corridor }: MonteCar
       samples.push({ north_m, east_m, deviation_m: corridor.horizontal_m.p95[i] ?? 0 });
   });
   const edgePoints = samples.map((sample, i) => {
-    const [before, after] = [samples[Math.max(0, i - 1)] ?? sample, samples[Math.min(samples.length - 1, i + 1)] ?? sample];
-    const [north, east] = [after.north_m - before.north_m, after.east_m - before.east_m];
+    const [previousSample, nextSample] = [samples[Math.max(0, i - 1)] ?? sample, samples[Math.min(samples.length - 1, i + 1)] ?? sample];
+    const [north, east] = [nextSample.north_m - previousSample.north_m, nextSample.east_m - previousSample.east_m];
     const length = Math.hypot(north, east) || 1;
     const side = (sign: number): GeoPosition =>
       positionAt(origin, {
@@ -159,8 +159,8 @@ export function findingPosition(
   { position_ned_m, t_s }: Pick<SimulatedFlight['findings'][number], 'position_ned_m' | 't_s'>,
 ): GeoPosition | null {
   if (position_ned_m !== null) return positionAt(view.nominal.origin, { north_m: position_ned_m[0], east_m: position_ned_m[1] });
-  const simulated = t_s === null ? null : simulatedVehicleAt(view, t_s);
-  return simulated === null ? null : { lat_deg: simulated.lat_deg, lon_deg: simulated.lon_deg };
+  const vehicle = t_s === null ? null : simulatedVehicleAt(view, t_s);
+  return vehicle === null ? null : { lat_deg: vehicle.lat_deg, lon_deg: vehicle.lon_deg };
 }
 
 const percentText = (fraction: number | null): string => (fraction === null ? 'not known' : `${fixed(100 * fraction, 0)} %`);
@@ -170,8 +170,10 @@ export function resultLines(view: DryRunView): string[] {
   const { nominal, together } = view;
   const length = metres(nominal.length_m);
   const isBatteryKnown = nominal.battery_start_share !== null || nominal.battery_end_share !== null;
-  const battery = isBatteryKnown ? `battery ${percentText(nominal.battery_start_share)} → ${percentText(nominal.battery_end_share)}` : 'battery not known';
-  const lines = [`${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${durationText(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
+  const batteryText = isBatteryKnown ? `battery ${percentText(nominal.battery_start_share)} → ${percentText(nominal.battery_end_share)}` : 'battery not known';
+  const lines = [
+    `${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${durationText(nominal.duration_s)}, ${length.text} ${length.unit}, ${batteryText}.`,
+  ];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of together?.closest ?? [])
     lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${durationText(t_s)}.`);

@@ -92,11 +92,11 @@ export interface PlotPaths {
 export function plotPaths({ points, band, ground, end_s, top, bottom }: Trace, width: number, height: number): PlotPaths {
   const x = (t_s: number): string => ((end_s === 0 ? 0 : t_s / end_s) * width).toFixed(1);
   const y = (value: number): string => (((top - value) / (top - bottom)) * height).toFixed(1);
-  const upper = band.map(([t_s, , high]) => `${x(t_s)} ${y(high)}`);
-  const lower = band.map(([t_s, low]) => `${x(t_s)} ${y(low)}`).reverse();
+  const upperPoints = band.map(([t_s, , high]) => `${x(t_s)} ${y(high)}`);
+  const lowerPoints = band.map(([t_s, low]) => `${x(t_s)} ${y(low)}`).reverse();
   return {
     line: `M${points.map(([t_s, value]) => `${x(t_s)} ${y(value)}`).join('L')}`,
-    band: band.length < 2 ? '' : `M${[...upper, ...lower].join('L')}Z`,
+    band: band.length < 2 ? '' : `M${[...upperPoints, ...lowerPoints].join('L')}Z`,
     ground: ground.length < 2 ? '' : `M0 ${height}L${ground.map(([t_s, up_m]) => `${x(t_s)} ${y(up_m)}`).join('L')}L${width} ${height}Z`,
     zero_y: (top / (top - bottom)) * height,
   };

@@ -152,15 +152,15 @@ export class PlanEditor implements LayerEditor {
     this.selected = new Set(ids);
   }
 
-  /** Selects a point; with `extend`, adds the point to the selection or removes it. For a midpoint, inserts a point. */
-  pick(id: string, extend: boolean): void {
+  /** Selects a point; with `keepsOthers`, adds the point to the selection or removes it. For a midpoint, inserts a point. */
+  pick(id: string, keepsOthers: boolean): void {
     if (documents.isMidpointId(id)) {
       const midpoint = this.picture.points.find((point) => point.id === id);
       if (midpoint !== undefined) this.insert(id, midpoint);
       return;
     }
     if (id.startsWith('sketch:')) return;
-    if (!extend) return this.select([id]);
+    if (!keepsOthers) return this.select([id]);
     const next = new Set(this.selected);
     if (!next.delete(id)) next.add(id);
     this.selected = next;

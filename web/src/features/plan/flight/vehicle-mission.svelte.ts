@@ -42,11 +42,11 @@ export class VehicleMission {
 
   /**
    * Requests the server's view again after a change of the reported state.
-   * @param reported result of `reportedState`.
+   * @param newState result of `reportedState`.
    */
-  onReportedState(reported: string): void {
-    const hasChanged = this.reportedState !== null && this.reportedState !== reported;
-    this.reportedState = reported;
+  onReportedState(newState: string): void {
+    const hasChanged = this.reportedState !== null && this.reportedState !== newState;
+    this.reportedState = newState;
     if (hasChanged) void this.refresh();
   }
 

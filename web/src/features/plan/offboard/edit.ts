@@ -227,8 +227,8 @@ export function addCalledList(mission: Mission, node: StepNode): Mission {
   let number = 1;
   while (mission.missions[`part ${number}`] !== undefined) number += 1;
   const name = `part ${number}`;
-  const extended = { ...mission, missions: { ...mission.missions, [name]: [newStep('hold')] } };
-  return setStep(extended, node, { ...node.step, mission: name });
+  const extendedMission = { ...mission, missions: { ...mission.missions, [name]: [newStep('hold')] } };
+  return setStep(extendedMission, node, { ...node.step, mission: name });
 }
 
 /**
@@ -254,11 +254,11 @@ export function reorder(mission: Mission, ids: readonly string[], direction: -1 
   const targetIndex = direction < 0 ? Math.max(...movedIndexes) : Math.min(...movedIndexes);
   const withoutNeighbour = splice(list, neighbourIndex, 1);
   const next = withValue(mission, listPathOf(first), splice(withoutNeighbour, targetIndex, 0, neighbour));
-  const moved = new Set([...movedIndexes].map((index) => pathKey([...listPathOf(first), index + direction])));
+  const movedKeys = new Set([...movedIndexes].map((index) => pathKey([...listPathOf(first), index + direction])));
   return {
     mission: next,
     ids: nodesOf(next)
-      .filter((node) => moved.has(pathKey(node.path)))
+      .filter((node) => movedKeys.has(pathKey(node.path)))
       .map((node) => stepId(node.place)),
   };
 }

@@ -178,15 +178,15 @@ const CIRCLE_ROWS: readonly RowSpec[] = [
 /** The rows of a condition: value, comparison, threshold and duration. */
 function conditionRows(field: string): RowSpec {
   return (step) => {
-    const stored = (step[field] ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
-    const comparison = stored.above != null ? 'above' : 'below';
-    const scale = stored.value === 'battery_share' ? PERCENT : 1;
+    const storedCondition = (step[field] ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
+    const comparison = storedCondition.above != null ? 'above' : 'below';
+    const scale = storedCondition.value === 'battery_share' ? PERCENT : 1;
     const withFields = (old: Step, fields: object): Step => ({ ...old, [field]: { ...(old[field] as object), ...fields } });
     return [
       {
         ...choiceField(step, 'value', 'Value', Object.fromEntries(Object.entries(CONDITION_VALUES).map(([value, [label]]) => [value, label]))),
         name: `${field}-value`,
-        value: stored.value ?? '',
+        value: storedCondition.value ?? '',
         set: (old, next) => withFields(old, { value: next }),
       },
       {
@@ -200,16 +200,16 @@ function conditionRows(field: string): RowSpec {
         ],
         set: (old, next) =>
           withFields(old, {
-            above: next === 'above' ? (stored.above ?? stored.below ?? 0) : undefined,
-            below: next === 'below' ? (stored.below ?? stored.above ?? 0) : undefined,
+            above: next === 'above' ? (storedCondition.above ?? storedCondition.below ?? 0) : undefined,
+            below: next === 'below' ? (storedCondition.below ?? storedCondition.above ?? 0) : undefined,
           }),
       },
       {
         name: `${field}-bound`,
         label: 'Threshold',
         type: 'number',
-        unit: CONDITION_VALUES[stored.value ?? '']?.[1] ?? '',
-        value: (stored.above ?? stored.below ?? 0) * scale,
+        unit: CONDITION_VALUES[storedCondition.value ?? '']?.[1] ?? '',
+        value: (storedCondition.above ?? storedCondition.below ?? 0) * scale,
         set: (old, next) => withFields(old, { [comparison]: typeof next === 'number' ? next / scale : 0 }),
       },
       {
@@ -218,7 +218,7 @@ function conditionRows(field: string): RowSpec {
         type: 'number',
         unit: 's',
         ...DURATION_S,
-        value: stored.for_s ?? 0,
+        value: storedCondition.for_s ?? 0,
         set: (old, next) => withFields(old, { for_s: next ?? 0 }),
       },
     ];
@@ -241,7 +241,7 @@ const untilRows: RowSpec = (step, context) => [
 ];
 
 const velocityRows: RowSpec = (step) => {
-  const stored = (step['velocity_ned_m_s'] as readonly number[] | undefined) ?? [0, 0, 0];
+  const storedVelocity = (step['velocity_ned_m_s'] as readonly number[] | undefined) ?? [0, 0, 0];
   return [
     ['North', 0, 1],
     ['East', 1, 1],
@@ -250,7 +250,7 @@ const velocityRows: RowSpec = (step) => {
     const [axis, factor] = [index as number, sign as number];
     const set = (old: Step, next: FieldValue): Step => ({
       ...old,
-      velocity_ned_m_s: stored.map((component, i) => (i === axis ? factor * (typeof next === 'number' ? next : 0) : component)),
+      velocity_ned_m_s: storedVelocity.map((component, i) => (i === axis ? factor * (typeof next === 'number' ? next : 0) : component)),
     });
     return {
       name: `velocity-${axis}`,
@@ -260,7 +260,7 @@ const velocityRows: RowSpec = (step) => {
       step: 0.5,
       min: -50,
       max: 50,
-      value: factor * (stored[axis] ?? 0) + 0,
+      value: factor * (storedVelocity[axis] ?? 0) + 0,
       set,
     };
   });
@@ -292,9 +292,9 @@ const nameChoiceRow =
   (field: string, label: string, source: 'missions' | 'tables', emptyText: string): RowSpec =>
   (step, { mission }) => {
     const names = Object.keys(mission[source] ?? {});
-    const current = String(step[field] ?? '');
+    const currentName = String(step[field] ?? '');
     const options = Object.fromEntries(
-      [...new Set([...(names.includes(current) ? [] : [current]), ...names])].map((name) => [name, name === '' ? emptyText : name]),
+      [...new Set([...(names.includes(currentName) ? [] : [currentName]), ...names])].map((name) => [name, name === '' ? emptyText : name]),
     );
     return [choiceField(step, field, label, options)];
   };

@@ -113,8 +113,8 @@ export function parseLegMidpointId(id: string): { index: number; place: string }
 /** The list entries of a mission. The duration of a step contains the durations of its nested steps. */
 export function missionEntries(mission: Mission, times: readonly StepTime[]): ListEntry[] {
   const timeOfStep = new Map(times.map((time) => [time.place, time]));
-  const duration_s = (node: StepNode, nested: readonly StepNode[]): number | null => {
-    const times_s = [node, ...nested].flatMap(({ place }) => timeOfStep.get(place)?.duration_s ?? []);
+  const duration_s = (node: StepNode, nestedNodes: readonly StepNode[]): number | null => {
+    const times_s = [node, ...nestedNodes].flatMap(({ place }) => timeOfStep.get(place)?.duration_s ?? []);
     return times_s.length === 0 ? null : times_s.reduce((sum, time_s) => sum + time_s, 0);
   };
   const nodes = nodesOf(mission);

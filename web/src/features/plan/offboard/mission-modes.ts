@@ -22,9 +22,9 @@ export function modeName(missionName: string): string {
 
 /** Parses the time for which PX4 may defer a failsafe, in whole seconds; empty text is 0 (never). Null: not valid. */
 export function parseDeferral(text: string): number | null {
-  const typed = text.trim();
-  if (!/^[0-9]{0,3}$/.test(typed)) return null;
-  const deferral_s = Number(typed);
+  const trimmedText = text.trim();
+  if (!/^[0-9]{0,3}$/.test(trimmedText)) return null;
+  const deferral_s = Number(trimmedText);
   return deferral_s <= MAX_DEFERRAL_S ? deferral_s : null;
 }
 

@@ -106,10 +106,10 @@ export const roleNames = (mission: Mission): string[] => Object.keys(mission.rol
 
 /** Why these vehicles cannot fly the roles; null: each role has a different vehicle. */
 export function assignmentProblem(roles: readonly string[], vehicles: Readonly<Record<string, string>>): string | null {
-  const unassigned = roles.find((role) => (vehicles[role] ?? '') === '');
-  if (unassigned !== undefined) return `Choose a vehicle for the role “${unassigned}”.`;
-  const duplicate = roles.find((role, index) => roles.slice(0, index).some((other) => vehicles[other] === vehicles[role]));
-  return duplicate === undefined ? null : `Vehicle ${vehicles[duplicate] ?? ''} has two roles. Choose another vehicle for the role “${duplicate}”.`;
+  const unassignedRole = roles.find((role) => (vehicles[role] ?? '') === '');
+  if (unassignedRole !== undefined) return `Choose a vehicle for the role “${unassignedRole}”.`;
+  const duplicateRole = roles.find((role, index) => roles.slice(0, index).some((other) => vehicles[other] === vehicles[role]));
+  return duplicateRole === undefined ? null : `Vehicle ${vehicles[duplicateRole] ?? ''} has two roles. Choose another vehicle for the role “${duplicateRole}”.`;
 }
 
 /** Refers to one position of a step: a point by its index, or the position in another field (index 0). */

@@ -60,9 +60,9 @@ function conditionText(condition: unknown): string {
   const { value, above, below, for_s } = (condition ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
   const [label, unit] = CONDITION_VALUES[value ?? ''] ?? [value ?? 'a value', ''];
   const threshold = above ?? below ?? 0;
-  const displayed = value === 'battery_share' ? threshold * PERCENT : threshold;
+  const displayedThreshold = value === 'battery_share' ? threshold * PERCENT : threshold;
   const durationText = (for_s ?? 0) > 0 ? ` for ${fixed(for_s ?? 0, 0)} s` : '';
-  return `${label} ${above != null ? 'above' : 'below'} ${fixed(displayed, 1).replace(/\.0$/, '')}${unit === '' ? '' : ` ${unit}`}${durationText}`;
+  return `${label} ${above != null ? 'above' : 'below'} ${fixed(displayedThreshold, 1).replace(/\.0$/, '')}${unit === '' ? '' : ` ${unit}`}${durationText}`;
 }
 
 /** The text below a step's title in the list. */
