@@ -22,14 +22,14 @@ interface SavedPlan {
   readonly plan: Document;
 }
 
-/** A message below the plan's name, with what can be done next. */
+/** A message below the plan's name, and what the person can do next. */
 export interface Notice {
   readonly tone: 'danger' | 'caution' | 'ok';
   readonly text: string;
   /** Another client saved the plan: the person can open the saved version, or save the edited plan as a new plan. */
   readonly conflict?: boolean;
   /** An older version is open. */
-  readonly older?: boolean;
+  readonly olderVersion?: boolean;
   /** A file that was not imported, because points have no altitude. */
   readonly file?: File;
   /** Areas in an imported file, which a person can add as geofences. */
@@ -50,7 +50,7 @@ const DRAFT_KEY = 'gcs.plan-draft';
 const CONDITIONS_KEY = 'gcs.plan-conditions';
 
 export class Plans {
-  /** Saved versions by the id of the document in the history, because undo can return to an earlier document. */
+  /** Saved version of each document in the history, by document id: undo can return to an earlier document. */
   private savedPlans = $state.raw<Readonly<Record<number, SavedPlan>>>({});
   list = $state.raw<readonly PlanVersion[] | null>(null);
   notice = $state.raw<Notice | null>(null);
@@ -85,7 +85,7 @@ export class Plans {
     if (this.current === null) return false;
     return this.current.plan === plan && this.current.name === name;
   });
-  /** The newest check of the open plan; while `isChecked` is false, it is the check of an earlier state. */
+  /** Result of the newest check of the open plan; while `isChecked` is false, the server checked an earlier state of the plan. */
   readonly check: Check | null = $derived.by(() => (this.checkedDocumentId === this.editor.draft.documentId ? this.checkResult : null));
   /** The vehicle and the power values that the next check uses. */
   private readonly currentInputs: string = $derived.by(() => JSON.stringify([this.vehicle, powerOf(this.conditions)]));
@@ -104,7 +104,7 @@ export class Plans {
   /** Converts the edited waypoint plan to an offboard mission; undo restores the plan. */
   async convert(vehicle: string | null): Promise<boolean> {
     const { name } = this.editor.draft;
-    const response = await this.whileBusy(this.api.convert(this.editor.plan, nameOf(name), vehicle));
+    const response = await this.whileBusy(this.api.convert(this.editor.plan, nameOrDefault(name), vehicle));
     if (!response.ok) {
       this.showProblem('The offboard mission was not created.', response.problem);
       return false;
@@ -142,8 +142,8 @@ export class Plans {
     return null;
   }
 
-  /** Opens an older version without saving it. Saving then adds a new version after the newest one. */
-  async openVersion({ id, version, changed_by }: PlanVersion, newest: PlanVersion): Promise<boolean> {
+  /** Opens an older version without saving it. When the person saves it, it becomes the newest version. */
+  async openVersion({ id, version, changed_by }: PlanVersion, newestVersion: PlanVersion): Promise<boolean> {
     const response = await this.whileBusy(this.api.open(id, version));
     if (!response.ok) {
       this.showProblem(`Version ${version} could not be opened.`, response.problem);
@@ -152,20 +152,20 @@ export class Plans {
     const { name, plan } = response.value;
     this.setSaved(this.editor.replace(name, isMission(plan) ? plan : { ...EMPTY_PLAN, ...plan }), {
       id,
-      version: newest.version,
+      version: newestVersion.version,
       name,
       plan: { ...EMPTY_PLAN }, // not the opened plan, so that the older version counts as not saved
     });
-    const text = `Version ${version} of ${newest.version}, saved by ${changed_by}. If you save it, it becomes version ${newest.version + 1}.`;
-    this.notice = { tone: 'caution', text, older: true };
+    const text = `Version ${version} of ${newestVersion.version}, saved by ${changed_by}. If you save it, it becomes version ${newestVersion.version + 1}.`;
+    this.notice = { tone: 'caution', text, olderVersion: true };
     return true;
   }
 
-  /** Saves the edited plan. @param asNew true: as a new plan. */
-  async save(asNew = false): Promise<void> {
+  /** Saves the edited plan. @param asNewPlan true: saves a new plan, not a new version. */
+  async save(asNewPlan = false): Promise<void> {
     const draft = this.editor.draft;
-    const base = asNew ? null : this.current;
-    const name = nameOf(draft.name);
+    const base = asNewPlan ? null : this.current;
+    const name = nameOrDefault(draft.name);
     const response = await this.whileBusy(base === null ? this.api.create(name, draft.plan) : this.api.save(base.id, name, draft.plan, base.version));
     if (!response.ok) {
       const conflict = response.problem.code === 'conflict';
@@ -200,7 +200,7 @@ export class Plans {
     return true;
   }
 
-  /** Makes a step of the mission fly the trajectory in a CSV or NumPy file, as one change. */
+  /** Makes a step of the mission fly the trajectory in a CSV or NumPy file; one undo reverts it. */
   async importTable(file: File, node: StepNode): Promise<boolean> {
     const [draft, mission] = [this.editor.draft, this.editor.mission];
     const response = await this.whileBusy(this.api.importTable(file));
@@ -288,7 +288,7 @@ export class Plans {
     this.storage.setItem(CONDITIONS_KEY, JSON.stringify(conditions));
   }
 
-  /** Updates the mission's position and compiled path for the map, from the newest check. */
+  /** Passes the compiled path and the frame of the mission to the editor for the map, from the newest check. */
   compile(vehicleHome: PlannedHome | null): void {
     const flight = this.check?.flight ?? null;
     this.editor.compiled = { flight, isCurrent: this.isChecked };
@@ -296,11 +296,11 @@ export class Plans {
   }
 
   /** Handles the event that a client saved or deleted a plan. */
-  onEvent(event: WireEvent, ownKey: string | null): void {
+  onEvent(event: WireEvent, ownClientKey: string | null): void {
     if (event.kind !== 'plan_changed') return;
     if (this.list !== null) void this.refresh();
     const plan = event['plan'] as PlanVersion | undefined;
-    const isOwn = event['client_key'] === ownKey;
+    const isOwn = event['client_key'] === ownClientKey;
     if (isOwn || plan === undefined || plan.id !== this.current?.id) return;
     const client = String(event['client']);
     if (event['action'] === 'deleted') {
@@ -352,7 +352,7 @@ export class Plans {
     this.savedPlans = Object.fromEntries(Object.entries(this.savedPlans).filter(([id]) => Number(id) !== documentId));
   }
 
-  /** Waits for a request, with `busy` set. */
+  /** Waits for a request; meanwhile `busy` is true. */
   private async whileBusy<T>(request: Promise<Outcome<T>>): Promise<Outcome<T>> {
     this.busy = true;
     const response = await request;
@@ -365,7 +365,7 @@ export class Plans {
   }
 }
 
-function nameOf(name: string): string {
+function nameOrDefault(name: string): string {
   return name.trim() === '' ? 'Plan' : name.trim();
 }
 
@@ -384,7 +384,7 @@ function terrainNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notic
 }
 
 function problemText(failure: string, problem: Problem): string {
-  // Replaces the client's text about a command that may have been executed: a request about plans can be repeated.
+  // For `unreachable`, `detail` warns that a command may have been executed. A person can simply repeat a request about plans.
   const why = problem.code === 'unreachable' ? ['The server did not answer.', 'Is it still running?'] : [problem.detail, problem.remedy];
   return [failure, ...why].filter((part) => part !== null && part !== '').join(' ');
 }

@@ -174,7 +174,7 @@ describe('fixes', () => {
 describe('the altitude profile', () => {
   it('starts at home and has the horizontal distance of each point', () => {
     const shape = profile(planOf(waypoint(100, 40), waypoint(300, 20)));
-    expect(shape.points.map((point) => [point.row, Math.round(point.along_m), point.alt_home_m])).toEqual([
+    expect(shape.points.map((point) => [point.row, Math.round(point.distance_m), point.alt_home_m])).toEqual([
       [-1, 0, 0],
       [0, 100, 40],
       [1, 300, 20],

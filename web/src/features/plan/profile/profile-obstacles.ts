@@ -42,7 +42,7 @@ export function obstacleSpans(path: readonly PathPosition[], obstacles: readonly
   });
 }
 
-/** The parts of the line from `a` to `b` inside a polygon, as fractions of its length. */
+/** The parts of the line from `a` to `b` inside a polygon, as fractions of the length of the line. */
 function insideParts(a: EastNorth, b: EastNorth, ring: readonly EastNorth[]): [number, number][] {
   const [east_m, north_m] = [b.east_m - a.east_m, b.north_m - a.north_m];
   const crossings = [0, 1];

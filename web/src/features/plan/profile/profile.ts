@@ -13,10 +13,10 @@ export interface ProfilePoint {
   /** Time since the start of the flight; null if it is not known. */
   readonly t_s?: number;
   /** Horizontal distance from the first point. */
-  readonly along_m: number;
+  readonly distance_m: number;
   /** Altitude above home, or above the start of a mission; null if it cannot be computed. */
   readonly alt_home_m: number | null;
-  /** Null if the origin of the local frame is unknown. */
+  /** Geographic position; null if the origin of the local frame is unknown. */
   readonly at: GeoPosition | null;
 }
 
@@ -29,8 +29,8 @@ export interface Profile {
 }
 
 /**
- * The terrain from the server's check: distance along the path [m], altitude of the terrain above home, or above the
- * start of a mission [m]; null: not known.
+ * Terrain below the path, from the server's check. Each entry: distance along the path [m], and terrain altitude above
+ * home, or above the start of a mission [m]; the altitude is null if it is not known.
  */
 export type Ground = readonly (readonly [number, number | null])[];
 
@@ -39,45 +39,45 @@ const SCALE_STEP_M = 10;
 
 /** Profile of a waypoint plan, from the planned home, if there is one, through all items that the vehicle flies to. */
 export function profile(plan: Plan, ground: Ground = []): Profile {
-  let along_m = 0;
+  let distance_m = 0;
   const home = plan.planned_home;
   const items = flownItems(plan);
-  const points: ProfilePoint[] = home === null || items.length === 0 ? [] : [{ row: -1, id: null, along_m: 0, alt_home_m: 0, at: home }];
+  const points: ProfilePoint[] = home === null || items.length === 0 ? [] : [{ row: -1, id: null, distance_m: 0, alt_home_m: 0, at: home }];
   items.forEach(({ row, item }, i) => {
     const previous = items[i - 1]?.item ?? home;
-    if (previous !== null && previous !== undefined) along_m += groundDistance_m(previous, item);
-    points.push({ row, id: `item:${row}`, along_m, alt_home_m: alt_home_m(item.altitude, home), at: item });
+    if (previous !== null && previous !== undefined) distance_m += groundDistance_m(previous, item);
+    points.push({ row, id: `item:${row}`, distance_m, alt_home_m: alt_home_m(item.altitude, home), at: item });
   });
   return completeProfile(points, ground, plan, home);
 }
 
 /**
- * Profile of a mission: the altitudes above the start along its compiled path, through the longest branches.
+ * Profile of a mission: altitudes above the start, along the longest path through the branches.
  * @param mission gives the obstacles and home.
  */
 export function missionProfile(flight: CompiledFlight, ground: Ground, mission: DocumentAreas & { readonly home?: PlannedHome | null }): Profile {
   const points: ProfilePoint[] = [];
   const start_down_m = flight.start_ned_m[2] ?? 0;
-  let [along_m, lastPlace] = [0, ''];
+  let [distance_m, lastPlace] = [0, ''];
   let lastPoint: readonly number[] | null = null;
   for (const leg of flight.legs.filter(({ main }) => main))
     leg.points.forEach((point, i) => {
       const [t_s, north_m, east_m, down_m] = point;
-      if (lastPoint !== null) along_m += Math.hypot(north_m - (lastPoint[1] ?? 0), east_m - (lastPoint[2] ?? 0));
+      if (lastPoint !== null) distance_m += Math.hypot(north_m - (lastPoint[1] ?? 0), east_m - (lastPoint[2] ?? 0));
       lastPoint = point;
       const beginsStep = i === 0 && leg.place !== lastPlace;
       lastPlace = leg.place;
       const at = flight.origin === null ? null : positionAt(flight.origin, { north_m, east_m });
-      points.push({ row: points.length, id: beginsStep ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, along_m, alt_home_m: start_down_m - down_m, at });
+      points.push({ row: points.length, id: beginsStep ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, distance_m, alt_home_m: start_down_m - down_m, at });
     });
   return completeProfile(points, ground, mission, mission.home ?? null);
 }
 
 /** Adds the obstacles, the length and the range of altitudes to the points. */
 function completeProfile(points: readonly ProfilePoint[], ground: Ground, document: DocumentAreas, home: PlannedHome | null): Profile {
-  const path = points.flatMap(({ at, along_m }) => (at === null ? [] : [{ at, distance_m: along_m }]));
+  const path = points.flatMap(({ at, distance_m }) => (at === null ? [] : [{ at, distance_m }]));
   const obstacles = obstacleSpans(path, obstaclesOf(document), home);
-  const length_m = points.at(-1)?.along_m ?? 0;
+  const length_m = points.at(-1)?.distance_m ?? 0;
   const altitudes_m = [
     ...points.flatMap((point) => point.alt_home_m ?? []),
     ...ground.flatMap(([, altitude_m]) => altitude_m ?? []),
@@ -103,7 +103,7 @@ export function polylines({ points, length_m, top_m, bottom_m }: Profile, width:
       if (parts.at(-1)?.length !== 0) parts.push([]);
       continue;
     }
-    const x = length_m === 0 ? 0 : (point.along_m / length_m) * width;
+    const x = length_m === 0 ? 0 : (point.distance_m / length_m) * width;
     parts.at(-1)?.push({ x, y: ((top_m - point.alt_home_m) / (top_m - bottom_m)) * height, id: point.id });
   }
   return parts.filter((part) => part.length > 0);
@@ -112,12 +112,12 @@ export function polylines({ points, length_m, top_m, bottom_m }: Profile, width:
 /** The known parts of the terrain as SVG path data, filled down to the lower edge of the plot. */
 export function groundAreas({ length_m, top_m, bottom_m }: Profile, ground: Ground, width: number, height: number): string {
   const runs: string[][] = [[]];
-  for (const [along_m, altitude_m] of ground) {
+  for (const [distance_m, altitude_m] of ground) {
     if (altitude_m === null) {
       if (runs.at(-1)?.length !== 0) runs.push([]);
       continue;
     }
-    const x = length_m === 0 ? 0 : Math.min(1, along_m / length_m) * width;
+    const x = length_m === 0 ? 0 : Math.min(1, distance_m / length_m) * width;
     runs.at(-1)?.push(`${x.toFixed(1)} ${(((top_m - altitude_m) / (top_m - bottom_m)) * height).toFixed(1)}`);
   }
   return runs
