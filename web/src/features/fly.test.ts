@@ -108,7 +108,7 @@ describe('messages', () => {
   });
   it('have a shape besides the colour, and a full time', () => {
     expect([2, 4, 6].map((s) => severityName(s).shape)).toEqual(['square', 'triangle', 'dot']);
-    expect(severityName(6).full).toBe('Info');
+    expect(severityName(6).fullName).toBe('Info');
     expect(fullTime(1_700_000_000.25)).toMatch(/^2023-11-1[45] \d\d:\d\d:20\.2$/);
   });
 });

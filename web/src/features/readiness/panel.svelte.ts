@@ -40,4 +40,4 @@ class ReadinessPanel {
   }
 }
 
-export const readiness = new ReadinessPanel();
+export const readinessPanel = new ReadinessPanel();

@@ -1,6 +1,6 @@
 import { expect, test } from 'vitest';
 import { ApiClient } from '../../api/client';
-import { readiness } from './panel.svelte';
+import { readinessPanel } from './panel.svelte';
 
 test('the mode can be switched while a check is running', async () => {
   const requests: string[] = [];
@@ -10,11 +10,11 @@ test('the mode can be switched while a check is running', async () => {
     if (path.endsWith('/readiness/check')) await new Promise<void>((resolve) => (endCheck = resolve));
     return Response.json({});
   });
-  const check = readiness.check(api, '1');
-  await readiness.switchMode(api, '1', 'hold');
+  const check = readinessPanel.check(api, '1');
+  await readinessPanel.switchMode(api, '1', 'hold');
   expect(requests).toEqual(['/vehicles/1/readiness/check', '/vehicles/1/mode']);
-  expect([readiness.checking, readiness.switching]).toEqual([true, false]);
+  expect([readinessPanel.checking, readinessPanel.switching]).toEqual([true, false]);
   endCheck();
   await check;
-  expect(readiness.checking).toBe(false);
+  expect(readinessPanel.checking).toBe(false);
 });

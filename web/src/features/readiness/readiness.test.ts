@@ -73,20 +73,20 @@ test('the headline is "Readiness not known" without a report, and a sample of an
 test('findings that block modes come first and name the modes', () => {
   const notBlocking: Cause = { ...lowBattery, id: 4, cause: 'Wind.' };
   const rows = findings({ ...report, findings: [notBlocking, ...report.findings] });
-  expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([
+  expect(rows.map((r) => [r.cause.id, r.blockedModes])).toEqual([
     [2, 'Offboard'],
     [1, 'Position'],
     [3, 'Land'],
     [4, ''],
   ]);
   const sixModes = { ...report, modes: ['a', 'b', 'c', 'd', 'e', 'f'].map((n) => mode(n, n.toUpperCase(), [noSetpoints])) };
-  expect(findings(sixModes)[0]?.blocks).toBe('every mode');
+  expect(findings(sixModes)[0]?.blockedModes).toBe('every mode');
   sixModes.modes.push(mode('g', 'G', []));
-  expect(findings(sixModes)[0]?.blocks).toBe('A, B, C, D and 2 more');
+  expect(findings(sixModes)[0]?.blockedModes).toBe('A, B, C, D and 2 more');
 });
 
 test('the current mode is first, followed by the possible modes', () => {
   expect(modeRows(report, 'offboard').map((r) => r.mode)).toEqual(['offboard', 'hold', 'land', 'position']);
-  expect(modeRows(report, null).at(-1)?.why).not.toBe('');
+  expect(modeRows(report, null).at(-1)?.reason).not.toBe('');
   expect(modeRows(report, 'offboard')[0]).toMatchObject({ current: true, why: 'No setpoints.' });
 });

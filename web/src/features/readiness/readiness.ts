@@ -18,23 +18,23 @@ export interface FindingRow {
   cause: Cause;
   severity: SeverityName;
   /** Names of the modes that the finding blocks; empty: none. */
-  blocks: string;
+  blockedModes: string;
 }
 
 export interface ModeRow {
   mode: string;
   label: string;
-  current: boolean;
+  isCurrent: boolean;
   can_arm: boolean;
   can_run: boolean;
   /** Why arming or flying is not possible; empty: both are possible. */
-  why: string;
+  reason: string;
 }
 
-const INFO: SeverityName = { word: '', full: 'Note', tone: 'dim', shape: 'dot' };
+const INFO: SeverityName = { label: '', fullName: 'Note', tone: 'dim', shape: 'dot' };
 const SEVERITIES: Readonly<Record<string, SeverityName>> = {
-  error: { word: 'Error', full: 'Error', tone: 'danger', shape: 'square' },
-  warning: { word: 'Warning', full: 'Warning', tone: 'caution', shape: 'triangle' },
+  error: { label: 'Error', fullName: 'Error', tone: 'danger', shape: 'square' },
+  warning: { label: 'Warning', fullName: 'Warning', tone: 'caution', shape: 'triangle' },
   info: INFO,
 };
 /** Maximum number of listed mode names; the others are counted. */
@@ -57,12 +57,12 @@ export function headline(readiness: Readiness | null, mode: string | null, armed
   return { text: armed ? `${current.label} mode is not available` : `Cannot arm in ${current.label}`, detail: causes, tone: 'caution' };
 }
 
-/** All findings, those that block modes first, then by severity. */
+/** All findings: first the findings that block a mode, then the others; each part sorted by severity. */
 export function findings(readiness: Readiness): FindingRow[] {
   const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, blocked: modesBlockedBy(readiness, cause) }));
   const rank = { error: 0, warning: 1, info: 2 } as Readonly<Record<string, number>>;
   rows.sort((a, b) => Number(b.blocked.length > 0) - Number(a.blocked.length > 0) || (rank[a.cause.severity] ?? 3) - (rank[b.cause.severity] ?? 3));
-  return rows.map(({ cause, severity, blocked }) => ({ cause, severity, blocks: namesOf(blocked, readiness.modes.length) }));
+  return rows.map(({ cause, severity, blocked }) => ({ cause, severity, blockedModes: namesOf(blocked, readiness.modes.length) }));
 }
 
 function modesBlockedBy(readiness: Readiness, cause: Cause): ModeReadiness[] {
@@ -85,15 +85,15 @@ export function modeRows(readiness: Readiness, mode: string | null): ModeRow[] {
   const rows = readiness.modes.map((m) => ({
     mode: m.mode,
     label: m.label,
-    current: m.mode === mode,
+    isCurrent: m.mode === mode,
     can_arm: m.can_arm,
     can_run: m.can_run,
-    why: [...new Set([...m.arming, ...m.running].map((c) => c.cause))].join(' '),
+    reason: [...new Set([...m.arming, ...m.running].map((c) => c.cause))].join(' '),
   }));
-  return rows.sort((a, b) => Number(b.current) - Number(a.current) || possibilityCount(b) - possibilityCount(a));
+  return rows.sort((a, b) => Number(b.isCurrent) - Number(a.isCurrent) || possibleCount(b) - possibleCount(a));
 }
 
-/** 2: arming and flying are possible; 1: only one of them; 0: neither. */
-function possibilityCount(row: ModeRow): number {
+/** How many of arming and flying are possible. */
+function possibleCount(row: ModeRow): number {
   return Number(row.can_arm) + Number(row.can_run);
 }

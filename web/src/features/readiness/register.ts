@@ -1,5 +1,5 @@
 import { registry } from '../../app/registry.svelte';
-import { readiness } from './panel.svelte';
+import { readinessPanel } from './panel.svelte';
 import ReadinessPanel from './ReadinessPanel.svelte';
 
 registry.addPanel({
@@ -8,9 +8,9 @@ registry.addPanel({
   place: 'side',
   vehicleComponent: ReadinessPanel,
   needs: 'arming_report',
-  isOpen: () => readiness.open,
-  toggle: () => readiness.toggle(),
-  close: () => readiness.close(),
+  isOpen: () => readinessPanel.open,
+  toggle: () => readinessPanel.toggle(),
+  close: () => readinessPanel.close(),
 });
 registry.addKeys([
   {

@@ -17,7 +17,7 @@ registry.addPanel({
   toggle: () => (replay.listOpen ? close() : void replay.openList()),
   close,
 });
-registry.addTo('bottom', { order: 10, component: ReplayBar, applies: () => replay.shown !== null });
+registry.addTo('bottom', { order: 10, component: ReplayBar, applies: () => replay.shownReplay !== null });
 registry.addTo('indicators', { order: 40, component: FlightsButton });
 registry.addKeys([
   { order: 240, keys: 'Space', description: 'Replay: play or pause', inScene: false },

@@ -6,11 +6,11 @@
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { Replay } from '../../live/wire';
-import { replayBounds, hasArrived, shownReplay, type Recording, type RecordingIndex } from './replays';
+import { replayBounds, hasArrived, replayToShow, type Recording, type RecordingIndex } from './replays';
 
 /**
- * A seek times out when this time [ms] has passed since the server's response and the page has processed this number of frames.
- * Both are required, because a busy browser may process frames that are older than the response much later.
+ * A seek times out when this time [ms] has passed since the server's response and the page has processed this number of frames
+ * since then. Both are required: a busy browser may take a long time to process the frames that were sent before the response.
  */
 const SEEK_TIMEOUT_MS = 2000;
 const SEEK_TIMEOUT_FRAMES = 20;
@@ -37,14 +37,14 @@ export class ReplayControl {
   focusRequested = $state(false);
   recordings = $state.raw<readonly Recording[] | null>(null);
   /** Name of the recording that is being opened. */
-  opening = $state<string | null>(null);
+  openingName = $state<string | null>(null);
   problem = $state.raw<Problem | null>(null);
   index = $state.raw<RecordingIndex | null>(null);
   /** Requested time that the replay has not reached yet. */
   requested_unix_s = $state<number | null>(null);
   /** Name of the replay whose first vehicle the page selects when the vehicle appears. */
   private expectedName = $state<string | null>(null);
-  /** Whether the expected replay has no vehicle now: it was just opened, or its time is before the first vehicle. */
+  /** Whether the expected replay has no vehicle now: it was just opened, or its time is before the first vehicle appears. */
   private waitsForVehicle = false;
   private indexedName: string | null = null;
   private pendingCommand: ReplayCommand | null = null;
@@ -54,8 +54,8 @@ export class ReplayControl {
 
   constructor(private readonly deps: ReplayDeps) {}
 
-  get shown(): Replay | null {
-    return shownReplay(this.deps.replays(), this.deps.selectedId(), this.expectedName);
+  get shownReplay(): Replay | null {
+    return replayToShow(this.deps.replays(), this.deps.selectedId(), this.expectedName);
   }
 
   async openList(): Promise<void> {
@@ -66,10 +66,10 @@ export class ReplayControl {
   }
 
   async open(recording: string): Promise<void> {
-    this.opening = recording;
+    this.openingName = recording;
     this.problem = null;
     const response = await this.deps.api.post('/replays', { body: { recording } });
-    this.opening = null;
+    this.openingName = null;
     if (!response.ok) {
       this.problem = response.problem;
       return;
@@ -82,7 +82,7 @@ export class ReplayControl {
   }
 
   async close(): Promise<void> {
-    const name = this.shown?.name;
+    const name = this.shownReplay?.name;
     if (name === undefined) return;
     this.expectedName = null;
     const response = await this.deps.api.delete('/replays/{name}', replayPath(name));
@@ -102,26 +102,26 @@ export class ReplayControl {
       else if (!this.waitsForVehicle && selected !== null && !expected.vehicles.includes(selected)) this.expectedName = null; // another vehicle was selected
       this.waitsForVehicle = false;
     }
-    const shown = this.shown;
+    const shown = this.shownReplay;
     if (shown !== null) this.expectedName = shown.name;
     const name = shown === null || replayBounds(shown) === null ? null : shown.name;
     if (name !== this.indexedName) void this.readIndex(name);
   }
 
-  play(playing: boolean): void {
-    this.command({ playing });
+  setPlaying(playing: boolean): void {
+    this.queueCommand({ playing });
   }
 
-  speed(speed: number): void {
-    this.command({ speed });
+  setSpeed(speed: number): void {
+    this.queueCommand({ speed });
   }
 
   seek(unix_s: number): void {
     this.requested_unix_s = unix_s;
-    this.command({ position_unix_s: unix_s });
+    this.queueCommand({ position_unix_s: unix_s });
   }
 
-  private command(command: ReplayCommand): void {
+  private queueCommand(command: ReplayCommand): void {
     this.pendingCommand = { ...this.pendingCommand, ...command };
     if (!this.isSending) void this.send();
   }
@@ -129,7 +129,7 @@ export class ReplayControl {
   private async send(): Promise<void> {
     this.isSending = true;
     while (this.pendingCommand !== null) {
-      const name = this.shown?.name ?? this.expectedName ?? undefined; // between two vehicles of a replay, `shown` is null for a moment
+      const name = this.shownReplay?.name ?? this.expectedName ?? undefined; // between two vehicles of a replay, `shownReplay` is null for a moment
       const command: ReplayCommand = this.pendingCommand;
       this.pendingCommand = null;
       if (name === undefined) break;
@@ -148,7 +148,7 @@ export class ReplayControl {
    */
   private checkSeek(): void {
     if (this.requested_unix_s === null || this.isSending) return;
-    const shown = this.shown;
+    const shown = this.shownReplay;
     const arrived = shown !== null && hasArrived(shown, this.requested_unix_s);
     this.framesSinceResponse += 1;
     const hasTimedOut = this.framesSinceResponse > SEEK_TIMEOUT_FRAMES && performance.now() - this.respondedAt_ms > SEEK_TIMEOUT_MS;

@@ -13,9 +13,9 @@ import {
   adjacentMark,
   recordingText,
   fractionAt,
-  shownReplay,
+  replayToShow,
   sizeText,
-  textAt,
+  stateAt,
   type RecordingIndex,
 } from './replays';
 
@@ -75,9 +75,9 @@ describe('the time bar', () => {
     expect(marksOf(null, '1')).toBeNull();
   });
   it('shows the mode and the most severe message at a time', () => {
-    expect(textAt(marks, 160, 1)).toEqual({ mode: 'Offboard', armed: true, message: 'Critical: Battery empty' });
-    expect(textAt(marks, 110, 1)).toEqual({ mode: 'Hold', armed: false, message: '' });
-    expect(textAt(marks, 100, 1).mode).toBe('');
+    expect(stateAt(marks, 160, 1)).toEqual({ mode: 'Offboard', armed: true, message: 'Critical: Battery empty' });
+    expect(stateAt(marks, 110, 1)).toEqual({ mode: 'Hold', armed: false, message: '' });
+    expect(stateAt(marks, 100, 1).mode).toBe('');
   });
   it('steps between mode changes, changes of the arming state and warnings', () => {
     const times = markTimes(marks);
@@ -112,12 +112,12 @@ describe('the time bar', () => {
 describe('which replay is shown', () => {
   it('is the replay of the selected vehicle, or the expected replay', () => {
     const empty = replay({ name: 'b', vehicles: [] });
-    expect(shownReplay([replay(), empty], '1', null)?.name).toBe('replay-a.tlog');
-    expect(shownReplay([replay()], '2', null)).toBeNull();
-    expect(shownReplay([empty], '2', 'b')?.name).toBe('b');
-    expect(shownReplay([empty], '2', null)).toBeNull();
-    expect(shownReplay([replay()], null, 'replay-a.tlog')?.name).toBe('replay-a.tlog'); // its vehicle has appeared again, but is not selected yet
-    expect(shownReplay([empty], null, null)?.name).toBe('b');
+    expect(replayToShow([replay(), empty], '1', null)?.name).toBe('replay-a.tlog');
+    expect(replayToShow([replay()], '2', null)).toBeNull();
+    expect(replayToShow([empty], '2', 'b')?.name).toBe('b');
+    expect(replayToShow([empty], '2', null)).toBeNull();
+    expect(replayToShow([replay()], null, 'replay-a.tlog')?.name).toBe('replay-a.tlog'); // its vehicle has appeared again, but is not selected yet
+    expect(replayToShow([empty], null, null)?.name).toBe('b');
   });
 });
 
@@ -158,7 +158,7 @@ describe('replay control', () => {
     control.seek(110);
     control.seek(120);
     control.seek(130);
-    control.speed(4);
+    control.setSpeed(4);
     expect(control.requested_unix_s).toBe(130);
     await vi.waitFor(() => expect(requests).toHaveLength(1));
     respond();
@@ -209,6 +209,6 @@ describe('replay control', () => {
     const control = new ReplayControl({ api, replays: () => [], selectedId: () => null, select: vi.fn() });
     await control.open('b.tlog');
     expect(control.problem?.detail).toContain('empty');
-    expect(control.opening).toBeNull();
+    expect(control.openingName).toBeNull();
   });
 });

@@ -25,8 +25,8 @@ export function replayBounds(replay: Replay): { begin_s: number; end_s: number }
 
 /** Whether a replay is at a requested time, or, if it plays, a little after this time. */
 export function hasArrived(replay: Replay, requested_unix_s: number): boolean {
-  const after_s = replay.position_unix_s === null ? NaN : replay.position_unix_s - requested_unix_s;
-  return after_s >= -0.5 && after_s <= 0.5 + (replay.playing ? 2 * Math.max(1, replay.speed) : 0);
+  const delay_s = replay.position_unix_s === null ? NaN : replay.position_unix_s - requested_unix_s;
+  return delay_s >= -0.5 && delay_s <= 0.5 + (replay.playing ? 2 * Math.max(1, replay.speed) : 0);
 }
 
 /** Position of a time between begin and end, 0 to 1. */
@@ -34,7 +34,7 @@ export function fractionAt(unix_s: number, begin_s: number, end_s: number): numb
   return end_s > begin_s ? Math.min(1, Math.max(0, (unix_s - begin_s) / (end_s - begin_s))) : 0;
 }
 
-/** The marks of the selected vehicle. A second vehicle with system id 1 has the id `1~2`. */
+/** The marks of the selected vehicle, or else of the first vehicle. A second vehicle with system id 1 has the id `1~2`. */
 export function marksOf(index: RecordingIndex | null, vehicleId: string | null): VehicleMarks | null {
   if (index === null) return null;
   const system = Number(vehicleId?.split('~')[0] ?? NaN);
@@ -78,8 +78,8 @@ function messageText(message: MessageMark): string {
   return message.severity <= WARNING ? `${SEVERITIES[message.severity] ?? ''}: ${message.text}` : message.text;
 }
 
-/** Mode and armed state at a time, and the most severe message up to `range_s` before or after it, as texts. */
-export function textAt(marks: VehicleMarks | null, unix_s: number, range_s: number): { mode: string; armed: boolean; message: string } {
+/** Mode and arming state at a time, and the most severe message up to `range_s` before or after this time. Empty texts: none. */
+export function stateAt(marks: VehicleMarks | null, unix_s: number, range_s: number): { mode: string; armed: boolean; message: string } {
   const within = (span: { begin_unix_s: number; end_unix_s: number }): boolean => span.begin_unix_s <= unix_s && unix_s <= span.end_unix_s;
   const mode = marks?.modes.filter(within).at(-1)?.mode_label ?? '';
   const nearby = (marks?.messages ?? []).filter((m) => Math.abs(m.unix_s - unix_s) <= range_s);
@@ -98,7 +98,7 @@ export function markTimes(marks: VehicleMarks | null): number[] {
   return [...new Set(all)].sort((a, b) => a - b);
 }
 
-/** The time of the next (1) or previous (−1) mark after or before `unix_s`; null if there is none. */
+/** The time of the first mark after `unix_s` (1) or of the last mark before `unix_s` (−1); null if there is none. */
 export function adjacentMark(times: readonly number[], unix_s: number, direction: 1 | -1): number | null {
   const margin_s = 0.3; // skips the mark at the present position
   return (direction === 1 ? times.find((t) => t > unix_s + margin_s) : times.filter((t) => t < unix_s - margin_s).at(-1)) ?? null;
@@ -156,8 +156,8 @@ export function recordingText(r: Recording): string {
   return [durationText(r.duration_s), vehicleText(r.vehicles), sizeText(r.bytes), r.link ?? r.name].join(' · ');
 }
 
-/** The replay that the time bar shows: of the selected vehicle, or else the expected replay; without a selection, a replay without a vehicle. */
-export function shownReplay(replays: readonly Replay[], selectedId: string | null, expectedName: string | null): Replay | null {
-  const ofSelected = selectedId === null ? undefined : replays.find((r) => r.vehicles.includes(selectedId));
-  return ofSelected ?? replays.find((r) => r.name === expectedName || (r.vehicles.length === 0 && selectedId === null)) ?? null;
+/** The replay of the selected vehicle, or else the expected replay; if no vehicle is selected, also a replay without a vehicle. */
+export function replayToShow(replays: readonly Replay[], selectedId: string | null, expectedName: string | null): Replay | null {
+  const selectedReplay = selectedId === null ? undefined : replays.find((r) => r.vehicles.includes(selectedId));
+  return selectedReplay ?? replays.find((r) => r.name === expectedName || (r.vehicles.length === 0 && selectedId === null)) ?? null;
 }
