@@ -70,7 +70,7 @@ describe('a vehicle with two gimbals', () => {
   ])('points the %s gimbal at a map point if this gimbal is selected', async (_, index, query) => {
     gimbal.select(facts, gimbalKey(gimbalsOf(facts)[index] ?? facts));
     for (const act of [() => menu.lookAt(gimbal.withSelectedGimbal(facts)), () => menu.setRoi(gimbal.withSelectedGimbal(facts))]) {
-      menu.open({ lat_deg: 47.001, lon_deg: 8, ground_amsl_m: 500, in3d: null }, facts); // the menu closes when the server has accepted the command
+      menu.open({ lat_deg: 47.001, lon_deg: 8, ground_amsl_m: 500, scenePixel: null }, facts); // the menu closes when the server has accepted the command
       await act();
     }
     const posts = calls.filter((call) => !call.path.endsWith('/gimbal'));

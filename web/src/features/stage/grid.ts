@@ -3,13 +3,13 @@
 import { eastNorth, fromPixel, lengthText, pixelsPerMetre, positionAt, toPixel, type EastNorth, type MapView, type GeoPosition } from '../../vehicle/geo';
 import type { DistanceReference } from './map-model';
 
-/** Smallest side of a cell [px]; the largest side is ten times as long. */
+/** Minimum side of a small cell on the screen [px]; the next larger spacing is ten times as long. */
 const MIN_CELL_PX = 34;
 /** The grid ends at this distance from the reference [m], because a flat grid is too inaccurate farther away. */
 const MAX_GRID_M = 500_000;
 const MAX_LINES = 400;
 
-/** Side of a small cell [m]: the smallest visible power of ten, at least 1 m. Strong lines are ten cells apart. */
+/** Side of a small cell [m]: the smallest power of ten that is wide enough on the screen, at least 1 m. Every tenth line is strong. */
 export function gridStep_m(px_per_m: number): number {
   return Math.max(1, 10 ** Math.ceil(Math.log10(MIN_CELL_PX / px_per_m) - 1e-9));
 }
@@ -48,9 +48,9 @@ export interface GridLine {
 }
 
 export interface Grid {
-  thin: GridLine[];
+  thinLines: GridLine[];
   /** Every tenth line, and the lines through the reference. */
-  strong: GridLine[];
+  strongLines: GridLine[];
 }
 
 /** The grid's lines in a box. */
@@ -59,10 +59,10 @@ export function gridLines(reference: GeoPosition, box: Box, step_m: number): Gri
   const east_m = Math.min(box.east_m, MAX_GRID_M);
   const south_m = Math.max(box.south_m, -MAX_GRID_M);
   const north_m = Math.min(box.north_m, MAX_GRID_M);
-  const grid: Grid = { thin: [], strong: [] };
+  const grid: Grid = { thinLines: [], strongLines: [] };
   if (west_m >= east_m || south_m >= north_m) return grid;
   const add = (k: number, from: EastNorth, to: EastNorth): unknown =>
-    (k % 10 === 0 ? grid.strong : grid.thin).push({ from: positionAt(reference, from), to: positionAt(reference, to) });
+    (k % 10 === 0 ? grid.strongLines : grid.thinLines).push({ from: positionAt(reference, from), to: positionAt(reference, to) });
   for (const k of multiples(west_m, east_m, step_m)) add(k, { east_m: k * step_m, north_m: south_m }, { east_m: k * step_m, north_m });
   for (const k of multiples(south_m, north_m, step_m)) add(k, { east_m: west_m, north_m: k * step_m }, { east_m, north_m: k * step_m });
   return grid;
@@ -77,7 +77,7 @@ export interface EdgeLabel {
 /** Space for one label [px]. */
 const LABEL_PX = 64;
 
-/** Distances from the reference [m] at the view's top edge (east, west) and left edge (north, south); only with north up. */
+/** Distances from the reference [m] at the view's top edge (east, west) and left edge (north, south); empty unless north is up. */
 export function edgeLabels(view: MapView, reference: DistanceReference): EdgeLabel[] {
   if (Math.abs(Math.sin(view.up_rad)) > 0.005 || Math.cos(view.up_rad) < 0) return [];
   const px_per_m = pixelsPerMetre(view);

@@ -26,7 +26,7 @@ export const TONES: Readonly<Record<Tone, string>> = {
   text2: '--text-2',
 };
 
-type LayerFeature = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sort?: number; yaw_deg?: number }>;
+type LayerFeature = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sortKey?: number; yaw_deg?: number }>;
 
 const coordinates = (positions: readonly GeoPosition[]): [number, number][] => positions.map((position) => [position.lon_deg, position.lat_deg]);
 
@@ -47,9 +47,9 @@ export function toGeoJson(pictures: readonly LayerPicture[]): FeatureCollection 
       features.push({ type: 'Feature', properties: { kind: style, tone }, geometry: { type: 'LineString', coordinates: coordinates(positions) } });
     }
     for (const point of points) {
-      const sort = point.selected ? 2 : point.mark === 'midpoint' ? 0 : 1;
+      const sortKey = point.selected ? 2 : point.mark === 'midpoint' ? 0 : 1;
       const icon = iconName(point);
-      const properties = point.mark === 'vehicle' ? { kind: 'vehicle', icon, yaw_deg: point.yaw_deg ?? 0 } : { kind: 'point', icon, sort };
+      const properties = point.mark === 'vehicle' ? { kind: 'vehicle', icon, yaw_deg: point.yaw_deg ?? 0 } : { kind: 'point', icon, sortKey };
       features.push({ type: 'Feature', properties, geometry: { type: 'Point', coordinates: [point.lon_deg, point.lat_deg] } });
     }
   }
@@ -86,7 +86,7 @@ export function mapLibreLayers(palette: Palette): LayerSpecification[] {
       type: 'symbol',
       source: SOURCE_ID,
       filter: isKind('point'),
-      layout: { 'icon-image': ['get', 'icon'], 'icon-allow-overlap': true, 'icon-ignore-placement': true, 'symbol-sort-key': ['get', 'sort'] },
+      layout: { 'icon-image': ['get', 'icon'], 'icon-allow-overlap': true, 'icon-ignore-placement': true, 'symbol-sort-key': ['get', 'sortKey'] },
     },
     {
       id: `${ID_PREFIX}vehicle`,
@@ -124,24 +124,24 @@ export function drawIcon(name: string, palette: Palette): HTMLCanvasElement | nu
   ctx.lineWidth = palette.stroke;
   ctx.lineCap = 'round';
   const radius = POINT_RADIUS_PX[mark as LayerPoint['mark']];
-  if (selected) disc(ctx, radius + 4, null, palette.accent, 2);
+  if (selected) drawDisc(ctx, radius + 4, null, palette.accent, 2);
   if (mark === 'cross') {
-    disc(ctx, radius, palette.panel, colour, 1.6);
+    drawDisc(ctx, radius, palette.panel, colour, 1.6);
     ctx.strokeStyle = colour;
     ctx.stroke(new Path2D('M0-5v10M-5 0h10'));
   } else if (mark === 'vehicle') {
     // A vehicle from above, with a heading arrow. The disc separates it from the lines around it.
-    disc(ctx, radius, palette.panel, colour, 1.2);
+    drawDisc(ctx, radius, palette.panel, colour, 1.2);
     ctx.strokeStyle = ctx.fillStyle = colour;
     ctx.stroke(new Path2D('M-6-5L6 7M6-5L-6 7'));
     for (const rotor of ['M-6-5', 'M6-5', 'M-6 7', 'M6 7']) ctx.fill(new Path2D(`${rotor}m-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0`));
     ctx.fill(new Path2D('M-4-9L0-15L4-9Z'));
   } else if (mark === 'home') {
-    disc(ctx, radius, palette.panel, colour, palette.stroke);
+    drawDisc(ctx, radius, palette.panel, colour, palette.stroke);
     ctx.strokeStyle = palette.text;
     ctx.lineWidth = 1.6;
     ctx.stroke(new Path2D('M-5.5 .5l5.5-5.5 5.5 5.5M-3.6 -.5v5.5h7.2v-5.5'));
-  } else disc(ctx, radius, selected ? colour : palette.panel, colour, mark === 'midpoint' ? 1.6 : palette.stroke);
+  } else drawDisc(ctx, radius, selected ? colour : palette.panel, colour, mark === 'midpoint' ? 1.6 : palette.stroke);
   if (text !== '') {
     ctx.font = `700 ${text.length > 2 ? 10 : 12}px Inter, system-ui, sans-serif`;
     ctx.textAlign = 'center';
@@ -152,7 +152,7 @@ export function drawIcon(name: string, palette: Palette): HTMLCanvasElement | nu
   return canvas;
 }
 
-function disc(ctx: CanvasRenderingContext2D, radius: number, fill: string | null, stroke: string, width: number): void {
+function drawDisc(ctx: CanvasRenderingContext2D, radius: number, fill: string | null, stroke: string, width: number): void {
   ctx.beginPath();
   ctx.arc(0, 0, radius, 0, 2 * Math.PI);
   if (fill !== null) {

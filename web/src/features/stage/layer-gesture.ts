@@ -1,6 +1,6 @@
 /**
- * One gesture on an editable layer, on the map or in the 3D view: a click selects a point, a drag moves it, by pointer
- * or with the keys of the crosshair. Depends on pixels, positions and the editor, not on the page.
+ * One gesture on an editable layer, on the map or in the 3D view: a click selects a point, a drag moves a point. On the
+ * map, arrow keys can also move a point. Depends on pixels, positions and the editor, not on the page.
  */
 
 import type { LayerEditor, LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
@@ -8,8 +8,8 @@ import { fromPixel, nearestWithin, toPixel, type GeoPosition, type MapView, type
 
 /** If the pointer moves less than this, the gesture is a click [px]. */
 const CLICK_TOLERANCE_PX = 5;
-/** Reach of a midpoint, as a fraction of the reach of a point. */
-const MIDPOINT_REACH = 0.7;
+/** The largest distance at which a pointer grabs a midpoint, as a fraction of the distance for other points. */
+const MIDPOINT_GRAB_FRACTION = 0.7;
 
 /** Converts between positions and pixels of the map or of the 3D view. */
 export interface LayerView {
@@ -18,8 +18,8 @@ export interface LayerView {
   /** The position at a pixel with the altitude of `reference`; null: none, for example above the horizon. */
   readonly positionAt: (at: Pixel, reference: LayerPosition) => GeoPosition | null;
   /**
-   * Height of a pixel above `position`, on the vertical line through `position` [m]; null: not visible. Missing in a
-   * view from above.
+   * Height of a pixel above `position`, on the vertical line through `position` [m]; null: not visible. A view
+   * from above does not have this function.
    */
   readonly heightAt?: (at: Pixel, position: LayerPosition) => number | null;
   /** Pixel of the handle that changes a point's altitude; null: the point has no handle. */
@@ -27,7 +27,7 @@ export interface LayerView {
 }
 
 /** The map as seen from above. */
-export function onMap(view: MapView): LayerView {
+export function viewFromAbove(view: MapView): LayerView {
   return { pixelOf: (at) => toPixel(view, at), positionAt: (at) => fromPixel(view, at) };
 }
 
@@ -36,8 +36,8 @@ const MAX_HANDLES = 4;
 
 /** The points that show their altitude and a handle to change it. */
 export function withHandles(points: readonly LayerPoint[]): readonly LayerPoint[] {
-  const raisable = points.filter((point) => point.selected && point.altitudeText !== undefined);
-  return raisable.length > MAX_HANDLES ? raisable.slice(0, 1) : raisable;
+  const raisablePoints = points.filter((point) => point.selected && point.altitudeText !== undefined);
+  return raisablePoints.length > MAX_HANDLES ? raisablePoints.slice(0, 1) : raisablePoints;
 }
 
 /** What is under the pointer: a point, or the handle that changes the point's altitude. */
@@ -47,12 +47,12 @@ export interface GrabTarget {
 }
 
 /** The point or handle under a pointer; handles have priority over points, and points of the plan over midpoints. */
-export function targetAt(view: LayerView, at: Pixel, points: readonly LayerPoint[], reach_px: number): GrabTarget | null {
-  const handle = view.handleOf === undefined ? null : nearestWithin(view.handleOf, at, withHandles(points), reach_px);
+export function targetAt(view: LayerView, at: Pixel, points: readonly LayerPoint[], grabDistance_px: number): GrabTarget | null {
+  const handle = view.handleOf === undefined ? null : nearestWithin(view.handleOf, at, withHandles(points), grabDistance_px);
   if (handle !== null) return { point: handle, part: 'handle' };
   const planPoints = points.filter((point) => point.mark !== 'midpoint');
   const midpoints = points.filter((point) => point.mark === 'midpoint');
-  const point = nearestWithin(view.pixelOf, at, planPoints, reach_px) ?? nearestWithin(view.pixelOf, at, midpoints, reach_px * MIDPOINT_REACH);
+  const point = nearestWithin(view.pixelOf, at, planPoints, grabDistance_px) ?? nearestWithin(view.pixelOf, at, midpoints, grabDistance_px * MIDPOINT_GRAB_FRACTION);
   return point === null ? null : { point, part: 'point' };
 }
 
@@ -79,14 +79,14 @@ export class LayerGesture {
     return this.grabbed?.movedId != null;
   }
 
-  down(view: LayerView, at: Pixel, { point, part }: GrabTarget, addsToSelection: boolean): void {
+  start(view: LayerView, at: Pixel, { point, part }: GrabTarget, addsToSelection: boolean): void {
     const pixel = view.pixelOf(point) ?? at;
     this.grabbed = { point, part, startPixel: at, offset: { x: pixel.x - at.x, y: pixel.y - at.y }, addsToSelection, movedId: null, isFixed: false };
   }
 
   /** Starts a move by keyboard. @returns false: the point cannot move. */
   grabByKeyboard(view: LayerView, point: LayerPoint): boolean {
-    this.down(view, view.pixelOf(point) ?? { x: 0, y: 0 }, { point, part: 'point' }, false);
+    this.start(view, view.pixelOf(point) ?? { x: 0, y: 0 }, { point, part: 'point' }, false);
     this.beginMove();
     if (this.grabbed?.movedId === null) this.grabbed = null;
     return this.grabbed !== null;
@@ -98,7 +98,7 @@ export class LayerGesture {
     if (grabbed.movedId === null && Math.hypot(at.x - grabbed.startPixel.x, at.y - grabbed.startPixel.y) < CLICK_TOLERANCE_PX) return;
     if (grabbed.movedId === null) this.beginMove();
     if (grabbed.movedId === null) return;
-    if (grabbed.part === 'handle') this.raise(view, at, grabbed);
+    if (grabbed.part === 'handle') this.moveHandle(view, at, grabbed);
     else {
       const to = view.positionAt({ x: at.x + grabbed.offset.x, y: at.y + grabbed.offset.y }, grabbed.point);
       if (to !== null) this.editor.drag(grabbed.movedId, to);
@@ -106,14 +106,14 @@ export class LayerGesture {
   }
 
   /**
-   * Handles the release of the pointer: drops a moved point, or selects the clicked point. A click on a handle does
-   * nothing.
+   * Handles the release of the pointer, or Enter: drops a moved point, or selects the clicked point. A click on a handle
+   * has no effect.
    */
-  up(): void {
+  end(): void {
     const grabbed = this.grabbed;
     this.grabbed = null;
     if (grabbed === null) return;
-    if (grabbed.movedId !== null) this.editor.drop(true);
+    if (grabbed.movedId !== null) this.editor.drop(true); // keeps the new positions
     else if (grabbed.part === 'point') this.editor.pick(grabbed.point.id, grabbed.addsToSelection);
   }
 
@@ -121,7 +121,7 @@ export class LayerGesture {
   cancel(): void {
     const moved = this.isMoving;
     this.grabbed = null;
-    if (moved) this.editor.drop(false);
+    if (moved) this.editor.drop(false); // restores the old positions
   }
 
   private beginMove(): void {
@@ -130,7 +130,7 @@ export class LayerGesture {
     this.grabbed.isFixed = this.grabbed.movedId === null;
   }
 
-  private raise(view: LayerView, at: Pixel, { point, startPixel }: GrabbedPoint): void {
+  private moveHandle(view: LayerView, at: Pixel, { point, startPixel }: GrabbedPoint): void {
     const [from_m, to_m] = [view.heightAt?.(startPixel, point) ?? null, view.heightAt?.(at, point) ?? null];
     if (from_m !== null && to_m !== null) this.editor.raise(to_m - from_m);
   }

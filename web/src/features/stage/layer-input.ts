@@ -7,16 +7,16 @@ import { mapLayers } from '../../app/map-layers.svelte';
 import type { Pixel } from '../../vehicle/geo';
 import { LayerGesture, targetAt, type GrabTarget, type LayerView } from './layer-gesture';
 
-/** Distance within which a pointer reaches a point [px]. */
-const REACH_PX = 14;
-/** Distance within which a finger reaches a point [px]; larger, because a finger is less precise. */
-const TOUCH_REACH_PX = 26;
+/** Largest distance at which a mouse pointer grabs a point [px]. */
+const GRAB_DISTANCE_PX = 14;
+/** Largest distance at which a finger grabs a point [px]; larger, because a finger is less precise. */
+const TOUCH_GRAB_DISTANCE_PX = 26;
 /** Events that MapLibre handles as pans, clicks and zooms. */
 const MAP_EVENTS = ['mousedown', 'touchstart', 'click', 'dblclick', 'contextmenu'] as const;
 
 /** How the 3D view differs from the map. */
 export interface SceneOptions {
-  /** Further events that the view below must not get while a point is dragged. */
+  /** Further events that viser must not get while a point is dragged. */
   readonly stoppedEvents: readonly string[];
   /** Called with what is under the pointer while no button is pressed, to change the cursor. */
   readonly onhover: (target: GrabTarget | null) => void;
@@ -25,7 +25,7 @@ export interface SceneOptions {
 export class LayerInput {
   private gesture: LayerGesture | null = null;
   private pointerId: number | null = null;
-  private pointerTaken = false;
+  private pressedOnPoint = false;
   private movesByKeys = false;
 
   /** @param view the current view of the map or of the 3D view; null: not drawn, or an inset. */
@@ -39,22 +39,22 @@ export class LayerInput {
   listen(): () => void {
     const { element } = this;
     const stopEvent = (event: Event): void => {
-      if (!this.pointerTaken) return;
+      if (!this.pressedOnPoint) return;
       event.stopPropagation();
       if (event.type === 'touchstart' || event.type === 'contextmenu') event.preventDefault();
     };
     const cancel = (): void => this.cancel();
     const stoppedEvents = [...MAP_EVENTS, ...(this.sceneOptions?.stoppedEvents ?? [])];
-    element.addEventListener('pointerdown', this.down, true);
-    element.addEventListener('pointermove', this.move);
-    element.addEventListener('pointerup', this.up);
+    element.addEventListener('pointerdown', this.onPointerDown, true);
+    element.addEventListener('pointermove', this.onPointerMove);
+    element.addEventListener('pointerup', this.onPointerUp);
     element.addEventListener('pointercancel', cancel);
     for (const type of stoppedEvents) element.addEventListener(type, stopEvent, { capture: true, passive: false });
     return () => {
       this.cancel();
-      element.removeEventListener('pointerdown', this.down, true);
-      element.removeEventListener('pointermove', this.move);
-      element.removeEventListener('pointerup', this.up);
+      element.removeEventListener('pointerdown', this.onPointerDown, true);
+      element.removeEventListener('pointermove', this.onPointerMove);
+      element.removeEventListener('pointerup', this.onPointerUp);
       element.removeEventListener('pointercancel', cancel);
       for (const type of stoppedEvents) element.removeEventListener(type, stopEvent, { capture: true });
     };
@@ -65,9 +65,9 @@ export class LayerInput {
     return this.movesByKeys;
   }
 
-  /** Whether the last press of a pointer was on the layer; the view below then does not get the pointer's events. */
-  get isTaken(): boolean {
-    return this.pointerTaken;
+  /** Whether the last press of a pointer was on a point or handle of the layer; MapLibre or viser then does not get the pointer's events. */
+  get isPressOnPoint(): boolean {
+    return this.pressedOnPoint;
   }
 
   /** Whether a pointer is dragging a point. */
@@ -79,12 +79,12 @@ export class LayerInput {
   enter(at: Pixel, addsToSelection: boolean): boolean {
     if (this.movesByKeys) {
       this.movesByKeys = false;
-      this.gesture?.up();
+      this.gesture?.end();
       return true;
     }
     const [view, edited] = [this.view(), mapLayers.edited];
-    // The crosshair moves in steps, so it needs the larger reach.
-    const target = view === null || edited === null ? null : targetAt(view, at, edited.picture.points, TOUCH_REACH_PX);
+    // The crosshair moves in steps, so it needs the larger distance.
+    const target = view === null || edited === null ? null : targetAt(view, at, edited.picture.points, TOUCH_GRAB_DISTANCE_PX);
     if (view === null || edited === null || target === null) return false;
     if (target.point.mark !== 'midpoint') edited.editor.pick(target.point.id, addsToSelection);
     this.gesture = new LayerGesture(edited.editor);
@@ -111,34 +111,34 @@ export class LayerInput {
 
   private targetOf(view: LayerView, event: PointerEvent): GrabTarget | null {
     const points = mapLayers.edited?.picture.points ?? [];
-    return targetAt(view, this.pixelOf(event), points, event.pointerType === 'touch' ? TOUCH_REACH_PX : REACH_PX);
+    return targetAt(view, this.pixelOf(event), points, event.pointerType === 'touch' ? TOUCH_GRAB_DISTANCE_PX : GRAB_DISTANCE_PX);
   }
 
-  private readonly down = (event: PointerEvent): void => {
+  private readonly onPointerDown = (event: PointerEvent): void => {
     if (this.pointerId !== null) return; // a second finger has no effect
-    this.pointerTaken = false;
+    this.pressedOnPoint = false;
     if (this.movesByKeys) this.cancel();
     const [view, edited] = [this.view(), mapLayers.edited];
     if (view === null || edited === null || event.button !== 0) return;
     const target = this.targetOf(view, event);
     if (target === null) return;
-    this.pointerTaken = true;
+    this.pressedOnPoint = true;
     this.pointerId = event.pointerId;
     this.element.setPointerCapture(event.pointerId);
     this.gesture = new LayerGesture(edited.editor);
-    this.gesture.down(view, this.pixelOf(event), target, event.shiftKey || event.ctrlKey || event.metaKey);
+    this.gesture.start(view, this.pixelOf(event), target, event.shiftKey || event.ctrlKey || event.metaKey);
   };
 
-  private readonly move = (event: PointerEvent): void => {
+  private readonly onPointerMove = (event: PointerEvent): void => {
     const view = this.view();
     if (view === null) return;
     if (event.pointerId === this.pointerId) this.gesture?.move(view, this.pixelOf(event));
     else if (this.pointerId === null && event.buttons === 0) this.sceneOptions?.onhover(this.targetOf(view, event));
   };
 
-  private readonly up = (event: PointerEvent): void => {
+  private readonly onPointerUp = (event: PointerEvent): void => {
     if (event.pointerId !== this.pointerId) return;
     this.pointerId = null;
-    this.gesture?.up();
+    this.gesture?.end();
   };
 }

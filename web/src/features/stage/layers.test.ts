@@ -2,13 +2,13 @@ import { describe, expect, it } from 'vitest';
 import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
 import { fromPixel, mercator, pixelsPerMetre, positionAt, toPixel, type GeoPosition } from '../../vehicle/geo';
 import { iconName, toGeoJson } from './layer-draw';
-import { LayerGesture, onMap, targetAt } from './layer-gesture';
+import { LayerGesture, viewFromAbove, targetAt } from './layer-gesture';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const bare = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
 /** Two pixels per metre. */
 const map = { ...bare, world_px: 2 / pixelsPerMetre(bare) };
-const view = onMap(map);
+const view = viewFromAbove(map);
 const targetOn = (target: LayerPoint) => ({ point: target, part: 'point' as const });
 
 const point = (id: string, east_m: number, mark: LayerPoint['mark'] = 'disc'): LayerPoint => ({
@@ -54,18 +54,18 @@ describe('a gesture', () => {
   it('selects the point if the pointer does not move', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 503, y: 402 }, targetOn(point('a', 0)), true);
+    gesture.start(view, { x: 503, y: 402 }, targetOn(point('a', 0)), true);
     gesture.move(view, { x: 505, y: 403 });
-    gesture.up();
+    gesture.end();
     expect(editor.calls).toEqual([['pick', 'a', true]]);
   });
 
   it('drags the point with a constant offset to the pointer', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 503, y: 402 }, targetOn(point('a', 0)), false);
+    gesture.start(view, { x: 503, y: 402 }, targetOn(point('a', 0)), false);
     gesture.move(view, { x: 523, y: 402 });
-    gesture.up();
+    gesture.end();
     const [grab, drag, drop] = editor.calls as [unknown, [string, string, GeoPosition], unknown];
     expect(grab).toEqual(['grab', 'a']);
     expect(drop).toEqual(['drop', true]);
@@ -77,7 +77,7 @@ describe('a gesture', () => {
   it('drags the inserted point if it begins on a midpoint', () => {
     const editor = new RecordingEditor('new');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, targetOn(point('middle', 0, 'midpoint')), false);
+    gesture.start(view, { x: 500, y: 400 }, targetOn(point('middle', 0, 'midpoint')), false);
     gesture.move(view, { x: 520, y: 400 });
     expect(editor.calls.at(-1)).toMatchObject(['drag', 'new', {}]);
   });
@@ -85,20 +85,20 @@ describe('a gesture', () => {
   it('moves all points back when it is cancelled', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, targetOn(point('a', 0)), false);
+    gesture.start(view, { x: 500, y: 400 }, targetOn(point('a', 0)), false);
     gesture.move(view, { x: 520, y: 400 });
     gesture.cancel();
-    gesture.up();
+    gesture.end();
     expect(editor.calls.at(-1)).toEqual(['drop', false]);
   });
 
   it('only selects a point that cannot move', () => {
     const editor = new RecordingEditor(null);
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, targetOn(point('a', 0)), false);
+    gesture.start(view, { x: 500, y: 400 }, targetOn(point('a', 0)), false);
     gesture.move(view, { x: 520, y: 400 });
     gesture.move(view, { x: 540, y: 400 });
-    gesture.up();
+    gesture.end();
     expect(editor.calls).toEqual([
       ['grab', 'a'],
       ['pick', 'a', false],
@@ -110,7 +110,7 @@ describe('a gesture', () => {
     const gesture = new LayerGesture(editor);
     expect(gesture.grabByKeyboard(view, point('a', 0))).toBe(true);
     gesture.move(view, { x: 501, y: 400 });
-    gesture.up();
+    gesture.end();
     expect(editor.calls[1]).toEqual(['drag', 'a', fromPixel(map, { x: 501, y: 400 })]);
     expect(editor.calls[2]).toEqual(['drop', true]);
     expect(new LayerGesture(new RecordingEditor(null)).grabByKeyboard(view, point('a', 0))).toBe(false);

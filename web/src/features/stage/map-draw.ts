@@ -30,7 +30,8 @@ const OBSTACLE_RADIUS_PX = 2.5;
 /** A trail point is not drawn if its distance from the last drawn point is smaller than this [px]. */
 const TRAIL_STEP_PX = 1.5;
 
-export interface Picture {
+/** What the canvas above the map shows. */
+export interface MapContent {
   vehicles: readonly MapVehicle[];
   grid: Grid | null;
   /** Whether there are map tiles below the canvas; the grid is then drawn weaker. */
@@ -43,12 +44,12 @@ export interface Picture {
   inset: boolean;
 }
 
-export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Palette): void {
-  const { vehicles, inset } = picture;
+export function drawMap(ctx: Ctx, view: MapView, content: MapContent, palette: Palette): void {
+  const { vehicles, inset } = content;
   ctx.clearRect(0, 0, view.width, view.height);
-  if (picture.grid !== null) drawGrid(ctx, view, picture.grid, picture.hasTiles, palette);
-  if (picture.grid !== null) clearGridAtPoints(ctx, view, picture.editedPoints);
-  if (!inset) for (const label of picture.labels) drawEdgeLabel(ctx, label, palette);
+  if (content.grid !== null) drawGrid(ctx, view, content.grid, content.hasTiles, palette);
+  if (content.grid !== null) clearGridAtPoints(ctx, view, content.editedPoints);
+  if (!inset) for (const label of content.labels) drawEdgeLabel(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
   for (const v of vehicles) drawObstacles(ctx, view, v, palette);
   for (const home of distinctHomes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
@@ -63,7 +64,7 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
     drawVehicle(ctx, at, v, view.up_rad, palette, inset ? 0.7 : v.selected ? 1 : 0.85);
     if (!inset) drawTag(ctx, at, v.label, colourOf(v, palette), palette);
   }
-  if (picture.mapPoint !== null) drawMapPoint(ctx, toPixel(view, picture.mapPoint), palette);
+  if (content.mapPoint !== null) drawMapPoint(ctx, toPixel(view, content.mapPoint), palette);
 }
 
 function drawGrid(ctx: Ctx, view: MapView, grid: Grid, hasTiles: boolean, palette: Palette): void {
@@ -82,8 +83,8 @@ function drawGrid(ctx: Ctx, view: MapView, grid: Grid, hasTiles: boolean, palett
   };
   ctx.lineWidth = 1;
   ctx.globalAlpha = hasTiles ? 0.35 : 1;
-  lines(grid.thin, hasTiles ? palette.text3 : palette.line);
-  lines(grid.strong, hasTiles ? palette.text3 : palette.line2);
+  lines(grid.thinLines, hasTiles ? palette.text3 : palette.line);
+  lines(grid.strongLines, hasTiles ? palette.text3 : palette.line2);
   ctx.globalAlpha = 1;
 }
 
@@ -152,7 +153,7 @@ function drawHome(ctx: Ctx, { x, y }: Pixel, palette: Palette, scale: number): v
   ctx.save();
   ctx.translate(x, y);
   ctx.scale(scale, scale);
-  disc(ctx, 13, palette.panel, palette.text2, 1.5);
+  drawDisc(ctx, 13, palette.panel, palette.text2, 1.5);
   ctx.strokeStyle = palette.text;
   ctx.lineWidth = 1.6;
   ctx.stroke(new Path2D('M-5.5 .5l5.5-5.5 5.5 5.5M-3.6 -.5v5.5h7.2v-5.5'));
@@ -192,11 +193,11 @@ function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, pal
   ctx.save();
   ctx.translate(at.x, at.y);
   if (inset) ctx.scale(0.7, 0.7);
-  if (target.kind === 'look') {
-    disc(ctx, 3, palette.target, null, 0);
-    disc(ctx, 10, null, palette.target, 1.6);
+  if (target.kind === 'roi') {
+    drawDisc(ctx, 3, palette.target, null, 0);
+    drawDisc(ctx, 10, null, palette.target, 1.6);
   } else if (target.kind === 'preview') {
-    // An unsent setpoint: an open ring with its heading.
+    // An unsent setpoint: a dashed ring, and an arrow in the direction of the heading.
     ctx.lineWidth = 1.6;
     ctx.setLineDash([4, 4]);
     ctx.stroke(new Path2D('M12 0A12 12 0 1 1 -12 0A12 12 0 1 1 12 0'));
@@ -206,7 +207,7 @@ function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, pal
       ctx.stroke(new Path2D('M-5-15l5-8 5 8'));
     }
   } else {
-    disc(ctx, 12, null, palette.target, palette.stroke + 0.4);
+    drawDisc(ctx, 12, null, palette.target, palette.stroke + 0.4);
     ctx.stroke(new Path2D('M0-6v12M-6 0h12'));
   }
   ctx.restore();
@@ -221,7 +222,7 @@ function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, p
   if (v.yaw_rad !== null) ctx.rotate(v.yaw_rad - up_rad);
   if (!v.lost) {
     ctx.globalAlpha = v.selected ? 0.2 : 0.12;
-    disc(ctx, 21, colour, null, 0);
+    drawDisc(ctx, 21, colour, null, 0);
     ctx.globalAlpha = 1;
   }
   ctx.strokeStyle = colour;
@@ -236,7 +237,7 @@ function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, p
   ] as const) {
     ctx.save();
     ctx.translate(dx, dy);
-    disc(ctx, 5.4, palette.map, colour, v.lost ? 1.4 : 2);
+    drawDisc(ctx, 5.4, palette.map, colour, v.lost ? 1.4 : 2);
     ctx.restore();
   }
   const headingArrow = new Path2D('M0-24l5 8h-10z');
@@ -248,7 +249,7 @@ function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, p
   ctx.restore();
 }
 
-/** The point whose menu is open: a hollow mark in the colour of targets. */
+/** Draws the point whose menu is open: a dot and four short lines around it, in the colour of targets. */
 function drawMapPoint(ctx: Ctx, { x, y }: Pixel, palette: Palette): void {
   ctx.save();
   ctx.translate(x, y);
@@ -256,7 +257,7 @@ function drawMapPoint(ctx: Ctx, { x, y }: Pixel, palette: Palette): void {
   ctx.lineWidth = palette.stroke;
   ctx.lineCap = 'round';
   ctx.stroke(new Path2D('M0-15v8M0 15v-8M-15 0h8M15 0h-8'));
-  disc(ctx, 2, palette.target, null, 0);
+  drawDisc(ctx, 2, palette.target, null, 0);
   ctx.restore();
 }
 
@@ -276,7 +277,7 @@ function drawTag(ctx: Ctx, at: Pixel, text: string, colour: string, palette: Pal
   ctx.fillText(text, x + 8, y + 10.5);
 }
 
-function disc(ctx: Ctx, radius: number, fill: string | null, stroke: string | null, width: number): void {
+function drawDisc(ctx: Ctx, radius: number, fill: string | null, stroke: string | null, width: number): void {
   ctx.beginPath();
   ctx.arc(0, 0, radius, 0, 2 * Math.PI);
   if (fill !== null) {

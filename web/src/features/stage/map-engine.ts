@@ -11,7 +11,7 @@ import idleUrl from './idle-worker.js?url';
 import type { LayerPicture } from '../../app/map-layers.svelte';
 import { LayerPainter } from './layer-draw';
 import type { Palette } from './map-draw';
-import { GROUND, mapStyle } from './map-style';
+import { BACKGROUND_ID, mapStyle } from './map-style';
 import { tileLayers, type OfflineMap } from './offline-maps';
 
 const RAD = Math.PI / 180;
@@ -167,7 +167,7 @@ export class MapEngine {
   setPalette(palette: Palette): void {
     this.palette = palette;
     if (!this.isStyleLoaded) return;
-    this.map.setPaintProperty(GROUND, 'background-color', palette.map);
+    this.map.setPaintProperty(BACKGROUND_ID, 'background-color', palette.map);
     this.showOfflineMaps();
     this.layers?.restyle(palette);
   }

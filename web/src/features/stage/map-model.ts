@@ -30,15 +30,15 @@ export interface MapVehicle extends GeoPosition {
   detectedObstacles: readonly GeoPosition[];
 }
 
-/** A target of the vehicle: a setpoint, a position to fly to, or a region of interest (ROI) of the camera. */
+/** A target of the vehicle: a position to fly to (`go`), a region of interest (ROI) of the camera, or an unsent setpoint (`preview`). */
 export interface MapTarget extends GeoPosition {
-  kind: 'go' | 'look' | 'preview';
+  kind: 'go' | 'roi' | 'preview';
   label: string;
   /** Heading of a previewed setpoint. */
   yaw_rad?: number | null;
 }
 
-/** A position to which this page has sent a vehicle or pointed its camera. */
+/** A position to which this page has sent a vehicle, or a region of interest of the vehicle's camera. */
 export interface RequestedTarget extends GeoPosition {
   alt_home_m: number | null;
 }
@@ -46,7 +46,7 @@ export interface RequestedTarget extends GeoPosition {
 /** The position to which a vehicle flies, and its region of interest; null: none. */
 export interface RequestedTargets {
   go: RequestedTarget | null;
-  look: RequestedTarget | null;
+  roi: RequestedTarget | null;
 }
 
 /** The position from which the map shows distances, and its name in texts. */
@@ -136,7 +136,7 @@ export function mapVehicles(
     const streamed = streamedSetpoint(facts, position);
     const targets = [
       streamed ?? requestedTarget('go', 'go-to target', requested.go),
-      requestedTarget('look', 'ROI', requested.look),
+      requestedTarget('roi', 'ROI', requested.roi),
       previewTarget(id, preview),
     ];
     vehicles.push({
@@ -158,9 +158,9 @@ export function mapVehicles(
   return vehicles.sort((a, b) => Number(a.selected) - Number(b.selected));
 }
 
-/** A vehicle closer to its target than this has reached it [m]. */
+/** If a vehicle is closer to its target than this, the vehicle has reached the target [m]. */
 const REACHED_M = 2;
-/** A vehicle must have started to fly to a target after this time [s]. */
+/** A vehicle must start to fly to a target within this time [s]. */
 const START_TIMEOUT_S = 5;
 
 /**

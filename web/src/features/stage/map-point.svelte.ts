@@ -13,18 +13,18 @@ import { distance_m, flightTime_s, altitudeInRange, homeAmsl_m, lookAngles, NO_S
 type ActiveTarget = RequestedTarget & { since_s: number };
 
 /** PX4's parameters for the speeds in automatic modes. */
-const SPEED_PARAMETERS = { level_m_s: 'MPC_XY_CRUISE', up_m_s: 'MPC_Z_V_AUTO_UP', down_m_s: 'MPC_Z_V_AUTO_DN' } as const;
+const SPEED_PARAMETERS = { horizontal_m_s: 'MPC_XY_CRUISE', up_m_s: 'MPC_Z_V_AUTO_UP', down_m_s: 'MPC_Z_V_AUTO_DN' } as const;
 
-function tenths(value: number): number {
+function roundToTenth(value: number): number {
   return Math.round(value * 10) / 10;
 }
 
 export class MapPointMenu {
   mapPoint = $state.raw<MapPoint | null>(null);
-  /** The vehicle that the menu is about. */
+  /** Id of the vehicle to which the menu sends commands. */
   vehicle = $state<string | null>(null);
   /** Altitude to fly to, above home. */
-  go_home_m = $state(0);
+  goto_home_m = $state(0);
   /** Altitude of the point to look at, above home. */
   point_home_m = $state(0);
   busy = $state(false);
@@ -40,8 +40,8 @@ export class MapPointMenu {
   open(mapPoint: MapPoint, facts: VehicleFacts | null): void {
     if (facts === null) return;
     const home = homeAmsl_m(facts);
-    if (this.mapPoint === null || this.vehicle !== facts.id) this.go_home_m = tenths(facts.global?.value.alt_home_m ?? 0);
-    this.point_home_m = mapPoint.ground_amsl_m === null || home === null ? 0 : tenths(mapPoint.ground_amsl_m - home);
+    if (this.mapPoint === null || this.vehicle !== facts.id) this.goto_home_m = roundToTenth(facts.global?.value.alt_home_m ?? 0);
+    this.point_home_m = mapPoint.ground_amsl_m === null || home === null ? 0 : roundToTenth(mapPoint.ground_amsl_m - home);
     this.actions.dismissRefusal('stage');
     if (this.actions.pending?.pagePart === 'stage') this.actions.cancelConfirmation();
     this.mapPoint = mapPoint;
@@ -59,25 +59,25 @@ export class MapPointMenu {
     const number = (name: string): number | null => (typeof event[name] === 'number' ? (event[name] as number) : null);
     const [lat_deg, lon_deg, x, y] = [number('lat_deg'), number('lon_deg'), number('view_x'), number('view_y')];
     if (event.kind !== 'scene_click' || event['view'] !== viewId || lat_deg === null || lon_deg === null) return;
-    const in3d: Pixel = { x: (x ?? 0.5) * size.width, y: (y ?? 0.5) * size.height };
-    this.open({ lat_deg, lon_deg, ground_amsl_m: number('alt_amsl_m'), in3d }, facts);
+    const scenePixel: Pixel = { x: (x ?? 0.5) * size.width, y: (y ?? 0.5) * size.height };
+    this.open({ lat_deg, lon_deg, ground_amsl_m: number('alt_amsl_m'), scenePixel }, facts);
   }
 
   speedsOf(id: string): Speeds {
     return this.speeds[id] ?? NO_SPEEDS;
   }
 
-  setAltitude(which: 'go_home_m' | 'point_home_m', value_m: number): void {
-    this[which] = altitudeInRange(value_m) ?? this[which];
+  setAltitude(field: 'goto_home_m' | 'point_home_m', value_m: number): void {
+    this[field] = altitudeInRange(value_m) ?? this[field];
   }
 
   /** Opens the confirmation of "Go here". */
-  go(facts: VehicleFacts): void {
+  requestGoto(facts: VehicleFacts): void {
     const mapPoint = this.mapPoint;
     const toPoint_m = mapPoint === null ? null : distance_m(facts, mapPoint);
     if (mapPoint === null || toPoint_m === null) return;
     const { lat_deg, lon_deg } = mapPoint;
-    const alt_home_m = this.go_home_m;
+    const alt_home_m = this.goto_home_m;
     this.actions.request('goto', facts, 'stage', {
       lat_deg,
       lon_deg,
@@ -97,7 +97,7 @@ export class MapPointMenu {
     const angles = this.mapPoint === null ? null : lookAngles(facts, this.mapPoint, this.point_home_m);
     if (angles === null) return;
     const lock = service('gimbal').yawLock(facts);
-    const body = { pitch_deg: tenths(angles.pitch_deg), yaw_deg: tenths(lock ? angles.yaw_ned_deg : angles.yaw_deg), yaw_lock: lock };
+    const body = { pitch_deg: roundToTenth(angles.pitch_deg), yaw_deg: roundToTenth(lock ? angles.yaw_ned_deg : angles.yaw_deg), yaw_lock: lock };
     await this.send('Look here', facts, () => this.api.post('/vehicles/{v}/gimbal/angles', { ...gimbalParams(facts), body }));
   }
 
@@ -110,14 +110,14 @@ export class MapPointMenu {
     await this.send('Set ROI', facts, () => this.api.post('/vehicles/{v}/gimbal/roi', { ...gimbalParams(facts), body }));
   }
 
-  /** The targets of a vehicle that the map draws. */
+  /** The targets that the map draws for a vehicle. */
   targetsOf(facts: VehicleFacts): RequestedTargets {
     const target = this.activeTargets.get(facts.id);
     if (target !== undefined && !isTargetActive(target, facts, this.nowS())) this.activeTargets.delete(facts.id);
-    const roi = service('gimbal').roiOf(service('gimbal').withSelectedGimbal(facts));
+    const gimbalRoi = service('gimbal').roiOf(service('gimbal').withSelectedGimbal(facts));
     const home = homeAmsl_m(facts);
-    const look = roi === null ? null : { lat_deg: roi.lat_deg, lon_deg: roi.lon_deg, alt_home_m: home === null ? null : roi.alt_amsl_m - home };
-    return { go: this.activeTargets.get(facts.id) ?? null, look };
+    const roi = gimbalRoi && { lat_deg: gimbalRoi.lat_deg, lon_deg: gimbalRoi.lon_deg, alt_home_m: home === null ? null : gimbalRoi.alt_amsl_m - home };
+    return { go: this.activeTargets.get(facts.id) ?? null, roi };
   }
 
   private async send(commandName: string, facts: VehicleFacts, request: () => Promise<Outcome<unknown>>): Promise<void> {
@@ -135,12 +135,12 @@ export class MapPointMenu {
       const response = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name } } });
       return response.ok && typeof response.value.value === 'number' ? response.value.value : null;
     };
-    const level_m_s = await read(SPEED_PARAMETERS.level_m_s);
+    const horizontal_m_s = await read(SPEED_PARAMETERS.horizontal_m_s);
     const up_m_s = await read(SPEED_PARAMETERS.up_m_s);
     const down_m_s = await read(SPEED_PARAMETERS.down_m_s);
-    if (level_m_s === null) {
-      const { [id]: _failed, ...others } = this.speeds;
-      this.speeds = others; // when the menu opens again, the page requests them again
-    } else this.speeds = { ...this.speeds, [id]: { level_m_s, up_m_s, down_m_s } };
+    if (horizontal_m_s === null) {
+      const { [id]: _failed, ...otherSpeeds } = this.speeds;
+      this.speeds = otherSpeeds; // when the menu opens again, the page requests the parameters again
+    } else this.speeds = { ...this.speeds, [id]: { horizontal_m_s, up_m_s, down_m_s } };
   }
 }

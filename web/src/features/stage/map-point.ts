@@ -11,12 +11,12 @@ export interface MapPoint extends GeoPosition {
   /** Terrain altitude at the point; null if the view does not know it. */
   ground_amsl_m: number | null;
   /** Pixel on the stage for a point in the 3D view; null for a point on the map. */
-  in3d: Pixel | null;
+  scenePixel: Pixel | null;
 }
 
 /** The API's limits for altitudes [m above home]. */
 export const ALTITUDE_RANGE_M = { min: -100, max: 1000 } as const;
-/** Largest distance of a position to fly to [m] that the API accepts by default. */
+/** Largest distance from the vehicle to a go-to target [m] that the API accepts by default. */
 const MAX_GO_DISTANCE_M = 1000;
 
 const IS_REPLAY = 'A replayed vehicle accepts no commands.';
@@ -24,14 +24,14 @@ const NO_CONNECTION = 'No connection to the vehicle.';
 const NO_POSITION = 'The vehicle’s position is not known.';
 const NO_HOME = 'The home position is not known.';
 
-/** The vehicle's speeds in automatic modes, from its parameters; null is unknown. */
+/** The vehicle's speeds in automatic modes, from its parameters; null: not known. */
 export interface Speeds {
-  level_m_s: number | null;
+  horizontal_m_s: number | null;
   up_m_s: number | null;
   down_m_s: number | null;
 }
 
-export const NO_SPEEDS: Speeds = { level_m_s: null, up_m_s: null, down_m_s: null };
+export const NO_SPEEDS: Speeds = { horizontal_m_s: null, up_m_s: null, down_m_s: null };
 
 /** Altitude of home AMSL [m]: reported, or else the difference of the vehicle's altitudes AMSL and above home. */
 export function homeAmsl_m(facts: VehicleFacts): number | null {
@@ -43,14 +43,14 @@ export function distance_m(facts: VehicleFacts, mapPoint: GeoPosition): number |
   return facts.global === null ? null : groundDistance_m(facts.global.value, mapPoint);
 }
 
-/** Flight time [s]: the longer of the horizontal flight and the climb; null if a required speed is not known. */
+/** Flight time [s]: the longer time of horizontal flight and climb or descent; null if a required speed is not known. */
 export function flightTime_s(facts: VehicleFacts, mapPoint: GeoPosition, alt_home_m: number, speeds: Speeds): number | null {
   const toPoint_m = distance_m(facts, mapPoint);
-  if (toPoint_m === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
+  if (toPoint_m === null || facts.global === null || speeds.horizontal_m_s === null || speeds.horizontal_m_s <= 0) return null;
   const climb_m = alt_home_m - facts.global.value.alt_home_m;
   const verticalSpeed_m_s = climb_m > 0 ? speeds.up_m_s : speeds.down_m_s;
   if (Math.abs(climb_m) > 0.5 && (verticalSpeed_m_s === null || verticalSpeed_m_s <= 0)) return null;
-  return Math.max(toPoint_m / speeds.level_m_s, verticalSpeed_m_s === null ? 0 : Math.abs(climb_m) / verticalSpeed_m_s);
+  return Math.max(toPoint_m / speeds.horizontal_m_s, verticalSpeed_m_s === null ? 0 : Math.abs(climb_m) / verticalSpeed_m_s);
 }
 
 /** Why "Go here" is not possible now; null: it is possible. */

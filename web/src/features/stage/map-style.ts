@@ -3,14 +3,14 @@
 import type { StyleSpecification } from 'maplibre-gl';
 import type { Palette } from './map-draw';
 
-export const GROUND = 'ground';
+export const BACKGROUND_ID = 'ground';
 
 export function mapStyle(palette: Palette): StyleSpecification {
-  // Without fading, because a slow computer draws too few frames for it.
+  // No transitions: a slow computer draws too few frames for them.
   return {
     version: 8,
     transition: { duration: 0, delay: 0 },
     sources: {},
-    layers: [{ id: GROUND, type: 'background', paint: { 'background-color': palette.map } }],
+    layers: [{ id: BACKGROUND_ID, type: 'background', paint: { 'background-color': palette.map } }],
   };
 }

@@ -6,7 +6,7 @@ import { offlineMap, type OfflineMap } from './offline-maps';
 class Maps {
   list = $state.raw<readonly OfflineMap[]>([]);
   /** Files that cannot be shown, each with its reason. */
-  unreadable = $state.raw<readonly string[]>([]);
+  unreadableFiles = $state.raw<readonly string[]>([]);
   private isRequested = false;
 
   async load(api: ApiClient): Promise<void> {
@@ -16,7 +16,7 @@ class Maps {
     this.isRequested = response.ok;
     if (!response.ok) return;
     this.list = response.value.maps.map((file) => offlineMap(file, location.origin));
-    this.unreadable = response.value.unreadable;
+    this.unreadableFiles = response.value.unreadable;
   }
 }
 

@@ -26,24 +26,24 @@ export function offlineMap(file: MapFile, origin: string): OfflineMap {
  * The layers of a map: a dimmed raster, so that paths and vehicles are clearly visible, or plain shapes of vector
  * tiles.
  */
-export function tileLayers(map: OfflineMap, source: string, palette: Palette): LayerSpecification[] {
+export function tileLayers(map: OfflineMap, sourceId: string, palette: Palette): LayerSpecification[] {
   if (map.file.tiles !== 'vector') {
     const rasterPaint = palette.dark ? { 'raster-brightness-max': 0.55, 'raster-saturation': -0.45 } : { 'raster-saturation': -0.25, 'raster-opacity': 0.85 };
-    return [{ id: source, type: 'raster', source, paint: rasterPaint }];
+    return [{ id: sourceId, type: 'raster', source: sourceId, paint: rasterPaint }];
   }
   return map.file.layers.flatMap((layer, index): LayerSpecification[] => [
     {
-      id: `${source}-${index}-area`,
+      id: `${sourceId}-${index}-area`,
       type: 'fill',
-      source,
+      source: sourceId,
       'source-layer': layer,
       filter: ['==', ['geometry-type'], 'Polygon'],
       paint: { 'fill-color': palette.line, 'fill-opacity': 0.5 },
     },
     {
-      id: `${source}-${index}-line`,
+      id: `${sourceId}-${index}-line`,
       type: 'line',
-      source,
+      source: sourceId,
       'source-layer': layer,
       filter: ['!=', ['geometry-type'], 'Point'],
       paint: { 'line-color': palette.line2, 'line-width': 1.2 },
@@ -51,7 +51,7 @@ export function tileLayers(map: OfflineMap, source: string, palette: Palette): L
   ]);
 }
 
-/** Attribution of the maps, which their licences require, without markup. */
+/** The attribution that the licences of the maps require, without markup. */
 export function attributionText(files: readonly MapFile[]): string {
   const attributions = files.map((f) =>
     (f.attribution ?? '')

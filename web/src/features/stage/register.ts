@@ -17,7 +17,7 @@ page.onEvent.push((event) => {
 });
 provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
-registry.addWarnings(() => maps.unreadable);
+registry.addWarnings(() => maps.unreadableFiles);
 registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.reason}. The page tries again; the map shows the flight.`] : []));
 registry.addCloser({ order: 70, isOpen: () => mapPointMenu.mapPoint !== null, close: () => mapPointMenu.close() });
 registry.addKeys([

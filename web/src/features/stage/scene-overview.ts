@@ -13,7 +13,7 @@ export interface CameraPose {
 const SAME_FRACTION = 0.001;
 
 /** All positions of the layers that the 3D view shows. */
-export function extentOf(pictures: readonly LayerPicture[]): LayerPosition[] {
+export function scenePositions(pictures: readonly LayerPicture[]): LayerPosition[] {
   return pictures.flatMap(({ ground, points, lines, solids = [] }) => {
     if (ground === undefined) return [];
     const tops = solids.flatMap(({ ring, top_amsl_m }) => ring.map((at) => ({ ...at, alt_amsl_m: top_amsl_m })));
@@ -30,7 +30,7 @@ export class SceneOverview {
   /** Whether the plan must be shown again, because more of its path is known. */
   private refitRequested = false;
   /** The poses before the overview and in the overview; null: no overview, or a person has moved the camera. */
-  private shown: { readonly before: CameraPose; readonly inOverview: CameraPose } | null = null;
+  private poses: { readonly earlier: CameraPose; readonly overview: CameraPose } | null = null;
 
   /** Requests that the opened plan is shown once, as soon as the 3D view is large. */
   request(mode: string): void {
@@ -39,27 +39,27 @@ export class SceneOverview {
 
   /** Requests that the plan is shown again, because its path is now known, unless a person has moved the camera. */
   refit(): void {
-    this.refitRequested = this.shown !== null;
+    this.refitRequested = this.poses !== null;
   }
 
   /** Ends the overview, because a person has moved the camera. */
   cancel(): void {
-    [this.requestedMode, this.refitRequested, this.shown] = [null, false, null];
+    [this.requestedMode, this.refitRequested, this.poses] = [null, false, null];
   }
 
-  /** Whether `next` may return a move. */
+  /** Whether `nextMove` may return a move. */
   get isActive(): boolean {
-    return this.requestedMode !== null || this.shown !== null;
+    return this.requestedMode !== null || this.poses !== null;
   }
 
   /**
    * The move of the camera in this frame; after `show`, the caller reports the new pose to `recordMove`.
-   * @param follows whether the camera must follow: a vehicle is flying, or the camera follows a dry run. The overview
+   * @param mustFollow whether the camera must follow: a vehicle is flying, or the camera follows a dry run. The overview
    *   then ends, and the camera returns to its earlier pose.
    */
-  next(current: CameraPose, mode: string, inset: boolean, follows: boolean): CameraMove {
-    if (this.shown !== null && !isSame(this.shown.inOverview, current)) [this.shown, this.refitRequested] = [null, false];
-    if (follows) return this.end(current);
+  nextMove(current: CameraPose, mode: string, inset: boolean, mustFollow: boolean): CameraMove {
+    if (this.poses !== null && !isSame(this.poses.overview, current)) [this.poses, this.refitRequested] = [null, false];
+    if (mustFollow) return this.end(current);
     if (this.requestedMode !== null && this.requestedMode !== mode) this.requestedMode = null;
     if (inset || (this.requestedMode === null && !this.refitRequested)) return null;
     [this.requestedMode, this.refitRequested] = [null, false];
@@ -67,13 +67,13 @@ export class SceneOverview {
   }
 
   /** Reports that the camera was moved to show the plan. */
-  recordMove(before: CameraPose, inOverview: CameraPose): void {
-    this.shown = { before: this.shown?.before ?? before, inOverview };
+  recordMove(earlier: CameraPose, overview: CameraPose): void {
+    this.poses = { earlier: this.poses?.earlier ?? earlier, overview };
   }
 
   /** Ends the overview. @returns the camera's pose before the overview; null: the camera stays. */
   end(current: CameraPose): CameraPose | null {
-    const earlierPose = this.shown !== null && isSame(this.shown.inOverview, current) ? this.shown.before : null;
+    const earlierPose = this.poses !== null && isSame(this.poses.overview, current) ? this.poses.earlier : null;
     this.cancel();
     return earlierPose;
   }

@@ -113,11 +113,11 @@ describe('the altitude of a point', () => {
     const selected = point('a', at(0, 0, 20), { selected: true, altitudeText: '20 m' });
     const [begin, end] = [view.pixelOf(at(0, 0, 24)), view.pixelOf(at(0, 0, 29))];
     const gesture = new LayerGesture(editor);
-    gesture.down(view, begin ?? { x: 0, y: 0 }, { point: selected, part: 'handle' }, false);
+    gesture.start(view, begin ?? { x: 0, y: 0 }, { point: selected, part: 'handle' }, false);
     gesture.move(view, end ?? { x: 0, y: 0 });
-    gesture.up();
-    gesture.down(view, begin ?? { x: 0, y: 0 }, { point: selected, part: 'handle' }, false);
-    gesture.up();
+    gesture.end();
+    gesture.start(view, begin ?? { x: 0, y: 0 }, { point: selected, part: 'handle' }, false);
+    gesture.end();
     expect(calls).toEqual([
       ['grab', 'a'],
       ['raise', 5],
@@ -199,7 +199,7 @@ describe('the drawing', () => {
   it('has an overview pose from which all points are visible in the free area', () => {
     const view = viewFrom([0, -60, 2], 0);
     const points = [at(0, 0, 0), at(100, 0, 20), at(100, 80, 0)];
-    const pose = view.overview(points, 0.9, 0.7);
+    const pose = view.overviewPose(points, 0.9, 0.7);
     expect(pose?.target).toEqual([50, 40, 10].map((value) => expect.closeTo(value, 3)));
     const [east, north, up] = pose?.eye ?? [0, 0, 0];
     const overview = viewFrom([east, north, up], Math.atan2(up - 10, 40 - north));
@@ -207,7 +207,7 @@ describe('the drawing', () => {
       const pixel = overview.pixelOf(position);
       expect(Math.abs((pixel?.y ?? 999) - 300)).toBeLessThan(300 * 0.7);
     }
-    expect(view.overview([], 0.9, 0.7)).toBeNull();
+    expect(view.overviewPose([], 0.9, 0.7)).toBeNull();
   });
 });
 

@@ -142,7 +142,7 @@ export class SceneView implements LayerView {
    * @param freeFraction the fraction of the view's height that no panel covers, around the middle.
    * @returns position and target of the camera in viser's scene; null: there are no positions.
    */
-  overview(positions: readonly LayerPosition[], fov_rad: number, freeFraction: number): { eye: Vector; target: Vector } | null {
+  overviewPose(positions: readonly LayerPosition[], fov_rad: number, freeFraction: number): { eye: Vector; target: Vector } | null {
     if (positions.length === 0) return null;
     const points = positions.map((at) => this.enuOf(at));
     const maximum = (valueOf: (at: Vector) => number): number => points.reduce((max, at) => Math.max(max, valueOf(at)), -Infinity);

@@ -10,7 +10,7 @@ import { SceneOverview } from './scene-overview';
 
 export type SceneState = { phase: 'requested' } | { phase: 'available' } | { phase: 'absent'; reason: string };
 
-/** The content of the 3D view. */
+/** The content that the page requests for the 3D view. */
 export interface SceneRequest {
   mode: Camera;
   vehicle: string | null;
@@ -53,9 +53,9 @@ class StageState {
   fitScene: ((positions: readonly LayerPosition[]) => void) | null = null;
   /** Moves the 3D view's camera to an opened plan and back. */
   readonly overview = new SceneOverview();
-  /** The ground in the middle of the uncovered area of the 3D view; null: the 3D view shows no layer. */
+  /** Like `MapCommands.visibleMiddle`, for the ground in the 3D view; null: the 3D view shows no layer. */
   visibleSceneMiddle: MapCommands['visibleMiddle'] | null = null;
-  private pendingView: SceneRequest | null = null;
+  private pendingRequest: SceneRequest | null = null;
   private isMapChosen = $state(false);
   readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'available' && !this.isMapChosen ? 'scene' : 'map');
 
@@ -77,7 +77,7 @@ class StageState {
     if (this.main === 'scene') this.fitScene?.(positions);
   }
 
-  /** Shows an opened plan: its positions on the map, and all layers in the 3D view, once, as soon as the 3D view is large. */
+  /** Shows an opened plan: on the map now, and in the 3D view once it is large. */
   showPlan(positions: readonly GeoPosition[]): void {
     if (positions.length > 0) this.map?.fit(positions);
     this.overview.request(this.camera);
@@ -99,31 +99,31 @@ class StageState {
   }
 
   /** The iframe's URL with its initial state. */
-  sceneUrl(view: SceneRequest): string {
-    const query = new URLSearchParams({ view: this.viewId, mode: view.mode, theme: view.theme });
-    if (view.vehicle !== null) query.set('vehicle', view.vehicle);
+  sceneUrl(request: SceneRequest): string {
+    const query = new URLSearchParams({ view: this.viewId, mode: request.mode, theme: request.theme });
+    if (request.vehicle !== null) query.set('vehicle', request.vehicle);
     return `${SCENE_URL}?${query}`;
   }
 
   /**
-   * Sends the content to the 3D view: one request at a time, and after each request only the newest content. A failure
-   * is visible in the 3D view, so the page shows no message.
+   * Sends the content to the 3D view: one request at a time, then only the newest request. A failure is visible in the 3D
+   * view, so the page shows no message.
    */
-  async show(view: SceneRequest): Promise<void> {
-    const isSending = this.pendingView !== null;
-    this.pendingView = view;
+  async show(request: SceneRequest): Promise<void> {
+    const isSending = this.pendingRequest !== null;
+    this.pendingRequest = request;
     if (isSending) return;
-    for (let sentView: SceneRequest | null = null; sentView !== this.pendingView;) {
-      sentView = this.pendingView;
-      const { vehicle, ...rest } = sentView;
-      const body = JSON.stringify(vehicle === null ? rest : sentView);
+    for (let sentRequest: SceneRequest | null = null; sentRequest !== this.pendingRequest;) {
+      sentRequest = this.pendingRequest;
+      const { vehicle, ...rest } = sentRequest;
+      const body = JSON.stringify(vehicle === null ? rest : sentRequest);
       await fetch(`${SCENE_URL}view/${this.viewId}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body }).catch(() => null);
     }
-    this.pendingView = null;
+    this.pendingRequest = null;
   }
 
-  /** Polls until the 3D view is available. */
-  watch(): () => void {
+  /** Polls until the 3D view is available. @returns a function that stops polling. */
+  pollScene(): () => void {
     let ended = false;
     let timer: ReturnType<typeof setTimeout> | undefined;
     const request = async (): Promise<void> => {

@@ -69,15 +69,15 @@ describe('grid', () => {
     }
   });
   it('starts at home, with every tenth line strong', () => {
-    const { thin, strong } = gridLines(HERE, { west_m: -55, east_m: 105, south_m: -5, north_m: 5 }, 10);
-    expect(thin).toHaveLength(14); // 16 meridians from −50 to 100, without 0 and 100
-    expect(strong).toHaveLength(3); // the meridians at 0 and 100, and the parallel through home
-    expect(strong.some(({ from, to }) => from.lon_deg === to.lon_deg && Math.abs(from.lon_deg - HERE.lon_deg) < 1e-12)).toBe(true);
+    const { thinLines, strongLines } = gridLines(HERE, { west_m: -55, east_m: 105, south_m: -5, north_m: 5 }, 10);
+    expect(thinLines).toHaveLength(14); // 16 meridians from −50 to 100, without 0 and 100
+    expect(strongLines).toHaveLength(3); // the meridians at 0 and 100, and the parallel through home
+    expect(strongLines.some(({ from, to }) => from.lon_deg === to.lon_deg && Math.abs(from.lon_deg - HERE.lon_deg) < 1e-12)).toBe(true);
   });
   it('covers a rotated view, and is empty where a flat grid is inaccurate', () => {
     const box = viewBox(view(4, { up_rad: Math.PI / 4 }), HERE);
     expect(box.east_m).toBeCloseTo((1000 + 800) / 2 / Math.SQRT2 / 4, 0);
-    expect(gridLines(HERE, { west_m: 6e5, east_m: 7e5, south_m: 0, north_m: 1e5 }, 1000)).toEqual({ thin: [], strong: [] });
+    expect(gridLines(HERE, { west_m: 6e5, east_m: 7e5, south_m: 0, north_m: 1e5 }, 1000)).toEqual({ thinLines: [], strongLines: [] });
   });
   it('labels the distance from the reference at its edges, only with north up', () => {
     const home = { ...HERE, name: 'home' as const };
@@ -145,13 +145,13 @@ describe('actions at a map point', () => {
     expect(lookAngles(facts({ attitude: null }), EAST_30, 0)).toBeNull();
   });
   it('have a distance, and a flight time if the speeds are known', () => {
-    const speeds = { level_m_s: 5, up_m_s: 3, down_m_s: 1.5 };
+    const speeds = { horizontal_m_s: 5, up_m_s: 3, down_m_s: 1.5 };
     expect(distanceText(HERE, EAST_30)).toBe('30.0 m east');
     expect(distanceText(HERE, positionAt(HERE, { east_m: -5, north_m: 5 }))).toBe('7.1 m north-west');
     expect(flightTime_s(facts(), EAST_30, 12, speeds)).toBeCloseTo(6, 1);
     expect(flightTime_s(facts(), EAST_30, 42, speeds)).toBeCloseTo(10, 1);
     expect(flightTime_s(facts(), EAST_30, 0, speeds)).toBeCloseTo(8, 1);
-    expect(flightTime_s(facts(), EAST_30, 12, { ...speeds, level_m_s: null })).toBeNull();
+    expect(flightTime_s(facts(), EAST_30, 12, { ...speeds, horizontal_m_s: null })).toBeNull();
     expect(flightTime_s(facts(), EAST_30, 42, { ...speeds, up_m_s: null })).toBeNull();
     expect([altitudeInRange(NaN), altitudeInRange(5000), altitudeInRange(12.5)]).toEqual([null, 1000, 12.5]);
   });
