@@ -29,7 +29,7 @@ const MAX_RETRY_MS = 8000;
 const OPEN_DEADLINE_MS = 8000;
 /** If no frame arrives for this time [ms] although the server has vehicles, the page subscribes again, so that the server sends all values. */
 export const RESUBSCRIBE_AFTER_MS = 6000;
-/** If no frame arrives for this time [ms] after the new subscription, the connection is lost. A browser may not report an unplugged network. */
+/** If no frame arrives for this time [ms] after the new subscription, the connection is lost. Some browsers do not report that the network was unplugged. */
 export const RESPONSE_TIMEOUT_MS = 4000;
 const CHECK_INTERVAL_MS = 1000;
 

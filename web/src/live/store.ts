@@ -88,7 +88,7 @@ export class TelemetryStore {
     const vehicle = this.vehicle(sample.vehicle);
     vehicle.apply(sample);
     if (!vehicle.isLive || this.replayOf(sample.vehicle) !== null) return; // a replay has its own time
-    // A sample cannot be later than the server's clock; if it seems later, the estimate is slow.
+    // A sample cannot be later than the server's clock; if it seems later, the estimated clock is behind.
     const ahead_s = sample.received_unix_s - this.nowUnixS();
     if (ahead_s > 0) this.clockOffset_s = (this.clockOffset_s ?? 0) + ahead_s;
   }

@@ -9,7 +9,7 @@ export interface AngleLimits {
   pitchMax_deg: number;
   yawMin_deg: number;
   yawMax_deg: number;
-  /** False: the gimbal reported no pitch limits; these are default values. */
+  /** False: the gimbal reported no pitch limits, so the pitch limits are default values. */
   isReported: boolean;
 }
 

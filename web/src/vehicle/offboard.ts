@@ -9,9 +9,9 @@ export type LimitsOrigin = components['schemas']['LimitsOrigin'];
 
 /** Obstacle avoidance, as reported by the server. */
 export interface Avoidance {
-  on: boolean;
+  enabled: boolean;
   /** The vehicle has a sensor that detects obstacles. */
-  sensor: boolean;
+  hasSensor: boolean;
   /** clear, turning, over, around, back, stopped; null while avoidance is off or there is no stream. */
   state: string | null;
   text: string;
@@ -35,7 +35,7 @@ export interface OffboardStatus {
   /** What the vehicle does if the stream stops, as text. */
   ifStreamStops: string | null;
   /** What happens when the setpoints expire, as text. */
-  onExpiry: string | null;
+  expiryEffect: string | null;
   client: string | null;
   /** Distinguishes the client from other clients with the same name. */
   clientKey: string | null;
@@ -44,7 +44,7 @@ export interface OffboardStatus {
   /** Origin of the operator's limits; null if an older server does not send it. */
   limitsOrigin: LimitsOrigin | null;
   /** Texts about the limits that change the setpoint now. */
-  limited: readonly string[];
+  limitTexts: readonly string[];
   /** Why the last stream ended, as text. */
   endReason: string | null;
   avoidance: Avoidance;
@@ -107,19 +107,19 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     validFor_s: readNumber(raw, 'valid_for_s'),
     validLeft_s: readNumber(raw, 'valid_left_s'),
     ifStreamStops: readText(raw, 'if_stream_stops'),
-    onExpiry: expiryText(toObject(raw['on_expiry'])),
+    expiryEffect: expiryText(toObject(raw['on_expiry'])),
     client: readText(raw, 'client'),
     clientKey: readText(raw, 'client_key'),
     inGroup: raw['owner'] === 'group',
     limitsOrigin: toObject(raw['limits_origin']) as LimitsOrigin | null,
-    limited: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
+    limitTexts: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
     endReason: readText(raw, 'ended'),
     avoidance: readAvoidance(toObject(raw['avoidance'])),
   };
 }
 
 function readAvoidance(raw: Raw | null): Avoidance {
-  return { on: raw?.['on'] === true, sensor: raw?.['sensor'] === true, state: readText(raw, 'state'), text: readText(raw, 'text') ?? '' };
+  return { enabled: raw?.['on'] === true, hasSensor: raw?.['sensor'] === true, state: readText(raw, 'state'), text: readText(raw, 'text') ?? '' };
 }
 
 const STATE_TEXTS: Readonly<Record<string, string>> = {

@@ -11,7 +11,7 @@ export function linkSupports(facts: { readonly reach: Reach | null }, feature: F
   return facts.reach === null || !facts.reach.missing.includes(feature);
 }
 
-/** Lines (name, text) about the link: its protocols, and the protocols of telemetry, commands and setpoints if they differ. */
+/** Lines (name, text) about the link: its protocols; and the protocols of telemetry, commands and setpoints, if these three differ. */
 export function reachLines(reach: Reach | null): [string, string][] {
   if (reach === null || reach.protocols.length === 0) return [];
   const protocols = [...new Set([reach.telemetry, reach.commands, reach.setpoints])];

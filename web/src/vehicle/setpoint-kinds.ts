@@ -1,5 +1,5 @@
 /**
- * The form of every setpoint type: names, frames and units of the fields, and the scales to the API's values. In the form
+ * The input form for each setpoint type: names, frames and units of the fields, and the scales to the API's values. In the form
  * up is positive and angles are in degrees; in the API down is positive and angles are in radians.
  */
 
@@ -29,6 +29,7 @@ export interface Axis {
   step: number;
 }
 
+/** A quantity of a setpoint, such as the velocity, with its axes. */
 export interface Group {
   /** Name in the API. */
   field: string;

@@ -43,8 +43,8 @@ describe('offboard', () => {
   });
   it('reads obstacle avoidance, and reads it as off from an older server', () => {
     const avoidance = { on: true, way: 'over', state: 'stopped', text: 'No way.', sensor: true };
-    expect(readOffboard({ ...raw, avoidance })?.avoidance).toEqual({ on: true, sensor: true, state: 'stopped', text: 'No way.' });
-    expect(readOffboard(raw)?.avoidance).toEqual({ on: false, sensor: false, state: null, text: '' });
+    expect(readOffboard({ ...raw, avoidance })?.avoidance).toEqual({ enabled: true, hasSensor: true, state: 'stopped', text: 'No way.' });
+    expect(readOffboard(raw)?.avoidance).toEqual({ enabled: false, hasSensor: false, state: null, text: '' });
   });
   it('reads the server’s stream, and computes the position error', () => {
     const stream = readOffboard(raw);
@@ -53,7 +53,7 @@ describe('offboard', () => {
       type: 'position',
       rate_hz: 49.9,
       validLeft_s: 8.2,
-      onExpiry: 'the vehicle holds its position for 5 s, then the server selects Hold mode',
+      expiryEffect: 'the vehicle holds its position for 5 s, then the server selects Hold mode',
       ifStreamStops: 'it lands',
     });
     expect(stream && positionError_m(stream, [1, 2, 1])).toBe(4);

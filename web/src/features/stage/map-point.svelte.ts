@@ -114,10 +114,10 @@ export class MapPointMenu {
   targetsOf(facts: VehicleFacts): RequestedTargets {
     const target = this.activeTargets.get(facts.id);
     if (target !== undefined && !isTargetActive(target, facts, this.nowS())) this.activeTargets.delete(facts.id);
-    const gimbalRoi = service('gimbal').roiOf(service('gimbal').withSelectedGimbal(facts));
+    const roi = service('gimbal').roiOf(service('gimbal').withSelectedGimbal(facts));
     const home = homeAmsl_m(facts);
-    const roi = gimbalRoi && { lat_deg: gimbalRoi.lat_deg, lon_deg: gimbalRoi.lon_deg, alt_home_m: home === null ? null : gimbalRoi.alt_amsl_m - home };
-    return { go: this.activeTargets.get(facts.id) ?? null, roi };
+    const roiTarget = roi === null ? null : { lat_deg: roi.lat_deg, lon_deg: roi.lon_deg, alt_home_m: home === null ? null : roi.alt_amsl_m - home };
+    return { go: this.activeTargets.get(facts.id) ?? null, roi: roiTarget };
   }
 
   private async send(commandName: string, facts: VehicleFacts, request: () => Promise<Outcome<unknown>>): Promise<void> {

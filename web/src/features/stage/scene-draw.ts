@@ -39,8 +39,8 @@ export function visibleParts(line: readonly Clip[]): Clip[][] {
 export function visibleArea(ring: readonly Clip[]): Clip[] {
   return ring.flatMap((to, i) => {
     const from = ring[(i + ring.length - 1) % ring.length] ?? to;
-    const edge = from[3] < NEAR_M !== to[3] < NEAR_M ? [crossing(from, to)] : [];
-    return to[3] >= NEAR_M ? [...edge, to] : edge;
+    const crossings = from[3] < NEAR_M !== to[3] < NEAR_M ? [crossing(from, to)] : [];
+    return to[3] >= NEAR_M ? [...crossings, to] : crossings;
   });
 }
 
@@ -54,11 +54,11 @@ function crossing(a: Clip, b: Clip): Clip {
 interface DrawnPoint {
   readonly point: LayerPoint;
   readonly at: Pixel;
-  /** Distance from the camera along the axis of the view [m]. */
+  /** Distance from the camera in its viewing direction [m]. */
   readonly depth_m: number;
 }
 
-/** The visible points in the order of drawing: midpoints first, selected points last, and the farthest points first. */
+/** The visible points in the order of drawing: midpoints, other points, selected points; each group from far to near. */
 export function drawnPoints(view: SceneView, points: readonly LayerPoint[]): DrawnPoint[] {
   const rank = ({ point }: DrawnPoint): number => (point.selected ? 2 : point.mark === 'midpoint' ? 0 : 1);
   return points

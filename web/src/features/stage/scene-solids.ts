@@ -6,7 +6,7 @@ import type { SceneView, Vector } from './scene-view';
 export interface Face {
   /** Corners in the world's ENU [m]. */
   readonly ring: readonly Vector[];
-  /** Edges to draw. A round solid, such as a mast, has vertical edges only between a side in front and a side behind. */
+  /** Edges to draw. A round solid, such as a mast, has vertical edges only where a visible side meets a hidden side. */
   readonly edges: readonly (readonly [Vector, Vector])[];
   readonly tone: Tone;
   /** Whether the outer side faces the camera. */
@@ -15,15 +15,15 @@ export interface Face {
   readonly shade: number;
 }
 
-/** Lower solids have no faces; only their area on the ground is drawn [m]. */
+/** Solids lower than this [m] have no faces: only their area on the ground is drawn. */
 const MIN_HEIGHT_M = 0.05;
 const TOP_SHADE = 0.34;
-/** Sides that differ less in direction have no edge between them (cosine of 40°). */
+/** Adjacent sides whose directions differ by less than 40° have no edge between them (cosine of 40°). */
 const ROUND_COS = 0.77;
 /** Opacity of a side that faces south-west, and the additional opacity of a side that faces north-east. */
 const [SIDE_SHADE, SIDE_CONTRAST] = [0.16, 0.14];
 
-/** The faces of all solids, the farthest solid first; of each solid, first the faces behind, then the faces in front. */
+/** The faces of all solids, the farthest solid first; of each solid, first the faces that the camera does not see. */
 export function facesOf(view: SceneView, solids: readonly LayerSolid[]): Face[] {
   return solids
     .map((solid) => ({ solid, base: solid.ring.map((at) => view.enuOf({ lat_deg: at.lat_deg, lon_deg: at.lon_deg })), top_m: view.upOf(solid.top_amsl_m) }))
@@ -35,26 +35,26 @@ export function facesOf(view: SceneView, solids: readonly LayerSolid[]): Face[] 
 
 function solidFaces(base: readonly Vector[], top_m: number, tone: Tone, eye: Vector): Face[] {
   const orientation = Math.sign(doubleArea(base));
-  const roof = base.map(([east, north]): Vector => [east, north, top_m]);
-  const walls = base.map((a, i) => {
+  const topRing = base.map(([east, north]): Vector => [east, north, top_m]);
+  const sideShapes = base.map((a, i) => {
     const next = (i + 1) % base.length;
-    const [b, c, d] = [base[next] ?? a, roof[next] ?? a, roof[i] ?? a];
+    const [b, c, d] = [base[next] ?? a, topRing[next] ?? a, topRing[i] ?? a];
     // Horizontal direction out of the solid.
     const [east, north] = [orientation * (b[1] - a[1]), -orientation * (b[0] - a[0])];
     const length = Math.hypot(east, north) || 1;
     const facesCamera = east * (eye[0] - a[0]) + north * (eye[1] - a[1]) > 0;
     return { ring: [a, b, c, d] as const, normal: [east / length, north / length] as const, facesCamera };
   });
-  const sides = walls.map(({ ring, normal, facesCamera }, i): Face => {
+  const sides = sideShapes.map(({ ring, normal, facesCamera }, i): Face => {
     const [a, b, c, d] = ring;
-    const hasEdge = (other: (typeof walls)[number] | undefined): boolean =>
+    const hasEdge = (other: (typeof sideShapes)[number] | undefined): boolean =>
       other === undefined || other.facesCamera !== facesCamera || normal[0] * other.normal[0] + normal[1] * other.normal[1] < ROUND_COS;
     const edges = [[a, b] as const, [c, d] as const];
-    if (hasEdge(walls[(i + walls.length - 1) % walls.length])) edges.push([d, a]);
-    if (hasEdge(walls[(i + 1) % walls.length])) edges.push([b, c]);
+    if (hasEdge(sideShapes[(i + sideShapes.length - 1) % sideShapes.length])) edges.push([d, a]);
+    if (hasEdge(sideShapes[(i + 1) % sideShapes.length])) edges.push([b, c]);
     return { ring, edges, tone, facesCamera, shade: SIDE_SHADE + (SIDE_CONTRAST * (1 + (normal[0] + normal[1]) / Math.SQRT2)) / 2 };
   });
-  const top: Face = { ring: roof, edges: [], tone, facesCamera: eye[2] > top_m, shade: TOP_SHADE };
+  const top: Face = { ring: topRing, edges: [], tone, facesCamera: eye[2] > top_m, shade: TOP_SHADE };
   return [...sides, top].sort((a, b) => Number(a.facesCamera) - Number(b.facesCamera));
 }
 

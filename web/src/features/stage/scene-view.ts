@@ -8,8 +8,8 @@ import type { LayerView } from './layer-gesture';
 export type Matrix = ArrayLike<number>;
 export type Vector = readonly [number, number, number];
 /**
- * Clip coordinates (x, y, z, w); x/w and y/w are between −1 and 1 inside the view, w is the distance along the view
- * [m].
+ * Clip coordinates (x, y, z, w); x/w and y/w are between −1 and 1 inside the view, w is the distance from the camera in
+ * its viewing direction [m].
  */
 export type Clip = readonly [number, number, number, number];
 
@@ -20,7 +20,7 @@ export interface SceneCamera {
   /** Pose of the camera in viser's scene. */
   readonly pose: Matrix;
   readonly poseInverse: Matrix;
-  /** Pose of the drawn world (ENU) in viser's scene; some camera modes move the world. */
+  /** Pose of the world (viser's node `/world`, with ENU axes) in viser's scene; in some camera modes the server moves this node. */
   readonly world: Matrix;
   /** Origin of the world's ENU frame. */
   readonly origin: Required<LayerPosition>;
@@ -43,7 +43,7 @@ const LOW_ANGLE_RAD = 0.07;
 const MIN_ELEVATION_RAD = 0.5;
 /** Smallest radius that the overview shows, so that a single position is shown with its surroundings [m]. */
 const MIN_RADIUS_M = 12;
-/** Below this angle between the line of sight and the vertical, altitudes cannot be changed. */
+/** Below this angle between the line of sight and the vertical, a point has no handle; a drag of the handle works down to half the angle. */
 const STEEP_ANGLE_RAD = 0.18;
 
 const transform = (m: Matrix, [x, y, z, w]: Clip): Clip => {
@@ -64,7 +64,7 @@ export class SceneView implements LayerView {
   readonly height: number;
   /** Position of the camera in the world's ENU [m]. */
   readonly eye: Vector;
-  private readonly toClip: Matrix;
+  private readonly clipMatrix: Matrix;
 
   /** @param ground_amsl_m altitude of the ground, and of positions without an altitude. */
   constructor(
@@ -73,7 +73,7 @@ export class SceneView implements LayerView {
   ) {
     this.width = camera.width;
     this.height = camera.height;
-    this.toClip = multiply(camera.projection, multiply(camera.poseInverse, camera.world));
+    this.clipMatrix = multiply(camera.projection, multiply(camera.poseInverse, camera.world));
     this.eye = this.toWorld([camera.pose[12] ?? 0, camera.pose[13] ?? 0, camera.pose[14] ?? 0]);
   }
 
@@ -94,7 +94,7 @@ export class SceneView implements LayerView {
   }
 
   clipOf(enu: Vector): Clip {
-    return transform(this.toClip, [...enu, 1]);
+    return transform(this.clipMatrix, [...enu, 1]);
   }
 
   /** Pixel of a position in front of the camera. */
@@ -110,12 +110,12 @@ export class SceneView implements LayerView {
   readonly positionAt = (at: Pixel, reference: LayerPosition): GeoPosition | null => {
     const point = this.enuOf(reference);
     const sight = normalize(subtract(point, this.eye));
-    return this.geoPosition(Math.abs(Math.asin(sight[2])) < LOW_ANGLE_RAD ? this.onVerticalPlane(at, point, sight) : this.onHorizontalPlane(at, point[2]));
+    return this.geoPosition(Math.abs(Math.asin(sight[2])) < LOW_ANGLE_RAD ? this.pointOnVerticalPlane(at, point, sight) : this.pointOnHorizontalPlane(at, point[2]));
   };
 
   /** The ground position at a pixel; null: the sky, or too far away. */
   groundAt(at: Pixel): GeoPosition | null {
-    return this.geoPosition(this.onHorizontalPlane(at, this.ground_m));
+    return this.geoPosition(this.pointOnHorizontalPlane(at, this.ground_m));
   }
 
   readonly heightAt = (at: Pixel, position: LayerPosition): number | null => {
@@ -139,7 +139,7 @@ export class SceneView implements LayerView {
 
   /**
    * The pose from which the camera shows all positions from above, with the camera's current bearing.
-   * @param freeFraction the fraction of the view's height that no panel covers, around the middle.
+   * @param freeFraction height of the area that no panel covers, as a fraction of the view's height.
    * @returns position and target of the camera in viser's scene; null: there are no positions.
    */
   overviewPose(positions: readonly LayerPosition[], fov_rad: number, freeFraction: number): { eye: Vector; target: Vector } | null {
@@ -165,7 +165,7 @@ export class SceneView implements LayerView {
     return { eye: this.toScene(eye), target: this.toScene(target) };
   }
 
-  /** Converts a point of the world to viser's scene, in which the camera is moved. */
+  /** Converts a point from the world's ENU to the coordinates of viser's scene. */
   private toScene(enu: Vector): Vector {
     const [x, y, z] = transform(this.camera.world, [...enu, 1]);
     return [x, y, z];
@@ -185,7 +185,7 @@ export class SceneView implements LayerView {
     return normalize(subtract(this.toWorld([x, y, z]), this.eye));
   }
 
-  /** Converts a point of viser's scene to the world. The world is moved and rotated in the scene, but not scaled. */
+  /** Converts a point from the coordinates of viser's scene to the world's ENU. The world is moved and rotated in the scene, but not scaled. */
   private toWorld(at: Vector): Vector {
     const m = this.camera.world;
     const offset = subtract(at, [m[12] ?? 0, m[13] ?? 0, m[14] ?? 0]);
@@ -193,7 +193,7 @@ export class SceneView implements LayerView {
     return [axis(0), axis(4), axis(8)];
   }
 
-  /** Converts a point of the world; null: no point, or farther away than `MAX_DISTANCE_M`. */
+  /** Converts a point from the world's ENU to a geographic position; null: no point, or farther away than `MAX_DISTANCE_M`. */
   private geoPosition(enu: Vector | null): GeoPosition | null {
     if (enu === null || Math.hypot(enu[0] - this.eye[0], enu[1] - this.eye[1]) > MAX_DISTANCE_M) return null;
     return positionAt(this.camera.origin, { east_m: enu[0], north_m: enu[1] });
@@ -206,13 +206,13 @@ export class SceneView implements LayerView {
   }
 
   /** The point at a pixel on the horizontal plane with this up coordinate. */
-  private onHorizontalPlane(at: Pixel, up_m: number): Vector | null {
+  private pointOnHorizontalPlane(at: Pixel, up_m: number): Vector | null {
     const ray = this.rayOf(at);
     return this.pointOnRay(ray, (up_m - this.eye[2]) / ray[2]);
   }
 
   /** The point at a pixel on the vertical plane that contains `point` and faces the camera. */
-  private onVerticalPlane(at: Pixel, point: Vector, sight: Vector): Vector | null {
+  private pointOnVerticalPlane(at: Pixel, point: Vector, sight: Vector): Vector | null {
     const [ray, planeNormal] = [this.rayOf(at), normalize([sight[0], sight[1], 0])];
     return this.pointOnRay(ray, dot(subtract(point, this.eye), planeNormal) / dot(ray, planeNormal));
   }
@@ -223,7 +223,7 @@ const isMatrix = (m: unknown): m is Matrix => {
   return list != null && list.length === 16 && Array.from(list).every((value) => typeof value === 'number' && Number.isFinite(value));
 };
 
-/** Parses the origin of the world in the page of the 3D view: "lat_deg,lon_deg,alt_amsl_m". */
+/** Parses the world's origin, which viser's page contains as the text "lat_deg,lon_deg,alt_amsl_m". */
 export function parseOrigin(text: string | undefined): Required<LayerPosition> | null {
   const [lat_deg, lon_deg, alt_amsl_m, extra] = (text ?? '').split(',').map((part) => (part.trim() === '' ? NaN : Number(part)));
   if (lat_deg === undefined || lon_deg === undefined || alt_amsl_m === undefined || extra !== undefined) return null;

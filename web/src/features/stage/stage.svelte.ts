@@ -77,7 +77,7 @@ class StageState {
     if (this.main === 'scene') this.fitScene?.(positions);
   }
 
-  /** Shows an opened plan: on the map now, and in the 3D view once it is large. */
+  /** Shows an opened plan on the map now, and in the 3D view when the 3D view is next large. */
   showPlan(positions: readonly GeoPosition[]): void {
     if (positions.length > 0) this.map?.fit(positions);
     this.overview.request(this.camera);

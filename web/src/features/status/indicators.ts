@@ -51,7 +51,7 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
   };
 }
 
-/** The lowest cell, because it limits the battery, and then the voltages of all cells. */
+/** The cell with the lowest voltage, which limits the battery, and the voltages of all cells. */
 function cellLines(cells_v: readonly number[] | null): [string, string][] {
   if (cells_v === null || cells_v.length === 0) return [['Cells', UNKNOWN]];
   const lowest = Math.min(...cells_v);
@@ -116,7 +116,7 @@ export function componentLines(components: readonly Component[], now_unix_s: num
 /**
  * The state of the vehicle's link, from the age of the vehicle's last heartbeat.
  * @param details lines with the server's counters.
- * @param text rates of the server's links; null: not known.
+ * @param text state and rates of the server's open links; null: no open link.
  * @param offline the page has no connection to the server.
  */
 export function linkIndicator(

@@ -11,7 +11,7 @@ class Links {
   list = $state.raw<readonly ServerLink[]>([]);
   notices = $state.raw<readonly ServerNotice[]>([]);
   /** Whether the server has responded to the last poll. */
-  known = $state(false);
+  isKnown = $state(false);
   /** Received data rate; null until two polls had a response. */
   rate_bytes_s = $state<number | null>(null);
   /** Packet loss of the last half minute; null: no packets received. */
@@ -22,7 +22,7 @@ class Links {
   poll(api: ApiClient): void {
     const request = async (): Promise<void> => {
       const [links, warnings] = await Promise.all([api.get('/links'), api.get('/warnings')]);
-      this.known = links.ok && warnings.ok;
+      this.isKnown = links.ok && warnings.ok;
       this.list = links.ok ? (links.value.links ?? []) : [];
       this.notices = warnings.ok ? (warnings.value.warnings ?? []) : [];
       this.measure();
@@ -35,7 +35,7 @@ class Links {
     const now = { bytes: this.list.reduce((sum, l) => sum + l.bytes_received, 0), at_ms: performance.now() };
     const received = this.lastCount === null ? -1 : now.bytes - this.lastCount.bytes;
     this.rate_bytes_s = this.lastCount === null || received < 0 ? null : (received / (now.at_ms - this.lastCount.at_ms)) * 1000;
-    this.lastCount = this.known ? now : null;
+    this.lastCount = this.isKnown ? now : null;
     this.countLoss();
   }
 
@@ -44,8 +44,8 @@ class Links {
     const now = { received: vehicleLinks.reduce((sum, l) => sum + l.frames_received, 0), lost: vehicleLinks.reduce((sum, l) => sum + l.frames_lost, 0) };
     const last = this.counts.at(-1);
     // After a restart of the server, or when a link is closed, the counters decrease.
-    if (!this.known || (last !== undefined && now.received < last.received)) this.counts.length = 0;
-    if (!this.known) return;
+    if (!this.isKnown || (last !== undefined && now.received < last.received)) this.counts.length = 0;
+    if (!this.isKnown) return;
     this.counts.push(now);
     if (this.counts.length > LOSS_POLLS) this.counts.shift();
     this.lost_percent = lossPercent(this.counts[0] ?? now, now);

@@ -45,8 +45,8 @@ function peersText(peers: readonly string[]): string {
 }
 
 /** One line for each counter of a link. */
-function linkLines(link: ServerLink, isOneOfSeveral: boolean): [string, string][] {
-  const lines: [string, string][] = isOneOfSeveral ? [['', link.name]] : [['Link', link.name]];
+function linkLines(link: ServerLink, hasOtherLinks: boolean): [string, string][] {
+  const lines: [string, string][] = hasOtherLinks ? [['', link.name]] : [['Link', link.name]];
   lines.push(
     ['State', join([STATES[link.state] ?? link.state, link.detail])],
     ['Peers', peersText(link.peers)],
@@ -104,18 +104,18 @@ function recordingLine(link: ServerLink): string {
 
 /** State of the recordings, with the duration of the longest recording that is running. */
 export function recordingIndicator(links: readonly ServerLink[], known: boolean, now_unix_s: number): Indicator {
-  const common = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
-  if (!known) return { ...common, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };
+  const commonFields = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
+  if (!known) return { ...commonFields, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };
   const recordable = links.filter((l) => !l.replay && !l.forward);
   if (recordable.length === 0) {
     const why = links.some((l) => l.replay) ? 'A recording is replayed; nothing is recorded.' : 'There is no open link to record.';
-    return { ...common, text: 'None', details: [['', why]] };
+    return { ...commonFields, text: 'None', details: [['', why]] };
   }
   const details = recordable.map((l): [string, string] => [l.name, recordingLine(l)]);
   if (recordable.some((l) => l.recording !== null && l.recording.stopped !== null)) {
-    return { ...common, text: 'Stopped', word: 'not recording', severity: 'danger', details };
+    return { ...commonFields, text: 'Stopped', word: 'not recording', severity: 'danger', details };
   }
-  if (recordable.every((l) => l.recording === null)) return { ...common, text: 'Off', word: 'not recording', severity: 'caution', details };
-  const starts_unix_s = recordable.filter(isRecording).map((l) => l.recording?.started_unix_s ?? now_unix_s);
-  return { ...common, text: starts_unix_s.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...starts_unix_s))), details };
+  if (recordable.every((l) => l.recording === null)) return { ...commonFields, text: 'Off', word: 'not recording', severity: 'caution', details };
+  const startTimes_unix_s = recordable.filter(isRecording).map((l) => l.recording?.started_unix_s ?? now_unix_s);
+  return { ...commonFields, text: startTimes_unix_s.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...startTimes_unix_s))), details };
 }

@@ -8,7 +8,7 @@ export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'neutral';
 export interface StatusLabel {
   title: string;
   /** Who commands the vehicle, or other details. */
-  who: string;
+  detail: string;
   tone: Tone;
 }
 
@@ -29,40 +29,40 @@ export interface StatusFacts {
 
 interface ModeText {
   title: string;
-  who: string;
+  detail: string;
 }
 
 const MODE_TEXTS: Readonly<Record<string, ModeText>> = {
-  hold: { title: 'Holding', who: 'the vehicle holds its position' },
-  takeoff: { title: 'Taking off', who: 'the vehicle climbs by itself' },
-  land: { title: 'Landing', who: 'the vehicle lands by itself' },
-  precland: { title: 'Landing', who: 'the vehicle lands on a marker' },
-  rtl: { title: 'Returning', who: 'the vehicle flies home by itself' },
-  mission: { title: 'Mission', who: 'the vehicle flies the mission stored on it' },
-  orbit: { title: 'Orbit', who: 'the vehicle circles by itself' },
-  follow: { title: 'Follow', who: 'the vehicle follows a target' },
-  position: { title: 'Position', who: 'a pilot flies with position control' },
-  altitude: { title: 'Altitude', who: 'a pilot flies with altitude control' },
-  stabilized: { title: 'Stabilized', who: 'a pilot flies' },
-  manual: { title: 'Manual', who: 'a pilot flies' },
-  acro: { title: 'Acro', who: 'a pilot flies' },
+  hold: { title: 'Holding', detail: 'the vehicle holds its position' },
+  takeoff: { title: 'Taking off', detail: 'the vehicle climbs by itself' },
+  land: { title: 'Landing', detail: 'the vehicle lands by itself' },
+  precland: { title: 'Landing', detail: 'the vehicle lands on a marker' },
+  rtl: { title: 'Returning', detail: 'the vehicle flies home by itself' },
+  mission: { title: 'Mission', detail: 'the vehicle flies the mission stored on it' },
+  orbit: { title: 'Orbit', detail: 'the vehicle circles by itself' },
+  follow: { title: 'Follow', detail: 'the vehicle follows a target' },
+  position: { title: 'Position', detail: 'a pilot flies with position control' },
+  altitude: { title: 'Altitude', detail: 'a pilot flies with altitude control' },
+  stabilized: { title: 'Stabilized', detail: 'a pilot flies' },
+  manual: { title: 'Manual', detail: 'a pilot flies' },
+  acro: { title: 'Acro', detail: 'a pilot flies' },
 };
 
 /** Mode and commanding client, without the arming state. */
 function modeText(status: Status, stream: StatusFacts['stream']): ModeText {
   if (status.mode === 'offboard') {
-    if (stream === null) return { title: 'Offboard', who: 'setpoints from another computer, not this server' };
+    if (stream === null) return { title: 'Offboard', detail: 'setpoints from another computer, not this server' };
     const rate = stream.rate_hz === null ? '' : `, ${Math.round(stream.rate_hz)} Hz`;
     return {
       title: 'Offboard',
-      who: `${setpointsText(stream.type)} from ${stream.client ?? 'this server'}${rate}`,
+      detail: `${setpointsText(stream.type)} from ${stream.client ?? 'this server'}${rate}`,
     };
   }
   if (status.mode.startsWith('external_')) {
-    const who = stream === null ? 'an external mode of another program' : 'a mission of this server, as an external mode';
-    return { title: status.mode_label || status.mode, who };
+    const detail = stream === null ? 'an external mode of another program' : 'a mission of this server, as an external mode';
+    return { title: status.mode_label || status.mode, detail };
   }
-  return MODE_TEXTS[status.mode] ?? { title: status.mode_label || status.mode, who: 'the vehicle’s own mode' };
+  return MODE_TEXTS[status.mode] ?? { title: status.mode_label || status.mode, detail: 'the vehicle’s own mode' };
 }
 
 /** Age of the newest heartbeat [s]: its age at the time of the status, plus the age of the status. */
@@ -81,24 +81,24 @@ function isFailsafe(status: Status): boolean {
 
 export function statusLabel(facts: StatusFacts): StatusLabel {
   const { status } = facts;
-  if (status === null) return { title: 'No vehicle state', who: 'no telemetry yet', tone: 'neutral' };
+  if (status === null) return { title: 'No vehicle state', detail: 'no telemetry yet', tone: 'neutral' };
   if (facts.lost) {
     const lastState = `last: ${status.mode_label}, ${status.armed ? 'armed' : 'disarmed'}`;
-    if (facts.offline === true) return { title: 'No connection to the server', who: lastState, tone: 'danger' };
-    return { title: 'Connection lost', who: `${seconds(heartbeatAge_s(status, facts.age_s))} ago · ${lastState}`, tone: 'danger' };
+    if (facts.offline === true) return { title: 'No connection to the server', detail: lastState, tone: 'danger' };
+    return { title: 'Connection lost', detail: `${seconds(heartbeatAge_s(status, facts.age_s))} ago · ${lastState}`, tone: 'danger' };
   }
-  if (facts.replayed) return { title: 'Replay', who: `${status.mode_label} · a recorded flight, no commands possible`, tone: 'neutral' };
+  if (facts.replayed) return { title: 'Replay', detail: `${status.mode_label} · a recorded flight, no commands possible`, tone: 'neutral' };
   if (!status.armed) {
-    const who = `${status.mode_label} · disarmed`;
-    if (facts.ready === true) return { title: 'Ready', who, tone: 'ok' };
-    if (facts.ready === false) return { title: 'Not ready', who: `${who} · press for the reasons`, tone: 'caution' };
-    return { title: 'Disarmed', who, tone: 'neutral' };
+    const detail = `${status.mode_label} · disarmed`;
+    if (facts.ready === true) return { title: 'Ready', detail, tone: 'ok' };
+    if (facts.ready === false) return { title: 'Not ready', detail: `${detail} · press for the reasons`, tone: 'caution' };
+    return { title: 'Disarmed', detail, tone: 'neutral' };
   }
   const modeLabel = modeText(status, facts.stream);
-  if (isFailsafe(status)) return { title: `Failsafe: ${modeLabel.title}`, who: 'the vehicle chose this mode itself', tone: 'danger' };
+  if (isFailsafe(status)) return { title: `Failsafe: ${modeLabel.title}`, detail: 'the vehicle chose this mode itself', tone: 'danger' };
   if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
-    return { title: 'Armed', who: `on the ground, motors running · ${status.mode_label}`, tone: 'caution' };
+    return { title: 'Armed', detail: `on the ground, motors running · ${status.mode_label}`, tone: 'caution' };
   }
-  if ((facts.externalModeText ?? null) !== null) return { title: modeLabel.title, who: `${facts.externalModeText} · ${modeLabel.who}`, tone: 'caution' };
+  if ((facts.externalModeText ?? null) !== null) return { title: modeLabel.title, detail: `${facts.externalModeText} · ${modeLabel.detail}`, tone: 'caution' };
   return { ...modeLabel, tone: status.mode === 'offboard' ? 'target' : 'ok' };
 }

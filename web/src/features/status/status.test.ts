@@ -22,14 +22,14 @@ describe('the status label', () => {
   it('shows who commands the vehicle', () => {
     expect(label({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
       title: 'Offboard',
-      who: 'Position setpoints from a, 50 Hz',
+      detail: 'Position setpoints from a, 50 Hz',
       tone: 'target',
     });
-    expect(label({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
+    expect(label({ status: status({ mode: 'offboard' }) }).detail).toContain('another computer');
     const externalMode = status({ mode: 'external_1', mode_label: 'Short line' });
-    expect(label({ status: externalMode })).toMatchObject({ title: 'Short line', who: 'an external mode of another program' });
-    expect(label({ status: externalMode, stream: { type: 'path', rate_hz: 50, client: 'a' } }).who).toContain('mission of this server');
-    expect(label({ status: status({ mode: 'position' }) }).who).toContain('pilot');
+    expect(label({ status: externalMode })).toMatchObject({ title: 'Short line', detail: 'an external mode of another program' });
+    expect(label({ status: externalMode, stream: { type: 'path', rate_hz: 50, client: 'a' } }).detail).toContain('mission of this server');
+    expect(label({ status: status({ mode: 'position' }) }).detail).toContain('pilot');
     expect(label({ status: status({ mode: 'new_one', mode_label: 'New one' }) }).title).toBe('New one');
   });
   it('shows a disarmed vehicle as ready only if the vehicle reports it', () => {
@@ -40,8 +40,8 @@ describe('the status label', () => {
     expect(label({ status: null }).title).toBe('No vehicle state');
   });
   it('shows a lost connection, a replay or a failsafe instead of the mode', () => {
-    expect(label({ lost: true, age_s: 7 })).toMatchObject({ title: 'Connection lost', who: '7 s ago · last: Hold, armed', tone: 'danger' });
-    expect(label({ lost: true, offline: true, age_s: 7 })).toMatchObject({ title: 'No connection to the server', who: 'last: Hold, armed' });
+    expect(label({ lost: true, age_s: 7 })).toMatchObject({ title: 'Connection lost', detail: '7 s ago · last: Hold, armed', tone: 'danger' });
+    expect(label({ lost: true, offline: true, age_s: 7 })).toMatchObject({ title: 'No connection to the server', detail: 'last: Hold, armed' });
     expect(label({ replayed: true }).title).toBe('Replay');
     expect(label({ status: status({ mode: 'land', custom_mode: 2, intended_custom_mode: 9 }) }).title).toBe('Failsafe: Landing');
   });

@@ -2,7 +2,7 @@
 
 import { TelemetrySocket } from '../../live/socket';
 import type { Frame } from '../../live/wire';
-import { NO_FILTER, readInspection, type Filter, type Inspection } from './topics';
+import { NO_FILTER, readTopicList, type Filter, type TopicList } from './topics';
 
 const TOPIC = 'ros2_topics';
 const RATE_HZ = 2;
@@ -12,7 +12,7 @@ class TopicPanel {
   filter = $state.raw<Filter>(NO_FILTER);
   /** Name and type of the topic whose last message is shown; null: none. */
   expandedTopic = $state<string | null>(null);
-  content = $state.raw<Inspection | null>(null);
+  content = $state.raw<TopicList | null>(null);
   /** Time at which `content` was received, by `performance.now()`. */
   received_ms = $state(0);
 
@@ -43,7 +43,7 @@ class TopicPanel {
   onFrame(frame: Frame, vehicle: string): void {
     if (frame.type !== 'samples') return;
     for (const sample of frame.samples) {
-      const content = sample.topic === TOPIC && sample.vehicle === vehicle ? readInspection(sample.value) : null;
+      const content = sample.topic === TOPIC && sample.vehicle === vehicle ? readTopicList(sample.value) : null;
       if (content === null) continue;
       this.content = content;
       this.received_ms = performance.now();
@@ -51,4 +51,4 @@ class TopicPanel {
   }
 }
 
-export const topics = new TopicPanel();
+export const topicPanel = new TopicPanel();

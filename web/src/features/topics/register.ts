@@ -1,5 +1,5 @@
 import { registry } from '../../app/registry.svelte';
-import { topics } from './panel.svelte';
+import { topicPanel } from './panel.svelte';
 import TopicPanel from './TopicPanel.svelte';
 
 registry.addPanel({
@@ -9,9 +9,9 @@ registry.addPanel({
   vehicleComponent: TopicPanel,
   protocol: 'ROS 2',
   rail: { title: 'Topics', icon: 'list', hint: 'ROS 2 topics (X)' },
-  isOpen: () => topics.open,
-  toggle: () => topics.toggle(),
-  close: () => topics.close(),
+  isOpen: () => topicPanel.open,
+  toggle: () => topicPanel.toggle(),
+  close: () => topicPanel.close(),
 });
 registry.addKeys([
   {

@@ -2,8 +2,8 @@ import { describe, expect, it } from 'vitest';
 import { isOffered, type Panel } from '../../app/registry.svelte';
 import type { TelemetrySocket } from '../../live/socket';
 import type { VehicleFacts } from '../../vehicle/facts';
-import { topics as panel } from './panel.svelte';
-import { matchingTopics, lastText, NO_FILTER, endpointsText, rateText, readInspection, stateText, valueText, type Inspection, type Topic } from './topics';
+import { topicPanel as panel } from './panel.svelte';
+import { matchingTopics, lastMessageText, NO_FILTER, endpointsText, rateText, readTopicList, stateText, valueText, type TopicList, type Topic } from './topics';
 
 const topic = (name: string, more: Partial<Topic> = {}): Topic => ({
   name,
@@ -20,7 +20,7 @@ const topic = (name: string, more: Partial<Topic> = {}): Topic => ({
   ...more,
 });
 
-const inspection = (topics: Topic[], more: Partial<Inspection> = {}): Inspection => ({
+const listOf = (topics: Topic[], more: Partial<TopicList> = {}): TopicList => ({
   domain_id: 7,
   namespace: 'px4_1',
   state: 'open',
@@ -43,10 +43,10 @@ describe('the list of topics', () => {
     expect(rateText(topic('a', { rate_hz: 1.96 }))).toBe('2.0 Hz');
     expect(rateText(topic('a', { rate_hz: 1253.7, rate_is_minimum: true }))).toBe('≥ 1254 Hz');
     expect(rateText(topic('a', { rate_hz: null }))).toBe('');
-    expect(lastText(topic('a', { age_s: 0.5 }), 1)).toBe('1.5 s ago');
-    expect(lastText(topic('a', { age_s: null }), 1)).toBe('no message');
-    expect(lastText(topic('a', { age_s: null, publishers: 0 }), 1)).toBe('not published');
-    expect(lastText(topic('a', { age_s: null, type_known: false }), 1)).toBe('unknown type');
+    expect(lastMessageText(topic('a', { age_s: 0.5 }), 1)).toBe('1.5 s ago');
+    expect(lastMessageText(topic('a', { age_s: null }), 1)).toBe('no message');
+    expect(lastMessageText(topic('a', { age_s: null, publishers: 0 }), 1)).toBe('not published');
+    expect(lastMessageText(topic('a', { age_s: null, type_known: false }), 1)).toBe('unknown type');
     expect(endpointsText(topic('a'))).toBe('1 publisher, 2 subscribers');
   });
 
@@ -58,10 +58,10 @@ describe('the list of topics', () => {
 
   it('shows the state of the discovery', () => {
     expect(stateText(null)).toBe('discovering topics …');
-    expect(stateText(inspection([], { state: 'starting' }))).toBe('discovering topics …');
-    expect(stateText(inspection([topic('a')], { left_out: 3 }))).toBe('DDS domain 7 · 4 topics');
-    expect(stateText(inspection([], { state: 'failed', problem: 'x' }))).toBe('DDS domain 7');
-    expect(readInspection({ topics: 1 })).toBeNull();
+    expect(stateText(listOf([], { state: 'starting' }))).toBe('discovering topics …');
+    expect(stateText(listOf([topic('a')], { left_out: 3 }))).toBe('DDS domain 7 · 4 topics');
+    expect(stateText(listOf([], { state: 'failed', problem: 'x' }))).toBe('DDS domain 7');
+    expect(readTopicList({ topics: 1 })).toBeNull();
   });
 });
 
@@ -77,7 +77,7 @@ it('the panel shows only the topics of the watched vehicle, and clears them for 
   let stopped = 0;
   const start = (socket: TelemetrySocket): void => void (socket.stop = () => (stopped += 1));
   const stopWatching = panel.watch('1', 'ws://x', start);
-  const sample = { vehicle: '1', topic: 'ros2_topics', vehicle_time_boot_s: null, received_unix_s: 1, value: inspection([topic('a')]) };
+  const sample = { vehicle: '1', topic: 'ros2_topics', vehicle_time_boot_s: null, received_unix_s: 1, value: listOf([topic('a')]) };
   panel.onFrame({ type: 'samples', samples: [{ ...sample, vehicle: '2' }] }, '1');
   expect(panel.content).toBeNull();
   panel.onFrame({ type: 'samples', samples: [sample] }, '1');

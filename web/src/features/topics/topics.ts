@@ -4,7 +4,7 @@ import type { components } from '../../api/schema';
 import { ageText } from '../../live/age';
 
 export type Topic = components['schemas']['Ros2Topic'];
-export type Inspection = components['schemas']['Ros2Topics'];
+export type TopicList = components['schemas']['Ros2Topics'];
 
 export interface Filter {
   text: string;
@@ -17,8 +17,8 @@ export const NO_FILTER: Filter = { text: '', withMessages: false };
 export const STALE_AFTER_S = 3;
 
 /** Reads the server's list of topics from a telemetry value; null if the value has another format. */
-export function readInspection(value: unknown): Inspection | null {
-  return typeof value === 'object' && value !== null && Array.isArray((value as Inspection).topics) ? (value as Inspection) : null;
+export function readTopicList(value: unknown): TopicList | null {
+  return typeof value === 'object' && value !== null && Array.isArray((value as TopicList).topics) ? (value as TopicList) : null;
 }
 
 /** Topics whose name or type contains each word of the filter. */
@@ -37,7 +37,7 @@ export function rateText(topic: Topic): string {
 }
 
 /** Age of the last message, or why there is none. @param since_s time since the list of topics was received. */
-export function lastText(topic: Topic, since_s: number): string {
+export function lastMessageText(topic: Topic, since_s: number): string {
   if (topic.age_s !== null) return `${ageText(topic.age_s + since_s)} ago`;
   if (topic.publishers === 0) return 'not published';
   return topic.type_known ? 'no message' : 'unknown type';
@@ -49,7 +49,7 @@ export function endpointsText(topic: Topic): string {
   return `${count(topic.publishers, 'publisher')}, ${count(topic.subscribers, 'subscriber')}`;
 }
 
-/** A field's value as text; null means NaN or infinite. */
+/** A field's value as text. The server sends null for NaN and infinite values; their text is NaN. */
 export function valueText(value: unknown): string {
   if (Array.isArray(value)) return value.map(valueText).join(', ');
   if (value === null) return 'NaN';
@@ -58,9 +58,9 @@ export function valueText(value: unknown): string {
 }
 
 /** DDS domain and number of topics, or the progress of the discovery. */
-export function stateText(inspection: Inspection | null): string {
-  if (inspection === null || inspection.state === 'starting') return 'discovering topics …';
-  const domain = `DDS domain ${inspection.domain_id}`;
-  const count = inspection.topics.length + inspection.left_out;
-  return inspection.state === 'failed' ? domain : `${domain} · ${count} ${count === 1 ? 'topic' : 'topics'}`;
+export function stateText(list: TopicList | null): string {
+  if (list === null || list.state === 'starting') return 'discovering topics …';
+  const domain = `DDS domain ${list.domain_id}`;
+  const count = list.topics.length + list.left_out;
+  return list.state === 'failed' ? domain : `${domain} · ${count} ${count === 1 ? 'topic' : 'topics'}`;
 }

@@ -3,7 +3,7 @@ import { ApiClient } from '../../api/client';
 import { TelemetryStore } from '../../live/store';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
 import { holdText, matchingRows, canRemove, rowOf, stateLabel, rowAfterKey } from './fleet';
-import { list } from './list.svelte';
+import { vehicleList } from './list.svelte';
 
 function facts(id: string, more: Partial<VehicleFacts> = {}, landedState = 'on_ground'): VehicleFacts {
   const store = new TelemetryStore(() => 100);
@@ -59,19 +59,19 @@ describe('list of vehicles', () => {
       return Promise.resolve(new Response(JSON.stringify({ results }), { status: 200 }));
     });
     const vehicles = Array.from({ length: 20 }, (_, i) => ({ id: String(i + 1), name: `${i + 1} Quad` }));
-    await list.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
+    await vehicleList.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
     expect(requests).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((vehicle) => vehicle.id) }]);
-    expect(list.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not confirmed: 7 Quad.', refused: true });
-    expect(list.holding).toBe(false);
+    expect(vehicleList.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not confirmed: 7 Quad.', refused: true });
+    expect(vehicleList.isHoldPending).toBe(false);
     expect(holdText(3, [])).toBe('All 3 vehicles switched to Hold.');
   });
 
   it('shows why the Hold request failed', async () => {
     const refusal = { title: 'Signed out', code: 'token', detail: 'The token is not valid.', remedy: 'Sign in again.' };
     const fetch = vi.fn(() => Promise.resolve(new Response(JSON.stringify(refusal), { status: 401 })));
-    await list.hold(new ApiClient('test', () => undefined, fetch as never), [{ id: '1', name: '1 Quad' }]);
-    expect(list.result).toEqual({ text: 'The token is not valid. Sign in again.', refused: true });
-    expect(list.holding).toBe(false);
+    await vehicleList.hold(new ApiClient('test', () => undefined, fetch as never), [{ id: '1', name: '1 Quad' }]);
+    expect(vehicleList.result).toEqual({ text: 'The token is not valid. Sign in again.', refused: true });
+    expect(vehicleList.isHoldPending).toBe(false);
   });
 
   it('removes a lost vehicle, and shows why a removal failed', async () => {
@@ -82,10 +82,10 @@ describe('list of vehicles', () => {
       return Promise.resolve(url.endsWith('/7') ? new Response(JSON.stringify(refusal), { status: 409 }) : new Response(null, { status: 204 }));
     });
     const api = new ApiClient('test', () => undefined, fetch as never);
-    await list.remove(api, { id: '3~2', name: '3~2 Quad' });
-    expect(list.result).toEqual({ text: '3~2 Quad was removed.', refused: false });
-    await list.remove(api, { id: '7', name: '7 Quad' });
-    expect(list.result).toEqual({ text: 'Vehicle 7 is connected on udp. Switch it off.', refused: true });
+    await vehicleList.remove(api, { id: '3~2', name: '3~2 Quad' });
+    expect(vehicleList.result).toEqual({ text: '3~2 Quad was removed.', refused: false });
+    await vehicleList.remove(api, { id: '7', name: '7 Quad' });
+    expect(vehicleList.result).toEqual({ text: 'Vehicle 7 is connected on udp. Switch it off.', refused: true });
     expect(requests.map(([url, method]) => [url.split('/').at(-1), method])).toEqual([
       ['3~2', 'DELETE'],
       ['7', 'DELETE'],

@@ -19,8 +19,7 @@ export interface Row {
   tone: 'danger' | 'caution' | 'dim';
   /** Remaining battery. */
   percent: number | null;
-  /** Whether the battery is low. */
-  low: boolean;
+  batteryLow: boolean;
   flying: boolean;
   needsAttention: boolean;
 }
@@ -38,8 +37,8 @@ export function stateLabel(facts: VehicleFacts): { text: string; tone: Row['tone
 
 export function rowOf(facts: VehicleFacts, index: number): Row {
   const percent = facts.battery?.value.remaining_percent ?? null;
-  const low = percent !== null && percent <= LOW_PERCENT;
-  return { facts, index, ...stateLabel(facts), percent, low, flying: !facts.lost && facts.inAir && !facts.replayed, needsAttention: facts.lost || low };
+  const batteryLow = percent !== null && percent <= LOW_PERCENT;
+  return { facts, index, ...stateLabel(facts), percent, batteryLow, flying: !facts.lost && facts.inAir && !facts.replayed, needsAttention: facts.lost || batteryLow };
 }
 
 /** Whether the vehicle can be removed from the server: its connection is lost, and it is not a replay. */

@@ -11,7 +11,7 @@ class VehicleList {
   text = $state('');
   filter = $state<Filter>('all');
   /** Whether the page is waiting for the result of a Hold command. */
-  holding = $state(false);
+  isHoldPending = $state(false);
   /** Result of the last command; null before the first command. */
   result = $state.raw<{ text: string; refused: boolean } | null>(null);
 
@@ -27,11 +27,11 @@ class VehicleList {
 
   /** Sends Hold to these vehicles in one request, without asking the person for confirmation. */
   async hold(api: ApiClient, vehicles: readonly { id: string; name: string }[]): Promise<void> {
-    if (this.holding || vehicles.length === 0) return;
+    if (this.isHoldPending || vehicles.length === 0) return;
     this.result = null;
-    this.holding = true;
+    this.isHoldPending = true;
     const outcome = await api.post('/hold', { body: { vehicles: vehicles.map((vehicle) => vehicle.id) } });
-    this.holding = false;
+    this.isHoldPending = false;
     if (outcome.ok) {
       const failed = new Set(outcome.value.results.filter((result) => !result.held).map((result) => result.vehicle));
       const unconfirmed = vehicles.filter((vehicle) => failed.has(vehicle.id)).map((vehicle) => vehicle.name);
@@ -49,4 +49,4 @@ class VehicleList {
   }
 }
 
-export const list = new VehicleList();
+export const vehicleList = new VehicleList();

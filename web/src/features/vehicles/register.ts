@@ -1,6 +1,6 @@
 import { page } from '../../app/page.svelte';
 import { registry } from '../../app/registry.svelte';
-import { list } from './list.svelte';
+import { vehicleList } from './list.svelte';
 import VehicleBar from './VehicleBar.svelte';
 import VehiclePanel from './VehiclePanel.svelte';
 
@@ -15,13 +15,13 @@ registry.addPanel({
   order: 15,
   place: 'side',
   component: VehiclePanel,
-  isOpen: () => list.open,
-  toggle: () => list.toggle(),
-  close: () => list.close(),
+  isOpen: () => vehicleList.open,
+  toggle: () => vehicleList.toggle(),
+  close: () => vehicleList.close(),
 });
 registry.addTo('vehicles', { order: 10, component: VehicleBar });
 registry.addKeys([
-  { order: 218, keys: 'J', description: 'Vehicle list: find, select, switch all flying vehicles to Hold', inScene: true, handlers: { j: () => list.toggle() } },
+  { order: 218, keys: 'J', description: 'Vehicle list: find, select, switch all flying vehicles to Hold', inScene: true, handlers: { j: () => vehicleList.toggle() } },
   {
     order: 220,
     keys: '1 … 9',

@@ -193,7 +193,7 @@ class SetpointEditor {
   }
 
   recordOutcome(lineId: number, outcome: Outcome<unknown>, roundTrip_s: number | null): void {
-    const limited = outcome.ok ? (readOffboard(outcome.value)?.limited ?? []) : [];
+    const limited = outcome.ok ? (readOffboard(outcome.value)?.limitTexts ?? []) : [];
     this.log.addResult(lineId, { note: outcome.ok ? limited.join(' ') || null : outcome.problem.detail, refused: !outcome.ok, roundTrip_s });
     this.sentLines = this.log.lines;
   }
