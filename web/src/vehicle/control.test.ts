@@ -39,8 +39,8 @@ function memory(): Storage {
 
 describe('control', () => {
   it('belongs to this page, to another client or to nobody, or is unknown', () => {
-    expect(controlState(ANNA_CONTROLS, 'a')).toBe('yours');
-    expect(controlState(ANNA_CONTROLS, 'b')).toBe('others');
+    expect(controlState(ANNA_CONTROLS, 'a')).toBe('this_page');
+    expect(controlState(ANNA_CONTROLS, 'b')).toBe('other_client');
     expect(controlState(FREE, 'a')).toBe('free');
     expect(controlState(ANNA_CONTROLS, null)).toBe('unknown');
     expect([chipText(ANNA_CONTROLS, 'a'), chipText(ANNA_CONTROLS, 'b'), chipText(FREE, 'a')]).toEqual([

@@ -8,30 +8,31 @@ export type ControlRequest = Control['requests'][number];
 /** Actions that need no control, so that every operator can stop a vehicle in danger. */
 const ACTIONS_WITHOUT_CONTROL: ReadonlySet<string> = new Set(['hold', 'land_now', 'kill', 'force_control']);
 
-export type ControlState = 'yours' | 'others' | 'free' | 'unknown';
+/** Who has control. */
+export type ControlState = 'this_page' | 'other_client' | 'free' | 'unknown';
 
 export function readControl(value: unknown): Control | null {
   return typeof value === 'object' && value !== null && Array.isArray((value as Control).requests) ? (value as Control) : null;
 }
 
-/** Who has control. @param key this page's key; null until the server has sent it. */
+/** @param key this page's key; null until the server has sent it. */
 export function controlState(control: Control | null, key: string | null): ControlState {
   if (control === null || key === null) return 'unknown';
   if (control.holder === null) return 'free';
-  return control.holder_key === key ? 'yours' : 'others';
+  return control.holder_key === key ? 'this_page' : 'other_client';
 }
 
 /** Name of another client that has control; null: this page may send commands. */
 export function otherControlHolder(control: Control | null, key: string | null): string | null {
-  return controlState(control, key) === 'others' ? (control?.holder ?? null) : null;
+  return controlState(control, key) === 'other_client' ? (control?.holder ?? null) : null;
 }
 
 /** Text of the chip that shows who has control. */
 export function chipText(control: Control | null, key: string | null): string {
   switch (controlState(control, key)) {
-    case 'yours':
+    case 'this_page':
       return 'You have control';
-    case 'others':
+    case 'other_client':
       return `${control?.holder ?? 'Another client'} has control`;
     case 'free':
       return 'Nobody has control';
@@ -61,7 +62,7 @@ export function requestOfThisPage(control: Control | null, key: string | null): 
 
 /** The first request that this page must answer; null if there is none, or if this page does not have control. */
 export function requestToAnswer(control: Control | null, key: string | null): ControlRequest | null {
-  return controlState(control, key) === 'yours' ? (control?.requests[0] ?? null) : null;
+  return controlState(control, key) === 'this_page' ? (control?.requests[0] ?? null) : null;
 }
 
 /** Why this page cannot take control by force yet; null if it can. */
