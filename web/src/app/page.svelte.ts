@@ -177,7 +177,7 @@ class Page {
 
   /** Whether the server streams setpoints to a vehicle now. */
   isStreaming(id: string): boolean {
-    return readOffboard(this.store.vehicles.get(id)?.raw('offboard')?.value)?.streaming ?? false;
+    return readOffboard(this.store.vehicles.get(id)?.newestSample('offboard')?.value)?.streaming ?? false;
   }
 
   /** Sets the topics of the values on the grid, and subscribes to them. */

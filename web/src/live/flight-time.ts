@@ -8,7 +8,7 @@ export interface FlightClock {
   /** False if the page connected during the flight: the flight time is then a lower bound. */
   exact: boolean;
   /** Whether a sample has reported the vehicle on the ground. */
-  seenGround: boolean;
+  wasOnGround: boolean;
   /** Duration of the last flight that ended [s]. */
   lastFlight_s: number | null;
   updated_unix_s: number;
@@ -17,14 +17,14 @@ export interface FlightClock {
 export const NO_FLIGHT: FlightClock = {
   airborneSince_unix_s: null,
   exact: true,
-  seenGround: false,
+  wasOnGround: false,
   lastFlight_s: null,
   updated_unix_s: 0,
 };
 
 /**
- * Whether a landed state means that the vehicle is not landed. PX4 reports `taking_off` from the moment at which its land
- * detector no longer reports "landed" until the take-off altitude is reached.
+ * Whether a landed state means that the vehicle is not landed. PX4 reports `taking_off` after its land detector has left
+ * the state "landed", until the vehicle reaches the take-off altitude.
  */
 export function isAirborne(landedState: string): boolean {
   return landedState === 'taking_off' || landedState === 'in_air' || landedState === 'landing';
@@ -43,11 +43,11 @@ export function updatedClock(clock: FlightClock, status: Status, unix_s: number)
   const next = { ...clock, updated_unix_s: unix_s };
   if (inFlight === null) return next;
   if (inFlight && clock.airborneSince_unix_s === null) {
-    return { ...next, airborneSince_unix_s: unix_s, exact: clock.seenGround };
+    return { ...next, airborneSince_unix_s: unix_s, exact: clock.wasOnGround };
   }
   if (!inFlight) {
     const since = clock.airborneSince_unix_s;
-    return { ...next, airborneSince_unix_s: null, exact: true, seenGround: true, lastFlight_s: since === null ? clock.lastFlight_s : unix_s - since };
+    return { ...next, airborneSince_unix_s: null, exact: true, wasOnGround: true, lastFlight_s: since === null ? clock.lastFlight_s : unix_s - since };
   }
   return next;
 }

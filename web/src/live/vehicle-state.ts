@@ -42,7 +42,7 @@ export interface Reading<T> {
 }
 
 export interface Message {
-  /** Time, kind and text of the event, which identify it. */
+  /** Identifies the message: time, kind and text of the event. */
   key: string;
   unix_s: number;
   severity: number;
@@ -111,7 +111,7 @@ export class VehicleState {
   }
 
   /** The newest sample of a topic; null before the first sample. */
-  raw(topic: string): StoredSample | null {
+  newestSample(topic: string): StoredSample | null {
     return this.samples.get(topic) ?? null;
   }
 

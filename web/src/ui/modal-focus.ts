@@ -25,7 +25,7 @@ export function restoresFocus(node: HTMLElement): { destroy: () => void } {
 }
 
 /**
- * For a confirmation: takes the focus and keeps it inside the node while the node exists; Tab moves it inside the node. Pointers still
+ * For a confirmation: takes the focus and keeps it inside the node while the node exists; Tab moves the focus inside the node. Pointers still
  * reach the rest of the page, for example Hold. When the node is removed, returns the focus.
  * @param first selector of the control that gets the focus first.
  */
@@ -47,7 +47,7 @@ export function modalFocus(node: HTMLElement, first: string): { destroy: () => v
     else if (lastFocused.isConnected) lastFocused.focus({ preventScroll: true });
     else focusableIn(node)[0]?.focus({ preventScroll: true });
   };
-  /** Takes the focus back after a click on a part that cannot have the focus, or in the 3D view, which causes no `focusin`. */
+  /** Takes the focus back after a click that causes no `focusin`: in the 3D view, or on a part that cannot have the focus. */
   const keepFocus = (): void =>
     void setTimeout(() => {
       if (node.isConnected && !node.contains(document.activeElement) && lastFocused.isConnected) lastFocused.focus({ preventScroll: true });

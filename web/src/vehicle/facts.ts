@@ -70,7 +70,7 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connecte
     health: vehicle.read('health', now_unix_s),
     gimbal: vehicle.read('gimbal', now_unix_s),
     offboard: offboard === null || stream === null ? null : { ...offboard, age_s: stream.age_s },
-    control: readControl(vehicle.raw('control')?.value),
+    control: readControl(vehicle.newestSample('control')?.value),
     components: vehicle.readAs<readonly Component[]>('components', now_unix_s)?.value ?? [],
     reach: vehicle.readAs<Reach>('reach', now_unix_s)?.value ?? null,
     homeDistance_m: global === null || home === null ? null : groundDistance_m(home.value, global.value),

@@ -76,7 +76,7 @@ export class LayerInput {
   }
 
   /** Handles Enter: grabs the point at the crosshair, or drops the grabbed point. @returns false: there is no point. */
-  enter(at: Pixel, addsToSelection: boolean): boolean {
+  handleEnter(at: Pixel, addsToSelection: boolean): boolean {
     if (this.movesByKeys) {
       this.movesByKeys = false;
       this.gesture?.end();

@@ -31,7 +31,7 @@ export interface SceneWindow extends Window {
 
 /**
  * The current camera; null while viser starts or reconnects.
- * @param origin origin of the drawn world while no vehicle has reported a position.
+ * @param origin origin of the world's ENU frame while no vehicle has reported a position.
  */
 export function cameraOf(sceneWindow: SceneWindow, origin: Required<LayerPosition>): SceneCamera | null {
   const { camera, nodeRefFromName } = sceneWindow.__viserMutable ?? {};

@@ -25,21 +25,21 @@ class Links {
       this.isKnown = links.ok && warnings.ok;
       this.list = links.ok ? (links.value.links ?? []) : [];
       this.notices = warnings.ok ? (warnings.value.warnings ?? []) : [];
-      this.measure();
+      this.measureRateAndLoss();
       setTimeout(() => void request(), POLL_INTERVAL_MS);
     };
     void request();
   }
 
-  private measure(): void {
+  private measureRateAndLoss(): void {
     const now = { bytes: this.list.reduce((sum, l) => sum + l.bytes_received, 0), at_ms: performance.now() };
     const received = this.lastCount === null ? -1 : now.bytes - this.lastCount.bytes;
     this.rate_bytes_s = this.lastCount === null || received < 0 ? null : (received / (now.at_ms - this.lastCount.at_ms)) * 1000;
     this.lastCount = this.isKnown ? now : null;
-    this.countLoss();
+    this.measureLoss();
   }
 
-  private countLoss(): void {
+  private measureLoss(): void {
     const vehicleLinks = this.list.filter((l) => !l.forward);
     const now = { received: vehicleLinks.reduce((sum, l) => sum + l.frames_received, 0), lost: vehicleLinks.reduce((sum, l) => sum + l.frames_lost, 0) };
     const last = this.counts.at(-1);
