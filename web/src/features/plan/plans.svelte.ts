@@ -384,7 +384,7 @@ function terrainNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notic
 }
 
 function problemText(failure: string, problem: Problem): string {
-  // For `unreachable`, `detail` warns that a command may have been executed. A person can simply repeat a request about plans.
+  // For `unreachable`, `detail` is about a command to a vehicle. A request about plans can simply be repeated.
   const why = problem.code === 'unreachable' ? ['The server did not answer.', 'Is it still running?'] : [problem.detail, problem.remedy];
   return [failure, ...why].filter((part) => part !== null && part !== '').join(' ');
 }

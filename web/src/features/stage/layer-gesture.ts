@@ -52,7 +52,8 @@ export function targetAt(view: LayerView, at: Pixel, points: readonly LayerPoint
   if (handle !== null) return { point: handle, part: 'handle' };
   const planPoints = points.filter((point) => point.mark !== 'midpoint');
   const midpoints = points.filter((point) => point.mark === 'midpoint');
-  const point = nearestWithin(view.pixelOf, at, planPoints, grabDistance_px) ?? nearestWithin(view.pixelOf, at, midpoints, grabDistance_px * MIDPOINT_GRAB_FRACTION);
+  const point =
+    nearestWithin(view.pixelOf, at, planPoints, grabDistance_px) ?? nearestWithin(view.pixelOf, at, midpoints, grabDistance_px * MIDPOINT_GRAB_FRACTION);
   return point === null ? null : { point, part: 'point' };
 }
 
@@ -113,7 +114,8 @@ export class LayerGesture {
     const grabbed = this.grabbed;
     this.grabbed = null;
     if (grabbed === null) return;
-    if (grabbed.movedId !== null) this.editor.drop(true); // keeps the new positions
+    if (grabbed.movedId !== null)
+      this.editor.drop(true); // keeps the new positions
     else if (grabbed.part === 'point') this.editor.pick(grabbed.point.id, grabbed.addsToSelection);
   }
 

@@ -134,11 +134,7 @@ export function mapVehicles(
     const position = { lat_deg, lon_deg };
     const requested = targetsOf(facts);
     const streamed = streamedSetpoint(facts, position);
-    const targets = [
-      streamed ?? requestedTarget('go', 'go-to target', requested.go),
-      requestedTarget('roi', 'ROI', requested.roi),
-      previewTarget(id, preview),
-    ];
+    const targets = [streamed ?? requestedTarget('go', 'go-to target', requested.go), requestedTarget('roi', 'ROI', requested.roi), previewTarget(id, preview)];
     vehicles.push({
       ...position,
       id,

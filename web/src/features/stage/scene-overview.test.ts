@@ -38,11 +38,9 @@ describe('the camera of the 3D view, when a plan is opened', () => {
     const moved = shownOverview();
     expect(moved.nextMove(MOVED_BY_PERSON, 'chase', false, false)).toBeNull();
     moved.refit();
-    expect([moved.nextMove(MOVED_BY_PERSON, 'chase', false, false), moved.nextMove(MOVED_BY_PERSON, 'chase', false, true), moved.end(MOVED_BY_PERSON)]).toEqual([
-      null,
-      null,
-      null,
-    ]);
+    expect([moved.nextMove(MOVED_BY_PERSON, 'chase', false, false), moved.nextMove(MOVED_BY_PERSON, 'chase', false, true), moved.end(MOVED_BY_PERSON)]).toEqual(
+      [null, null, null],
+    );
     const otherMode = new SceneOverview();
     otherMode.request('chase');
     expect(otherMode.nextMove(CHASE, 'top', false, false)).toBeNull();

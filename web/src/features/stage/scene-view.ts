@@ -20,7 +20,7 @@ export interface SceneCamera {
   /** Pose of the camera in viser's scene. */
   readonly pose: Matrix;
   readonly poseInverse: Matrix;
-  /** Pose of the world (viser's node `/world`, with ENU axes) in viser's scene; in some camera modes the server moves this node. */
+  /** Pose of the world (viser's node `/world`, with ENU axes) in viser's scene; some camera modes move this node. */
   readonly world: Matrix;
   /** Origin of the world's ENU frame. */
   readonly origin: Required<LayerPosition>;
@@ -110,7 +110,9 @@ export class SceneView implements LayerView {
   readonly positionAt = (at: Pixel, reference: LayerPosition): GeoPosition | null => {
     const point = this.enuOf(reference);
     const sight = normalize(subtract(point, this.eye));
-    return this.geoPosition(Math.abs(Math.asin(sight[2])) < LOW_ANGLE_RAD ? this.pointOnVerticalPlane(at, point, sight) : this.pointOnHorizontalPlane(at, point[2]));
+    return this.geoPosition(
+      Math.abs(Math.asin(sight[2])) < LOW_ANGLE_RAD ? this.pointOnVerticalPlane(at, point, sight) : this.pointOnHorizontalPlane(at, point[2]),
+    );
   };
 
   /** The ground position at a pixel; null: the sky, or too far away. */
@@ -139,7 +141,7 @@ export class SceneView implements LayerView {
 
   /**
    * The pose from which the camera shows all positions from above, with the camera's current bearing.
-   * @param freeFraction height of the area that no panel covers, as a fraction of the view's height.
+   * @param freeFraction the smaller side of the area that no panel covers, as a fraction of the view's height.
    * @returns position and target of the camera in viser's scene; null: there are no positions.
    */
   overviewPose(positions: readonly LayerPosition[], fov_rad: number, freeFraction: number): { eye: Vector; target: Vector } | null {

@@ -38,7 +38,15 @@ export function stateLabel(facts: VehicleFacts): { text: string; tone: Row['tone
 export function rowOf(facts: VehicleFacts, index: number): Row {
   const percent = facts.battery?.value.remaining_percent ?? null;
   const batteryLow = percent !== null && percent <= LOW_PERCENT;
-  return { facts, index, ...stateLabel(facts), percent, batteryLow, flying: !facts.lost && facts.inAir && !facts.replayed, needsAttention: facts.lost || batteryLow };
+  return {
+    facts,
+    index,
+    ...stateLabel(facts),
+    percent,
+    batteryLow,
+    flying: !facts.lost && facts.inAir && !facts.replayed,
+    needsAttention: facts.lost || batteryLow,
+  };
 }
 
 /** Whether the vehicle can be removed from the server: its connection is lost, and it is not a replay. */

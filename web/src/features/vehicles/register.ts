@@ -21,7 +21,13 @@ registry.addPanel({
 });
 registry.addTo('vehicles', { order: 10, component: VehicleBar });
 registry.addKeys([
-  { order: 218, keys: 'J', description: 'Vehicle list: find, select, switch all flying vehicles to Hold', inScene: true, handlers: { j: () => vehicleList.toggle() } },
+  {
+    order: 218,
+    keys: 'J',
+    description: 'Vehicle list: find, select, switch all flying vehicles to Hold',
+    inScene: true,
+    handlers: { j: () => vehicleList.toggle() },
+  },
   {
     order: 220,
     keys: '1 … 9',

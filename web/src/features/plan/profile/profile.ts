@@ -68,7 +68,14 @@ export function missionProfile(flight: CompiledFlight, ground: Ground, mission: 
       const beginsStep = i === 0 && leg.place !== lastPlace;
       lastPlace = leg.place;
       const at = flight.origin === null ? null : positionAt(flight.origin, { north_m, east_m });
-      points.push({ row: points.length, id: beginsStep ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, distance_m, alt_home_m: start_down_m - down_m, at });
+      points.push({
+        row: points.length,
+        id: beginsStep ? `step:${leg.place}` : null,
+        t_s: leg.start_s + t_s,
+        distance_m,
+        alt_home_m: start_down_m - down_m,
+        at,
+      });
     });
   return completeProfile(points, ground, mission, mission.home ?? null);
 }
