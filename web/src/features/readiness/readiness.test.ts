@@ -88,5 +88,5 @@ test('findings that block modes come first and name the modes', () => {
 test('the current mode is first, followed by the possible modes', () => {
   expect(modeRows(report, 'offboard').map((r) => r.mode)).toEqual(['offboard', 'hold', 'land', 'position']);
   expect(modeRows(report, null).at(-1)?.reason).not.toBe('');
-  expect(modeRows(report, 'offboard')[0]).toMatchObject({ current: true, why: 'No setpoints.' });
+  expect(modeRows(report, 'offboard')[0]).toMatchObject({ isCurrent: true, reason: 'No setpoints.' });
 });

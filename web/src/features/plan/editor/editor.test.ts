@@ -180,7 +180,7 @@ describe('plans on the server', () => {
     const plans = new Plans(api, editor, memory());
     const [newest, older] = (await plans.versions('abc')) ?? [];
     expect(await plans.openVersion(older as PlanVersion, newest as PlanVersion)).toBe(true);
-    expect([editor.plan.items.length, plans.saved, plans.current?.version, plans.notice?.older]).toEqual([0, false, 3, true]);
+    expect([editor.plan.items.length, plans.saved, plans.current?.version, plans.notice?.olderVersion]).toEqual([0, false, 3, true]);
     expect(plans.notice?.text).toContain('Version 2 of 3, saved by anna.');
     await plans.save();
     expect(requests.map(({ call }) => call)).toEqual(['GET /plans/abc/versions', 'GET /plans/abc?version=2', 'PUT /plans/abc']);
