@@ -11,7 +11,7 @@ from missions.runner.script import ScriptProgress
 from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import flight_steps, mission
 
-NORTH = Corridor(
+CORRIDOR = Corridor(
     ((0.0, 0.0, -10.0), (30.0, 0.0, -10.0), (30.0, 40.0, -10.0)), (1.0, 2.0, 2.0), (1.0,) * 3, (0.5,) * 3
 )
 
@@ -31,13 +31,13 @@ NORTH = Corridor(
     ],
 )
 def test_the_distance_outside_is_measured_from_the_nearest_part_of_the_corridor(position, outside_m):
-    watch = CorridorWatch(NORTH)
+    watch = CorridorWatch(CORRIDOR)
     watch.update(0.0, position)
     assert watch.outside_m == pytest.approx(outside_m, abs=1e-6)
 
 
-def test_only_a_long_deviation_is_reported_and_it_is_reported_once():
-    watch = CorridorWatch(NORTH)
+def test_only_a_long_time_outside_the_corridor_is_reported_and_only_once():
+    watch = CorridorWatch(CORRIDOR)
     outside, inside = (10.0, 20.0, -10.0), (10.0, 0.0, -10.0)
     assert not watch.update(0.0, outside)
     assert not watch.update(OUTSIDE_FOR_S - 0.1, outside)
@@ -51,9 +51,9 @@ def test_only_a_long_deviation_is_reported_and_it_is_reported_once():
 
 
 @pytest.mark.parametrize("changes", [{"beside_m": (1.0,)}, {"position_ned_m": ((0.0, 0.0, 0.0),)}])
-def test_bounds_that_do_not_match_the_path_are_refused(changes):
+def test_a_corridor_without_bounds_for_each_position_is_refused(changes):
     fields = {
-        "position_ned_m": NORTH.position_ned_m,
+        "position_ned_m": CORRIDOR.position_ned_m,
         "beside_m": (1.0,) * 3,
         "above_m": (1.0,) * 3,
         "below_m": (1.0,) * 3,
@@ -64,7 +64,7 @@ def test_bounds_that_do_not_match_the_path_are_refused(changes):
 
 def test_leaving_and_reentering_the_corridor_are_reported():
     fake = FakeFlight(
-        mission(flight_steps("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=NORTH
+        mission(flight_steps("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=CORRIDOR
     ).start()
     fake.until(lambda: fake.path[-1:] != [] and fake.path[-1][0] > 10.0)
     assert fake.status.outside_corridor_m == 0.0
@@ -84,13 +84,13 @@ def test_leaving_and_reentering_the_corridor_are_reported():
 def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
     fake = FakeFlight(mission(flight_steps("step: hold, duration_s: 5"))).start().until_state("flying")
     track, status = FlownTrack(), fake.status
-    sent = Reading(
+    reading_in_flight = Reading(
         position_ned_m=(3.0, 4.0, -10.0),
         stream="flying",
         progress=ScriptProgress(position_ned_m=(0.0, 0.0, -10.0)),
     )
-    for tenth in range(10 * 4 * MAX_SAMPLES):
-        track.record(tenth / 10, sent.position_ned_m, state_in_mission(sent, status))
+    for tick in range(10 * 4 * MAX_SAMPLES):
+        track.record(tick / 10, reading_in_flight.position_ned_m, state_in_mission(reading_in_flight, status))
     assert MAX_SAMPLES / 2 <= len(track.samples) <= MAX_SAMPLES
     assert track.samples[-1].t_s > 3.9 * MAX_SAMPLES
     assert (track.samples[0].deviation_m, track.samples[0].place) == (5.0, "step 2")

@@ -1,4 +1,4 @@
-"""The mission runner in a mode with a mode executor: the take-off, and an executor not in charge."""
+"""The mission runner in a mode with a mode executor: take-off, and an executor that loses control."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CLIMBING = ARMED._replace(mode="takeoff", landed="taking_off")
 AT_HEIGHT = CLIMBING._replace(landed="in_air", position_ned_m=(0.0, 0.0, -10.0))
 
 
-def taking_off() -> Runner:
+def runner_in_take_off() -> Runner:
     """A mission whose executor has commanded the take-off."""
     runner = Runner(compile_mission(mission(flight_steps(FLY))), "M", mode=MODE)
     assert [type(each) for each in runner.start(0.0, ARMED)] == [TakeOff]
@@ -32,59 +32,59 @@ def taking_off() -> Runner:
     return runner
 
 
-def commands(requests: list[Request]) -> list[type]:
+def command_types(requests: list[Request]) -> list[type]:
     return [
         type(each) for each in requests if isinstance(each, TakeOff | StreamScript | SetMode | StopStream)
     ]
 
 
-def test_the_take_off_is_complete_when_px4_reports_it_to_the_executor() -> None:
-    runner = taking_off()
-    assert commands(runner.tick(1.0, AT_HEIGHT)) == []
-    assert commands(runner.tick(1.1, AT_HEIGHT._replace(take_off_complete=True))) == [StreamScript]
+def test_the_take_off_is_complete_when_px4_reports_completion_to_the_executor() -> None:
+    runner = runner_in_take_off()
+    assert command_types(runner.tick(1.0, AT_HEIGHT)) == []
+    assert command_types(runner.tick(1.1, AT_HEIGHT._replace(take_off_complete=True))) == [StreamScript]
 
 
 def test_the_take_off_is_complete_after_hovering_if_the_report_is_lost() -> None:
-    runner = taking_off()
-    assert commands(runner.tick(1.0, AT_HEIGHT)) == []
-    assert commands(runner.tick(0.9 + HOVERS_AFTER_S, AT_HEIGHT)) == []
-    assert commands(runner.tick(1.0 + HOVERS_AFTER_S, AT_HEIGHT)) == [StreamScript]
+    runner = runner_in_take_off()
+    assert command_types(runner.tick(1.0, AT_HEIGHT)) == []
+    assert command_types(runner.tick(0.9 + HOVERS_AFTER_S, AT_HEIGHT)) == []
+    assert command_types(runner.tick(1.0 + HOVERS_AFTER_S, AT_HEIGHT)) == [StreamScript]
 
 
 def test_without_an_executor_a_take_off_is_complete_only_in_hold() -> None:
-    runner = taking_off()
+    runner = runner_in_take_off()
     without_executor = AT_HEIGHT._replace(executor_in_charge=None, take_off_complete=True)
-    assert commands(runner.tick(1.0, without_executor)) == []
-    assert commands(runner.tick(20.0, without_executor)) == []
-    assert commands(runner.tick(20.1, without_executor._replace(mode="hold", mode_source="vehicle"))) == [
-        StreamScript
-    ]
+    assert command_types(runner.tick(1.0, without_executor)) == []
+    assert command_types(runner.tick(20.0, without_executor)) == []
+    assert command_types(
+        runner.tick(20.1, without_executor._replace(mode="hold", mode_source="vehicle"))
+    ) == [StreamScript]
 
 
-def test_without_its_executor_in_charge_the_mission_requests_nothing_and_is_then_suspended() -> None:
-    runner = taking_off()
+def test_a_mission_whose_executor_is_not_in_charge_requests_nothing_and_is_suspended() -> None:
+    runner = runner_in_take_off()
     not_in_charge = AT_HEIGHT._replace(executor_in_charge=False, take_off_complete=True)
     assert runner.tick(1.0, not_in_charge) == []
-    assert commands(runner.tick(1.0 + CONFIRM_S, not_in_charge)) == [StopStream]
+    assert command_types(runner.tick(1.0 + CONFIRM_S, not_in_charge)) == [StopStream]
     assert runner.status(not_in_charge).reason == REPLACED
     assert runner.tick(9.0, not_in_charge) == []
 
 
 def test_an_executor_that_is_briefly_not_in_charge_does_not_suspend_the_mission() -> None:
-    runner = taking_off()
+    runner = runner_in_take_off()
     assert runner.tick(1.0, AT_HEIGHT._replace(executor_in_charge=False)) == []
     assert runner.tick(1.5, AT_HEIGHT) == []
     assert runner.tick(2.1, AT_HEIGHT._replace(executor_in_charge=False)) == []
     assert runner.in_charge
 
 
-@pytest.mark.parametrize("request_", [TakeOff(5.0), SetMode("land")])
+@pytest.mark.parametrize("failed_request", [TakeOff(5.0), SetMode("land")])
 def test_a_command_that_fails_while_the_executor_is_not_in_charge_suspends_the_mission(
-    request_: Request,
+    failed_request: Request,
 ) -> None:
-    runner = taking_off()
+    runner = runner_in_take_off()
     not_in_charge = CLIMBING._replace(executor_in_charge=False)
-    assert commands(runner.request_failed(request_, not_in_charge, "PX4 refused.")) == [StopStream]
+    assert command_types(runner.request_failed(failed_request, not_in_charge, "PX4 refused.")) == [StopStream]
     assert runner.status(not_in_charge).reason == REPLACED
 
 

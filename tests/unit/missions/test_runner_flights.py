@@ -22,7 +22,7 @@ from tests.support.mission_vehicle import STEP_S, FakeFlight
 from tests.support.offboard_missions import flight_steps, mission, timeline
 
 
-def test_each_kind_of_step_of_the_document_has_a_test_flight():
+def test_each_step_kind_of_the_mission_format_has_a_test_flight():
     assert set[str]().union(*map(step_kinds, STEPS.values())) == all_step_kinds()
     assert len(all_step_kinds()) >= 18
 
@@ -57,10 +57,10 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
     )
     fake.start().until_state("done")
     assert fake.count(Photo) == math.ceil(math.tau * 8 / 5)
-    points = [request for request in fake.requests if isinstance(request, PointGimbal)]
-    assert all(-math.pi / 2 <= p.pitch_rad < 0 for p in points)
+    gimbal_requests = [request for request in fake.requests if isinstance(request, PointGimbal)]
+    assert all(-math.pi / 2 <= p.pitch_rad < 0 for p in gimbal_requests)
     orbit_s = fake.runner.flight.course.segments[3].duration_s
-    assert len(points) > 5 * orbit_s
+    assert len(gimbal_requests) > 5 * orbit_s  # more than 5 requests per second
     assert fake.runner.flight.last_gimbal_request is None
 
 
@@ -83,16 +83,16 @@ def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
     fake.until_state("taking_off").until_state("done")
 
 
-def test_after_a_landing_the_mission_takes_off_again():
+def test_a_mission_can_take_off_again_after_a_landing():
     wait_on_ground = "- {step: wait, until: person, timeout_s: 600}\n"
     fake = FakeFlight(
         mission(flight_steps(FLY) + wait_on_ground + flight_steps("step: hold, duration_s: 1"))
     ).start()
     fake.until_state("waiting")
     assert fake.reading.armed is False
-    sent = len(fake.sent)
+    sent_count = len(fake.sent)
     fake.fly(3)
-    assert len(fake.sent) == sent
+    assert len(fake.sent) == sent_count
     fake.continue_after_question()
     fake.until_state("done")
     assert (fake.count(TakeOff), fake.modes()) == (2, ["land", "land"])
@@ -126,13 +126,13 @@ def test_the_next_take_off_or_landing_is_found_from_any_segment_and_again_after_
     course.choose(fulfilled=True)
     assert [course.next_px4_segment(index) for index in (count, 1, 0)] == [count, count, 0]
     assert course.flown_by_px4(count)
-    with_hold = Course(timeline(flight_steps(FLY, branch.replace("land", "hold, duration_s: 1"))))
-    with_hold.next_px4_segment(1)
-    with_hold.choose(fulfilled=True)
-    assert with_hold.next_px4_segment(1) == len(with_hold.segments) - 1 > count
+    course_with_hold = Course(timeline(flight_steps(FLY, branch.replace("land", "hold, duration_s: 1"))))
+    course_with_hold.next_px4_segment(1)
+    course_with_hold.choose(fulfilled=True)
+    assert course_with_hold.next_px4_segment(1) == len(course_with_hold.segments) - 1 > count
 
 
-def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
+def test_a_long_mission_is_sent_to_the_stream_in_parts_without_stops_between_them():
     laps = f"step: repeat, times: 30, steps: [{{step: orbit, {CENTER}}}, {{{FLY}}}]"
     fake = FakeFlight(mission(flight_steps(laps))).start()
     fake.until_state("flying")
@@ -158,7 +158,7 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
     [("continue", ["land"]), ("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])],
 )
 @pytest.mark.parametrize("until", ["person", "{value: satellites, above: 10}"])
-def test_a_wait_that_takes_too_long_executes_its_action(until, on_timeout, modes):
+def test_a_wait_that_takes_too_long_executes_its_timeout_action(until, on_timeout, modes):
     wait = f"step: wait, until: {until}, timeout_s: 5, on_timeout: {on_timeout}"
     fake = FakeFlight(mission(flight_steps(wait, FLY))).start()
     fake.set_reading(satellites=6)
@@ -166,7 +166,7 @@ def test_a_wait_that_takes_too_long_executes_its_action(until, on_timeout, modes
     assert fake.modes() == modes
 
 
-def test_a_condition_must_be_true_without_interruption():
+def test_a_wait_ends_only_after_its_condition_was_true_without_interruption():
     wait = "step: wait, until: {value: wind_speed_m_s, below: 5, for_s: 3}, timeout_s: 60"
     fake = FakeFlight(mission(flight_steps(wait, FLY))).start().until_state("waiting")
     for wind in (4.0, 7.0, 4.0, None):
@@ -196,4 +196,4 @@ def test_setpoints_are_continuous_through_pause_resume_skip_and_hold(kind):
     fake.until_state("done")
     positions = [(t, s.position_ned_m) for t, s in fake.sent if isinstance(s, Trajectory | Position)]
     for (t0, a), (t1, b) in itertools.pairwise(positions):
-        assert math.dist(a, b) <= STEP_S * 12.0 + 0.35, (t0, t1)
+        assert math.dist(a, b) <= STEP_S * 12.0 + 0.35, (t0, t1)  # 12 m/s, 0.35 m of tolerance

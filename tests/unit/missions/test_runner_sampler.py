@@ -34,7 +34,7 @@ def script_of_steps(*steps: str) -> Script:
 
 
 @functools.cache
-def shape(name: str) -> tuple[Script, np.ndarray]:
+def script_and_path(name: str) -> tuple[Script, np.ndarray]:
     """A script, and positions of its flight without a pause, (N, 3)."""
     script = script_of_steps(SHAPES[name])
     times = [np.arange(0.0, segment.duration_s, 0.01) for segment in script.segments]
@@ -44,95 +44,94 @@ def shape(name: str) -> tuple[Script, np.ndarray]:
     return script, np.concatenate(positions)
 
 
-def run(sampler: ScriptSampler, start_s: float, for_s: float, **motion):
+def sample_setpoints(sampler: ScriptSampler, start_s: float, for_s: float, **motion):
     """(time, setpoint) of each sample."""
     times = [start_s + k * STEP_S for k in range(1, round(for_s / STEP_S) + 1)]
     return [(t, sampler.at(t, **motion)) for t in times]
 
 
-def test_a_script_without_a_pause_equals_the_timeline():
+def test_the_setpoints_of_a_script_without_a_pause_equal_the_timeline():
     script = script_of_steps(LEGS, "step: hold, duration_s: 3", ORBIT)
     sampler, begin_s = ScriptSampler(script, 0.0), 0.0
     for index, segment in enumerate(script.segments):
         for k in range(1, int(segment.duration_s / 0.1)):
-            found = sampler.at(begin_s + k * 0.1)
+            setpoint = sampler.at(begin_s + k * 0.1)
             assert sampler.progress.index == index
-            assert found.position_ned_m == pytest.approx(segment.at(k * 0.1).position_ned_m, abs=1e-6)
+            assert setpoint.position_ned_m == pytest.approx(segment.at(k * 0.1).position_ned_m, abs=1e-6)
         begin_s += segment.duration_s
     assert sampler.at(begin_s + 0.1).position_ned_m == pytest.approx(script.segments[-1].end_ned_m)
 
 
 @pytest.mark.parametrize("name", sorted(SHAPES))
 @pytest.mark.parametrize("seed", range(5))
-def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name, seed):
+def test_a_pause_brakes_to_a_stop_on_the_path_within_the_acceleration_limit(name, seed):
     rng = random.Random(seed)
-    pause_s, stopped_for_s, resumed_for_s = (
+    before_pause_s, stopped_for_s, resumed_for_s = (
         rng.uniform(0.2, 20),
         rng.uniform(0.1, 6),
         rng.uniform(0.2, 4),
     )
-    script, path = shape(name)
+    script, path = script_and_path(name)
     sampler = ScriptSampler(script, 0.0)
-    sent = run(sampler, 0.0, pause_s)
+    sent = sample_setpoints(sampler, 0.0, before_pause_s)
     for paused, for_s in ((True, stopped_for_s), (False, resumed_for_s), (True, 8.0)):
         sampler.change_script(ScriptChange(paused=paused))
-        sent += run(sampler, sent[-1][0], for_s)
+        sent += sample_setpoints(sampler, sent[-1][0], for_s)
     assert sampler.progress.rate == 0.0
     last = sent[-1][1]
     assert math.hypot(*(last.velocity_ned_m_s if isinstance(last, Trajectory) else (0.0,))) == 0.0
-    limit = (
-        BRAKING_FACTOR * TimeScaleLimits().acceleration_m_s2 + 0.1
-    )  # tolerance, because the steps are not infinitely short
+    # The tolerance of 0.1 m/s² is needed because the steps have a finite length.
+    limit_m_s2 = BRAKING_FACTOR * TimeScaleLimits().acceleration_m_s2 + 0.1
     for (_, a), (_, b) in itertools.pairwise(sent):
         if not (isinstance(a, Trajectory) and isinstance(b, Trajectory)):
             continue
         north, east, down = b.acceleration_ned_m_s2
-        assert math.hypot(north, east) <= limit
-        assert abs(down) <= limit
-        moved = [(y - x) / STEP_S for x, y in zip(a.position_ned_m, b.position_ned_m, strict=True)]
-        middle = [(x + y) / 2 for x, y in zip(a.velocity_ned_m_s, b.velocity_ned_m_s, strict=True)]
-        assert math.dist(moved, middle) < 0.25
-        change = math.dist(a.velocity_ned_m_s, b.velocity_ned_m_s) / STEP_S
-        assert change <= math.hypot(limit, limit)
+        assert math.hypot(north, east) <= limit_m_s2
+        assert abs(down) <= limit_m_s2
+        mean_m_s = [(y - x) / STEP_S for x, y in zip(a.position_ned_m, b.position_ned_m, strict=True)]
+        expected_m_s = [(x + y) / 2 for x, y in zip(a.velocity_ned_m_s, b.velocity_ned_m_s, strict=True)]
+        assert math.dist(mean_m_s, expected_m_s) < 0.25
+        acceleration_m_s2 = math.dist(a.velocity_ned_m_s, b.velocity_ned_m_s) / STEP_S
+        assert acceleration_m_s2 <= math.hypot(limit_m_s2, limit_m_s2)
     sent_ned_m = np.array([s.position_ned_m for _, s in sent[::5]])
     distance_m = np.linalg.norm(sent_ned_m[:, None] - path[None], axis=2).min(axis=1)
     assert distance_m.max() < 0.1
     sampler.change_script(ScriptChange())
-    run(sampler, sent[-1][0], 120.0)
+    sample_setpoints(sampler, sent[-1][0], 120.0)
     assert sampler.progress.index == len(script.segments)
     assert math.dist(sampler.progress.position_ned_m, script.segments[-1].end_ned_m) < 1e-6
 
 
-def test_a_wait_holds_until_it_ends_and_a_pause_stops_only_the_motion():
+def test_a_wait_holds_until_a_script_change_ends_the_wait():
     script = script_of_steps(LEGS, "step: wait, until: person, timeout_s: 60", "step: hold, duration_s: 1")
     sampler = ScriptSampler(script, 0.0)
-    run(sampler, 0.0, 60.0)
+    sample_setpoints(sampler, 0.0, 60.0)
     assert (sampler.progress.waiting, sampler.progress.index) == (True, 1)
     sampler.change_script(ScriptChange(first_open_wait=2))
-    run(sampler, 60.0, 0.5)
+    sample_setpoints(sampler, 60.0, 0.5)
     assert (sampler.progress.waiting, sampler.progress.index) == (False, 2)
-    run(sampler, 60.5, 5.0)
+    sample_setpoints(sampler, 60.5, 5.0)
     assert sampler.progress.index == 3
 
 
 def test_segments_can_be_appended_while_the_vehicle_waits_at_the_end():
     segments = script_of_steps(LEGS, ORBIT).segments
     sampler = ScriptSampler(Script("Test", segments[:1]), 0.0)
-    sent = run(sampler, 0.0, 60.0)
+    sent = sample_setpoints(sampler, 0.0, 60.0)
     assert sampler.progress.index == 1
     assert sent[-1][1].position_ned_m == pytest.approx(segments[0].end_ned_m)
     sampler.change_script(ScriptChange(appended=segments[1:]))
-    run(sampler, 60.0, 1.0)
+    sample_setpoints(sampler, 60.0, 1.0)
     assert sampler.progress.index == 1
     assert sampler.progress.t_s > 0.5
 
 
-def test_an_interrupted_velocity_brakes_and_keeps_the_position_where_the_vehicle_stops():
+def test_a_paused_velocity_step_brakes_and_then_holds_the_position():
     sampler = ScriptSampler(script_of_steps(VELOCITY), 0.0)
-    run(sampler, 0.0, 4.0, position_ned_m=(9.0, 0.0, -10.0))
+    sample_setpoints(sampler, 0.0, 4.0, position_ned_m=(9.0, 0.0, -10.0))
     assert sampler.progress.position_ned_m is None
     sampler.change_script(ScriptChange(paused=True))
-    sent = run(sampler, 4.0, 5.0, position_ned_m=(11.0, 0.5, -10.0))
+    sent = sample_setpoints(sampler, 4.0, 5.0, position_ned_m=(11.0, 0.5, -10.0))
     speeds = [s.velocity_ned_m_s[0] for _, s in sent if isinstance(s, Velocity)]
     assert speeds == sorted(speeds, reverse=True)
     assert max(a - b for a, b in itertools.pairwise(speeds)) / STEP_S <= 3.1
@@ -140,44 +139,44 @@ def test_an_interrupted_velocity_brakes_and_keeps_the_position_where_the_vehicle
     assert sampler.progress.diverted
 
 
-def test_an_interrupted_attitude_brakes_the_vehicle():
+def test_a_paused_attitude_step_brakes_the_vehicle():
     sampler = ScriptSampler(script_of_steps(ATTITUDE), 0.0)
-    assert isinstance(run(sampler, 0.0, 2.0)[-1][1], Attitude)
+    assert isinstance(sample_setpoints(sampler, 0.0, 2.0)[-1][1], Attitude)
     sampler.change_script(ScriptChange(paused=True))
-    moving = {"position_ned_m": (3.0, 0.0, -9.0), "velocity_ned_m_s": (2.0, 0.0, 1.0)}
-    first = sampler.at(2.02, **moving)
-    assert isinstance(first, Velocity)
-    assert first.velocity_ned_m_s[0] == pytest.approx(2.0, abs=0.1)
-    sent = run(sampler, 2.02, 6.0, **moving)
+    motion = {"position_ned_m": (3.0, 0.0, -9.0), "velocity_ned_m_s": (2.0, 0.0, 1.0)}
+    first_setpoint = sampler.at(2.02, **motion)
+    assert isinstance(first_setpoint, Velocity)
+    assert first_setpoint.velocity_ned_m_s[0] == pytest.approx(2.0, abs=0.1)
+    sent = sample_setpoints(sampler, 2.02, 6.0, **motion)
     assert isinstance(sent[-1][1], Position)
 
 
-def test_after_a_velocity_the_vehicle_returns_before_the_next_segment_begins():
+def test_after_a_velocity_step_the_next_segment_begins_only_at_its_start():
     script = script_of_steps(VELOCITY, LEGS)
-    end = script.segments[0].end_ned_m
+    end_ned_m = script.segments[0].end_ned_m
     sampler = ScriptSampler(script, 0.0)
-    drifted = (end[0] - 4.0, end[1], end[2])
-    sent = run(sampler, 0.0, 12.0, position_ned_m=drifted)
+    drifted_ned_m = (end_ned_m[0] - 4.0, end_ned_m[1], end_ned_m[2])
+    sent = sample_setpoints(sampler, 0.0, 12.0, position_ned_m=drifted_ned_m)
     assert sampler.progress.index == 0
-    assert sent[-1][1] == Position(end, 0.0)
-    run(sampler, 12.0, 0.5, position_ned_m=end)
+    assert sent[-1][1] == Position(end_ned_m, 0.0)
+    sample_setpoints(sampler, 12.0, 0.5, position_ned_m=end_ned_m)
     assert sampler.progress.index == 1
 
 
 def test_after_a_stall_of_the_process_the_setpoints_do_not_jump_ahead():
     sampler = ScriptSampler(script_of_steps(LEGS), 0.0)
-    before = run(sampler, 0.0, 3.0)[-1][1]
+    before = sample_setpoints(sampler, 0.0, 3.0)[-1][1]
     after = sampler.at(8.0)
     assert math.dist(before.position_ned_m, after.position_ned_m) < 2.0
 
 
 def test_previewing_setpoints_does_not_change_the_flight():
     script = script_of_steps(LEGS)
-    a, b = ScriptSampler(script, 0.0), ScriptSampler(script, 0.0)
+    previewed_sampler, other_sampler = ScriptSampler(script, 0.0), ScriptSampler(script, 0.0)
     for k in range(1, 100):
-        assert a.at(k * STEP_S) == b.at(k * STEP_S)
-        later = a.setpoint_ahead(3.0)
-    assert math.dist(later.position_ned_m, a.at(100 * STEP_S).position_ned_m) > 1.0
+        assert previewed_sampler.at(k * STEP_S) == other_sampler.at(k * STEP_S)
+        preview = previewed_sampler.setpoint_ahead(3.0)
+    assert math.dist(preview.position_ned_m, previewed_sampler.at(100 * STEP_S).position_ned_m) > 1.0
 
 
 def test_the_first_setpoint_is_repeated_until_the_flight_begins():

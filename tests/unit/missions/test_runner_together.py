@@ -16,18 +16,18 @@ from missions.runner.status import CannotDo
 from tests.support.joint_flight import JointFlight
 
 TAKE_OFF, LAND = "{step: take_off, height_m: 10}", "{step: land}"
-HIGH = "{step: take_off, height_m: 30}"
+HIGH_TAKE_OFF = "{step: take_off, height_m: 30}"
 
 
-def fly(north: float) -> str:
-    return f"{{step: fly, points: [{{offset_ned_m: [{north}, 0, -10]}}]}}"
+def fly_step(north_m: float) -> str:
+    return f"{{step: fly, points: [{{offset_ned_m: [{north_m}, 0, -10]}}]}}"
 
 
-def meet(name: str, timeout_s: float = 120) -> str:
+def meet_step(name: str, timeout_s: float = 120) -> str:
     return f"{{step: meet, meeting: {name}, timeout_s: {timeout_s}}}"
 
 
-def show(lead: str, left: str, **actions: str) -> str:
+def mission_text(lead: str, left: str, **actions: str) -> str:
     action_fields = ", ".join(f"{name}: {action}" for name, action in actions.items())
     return (
         f"name: Show\nactions: {{{action_fields}}}\nroles:\n"
@@ -35,22 +35,22 @@ def show(lead: str, left: str, **actions: str) -> str:
     )
 
 
-LONG = show(f"{TAKE_OFF}, {fly(200)}, {LAND}", f"{TAKE_OFF}, {fly(200)}, {LAND}")
-FLYING = show(fly(200), fly(200))
+LONG_MISSION = mission_text(f"{TAKE_OFF}, {fly_step(200)}, {LAND}", f"{TAKE_OFF}, {fly_step(200)}, {LAND}")
+IN_FLIGHT_MISSION = mission_text(fly_step(200), fly_step(200))
 
 
 def in_flight(**actions: str) -> JointFlight:
     """Two vehicles in the middle of a flight."""
     return (
-        JointFlight(show(fly(200), fly(200), **actions), in_air=("lead", "left"))
+        JointFlight(mission_text(fly_step(200), fly_step(200), **actions), in_air=("lead", "left"))
         .start()
         .until_states(lead="flying", left="flying")
         .fly(5.0)
     )
 
 
-def test_both_take_off_at_the_same_time_and_each_flies_its_path():
-    joint_flight = JointFlight(show(f"{TAKE_OFF}, {LAND}", f"{HIGH}, {LAND}")).start()
+def test_both_vehicles_take_off_at_the_same_time_and_complete_the_mission():
+    joint_flight = JointFlight(mission_text(f"{TAKE_OFF}, {LAND}", f"{HIGH_TAKE_OFF}, {LAND}")).start()
     joint_flight.until(lambda: joint_flight.flights["lead"].count(TakeOff) > 0)
     assert joint_flight.flights["left"].count(TakeOff) == 1
     joint_flight.until_states(lead="done", left="done")
@@ -58,7 +58,7 @@ def test_both_take_off_at_the_same_time_and_each_flies_its_path():
 
 
 def test_no_vehicle_starts_if_one_vehicle_cannot_start():
-    joint_flight = JointFlight(LONG)
+    joint_flight = JointFlight(LONG_MISSION)
     joint_flight.flights["left"].set_reading(estimates=frozenset({"velocity"}))
     with pytest.raises(CannotDo, match="role left: there is no valid estimate of position"):
         joint_flight.start()
@@ -67,17 +67,16 @@ def test_no_vehicle_starts_if_one_vehicle_cannot_start():
 
 
 def test_in_flight_no_vehicle_moves_until_all_are_in_offboard():
-    joint_flight = JointFlight(FLYING, in_air=("lead", "left"))
-    delayed = joint_flight.flights["left"]
-    delayed_requests, real_execute = [], delayed.execute
-    delayed.execute = lambda requests: delayed_requests.extend(
-        requests
-    )  # the switch of "left" to Offboard is still pending
+    joint_flight = JointFlight(IN_FLIGHT_MISSION, in_air=("lead", "left"))
+    delayed_flight = joint_flight.flights["left"]
+    delayed_requests, real_execute = [], delayed_flight.execute
+    # The switch of "left" to Offboard is still pending.
+    delayed_flight.execute = lambda requests: delayed_requests.extend(requests)
     joint_flight.start().fly(5)
     assert joint_flight.current_steps() == {"lead": "lead, start", "left": "left, start"}
     assert joint_flight.flights["lead"].path[-1][0] == 0.0
-    delayed.execute = real_execute
-    delayed.execute(delayed_requests)
+    delayed_flight.execute = real_execute
+    delayed_flight.execute(delayed_requests)
     joint_flight.until(
         lambda: set(joint_flight.current_steps().values()) == {"lead, step 1", "left, step 1"}, 2
     )
@@ -86,9 +85,12 @@ def test_in_flight_no_vehicle_moves_until_all_are_in_offboard():
     assert lead == left > 5.0
 
 
-def test_at_a_meeting_the_first_waits_for_the_last_and_both_leave_at_the_same_time():
+def test_the_first_vehicle_at_a_meeting_waits_and_both_leave_at_the_same_time():
     joint_flight = JointFlight(
-        show(f"{TAKE_OFF}, {meet('up')}, {fly(20)}, {LAND}", f"{HIGH}, {meet('up')}, {fly(20)}, {LAND}")
+        mission_text(
+            f"{TAKE_OFF}, {meet_step('up')}, {fly_step(20)}, {LAND}",
+            f"{HIGH_TAKE_OFF}, {meet_step('up')}, {fly_step(20)}, {LAND}",
+        )
     ).start()
     joint_flight.until_states(lead="waiting", left="taking_off").fly(3)
     assert joint_flight.current_steps()["lead"] == "lead, step 2"
@@ -100,7 +102,8 @@ def test_at_a_meeting_the_first_waits_for_the_last_and_both_leave_at_the_same_ti
 
 def test_a_meeting_that_one_vehicle_does_not_reach_ends_the_mission_and_all_hold():
     joint_flight = JointFlight(
-        show(f"{meet('x', 5)}, {fly(20)}", f"{fly(500)}, {meet('x')}"), ("lead", "left")
+        mission_text(f"{meet_step('x', 5)}, {fly_step(20)}", f"{fly_step(500)}, {meet_step('x')}"),
+        ("lead", "left"),
     ).start()
     joint_flight.until_states(lead="stopped", left="stopped")
     assert "Not all vehicles arrived at the meeting 'x' within 5 s" in str(
@@ -112,7 +115,8 @@ def test_a_meeting_that_one_vehicle_does_not_reach_ends_the_mission_and_all_hold
 def at_meeting() -> JointFlight:
     """The vehicle "lead" waits at a meeting, and the vehicle "left" is flying to the meeting."""
     joint_flight = JointFlight(
-        show(f"{fly(5)}, {meet('x')}", f"{fly(200)}, {meet('x')}"), in_air=("lead", "left")
+        mission_text(f"{fly_step(5)}, {meet_step('x')}", f"{fly_step(200)}, {meet_step('x')}"),
+        in_air=("lead", "left"),
     )
     return (
         joint_flight.start()
@@ -137,7 +141,7 @@ EVENTS = {
     "operator's Hold": lambda flight: flight.change_mode("hold", "command", "Bob commanded Hold"),
     "stream ended": lambda flight: flight.set_reading(stream="ending", stream_text="The stream failed"),
     "low battery": lambda flight: flight.set_reading(battery_share=0.1),
-    "abort of its runner": lambda flight: flight.abort("land"),
+    "abort of one runner": lambda flight: flight.abort("land"),
     "link loss": lose_link_for_a_moment,
     "lost position": lose_position,
 }
@@ -156,32 +160,34 @@ def test_when_one_vehicle_leaves_the_mission_the_other_holds_and_the_mission_end
         joint_flight.runner.resume(joint_flight.now_s, joint_flight.readings(), "Alice")
 
 
-def test_a_vehicle_that_takes_off_also_holds_and_a_vehicle_that_lands_continues():
-    joint_flight = JointFlight(show(f"{HIGH}, {fly(20)}", f"{TAKE_OFF}, {LAND}")).start()
+def test_when_one_vehicle_leaves_a_take_off_is_stopped_and_a_landing_continues():
+    joint_flight = JointFlight(
+        mission_text(f"{HIGH_TAKE_OFF}, {fly_step(20)}", f"{TAKE_OFF}, {LAND}")
+    ).start()
     joint_flight.until_states(lead="taking_off", left="landing")
     joint_flight.flights["lead"].change_mode("position", "pilot")
     joint_flight.until(lambda: joint_flight.runner.over, 2)
     assert joint_flight.flights["left"].modes() == ["land"]
-    other = (
-        JointFlight(show(f"{HIGH}, {fly(20)}", f"{TAKE_OFF}, {fly(90)}"))
+    second_flight = (
+        JointFlight(mission_text(f"{HIGH_TAKE_OFF}, {fly_step(20)}", f"{TAKE_OFF}, {fly_step(90)}"))
         .start()
         .until_states(lead="taking_off", left="flying")
     )
-    other.flights["left"].change_mode("position", "pilot")
-    other.until(lambda: other.runner.over, 2)
-    assert other.flights["lead"].modes() == ["hold"]
+    second_flight.flights["left"].change_mode("position", "pilot")
+    second_flight.until(lambda: second_flight.runner.over, 2)
+    assert second_flight.flights["lead"].modes() == ["hold"]
 
 
 def test_a_pause_holds_all_vehicles_and_resume_continues_all():
     joint_flight = in_flight()
     joint_flight.execute(joint_flight.runner.pause(joint_flight.now_s, joint_flight.readings(), "Alice"))
     joint_flight.until_states(lead="paused", left="paused").fly(3)
-    before = [flight.path[-1] for flight in joint_flight.flights.values()]
+    positions_before = [flight.path[-1] for flight in joint_flight.flights.values()]
     joint_flight.execute(joint_flight.runner.resume(joint_flight.now_s, joint_flight.readings(), "Alice"))
     joint_flight.fly(5)
     assert all(
         flight.path[-1][0] > position[0]
-        for flight, position in zip(joint_flight.flights.values(), before, strict=True)
+        for flight, position in zip(joint_flight.flights.values(), positions_before, strict=True)
     )
 
 
@@ -194,7 +200,11 @@ def test_a_change_of_control_of_one_vehicle_pauses_all_vehicles():
 
 def test_vehicles_paused_at_a_meeting_leave_it_only_after_resume():
     joint_flight = JointFlight(
-        show(f"{fly(10)}, {meet('x')}, {fly(90)}", f"{fly(60)}, {meet('x')}, {fly(0)}"), ("lead", "left")
+        mission_text(
+            f"{fly_step(10)}, {meet_step('x')}, {fly_step(90)}",
+            f"{fly_step(60)}, {meet_step('x')}, {fly_step(0)}",
+        ),
+        ("lead", "left"),
     )
     joint_flight.start().until_states(lead="waiting", left="flying")
     joint_flight.execute(joint_flight.runner.pause(joint_flight.now_s, joint_flight.readings(), "Alice"))
@@ -221,7 +231,7 @@ def test_an_abort_ends_the_mission_of_all_vehicles():
     assert [flight.modes() for flight in joint_flight.flights.values()] == [["land"], ["land"]]
 
 
-def test_the_example_is_safe_for_vehicles_7_m_apart_and_flown_to_its_end():
+def test_the_two_vehicle_example_is_safe_at_7_m_and_is_flown_to_its_end():
     text = (Path(__file__).parents[3] / "missions/examples/two_vehicle_show.yaml").read_text()
     mission = read(text)
     origin = LocalOrigin(47.0, 8.0, 480.0)

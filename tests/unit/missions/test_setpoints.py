@@ -9,15 +9,15 @@ from missions import setpoints
 from missions.setpoints import KINDS, Path, PathPoint, Setpoint, complete_vector, zeros_for_none
 
 
-def test_each_kind_is_in_the_list_under_its_name():
-    declared = {
+def test_each_setpoint_kind_is_listed_under_its_type_name():
+    declared_kinds = {
         value
         for value in vars(setpoints).values()
         if dataclasses.is_dataclass(value) and isinstance(getattr(value, "type", None), str)
     }
-    assert set(get_args(Setpoint)) == declared
+    assert set(get_args(Setpoint)) == declared_kinds
     assert {name: kind.type for name, kind in KINDS.items()} == {name: name for name in KINDS}
-    assert len(KINDS) == len(declared)
+    assert len(KINDS) == len(declared_kinds)
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.type)
@@ -29,7 +29,7 @@ def test_a_setpoint_cannot_be_changed(kind):
 
 
 @pytest.mark.parametrize(
-    ("setpoint", "needs"),
+    ("setpoint", "estimates"),
     [
         (setpoints.Trajectory(position_ned_m=(1.0, 2.0, 3.0)), ("position", "velocity")),
         (setpoints.Trajectory(velocity_ned_m_s=(1.0, 0.0, 0.0)), ("velocity",)),
@@ -41,8 +41,8 @@ def test_a_setpoint_cannot_be_changed(kind):
         (setpoints.Follow("2", (5.0, 0.0, 0.0), yaw="same"), ("position", "velocity", "global_position")),
     ],
 )
-def test_a_setpoint_needs_the_estimates_for_its_fields(setpoint, needs):
-    assert setpoints.needs_of(setpoint) == needs
+def test_a_setpoint_needs_the_estimates_for_its_fields(setpoint, estimates):
+    assert setpoints.needs_of(setpoint) == estimates
 
 
 def test_a_vector_is_complete_only_with_all_its_axes():

@@ -21,7 +21,7 @@ WAYPOINTS = """QGC WPL 110
 """
 
 
-def only_items(plan: Plan) -> Plan:
+def items_and_home(plan: Plan) -> Plan:
     return Plan(items=plan.items, planned_home=plan.planned_home)
 
 
@@ -39,9 +39,9 @@ def test_a_waypoints_file_is_read_with_home_and_frames_and_jumps() -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(homes=HOMES))
-def test_any_items_are_unchanged_after_writing_and_reading_a_waypoints_file(plan: Plan) -> None:
+def test_items_and_home_are_unchanged_after_writing_and_reading_a_waypoints_file(plan: Plan) -> None:
     written = waypoints.write(plan)
-    assert waypoints.read(written.data).plan == only_items(plan)
+    assert waypoints.read(written.data).plan == items_and_home(plan)
     assert bool(written.notes) == bool(
         plan.fence or plan.rally_points or plan.obstacles or plan.hover_speed_m_s or plan.cruise_speed_m_s
     )
@@ -49,11 +49,11 @@ def test_any_items_are_unchanged_after_writing_and_reading_a_waypoints_file(plan
 
 @settings(deadline=None, max_examples=30)
 @given(plan=plans(altitudes=RESOLVED_ALTITUDES))
-def test_any_items_are_unchanged_after_writing_and_reading_a_table(plan: Plan) -> None:
+def test_items_are_unchanged_after_writing_and_reading_a_table(plan: Plan) -> None:
     assert csv_table.read(csv_table.write(plan).data).plan == Plan(items=plan.items)
 
 
-def test_a_plan_without_home_cannot_be_a_waypoints_file() -> None:
+def test_a_plan_without_home_cannot_be_written_as_a_waypoints_file() -> None:
     with pytest.raises(PlanError, match="field planned_home: the first line"):
         waypoints.write(Plan())
 
@@ -80,7 +80,7 @@ def test_the_error_for_an_invalid_line_names_its_column(old: str, new: str, mess
 TABLE = "lat_deg;lon_deg;altitude_m;altitude_reference;hold_s\n47.1;8.2;20;home;\n47.2;8.3;520.5;amsl;3\n"
 
 
-def test_a_simple_table_of_points_is_a_plan() -> None:
+def test_a_table_of_points_is_read_as_a_plan() -> None:
     first, second = csv_table.read("\ufeff".encode() + TABLE.encode()).plan.items
     assert first == Waypoint(lat_deg=47.1, lon_deg=8.2, altitude=Altitude(value_m=20.0, reference="home"))
     assert isinstance(second, Waypoint)

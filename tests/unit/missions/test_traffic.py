@@ -26,43 +26,43 @@ ORIGIN = LocalOrigin(47.0, 8.0, 500.0)
 REQUIRED_M = 5.0 + planned_margin_m()
 
 
-def item_at(kind, north_m, east_m, alt_m, **more):
+def item_at(kind, north_m, east_m, alt_m, **fields):
     lat, lon, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
     return {
         "kind": kind,
         "lat_deg": lat,
         "lon_deg": lon,
         "altitude": {"value_m": alt_m, "reference": "home"},
-        **more,
+        **fields,
     }
 
 
-def line_items(*, east_m=0.0, alt_m=20.0, hold_s=0.0, north=False, land=True):
-    """A straight path of 200 m: east from home or, with `north`, north at `east_m`.
+def line_items(*, east_m=0.0, alt_m=20.0, hold_s=0.0, northward=False, land=True):
+    """A straight path of 200 m: eastward from home, or with `northward` northward at `east_m`.
 
     The vehicle holds for `hold_s` above its take-off, which delays the flight.
     """
-    begin, end = ((-100.0, east_m), (100.0, east_m)) if north else ((0.0, 0.0), (0.0, 200.0))
+    begin, end = ((-100.0, east_m), (100.0, east_m)) if northward else ((0.0, 0.0), (0.0, 200.0))
     items = [item_at("takeoff", *begin, alt_m), item_at("waypoint", *begin, alt_m, hold_s=hold_s)]
     items.append(item_at("waypoint", *end, alt_m))
     return [*items, item_at("land", *end, 0)] if land else items
 
 
-def predicted_path(items, vehicle="1", *, frame=ORIGIN, **more):
+def predicted_path(items, vehicle="1", *, frame=ORIGIN, **options):
     plan = plan_document.read(json.dumps({"items": items}))
     first = items[0]
     home = HomePosition(lat_deg=first["lat_deg"], lon_deg=first["lon_deg"], alt_amsl_m=500.0)
     planned = estimate_passes(plan, VehicleModel(), home, frame)
-    return predict_plan(vehicle, frame, planned, ends_in_air=not ends_with_landing(plan), **more)
+    return predict_plan(vehicle, frame, planned, ends_in_air=not ends_with_landing(plan), **options)
 
 
 def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_item_time_and_distance():
     found = first_conflict(
-        predicted_path(line_items(), "2"), predicted_path(line_items(east_m=100.0, north=True))
+        predicted_path(line_items(), "2"), predicted_path(line_items(east_m=100.0, northward=True))
     )
     assert (found.vehicle, found.other, found.place, found.other_place) == ("2", "1", "item 3", "item 3")
     assert found.along_m == pytest.approx(20 + 100, abs=25)
-    assert found.after_s == pytest.approx(20 / 1.5 + 20, abs=6)
+    assert found.after_s == pytest.approx(20 / 1.5 + 100 / 5, abs=6)  # climb at 1.5 m/s, flight at 5 m/s
     assert found.distance_m < 1.0
     assert found.position_deg == pytest.approx(ORIGIN.to_geodetic((0, 100, 0))[:2], abs=3e-4)
     assert "vehicle 2 may come within" in found.text
@@ -70,40 +70,43 @@ def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_item_time_and
     assert "Required: 5 m plus 1.9 m of margin" in found.text
 
 
-def test_paths_that_cross_at_different_times_are_no_conflict_beyond_the_accuracy_of_the_times():
-    other = predicted_path(line_items(east_m=100.0, north=True))
+def test_paths_that_cross_at_clearly_different_times_are_no_conflict():
+    other = predicted_path(line_items(east_m=100.0, northward=True))
     assert first_conflict(predicted_path(line_items(hold_s=20), "2"), other) is not None, (
-        "the times may differ by that much"
+        "20 s are within the uncertainty of the times"
     )
     assert first_conflict(predicted_path(line_items(hold_s=90), "2"), other) is None
 
 
 def test_a_vehicle_may_follow_another_on_the_same_path_if_it_starts_late_enough():
-    ahead = {"index": 2, "t_s": 20 / 1.5 + 42}
+    far_ahead = {"index": 2, "t_s": 20 / 1.5 + 42}
     assert (
         first_conflict(
             predicted_path(line_items(), "2"), predicted_path(line_items(), index=2, t_s=20 / 1.5 + 8)
         )
         is not None
     )
-    assert first_conflict(predicted_path(line_items(), "2"), predicted_path(line_items(), **ahead)) is None
+    assert (
+        first_conflict(predicted_path(line_items(), "2"), predicted_path(line_items(), **far_ahead)) is None
+    )
     assert first_conflict(predicted_path(line_items(), "2"), predicted_path(line_items())) is not None, (
         "both start at the same position"
     )
 
 
 def test_two_crossing_paths_may_be_separated_by_altitude():
-    other = predicted_path(line_items(east_m=100.0, north=True))
+    other = predicted_path(line_items(east_m=100.0, northward=True))
     assert first_conflict(predicted_path(line_items(alt_m=20 + REQUIRED_M + 0.5), "2"), other) is None
     found = first_conflict(predicted_path(line_items(alt_m=20 + REQUIRED_M - 0.5), "2"), other)
     assert found.distance_m == pytest.approx(REQUIRED_M - 0.5, abs=0.1)
 
 
 def test_a_vehicle_that_has_already_landed_causes_no_conflict():
-    short = [item_at("takeoff", 0, 100, 20), item_at("land", 0, 100, 0)]
-    assert first_conflict(predicted_path(line_items(hold_s=90), "2"), predicted_path(short)) is None
+    short_flight = [item_at("takeoff", 0, 100, 20), item_at("land", 0, 100, 0)]
+    assert first_conflict(predicted_path(line_items(hold_s=90), "2"), predicted_path(short_flight)) is None
     assert (
-        first_conflict(predicted_path(line_items(hold_s=90), "2"), predicted_path(short[:1])) is not None
+        first_conflict(predicted_path(line_items(hold_s=90), "2"), predicted_path(short_flight[:1]))
+        is not None
     ), "the other vehicle stays in the air"
 
 
@@ -120,11 +123,11 @@ def test_a_vehicle_that_hovers_on_the_path_is_a_conflict_at_any_time():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_conflict_is_found_exactly_if_a_comparison_of_all_pairs_finds_a_conflict(seed):
-    random = np.random.default_rng(seed)
+def test_the_first_conflict_agrees_with_a_comparison_of_all_pairs_of_positions(seed):
+    rng = np.random.default_rng(seed)
 
     def random_items():
-        points = [(*random.uniform(-60, 60, 2).tolist(), float(random.uniform(10, 50))) for _ in range(4)]
+        points = [(*rng.uniform(-60, 60, 2).tolist(), float(rng.uniform(10, 50))) for _ in range(4)]
         return [item_at("takeoff", *points[0]), *(item_at("waypoint", *each) for each in points[1:])]
 
     path, other = predicted_path(random_items(), "2"), predicted_path(random_items())
@@ -138,32 +141,33 @@ def test_a_conflict_is_found_exactly_if_a_comparison_of_all_pairs_finds_a_confli
     found = first_conflict(path, other)
     assert (found is not None) == bool(distance_m.min() < REQUIRED_M)
     if found is not None:
-        near = first[distance_m < REQUIRED_M]
-        assert path.t_s[near.min()] <= found.after_s
+        near_rows = first[distance_m < REQUIRED_M]
+        assert path.t_s[near_rows.min()] <= found.after_s
         assert found.distance_m >= distance_m.min() - 1e-6
 
 
 def test_paths_in_different_local_frames_are_compared():
     frame = LocalOrigin(47.001, 8.002, 480.0)
-    found = first_conflict(
-        predicted_path(line_items(), "2"), predicted_path(line_items(east_m=100.0, north=True), frame=frame)
+    in_other_frame = first_conflict(
+        predicted_path(line_items(), "2"),
+        predicted_path(line_items(east_m=100.0, northward=True), frame=frame),
     )
-    same = first_conflict(
-        predicted_path(line_items(), "2"), predicted_path(line_items(east_m=100.0, north=True))
+    in_same_frame = first_conflict(
+        predicted_path(line_items(), "2"), predicted_path(line_items(east_m=100.0, northward=True))
     )
-    assert found.distance_m == pytest.approx(same.distance_m, abs=0.5)
-    assert found.after_s == pytest.approx(same.after_s, abs=1.0)
+    assert in_other_frame.distance_m == pytest.approx(in_same_frame.distance_m, abs=0.5)
+    assert in_other_frame.after_s == pytest.approx(in_same_frame.after_s, abs=1.0)
 
 
 def test_the_flown_part_of_a_path_is_not_compared():
-    crossing = predicted_path(line_items(east_m=100.0, north=True), index=3, t_s=60.0)
+    crossing = predicted_path(line_items(east_m=100.0, northward=True), index=3, t_s=60.0)
     assert first_conflict(predicted_path(line_items(), "2"), crossing) is None
 
 
-def test_a_vehicle_off_its_path_is_expected_to_fly_straight_to_its_item():
+def test_a_vehicle_off_its_path_is_expected_to_fly_straight_to_its_current_item():
     approach = {"index": 2, "t_s": 0.0, "current_position_ned_m": (0.0, 180.0, -20.0)}
     path = predicted_path(
-        line_items(east_m=190.0, north=True),
+        line_items(east_m=190.0, northward=True),
         "2",
         **{**approach, "current_position_ned_m": (-60.0, 190.0, -20.0)},
     )
@@ -174,7 +178,7 @@ def test_a_vehicle_off_its_path_is_expected_to_fly_straight_to_its_item():
 
 def test_the_items_of_a_plan_that_repeats_without_end_may_be_flown_at_any_time():
     items = [
-        *line_items(north=True, east_m=100.0, land=False),
+        *line_items(northward=True, east_m=100.0, land=False),
         {"kind": "jump", "target_index": 1, "repeat": -1},
     ]
     assert first_conflict(predicted_path(line_items(hold_s=900), "2"), predicted_path(items)) is not None
@@ -189,38 +193,38 @@ def test_conflicts_with_several_vehicles_are_sorted_by_time():
     assert [each.other for each in found] == ["1", "3"]
 
 
-def mission(*steps):
+def mission_flight(*steps):
     text = "name: Across\nsteps:\n" + "".join(f"- {each}\n" for each in steps)
     compiled = compile_mission(read(text), start=Start(origin=ORIGIN, home_alt_amsl_m=500.0))
     return Flight(compiled, "Across", MotionLimits())
 
 
 TAKE_OFF, LAND = "{step: take_off, height_m: 20}", "{step: land}"
-ACROSS = "{step: fly, points: [{position_ned_m: [0, 200, -20]}]}"
-CROSSING = line_items(east_m=100.0, north=True, hold_s=10)
+FLY_EAST = "{step: fly, points: [{position_ned_m: [0, 200, -20]}]}"
+CROSSING = line_items(east_m=100.0, northward=True, hold_s=10)
 
 
 def test_an_offboard_mission_is_compared_along_its_timeline():
-    flight = mission(TAKE_OFF, ACROSS, LAND)
+    flight = mission_flight(TAKE_OFF, FLY_EAST, LAND)
     path = predicted_path(CROSSING, "2")
     found = first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0)))
     assert (found.place, found.other_place) == ("item 3", "step 2")
-    last = next(index for index, each in enumerate(flight.course.segments) if each.place == "step 3")
-    flight.move_to(last)
+    landing_index = next(index for index, each in enumerate(flight.course.segments) if each.place == "step 3")
+    flight.move_to(landing_index)
     assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 200.0, -20.0))) is None
 
 
 def test_after_a_wait_for_a_person_a_mission_is_expected_at_any_later_time():
-    path = predicted_path(line_items(east_m=100.0, north=True, hold_s=600), "2")
-    waiting_steps = (TAKE_OFF, "{step: wait, until: person, timeout_s: 900}", ACROSS)
-    for steps, expected in (((TAKE_OFF, ACROSS, LAND), False), (waiting_steps, True)):
-        mission_path = predict_mission("1", ORIGIN, mission(*steps), (0.0, 0.0, 0.0))
+    path = predicted_path(line_items(east_m=100.0, northward=True, hold_s=600), "2")
+    waiting_steps = (TAKE_OFF, "{step: wait, until: person, timeout_s: 900}", FLY_EAST)
+    for steps, expected in (((TAKE_OFF, FLY_EAST, LAND), False), (waiting_steps, True)):
+        mission_path = predict_mission("1", ORIGIN, mission_flight(*steps), (0.0, 0.0, 0.0))
         assert (first_conflict(path, mission_path) is not None) == expected
         assert math.isinf(mission_path.latest_s[-1]) == expected
 
 
 def test_a_paused_mission_is_expected_at_any_later_time():
-    flight = mission(TAKE_OFF, ACROSS, LAND)
+    flight = mission_flight(TAKE_OFF, FLY_EAST, LAND)
     flight.paused = True
-    path = predicted_path(line_items(east_m=100.0, north=True, hold_s=600), "2")
+    path = predicted_path(line_items(east_m=100.0, northward=True, hold_s=600), "2")
     assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))) is not None

@@ -19,8 +19,8 @@ LIMITS = MotionLimits()
 EAST = math.pi / 2
 
 
-def points(*positions: tuple[float, float, float], **rest: object) -> list[PassPoint]:
-    return [PassPoint(position, **rest) for position in positions]  # type: ignore[arg-type]
+def points(*positions: tuple[float, float, float], **fields: object) -> list[PassPoint]:
+    return [PassPoint(position, **fields) for position in positions]  # type: ignore[arg-type]
 
 
 def shortest_s(length_m: float, speed: float, acceleration: float, jerk: float) -> float:
@@ -31,9 +31,9 @@ def shortest_s(length_m: float, speed: float, acceleration: float, jerk: float) 
         return 4.0 * jerk_s
     if speed * jerk >= acceleration**2:
         ramp_s = acceleration / jerk
-        full_s = (-3.0 * ramp_s + math.sqrt(ramp_s**2 + 4.0 * length_m / acceleration)) / 2.0
-        if acceleration * (ramp_s + full_s) <= speed:
-            return 4.0 * ramp_s + 2.0 * full_s
+        full_acceleration_s = (-3.0 * ramp_s + math.sqrt(ramp_s**2 + 4.0 * length_m / acceleration)) / 2.0
+        if acceleration * (ramp_s + full_acceleration_s) <= speed:
+            return 4.0 * ramp_s + 2.0 * full_acceleration_s
         return length_m / speed + speed / acceleration + ramp_s
     return length_m / speed + 2.0 * math.sqrt(speed / jerk)
 
@@ -60,9 +60,9 @@ def test_a_straight_leg_takes_the_shortest_possible_time(seed: int) -> None:
 
 def test_the_times_of_legs_between_stops_add_up() -> None:
     one_leg_s = curve_through_points(points((0, 0, 0), (30, 0, 0))).duration_s
-    both = curve_through_points(points((0, 0, 0), (30, 0, 0), (0, 0, 0), stop=True))
-    assert both.duration_s == pytest.approx(2.0 * one_leg_s)
-    assert both.point_times_s == pytest.approx((0.0, one_leg_s, 2.0 * one_leg_s))
+    two_legs = curve_through_points(points((0, 0, 0), (30, 0, 0), (0, 0, 0), stop=True))
+    assert two_legs.duration_s == pytest.approx(2.0 * one_leg_s)
+    assert two_legs.point_times_s == pytest.approx((0.0, one_leg_s, 2.0 * one_leg_s))
 
 
 def test_curves_pass_within_the_corner_distance_and_are_faster_than_stops() -> None:
@@ -80,7 +80,7 @@ def test_curves_pass_within_the_corner_distance_and_are_faster_than_stops() -> N
     assert times == sorted(times, reverse=True)
 
 
-def test_an_exact_curve_passes_each_point_at_the_stated_time() -> None:
+def test_an_exact_curve_passes_each_point_at_its_point_time() -> None:
     rng = np.random.default_rng(7)
     positions = np.cumsum(rng.normal(0.0, 20.0, (30, 3)), axis=0)
     curve = curve_through_points([PassPoint(tuple(position)) for position in positions.tolist()], exact=True)
@@ -99,7 +99,7 @@ def test_a_trajectory_stops_only_at_requested_stops() -> None:
     assert curve.at(curve.point_times_s[2]).position_ned_m == pytest.approx((20, 20, 0), abs=1e-6)
 
 
-def test_a_dense_smooth_path_is_not_slower_because_of_its_points() -> None:
+def test_a_straight_path_with_many_points_is_as_fast_as_with_two() -> None:
     few_points_s, many_points_s = (
         curve_through_points(
             points(*[(x, 0.0, -5.0) for x in np.linspace(0.0, 200.0, count).tolist()])
@@ -140,7 +140,7 @@ def test_the_heading_follows_the_path_and_turns_at_stops() -> None:
         assert abs(error_rad) < math.radians(0.5)
 
 
-def test_the_heading_turns_by_half_a_turn_over_the_look_at_point() -> None:
+def test_a_look_at_heading_turns_by_180_deg_above_its_point() -> None:
     curve = curve_through_points(points((-200, 0, -5), (200, 0, -5)), heading=LookAt((0.0, 0.0, 0.0)))
     found = curve.sample(np.linspace(0.0, curve.duration_s, 20_000))
     turning = np.abs(found.yaw_rate_ned_rad_s) > 1e-3
@@ -162,7 +162,7 @@ def test_an_orbit_keeps_its_radius_and_points_at_its_centre() -> None:
         assert abs(error_rad) < 1e-3
 
 
-def test_a_helix_climbs_and_a_spiral_widens_evenly() -> None:
+def test_a_spiral_climbs_and_widens_to_its_end_radius() -> None:
     curve = curve_along_path(
         arc((0, 0, -10), 10.0, 2.0, climb_m=20.0, end_radius_m=30.0, clockwise=False), LIMITS
     )

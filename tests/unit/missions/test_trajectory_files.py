@@ -1,4 +1,4 @@
-"""Trajectories from files: CSV and NumPy arrays become tables of a mission, hostile files are refused."""
+"""Trajectories from files: CSV and NumPy arrays become tables of a mission; hostile files are refused."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ def npy_file(values: Any, **options: Any) -> bytes:
     return file.getvalue()
 
 
-def npy_head(header: str) -> bytes:
+def npy_start(header: str) -> bytes:
     text = header.encode().ljust(118) + b"\n"
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
 
 
-def error_of(data: bytes, filename: str = "loop.npy") -> PlanError:
+def import_error(data: bytes, filename: str = "loop.npy") -> PlanError:
     with pytest.raises(PlanError) as raised:
         import_file(data, filename)
     return raised.value
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
-@pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", "<f2"])
-def test_a_numpy_array_becomes_csv_with_the_same_numbers(kind: str, order: Any) -> None:
-    found = import_file(npy_file(np.array(ROWS, dtype=kind, order=order)), "flights/loop.npy")
-    assert (found.name, found.rows, found.duration_s, found.has_yaw) == ("flights/loop.csv", 3, 8.0, True)
-    assert found.text.splitlines()[:3] == [",".join(COLUMNS), "0,0,0,-10,0", "4,20,0.125,-10,0.5"]
-    assert read_rows(found.text.encode()) == ROWS
+@pytest.mark.parametrize("dtype", ["<f8", ">f8", "<f4", "<f2"])
+def test_a_numpy_array_becomes_csv_with_the_same_numbers(dtype: str, order: Any) -> None:
+    table = import_file(npy_file(np.array(ROWS, dtype=dtype, order=order)), "flights/loop.npy")
+    assert (table.name, table.rows, table.duration_s, table.has_yaw) == ("flights/loop.csv", 3, 8.0, True)
+    assert table.text.splitlines()[:3] == [",".join(COLUMNS), "0,0,0,-10,0", "4,20,0.125,-10,0.5"]
+    assert read_rows(table.text.encode()) == ROWS
 
 
 def test_single_precision_values_are_written_with_their_shortest_decimals() -> None:
-    found = import_file(npy_file(np.array([[0, 0, 0, 0], [0.1, 1.3, 0, 0]], dtype="<f4")), "a.npy")
-    assert found.text.splitlines()[2] == "0.1,1.3,0,0"
+    table = import_file(npy_file(np.array([[0, 0, 0, 0], [0.1, 1.3, 0, 0]], dtype="<f4")), "a.npy")
+    assert table.text.splitlines()[2] == "0.1,1.3,0,0"
 
 
 def test_an_array_of_whole_numbers_without_yaw_becomes_csv() -> None:
-    found = import_file(npy_file(np.array(ROWS)[:, :4].astype(int)), "a.npy")
-    assert (found.has_yaw, found.text.splitlines()[0]) == (False, "t_s,north_m,east_m,down_m")
+    table = import_file(npy_file(np.array(ROWS)[:, :4].astype(int)), "a.npy")
+    assert (table.has_yaw, table.text.splitlines()[0]) == (False, "t_s,north_m,east_m,down_m")
 
 
 @given(st.lists(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), min_size=2, max_size=20))
@@ -62,9 +62,9 @@ def test_every_double_is_kept_exactly(positions: list[list[float]]) -> None:
     assert read_rows(import_file(npy_file(np.array(rows)), "a.npy").text.encode()) == rows
 
 
-def test_csv_text_is_kept_as_it_is() -> None:
-    found = import_file(b"\xef\xbb\xbf" + CSV, "loop.CSV")
-    assert (found.name, found.text, found.rows) == ("loop.csv", CSV.decode(), 2)
+def test_csv_text_is_kept_without_its_byte_order_mark() -> None:
+    table = import_file(b"\xef\xbb\xbf" + CSV, "loop.CSV")
+    assert (table.name, table.text, table.rows) == ("loop.csv", CSV.decode(), 2)
 
 
 @pytest.mark.parametrize(
@@ -94,33 +94,33 @@ def test_the_table_gets_a_valid_name(filename: str, name: str) -> None:
         (b"t_s,north_m", "not a NumPy array", "numpy.save"),
         (b"\x93NUMPY", "not a NumPy array", "numpy.save"),
         (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}", "version 1.0", "numpy.save"),
-        (npy_head("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"), "ends before", ""),
-        (npy_head("{'descr': '<f8', 'fortran_order': False, 'shape': (-3, 5)}"), "ends before", ""),
-        (npy_head("{'descr': '<f8', 'fortran_order': False, 'shape': (2**70, 5)}"), "not a NumPy array", ""),
-        (npy_head("{'descr': 'V99999999999', 'fortran_order': False, 'shape': (1, 5)}"), "not ", ""),
-        (npy_head("(" * 110), "not a NumPy array", "numpy.save"),
-        (npy_head("'''"), "not a NumPy array", "numpy.save"),
-        (npy_head("{'descr': ['<f8'], 'shape': 3, 'fortran_order': False}"),
+        (npy_start("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"), "ends before", ""),
+        (npy_start("{'descr': '<f8', 'fortran_order': False, 'shape': (-3, 5)}"), "ends before", ""),
+        (npy_start("{'descr': '<f8', 'fortran_order': False, 'shape': (2**70, 5)}"), "not a NumPy array", ""),
+        (npy_start("{'descr': 'V99999999999', 'fortran_order': False, 'shape': (1, 5)}"), "not ", ""),
+        (npy_start("(" * 110), "not a NumPy array", "numpy.save"),
+        (npy_start("'''"), "not a NumPy array", "numpy.save"),
+        (npy_start("{'descr': ['<f8'], 'shape': 3, 'fortran_order': False}"),
          "not a NumPy array", "numpy.save"),
         (b"\x93NUMPY" + bytes(5_000_000), "too large", "fewer rows"),
     ],
 )  # fmt: skip
 def test_a_hostile_array_is_refused_with_a_fix(data: bytes, reason: str, fix: str) -> None:
     tracemalloc.start()
-    error = error_of(data)
-    peak = tracemalloc.get_traced_memory()[1]
+    error = import_error(data)
+    peak_bytes = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert reason in error.reason
     assert fix in error.fix
-    assert peak < 1_000_000
+    assert peak_bytes < 1_000_000
 
 
 def test_csv_with_too_many_rows_or_characters_is_refused() -> None:
     line = b"\n0,0,0,0"
-    assert f"the maximum is {MAX_ROWS} rows" in error_of(b"t_s" + line * 20_500, "a.csv").reason
+    assert f"the maximum is {MAX_ROWS} rows" in import_error(b"t_s" + line * 20_500, "a.csv").reason
     long_table = np.arange(80_000).reshape(20_000, 4) / 3.0
-    assert "the maximum is 1000000" in error_of(npy_file(long_table)).reason
-    assert "numpy.round" in error_of(npy_file(long_table)).fix
+    assert "the maximum is 1000000" in import_error(npy_file(long_table)).reason
+    assert "numpy.round" in import_error(npy_file(long_table)).fix
     assert import_file(npy_file(np.round(long_table, 2)), "a.npy").rows == 20_000
 
 

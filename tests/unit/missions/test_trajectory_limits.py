@@ -20,9 +20,9 @@ from missions.trajectory.solve import curve_along_path, curve_through_points
 from missions.vehicle import GRAVITY_M_S2
 from tests.support.random_paths import random_limits, random_points
 
-BATCHES, MISSIONS = 20, 100
+BATCHES, MISSIONS_PER_BATCH = 20, 100
 """All missions of a batch have the same limits and are solved as one path; a stop separates two missions."""
-MARGIN = 1.0 + 1e-6
+TOLERANCE_FACTOR = 1.0 + 1e-6
 ROOT = Path(__file__).resolve().parents[3]
 
 
@@ -52,7 +52,7 @@ def random_path(rng: np.random.Generator) -> Pieces:
     return headings.with_yaw_along_path(path, AlongPath())
 
 
-def join(paths: list[Pieces]) -> Pieces:
+def join_paths(paths: list[Pieces]) -> Pieces:
     """One path that consists of these paths in order, with a stop at the end of each."""
     return Pieces(
         np.concatenate([path.points for path in paths]),
@@ -67,26 +67,26 @@ def assert_within_limits(curve: TimedCurve, limits: MotionLimits, samples: int) 
     found = curve.sample(times)
     v, a = found.velocity_ned_m_s, found.acceleration_ned_m_s2
     horizontal = np.hypot(a[:, 0], a[:, 1])
-    assert np.hypot(v[:, 0], v[:, 1]).max() <= limits.speed_m_s * MARGIN
-    assert -v[:, 2].min() <= limits.climb_m_s * MARGIN
-    assert v[:, 2].max() <= limits.descent_m_s * MARGIN
-    assert horizontal.max() <= limits.acceleration_m_s2 * MARGIN
-    assert -a[:, 2].min() <= limits.acceleration_up_m_s2 * MARGIN
-    assert a[:, 2].max() <= limits.acceleration_down_m_s2 * MARGIN
-    assert np.arctan2(horizontal, GRAVITY_M_S2 - a[:, 2]).max() <= limits.tilt_rad * MARGIN
-    assert np.abs(found.yaw_rate_ned_rad_s).max() <= limits.yaw_rate_rad_s * MARGIN
+    assert np.hypot(v[:, 0], v[:, 1]).max() <= limits.speed_m_s * TOLERANCE_FACTOR
+    assert -v[:, 2].min() <= limits.climb_m_s * TOLERANCE_FACTOR
+    assert v[:, 2].max() <= limits.descent_m_s * TOLERANCE_FACTOR
+    assert horizontal.max() <= limits.acceleration_m_s2 * TOLERANCE_FACTOR
+    assert -a[:, 2].min() <= limits.acceleration_up_m_s2 * TOLERANCE_FACTOR
+    assert a[:, 2].max() <= limits.acceleration_down_m_s2 * TOLERANCE_FACTOR
+    assert np.arctan2(horizontal, GRAVITY_M_S2 - a[:, 2]).max() <= limits.tilt_rad * TOLERANCE_FACTOR
+    assert np.abs(found.yaw_rate_ned_rad_s).max() <= limits.yaw_rate_rad_s * TOLERANCE_FACTOR
     step_s = times[1]
     jerk = np.sqrt((np.diff(a, axis=0) ** 2).sum(axis=1)) / step_s
     assert jerk.max() <= limits.jerk_m_s3 * (1.0 + 1e-4)
-    turning = np.abs(np.diff(found.yaw_rate_ned_rad_s)) / step_s
-    assert turning.max() <= limits.yaw_acceleration_rad_s2 * (1.0 + 1e-4)
+    yaw_acceleration = np.abs(np.diff(found.yaw_rate_ned_rad_s)) / step_s
+    assert yaw_acceleration.max() <= limits.yaw_acceleration_rad_s2 * (1.0 + 1e-4)
 
 
 @pytest.mark.parametrize("seed", range(BATCHES))
 def test_thousands_of_random_missions_stay_within_all_limits(seed: int) -> None:
     rng = np.random.default_rng(seed)
     limits = random_limits(rng)
-    path = join([random_path(rng) for _ in range(MISSIONS)])
+    path = join_paths([random_path(rng) for _ in range(MISSIONS_PER_BATCH)])
     curve = curve_along_path(path, limits, has_yaw=True)
     assert math.isfinite(curve.duration_s)
     assert_within_limits(curve, limits, 40_000)
@@ -100,18 +100,18 @@ def test_position_velocity_and_acceleration_are_continuous(seed: int) -> None:
     heading = None if any(p.yaw_ned_rad is not None for p in points) else AlongPath()
     curve = curve_through_points(points, limits, exact=seed % 3 == 0, heading=heading)
     assert_within_limits(curve, limits, 4000)
-    h = 1e-4
+    step_s = 1e-4
     boundaries_s = np.concatenate((curve.phase_start_s, [curve.time_at(u) for u in curve.starts.tolist()]))
-    times = np.unique(np.concatenate((boundaries_s - h / 2.0, boundaries_s - h / 3.0)))
-    before, after = curve.sample(times), curve.sample(times + h)
-    jump_m = after.position_ned_m - before.position_ned_m - h * before.velocity_ned_m_s
-    jump_m_s = after.velocity_ned_m_s - before.velocity_ned_m_s - h * before.acceleration_ned_m_s2
+    times = np.unique(np.concatenate((boundaries_s - step_s / 2.0, boundaries_s - step_s / 3.0)))
+    before, after = curve.sample(times), curve.sample(times + step_s)
+    jump_m = after.position_ned_m - before.position_ned_m - step_s * before.velocity_ned_m_s
+    jump_m_s = after.velocity_ned_m_s - before.velocity_ned_m_s - step_s * before.acceleration_ned_m_s2
     jump_m_s2 = after.acceleration_ned_m_s2 - before.acceleration_ned_m_s2
-    assert np.abs(jump_m).max() <= 15.0 * h**2 + 1e-7
-    assert np.abs(jump_m_s).max() <= limits.jerk_m_s3 * h**2 + 1e-6
-    assert np.abs(jump_m_s2).max() <= limits.jerk_m_s3 * h + 1e-4
-    jump_rad = after.yaw_ned_rad - before.yaw_ned_rad - h * before.yaw_rate_ned_rad_s
-    assert np.abs(jump_rad).max() <= limits.yaw_acceleration_rad_s2 * h**2 + 1e-7
+    assert np.abs(jump_m).max() <= 15.0 * step_s**2 + 1e-7
+    assert np.abs(jump_m_s).max() <= limits.jerk_m_s3 * step_s**2 + 1e-6
+    assert np.abs(jump_m_s2).max() <= limits.jerk_m_s3 * step_s + 1e-4
+    jump_rad = after.yaw_ned_rad - before.yaw_ned_rad - step_s * before.yaw_rate_ned_rad_s
+    assert np.abs(jump_rad).max() <= limits.yaw_acceleration_rad_s2 * step_s**2 + 1e-7
 
 
 def test_limits_are_read_from_the_vehicles_parameters() -> None:

@@ -21,10 +21,10 @@ HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
 VEHICLE = VehicleModel()
 
 
-def item_at(kind, north_m, east_m, alt_m, **more):
+def item_at(kind, north_m, east_m, alt_m, **fields):
     lat, lon, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
     altitude = {"value_m": alt_m, "reference": "home"}
-    return {"kind": kind, "lat_deg": lat, "lon_deg": lon, "altitude": altitude, **more}
+    return {"kind": kind, "lat_deg": lat, "lon_deg": lon, "altitude": altitude, **fields}
 
 
 TAKE_OFF = item_at("takeoff", 0, 0, 10)
@@ -43,7 +43,7 @@ def plan_of(items):
     return plan_document.read(json.dumps({"items": items}))
 
 
-def planned(items):
+def planned_passes(items):
     found = estimate_passes(plan_of(items), VEHICLE, HOME, ORIGIN)
     assert found is not None
     return found
@@ -52,8 +52,8 @@ def planned(items):
 class MonitoredFlight:
     """A waypoint monitor at 10 Hz; `codes` has the codes of its notices."""
 
-    def __init__(self, items=SQUARE, **more):
-        options = {"planned": planned(items), "from_start": True, **more}
+    def __init__(self, items=SQUARE, **changes):
+        options = {"planned": planned_passes(items), "from_start": True, **changes}
         self.monitor = WaypointMonitor(plan_of(items), options.pop("planned"), **options)
         self.now_s = 0.0
         self.codes = []
@@ -73,13 +73,13 @@ class MonitoredFlight:
 
 
 def test_the_plan_gives_the_path_and_the_time_of_each_item():
-    found = planned(SQUARE)
+    found = planned_passes(SQUARE)
     assert [each.leg.place for each in found.passes] == ["item 1", "item 2", "item 3", "item 4"]
-    full = plan_of(SQUARE).model_copy(update={"planned_home": HOME})
-    assert found.duration_s == pytest.approx(estimate(full, VEHICLE).time_s)
-    third = found.passes[2].leg
-    assert third.points[-1][0] - third.points[-2][0] == 5.0, "no hold at the waypoint"
-    assert third.points[-1][1:] == pytest.approx((40.0, 40.0, -10.0), abs=0.01)
+    plan_with_home = plan_of(SQUARE).model_copy(update={"planned_home": HOME})
+    assert found.duration_s == pytest.approx(estimate(plan_with_home, VEHICLE).time_s)
+    third_leg = found.passes[2].leg
+    assert third_leg.points[-1][0] - third_leg.points[-2][0] == 5.0, "no hold at the waypoint"
+    assert third_leg.points[-1][1:] == pytest.approx((40.0, 40.0, -10.0), abs=0.01)
     landing = found.passes[3].leg.points
     assert [point[3] for point in landing] == pytest.approx([-10.0, -10.0, 0.0], abs=0.01)
     assert found.planned_flight().length_m == pytest.approx(10 + 40 + 40 + 10, abs=0.1)
@@ -94,17 +94,17 @@ def test_each_execution_of_a_repeated_item_has_its_own_path():
         {"kind": "jump", "target_index": 1, "repeat": 1},
         item_at("land", 40, 80, 0),
     ]
-    full = plan_of(repeated).model_copy(update={"planned_home": HOME})
-    assert estimate(full, VEHICLE).length_m == pytest.approx(10 + 40 + 80 + 80 + 80 + 10, abs=0.2)
-    found = planned(repeated)
+    plan_with_home = plan_of(repeated).model_copy(update={"planned_home": HOME})
+    assert estimate(plan_with_home, VEHICLE).length_m == pytest.approx(10 + 40 + 80 + 80 + 80 + 10, abs=0.2)
+    found = planned_passes(repeated)
     assert found.planned_flight().length_m == pytest.approx(300, abs=0.2)
     assert found.passes[3].leg.duration_s > found.passes[1].leg.duration_s + 5
 
 
 def test_an_endless_plan_has_no_duration_and_a_return_is_not_compared():
     endless = [TAKE_OFF, item_at("waypoint", 40, 0, 10), {"kind": "jump", "target_index": 1, "repeat": -1}]
-    assert planned(endless).duration_s is None
-    with_return = planned([TAKE_OFF, item_at("waypoint", 40, 0, 10), {"kind": "return_home"}])
+    assert planned_passes(endless).duration_s is None
+    with_return = planned_passes([TAKE_OFF, item_at("waypoint", 40, 0, 10), {"kind": "return_home"}])
     assert [each.compared for each in with_return.passes] == [True, True, False]
     assert with_return.passes[2].leg.points[1][3] == pytest.approx(-VEHICLE.return_alt_m, abs=0.01)
 
@@ -126,9 +126,8 @@ def test_the_first_seconds_towards_the_next_item_are_no_deviation_before_px4_rep
     monitored = MonitoredFlight()
     monitored.observe(1, (38.0, 0.0, -10.0))
     assert monitored.observe(1, (40.0, 6.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
-    assert (
-        monitored.observe(1, (40.0, 30.0, -10.0)).horizontal_m > 15
-    )  # the tolerance covers only the first seconds of the next item
+    # The tolerance covers only the first seconds of the next item.
+    assert monitored.observe(1, (40.0, 30.0, -10.0)).horizontal_m > 15
     assert monitored.observe(2, (40.0, 30.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
 
 
@@ -164,7 +163,7 @@ def test_a_start_at_a_later_item_is_compared_with_the_rest_of_the_plan_once_the_
         "The vehicle is flying to the planned path.",
     )
     assert monitored.observe(2, (40.0, 21.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
-    rest, full = monitor.planned_flight(), planned(SQUARE).planned_flight()
+    rest, full = monitor.planned_flight(), planned_passes(SQUARE).planned_flight()
     assert [leg.place for leg in rest.legs] == ["item 3", "item 4"]
     assert (rest.length_m, full.duration_s - rest.duration_s) == (
         pytest.approx(50.0, abs=0.1),
@@ -179,7 +178,7 @@ def test_after_a_skipped_item_the_flight_is_compared_again_once_the_path_is_reac
     assert monitored.observe(2, (40.0, 30.0, -10.0)).horizontal_m is not None
 
 
-def test_hold_pauses_the_monitor_and_mission_resumes_it_on_the_path():
+def test_hold_mode_pauses_the_monitor_and_mission_mode_resumes_it_on_the_path():
     monitored = MonitoredFlight()
     monitored.observe(1, (20.0, 0.0, -10.0))
     paused = monitored.observe(1, (21.0, 9.0, -10.0), mode="hold", source="pilot")
@@ -219,9 +218,9 @@ def test_a_flight_is_done_only_after_landing_and_disarming_at_the_last_item():
     monitored.observe(2, (40.0, 20.0, -10.0))
     monitored.observe(3, (40.0, 40.0, 0.0))
     assert monitored.observe(3, (40.0, 40.0, 0.0), armed=False).state == "done"
-    early = MonitoredFlight()
-    early.observe(1, (20.0, 0.0, -10.0))
-    ended = early.observe(1, (20.0, 0.0, 0.0), armed=False)
+    landed_early = MonitoredFlight()
+    landed_early.observe(1, (20.0, 0.0, -10.0))
+    ended = landed_early.observe(1, (20.0, 0.0, 0.0), armed=False)
     assert (ended.state, ended.reason) == ("stopped", "The vehicle was disarmed at item 2.")
     piloted = MonitoredFlight()
     piloted.observe(3, (40.0, 40.0, -2.0))
@@ -275,7 +274,7 @@ def test_an_unknown_position_is_not_a_deviation():
     )
 
 
-def nominal(seconds=20.0):
+def dry_run_result(seconds=20.0):
     times = [k / 10 for k in range(int(seconds * 10) + 1)]
     path = [[2.0 * t, math.sin(t), -5.0] for t in times]
     steps = [
@@ -290,7 +289,7 @@ def nominal(seconds=20.0):
 def test_a_dry_run_gives_the_curved_path_and_all_items_of_a_pattern_are_one_pass():
     pattern = {"kind": "complex", "complex_type": "survey", "original": "{}", "items": SQUARE[1:3]}
     plan = plan_of([TAKE_OFF, pattern])
-    found = planned_by_dry_run(nominal(), plan, (100.0, 0.0, 1.0))
+    found = planned_by_dry_run(dry_run_result(), plan, (100.0, 0.0, 1.0))
     assert [sorted(each.items) for each in found.passes] == [[0], [1, 2]]
     first, second = (each.leg for each in found.passes)
     assert first.points[-1][1:] == pytest.approx(second.points[0][1:], abs=0.01)

@@ -12,24 +12,26 @@ from missions.waypoints.monitor import WaypointMonitor
 from missions.waypoints.resume import leg_start, remaining_plan, resume_after, resume_point
 
 HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
+M_PER_DEG = 111_195  # of latitude
 
 
-def item_at(kind, north_m, alt_m=30, **more):
+def item_at(kind, north_m, alt_m=30, **fields):
     altitude = {"value_m": alt_m, "reference": "home"}
-    return {"kind": kind, "lat_deg": 47.0 + north_m / 111_195, "lon_deg": 8.0, "altitude": altitude, **more}
+    lat_deg = 47.0 + north_m / M_PER_DEG
+    return {"kind": kind, "lat_deg": lat_deg, "lon_deg": 8.0, "altitude": altitude, **fields}
 
 
 TAKE_OFF, RETURN = item_at("takeoff", 0), {"kind": "return_home"}
-SPEED, CLIMB = ({"kind": "change_speed", "speed_type": t, "speed_m_s": 4} for t in (1.0, 2.0))
+CRUISE_SPEED, CLIMB_SPEED = ({"kind": "change_speed", "speed_type": t, "speed_m_s": 4} for t in (1.0, 2.0))
 PICTURES = {"kind": "trigger_distance", "distance_m": 10}
-NO_PICTURES = {"kind": "trigger_distance", "distance_m": 0}
+STOP_PICTURES = {"kind": "trigger_distance", "distance_m": 0}
 LINE = [
     TAKE_OFF,
-    SPEED,
+    CRUISE_SPEED,
     item_at("waypoint", 50),
     PICTURES,
     item_at("waypoint", 250),
-    NO_PICTURES,
+    STOP_PICTURES,
     item_at("waypoint", 300),
     RETURN,
 ]
@@ -75,7 +77,7 @@ def test_the_next_waypoint_sets_the_altitude_of_the_flight_to_the_resume_point()
     items = [
         TAKE_OFF,
         item_at("waypoint", 50),
-        SPEED,
+        CRUISE_SPEED,
         item_at("waypoint", 90, 55),
         item_at("waypoint", 120, 20),
     ]
@@ -84,7 +86,7 @@ def test_the_next_waypoint_sets_the_altitude_of_the_flight_to_the_resume_point()
 
 
 @pytest.mark.parametrize(
-    "rest", [[RETURN], [item_at("land", 40, 0)], [SPEED, RETURN, item_at("waypoint", 9)], []]
+    "rest", [[RETURN], [item_at("land", 40, 0)], [CRUISE_SPEED, RETURN, item_at("waypoint", 9)], []]
 )
 def test_without_a_waypoint_before_the_landing_there_is_no_resume_point(rest):
     items = [TAKE_OFF, item_at("waypoint", 50), *rest]
@@ -101,7 +103,7 @@ def test_an_interrupted_return_is_not_resumed():
     assert resume_after(plan, 4, 6) == resume_point(plan, 4)
 
 
-def not_restored(*before, after=()):
+def settings_not_restored(*before, after=()):
     items = [TAKE_OFF, *before, item_at("waypoint", 50), item_at("waypoint", 90), *after, RETURN]
     return resume_point(plan_of(items), len(before) + 1).not_restored
 
@@ -109,33 +111,38 @@ def not_restored(*before, after=()):
 def test_speed_gimbal_angles_camera_mode_and_trigger_are_restored_by_px4():
     gimbal = {"kind": "gimbal_pitch_yaw", "pitch_deg": -90}
     mode = {"kind": "camera_mode", "mode": 2}
-    assert not_restored(SPEED, gimbal, mode, PICTURES) == ()
+    assert settings_not_restored(CRUISE_SPEED, gimbal, mode, PICTURES) == ()
 
 
 def test_items_that_px4_does_not_repeat_are_listed():
     roi, video = item_at("roi_location", 20, 0), {"kind": "video_start"}
-    (found,) = not_restored(roi)
+    (found,) = settings_not_restored(roi)
     assert found.startswith("PX4 does not repeat item 2: set the region of interest yourself")
-    assert [each.split(":")[0][-6:] for each in not_restored(roi, video, roi)] == ["item 3", "item 4"]
-    assert not_restored(roi, {"kind": "roi_none"}, video, {"kind": "video_stop"}) == ()
+    assert [each.split(":")[0][-6:] for each in settings_not_restored(roi, video, roi)] == [
+        "item 3",
+        "item 4",
+    ]
+    assert settings_not_restored(roi, {"kind": "roi_none"}, video, {"kind": "video_stop"}) == ()
 
 
-def test_px4_repeats_only_the_last_of_several_types_of_speed():
-    (found,) = not_restored(CLIMB, SPEED)
+def test_px4_repeats_only_the_last_speed_if_several_types_are_set():
+    (found,) = settings_not_restored(CLIMB_SPEED, CRUISE_SPEED)
     assert found.startswith("PX4 does not repeat item 2: set the climb speed yourself")
-    assert not_restored(CLIMB, SPEED, CLIMB)[0].startswith("PX4 does not repeat item 3: set the speed")
+    assert settings_not_restored(CLIMB_SPEED, CRUISE_SPEED, CLIMB_SPEED)[0].startswith(
+        "PX4 does not repeat item 3: set the speed"
+    )
 
 
 def test_a_jump_is_listed_only_if_the_flight_resumes_inside_its_loop():
     jump = {"kind": "jump", "target_index": 1, "repeat": 3}
-    (found,) = not_restored(after=[jump])
+    (found,) = settings_not_restored(after=[jump])
     assert found.startswith("Item 4 repeats items from item 2 on.")
-    assert not_restored(after=[{**jump, "target_index": 2}]) == ()
+    assert settings_not_restored(after=[{**jump, "target_index": 2}]) == ()
 
 
 def test_the_remaining_plan_is_checked_from_the_new_position_with_the_plans_item_numbers():
     corners = [(120, -1e-4), (130, -1e-4), (130, 1e-4), (120, 1e-4)]
-    polygon = [{"lat_deg": 47.0 + n / 111_195, "lon_deg": 8.0 + e} for n, e in corners]
+    polygon = [{"lat_deg": 47.0 + n / M_PER_DEG, "lon_deg": 8.0 + e} for n, e in corners]
     tower = {"name": "Tower", "top": {"value_m": 90, "reference": "home"}, "polygon": polygon}
     plan = plan_of(
         [TAKE_OFF, item_at("waypoint", 50), item_at("waypoint", 90), item_at("waypoint", 100), RETURN],
@@ -145,7 +152,7 @@ def test_the_remaining_plan_is_checked_from_the_new_position_with_the_plans_item
         (0, []),
         (300, ["The straight path to item 3 (waypoint) passes through Tower."]),
     ):
-        start = HOME.model_copy(update={"lat_deg": 47.0 + north_m / 111_195})
+        start = HOME.model_copy(update={"lat_deg": 47.0 + north_m / M_PER_DEG})
         found = [each for each in check(remaining_plan(plan, 2, start)) if each.code == "obstacle_hit"]
         assert [each.message for each in found if "home" not in each.message] == messages
 
