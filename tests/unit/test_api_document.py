@@ -19,17 +19,17 @@ def without_variable_names(path: str) -> str:
 
 def calls_of(text: str) -> set[tuple[str, str]]:
     """(method, path) of calls by curl, and of calls named as `GET /path`."""
-    fenced = "".join(re.findall(r"^```sh\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL))
+    shell_examples = "".join(re.findall(r"^```sh\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL))
     found: set[tuple[str, str]] = set()
-    for line in re.sub(r"\\\n\s*", "", fenced).splitlines():
+    for line in re.sub(r"\\\n\s*", "", shell_examples).splitlines():
         if not line.startswith("curl"):
             continue
         method = stated.group(1) if (stated := re.search(r"-X (\w+)", line)) else "GET"
         address = re.search(r"localhost:8080(/api/v1[^\s'?]*)", line)
         assert address, line
         found.add((method, EXAMPLES.sub(lambda m: f"/{m[1] or m[2]}/{{}}", address.group(1))))
-    named = re.findall(r"`(GET|POST|PUT|DELETE) (/[^`\s]+)`", text)
-    return found | {(method, without_variable_names(f"/api/v1{path}")) for method, path in named}
+    named_calls = re.findall(r"`(GET|POST|PUT|DELETE) (/[^`\s]+)`", text)
+    return found | {(method, without_variable_names(f"/api/v1{path}")) for method, path in named_calls}
 
 
 def test_the_document_has_exactly_the_calls_of_the_api() -> None:

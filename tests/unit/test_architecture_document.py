@@ -22,9 +22,9 @@ def test_the_document_answers_at_least_twenty_questions() -> None:
 def test_an_answer_begins_with_one_file_that_exists(row: list[str]) -> None:
     question, answer = row
     assert question.endswith("?")
-    first = FILE.match(answer.removeprefix("`"))
-    assert first is not None
-    assert (REPOSITORY / first[0]).is_file()
+    first_file = FILE.match(answer.removeprefix("`"))
+    assert first_file is not None
+    assert (REPOSITORY / first_file[0]).is_file()
 
 
 def test_every_file_named_in_the_document_exists() -> None:

@@ -30,13 +30,13 @@ def is_run_by_pytest(module: str) -> bool:
 
 
 def test_no_module_imports_a_test_module_or_a_conftest() -> None:
-    found = {
-        f"{path.relative_to(TESTS)} imports {name}: move what both use to a plain module beside it"
+    wrong_imports = {
+        f"{path.relative_to(TESTS)} imports {name}: move the shared code to a module without tests"
         for path in TESTS.rglob("*.py")
         for name in imported_modules(path)
         if is_run_by_pytest(name)
     }
-    assert not found, "\n".join(sorted(found))
+    assert not wrong_imports, "\n".join(sorted(wrong_imports))
 
 
 def test_an_import_of_a_test_module_is_found(tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_an_import_of_a_test_module_is_found(tmp_path: Path) -> None:
         assert any(is_run_by_pytest(name) for name in imported_modules(tmp_path / "module.py")), line
 
 
-def test_a_unit_test_gets_no_socket_and_no_process() -> None:
+def test_a_unit_test_cannot_use_a_socket_or_start_a_process() -> None:
     with socket.socket() as test_socket, pytest.raises(AssertionError, match="move it to tests/integration"):
         test_socket.bind(("127.0.0.1", 0))
     with socket.socket() as test_socket, pytest.raises(AssertionError, match="move it to tests/integration"):
