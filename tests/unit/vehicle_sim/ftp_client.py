@@ -1,4 +1,4 @@
-"""A client of the vehicle's FTP, on a fake clock."""
+"""A MAVLink FTP client of the simulated vehicle, on a fake clock."""
 
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
@@ -6,7 +6,7 @@ from vehicle_sim.mavlink.services import ftp
 
 
 class FtpClient:
-    """Sends requests on one link."""
+    """Sends FTP requests on one link and returns the replies."""
 
     def __init__(self, sim, link="gcs"):
         self._sim, self._link = sim, link
@@ -28,12 +28,15 @@ class FtpClient:
     ):
         """(header, data) of each reply."""
         self._sequence += 2
-        head = ftp.HEADER.pack(
+        request_header = ftp.HEADER.pack(
             self._sequence if sequence is None else sequence,
             session, opcode, len(data) if size is None else size, 0, 0, 0, offset,
         )  # fmt: skip
         layout, payload = pack(
-            "FILE_TRANSFER_PROTOCOL", target_system=system, target_component=component, payload=head + data
+            "FILE_TRANSFER_PROTOCOL",
+            target_system=system,
+            target_component=component,
+            payload=request_header + data,
         )
         self._sim.feed(0, self._link, frame_v2(layout, payload, 0, 255, 190))
         replies = []

@@ -12,7 +12,7 @@ MISSION_MODE, TERMINATION = 0x4040000, 0x0A0000
 
 
 class PlanStation(Station):
-    """`Station` with uploads, on one link; positions are metres north and east of home."""
+    """A `Station` that uploads plans on one link; positions are metres north and east of home."""
 
     def __init__(self, **station: Any) -> None:
         super().__init__(links=(("gcs", "gcs"),), **station)

@@ -89,32 +89,32 @@ class Station:
         for name in self._parsers:
             data = self.sim.drain(0, name)
             if name == "gcs":
-                for message in self._keep(self.now_s, name, data):
+                for message in self._record(self.now_s, name, data):
                     self.last[message.name] = message
             elif data:
                 self._unread.append((self.now_s, name, data))
 
-    def _keep(self, time_s: float, link: str, data: bytes) -> list[Message]:
+    def _record(self, time_s: float, link: str, data: bytes) -> list[Message]:
         messages = [m for m in self._parsers[link].feed(data) if m.system_id == self.system_id]
         for message in messages:
             self._log.append((time_s, link, message))
             self._by_name.setdefault((link, message.name), []).append((time_s, message))
         return messages
 
-    def _read(self) -> None:
+    def _parse_unread(self) -> None:
         unread, self._unread = self._unread, []
         for time_s, link, data in unread:
-            self._keep(time_s, link, data)
+            self._record(time_s, link, data)
 
     @property
     def log(self) -> list[tuple[float, str, Message]]:
         """All received messages: time, link, message; in order of time on each link."""
-        self._read()
+        self._parse_unread()
         return self._log
 
     def received(self, name: str, via: str = "gcs", since_s: float = 0.0) -> list[Message]:
         if via != "gcs":
-            self._read()
+            self._parse_unread()
         return [m for t, m in self._by_name.get((via, name), ()) if t >= since_s]
 
     def texts(self, since_s: float = 0.0, via: str = "gcs") -> list[str]:

@@ -1,4 +1,4 @@
-"""Reasons other than the arming checks to deny arming, and PX4's counters of flights."""
+"""Arming is denied for reasons other than the arming checks; PX4 counts flights and flight time."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def station() -> Station:
     return on_ground(Station, sensor_noise=False)
 
 
-def with_sticks(station: Station, seconds: float, throttle: int) -> None:
+def run_with_throttle(station: Station, seconds: float, throttle: int) -> None:
     station.run(
         seconds,
         lambda: station.send("MANUAL_CONTROL", target=1, x=0, y=0, z=throttle, r=0, buttons=0),
@@ -38,12 +38,12 @@ def with_sticks(station: Station, seconds: float, throttle: int) -> None:
     ],
 )
 def test_arming_is_denied_while_the_throttle_is_too_high(station, mode, throttle, event):
-    with_sticks(station, 1.0, throttle)
+    run_with_throttle(station, 1.0, throttle)
     station.command(SET_MODE, 1, mode, 0)
-    with_sticks(station, 0.5, throttle)
+    run_with_throttle(station, 0.5, throttle)
     requested_s = station.now_s
     station.command(ARM, 1)
-    with_sticks(station, 0.5, throttle)
+    run_with_throttle(station, 0.5, throttle)
     assert station.armed is (event is None)
     assert event is None or event in station.events(requested_s)
 
@@ -62,23 +62,23 @@ def test_arming_is_denied_during_a_calibration(station):
 def test_flight_counters_change_without_parameter_messages():
     station = Station(sensor_noise=False)
     station.take_off_and_hover(3.0)
-    value = station.sim.simulation.parameters[0].get
-    assert value("COM_FLIGHT_UUID") == 0
-    took_off_s, sent = station.now_s, len(station.received("PARAM_VALUE"))
+    parameter = station.sim.simulation.parameters[0].get
+    assert parameter("COM_FLIGHT_UUID") == 0
+    took_off_s, message_count = station.now_s, len(station.received("PARAM_VALUE"))
     station.command(21)
     station.run_until(lambda: not station.armed, 40)
-    assert value("COM_FLIGHT_UUID") == 1
-    flown_us = value("LND_FLIGHT_T_LO")
+    assert parameter("COM_FLIGHT_UUID") == 1
+    flown_us = parameter("LND_FLIGHT_T_LO")
     assert 1e6 * (station.now_s - took_off_s) < flown_us < 1e6 * (station.now_s - took_off_s + 12.0)
-    assert value("LND_FLIGHT_T_HI") == 0
+    assert parameter("LND_FLIGHT_T_HI") == 0
     station.run(1.0)
-    assert len(station.received("PARAM_VALUE")) == sent
+    assert len(station.received("PARAM_VALUE")) == message_count
     station.command(ARM, 1)
     station.run(0.2)
     station.command(ARM, 0)
     station.run(0.2)
-    assert value("COM_FLIGHT_UUID") == 2
-    assert value("LND_FLIGHT_T_LO") == flown_us  # without a take-off no flight time is added
+    assert parameter("COM_FLIGHT_UUID") == 2
+    assert parameter("LND_FLIGHT_T_LO") == flown_us  # without a take-off no flight time is added
 
 
 def test_only_the_first_boot_sends_the_parameters_that_it_stored(tmp_path):

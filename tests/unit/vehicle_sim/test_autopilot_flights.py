@@ -40,9 +40,9 @@ class Curve:
     def __init__(self, t_s: np.ndarray, value: np.ndarray, speed: np.ndarray) -> None:
         self.t_s, self.value, self.speed = t_s, value, speed
 
-    def reaches_s(self, level: float) -> float:
+    def time_reached_s(self, level: float) -> float:
         """Time at which the value first reaches the level."""
-        assert self.value.max() >= level, f"never at {level}, only at {self.value.max():.2f}"
+        assert self.value.max() >= level, f"never reaches {level}; maximum {self.value.max():.2f}"
         return float(self.t_s[np.argmax(self.value >= level)])
 
 
@@ -53,7 +53,7 @@ def recording(shared: Path, name: str) -> dict[str, np.ndarray]:
     return {name: table[:, k] for k, name in enumerate(data["columns"])}
 
 
-def curve(columns: dict[str, np.ndarray], axis: str, sign: float) -> Curve:
+def coordinate_curve(columns: dict[str, np.ndarray], axis: str, sign: float) -> Curve:
     position, speed = sign * columns[axis], sign * columns["v" + axis]
     return Curve(columns["t_s"], position - position[0], speed)
 
@@ -65,10 +65,10 @@ def fly(sim: VehicleSim, seconds: float, actions: dict[float, list] | None = Non
         Times, estimated positions and velocities (steps, N, 3).
     """
     times, positions, velocities = [], [], []
-    due = dict(actions or {})
+    due_actions = dict(actions or {})
     for k in range(round(seconds / TICK_S)):
-        for time_s in [time_s for time_s in due if time_s <= k * TICK_S + 1e-9]:
-            for action in due.pop(time_s):
+        for time_s in [time_s for time_s in due_actions if time_s <= k * TICK_S + 1e-9]:
+            for action in due_actions.pop(time_s):
                 action()
         times.append(k * TICK_S)
         positions.append(sim.simulation.estimate.position_ned_m.copy())
@@ -78,7 +78,7 @@ def fly(sim: VehicleSim, seconds: float, actions: dict[float, list] | None = Non
 
 
 @pytest.fixture(scope="module")
-def simulated() -> dict[str, Curve]:
+def simulated_curves() -> dict[str, Curve]:
     sim = VehicleSim(4, links=())
     sim.step(8)
     result: dict[str, Curve] = {}
@@ -108,20 +108,20 @@ def simulated() -> dict[str, Curve]:
     t_s, position, velocity = fly(sim, 26, actions)
     for name, (row, *_rest) in GOTOS.items():
         axis, sign = AXIS[name]
-        k = "xyz".index(axis)
-        distance_m = sign * (position[:, row, k] - position[0, row, k])
-        result[name] = Curve(t_s, distance_m, sign * velocity[:, row, k])
+        axis_index = "xyz".index(axis)
+        distance_m = sign * (position[:, row, axis_index] - position[0, row, axis_index])
+        result[name] = Curve(t_s, distance_m, sign * velocity[:, row, axis_index])
     return result
 
 
 @pytest.mark.parametrize("name", TAKEOFFS)
 def test_take_offs_lift_off_and_climb_as_recorded(
-    shared: Path, simulated: dict[str, Curve], name: str
+    shared: Path, simulated_curves: dict[str, Curve], name: str
 ) -> None:
-    real, sim = curve(recording(shared, name), "z", -1.0), simulated[name]
+    real, sim = coordinate_curve(recording(shared, name), "z", -1.0), simulated_curves[name]
     for height_m in (1.0, 2.0) if name == "takeoff_2p5m" else (1.0, 2.0, 5.0, 9.0):
         # The recordings differ by 0.6 s, because the estimated height of the ground drifts by decimetres.
-        assert sim.reaches_s(height_m) == pytest.approx(real.reaches_s(height_m), abs=0.9), height_m
+        assert sim.time_reached_s(height_m) == pytest.approx(real.time_reached_s(height_m), abs=0.9), height_m
     # Both are maxima of estimated speeds, which vary by 0.1 m/s with the GPS noise.
     assert sim.speed.max() == pytest.approx(real.speed.max(), abs=0.25)
 
@@ -144,17 +144,17 @@ def test_the_vehicle_leaves_the_ground_at_the_recorded_time_after_arming() -> No
 
 @pytest.mark.parametrize("name", GOTOS)
 def test_gotos_accelerate_brake_and_overshoot_as_recorded(
-    shared: Path, simulated: dict[str, Curve], name: str
+    shared: Path, simulated_curves: dict[str, Curve], name: str
 ) -> None:
     axis, sign = AXIS[name]
-    real, sim = curve(recording(shared, name), axis, sign), simulated[name]
+    real, sim = coordinate_curve(recording(shared, name), axis, sign), simulated_curves[name]
     until_s = min(real.t_s[-1], sim.t_s[-1])
     grid = np.arange(0.0, until_s, TICK_S)
     simulated_m, recorded_m = (np.interp(grid, c.t_s, c.value) for c in (sim, real))
     distance_m = {"reposition_50m_then_stop": 50.2}.get(name, 60.0)
     for fraction in (0.1, 0.5, 0.9):
-        assert sim.reaches_s(fraction * distance_m) == pytest.approx(
-            real.reaches_s(fraction * distance_m), abs=0.6
+        assert sim.time_reached_s(fraction * distance_m) == pytest.approx(
+            real.time_reached_s(fraction * distance_m), abs=0.6
         ), fraction
     assert sim.speed.max() == pytest.approx(real.speed.max(), abs=0.35)
     assert np.abs(simulated_m - recorded_m).max() < 2.6, "2.6 m are less than half a second at 8 m/s"
@@ -163,6 +163,6 @@ def test_gotos_accelerate_brake_and_overshoot_as_recorded(
         assert simulated_m[-1] == pytest.approx(recorded_m[-1], abs=0.7)
 
 
-def test_a_goto_ends_at_its_target(simulated: dict[str, Curve]) -> None:
-    sim = simulated["reposition_60m_default_speed"]
+def test_a_goto_ends_at_its_target(simulated_curves: dict[str, Curve]) -> None:
+    sim = simulated_curves["reposition_60m_default_speed"]
     assert sim.value[sim.t_s > 22.0] == pytest.approx(60.1, abs=1.2)

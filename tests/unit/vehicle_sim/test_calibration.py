@@ -17,13 +17,14 @@ from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.parameters import Parameters
 
 STEP_S = 0.004
+PREFLIGHT_CALIBRATION, FIXED_MAG_CAL_YAW = 241, 42006
 OFFSET = np.array([0.3, -0.2, 0.5])
 SCALE = np.array([1.02, 0.97, 1.01])
 HARD_IRON = np.array([0.12, -0.08, 0.05])
 FIELD_LEVEL_GAUSS, FIELD_DOWN_GAUSS = 0.22, 0.43
 
 
-def at_rest(side: Side, offset: float = 0.0) -> tuple[float, float, float]:
+def accel_at_rest(side: Side, offset: float = 0.0) -> tuple[float, float, float]:
     reading = [offset, offset, offset]
     reading[side.axis] += side.sign * GRAVITY_M_S2
     return reading[0], reading[1], reading[2]
@@ -71,23 +72,23 @@ class TurnedVehicle:
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
         self.acks.append(result)
 
-    def calibrated(self, pattern: str) -> list[float]:
+    def axis_parameters(self, pattern: str) -> list[float]:
         return [float(self.parameters.get(pattern.format(axis))) for axis in "XYZ"]
 
     def command(self, *parameters: float) -> int | None:
         numbers = (*parameters, *(0.0,) * 7)[:7]
-        return self.calibration.calibrate(Command(241, *numbers, (255, 190), "gcs"))
+        return self.calibration.calibrate(Command(PREFLIGHT_CALIBRATION, *numbers, (255, 190), "gcs"))
 
     def step(self) -> None:
         """One sample of sensors with noise; the current calibration parameters are applied."""
         self.now_s += STEP_S
-        raw = np.array(at_rest(self.side)) + self._random.normal(0.0, 0.1, 3)
-        scale = np.array(self.calibrated("CAL_ACC0_{}SCALE"))
-        self.sensors.accel_frd_m_s2[0] = (raw - self.calibrated("CAL_ACC0_{}OFF")) * scale
-        turn = self._random.normal(0.0, 0.01, 3)
-        self.sensors.gyro_frd_rad_s[0] = turn - self.calibrated("CAL_GYRO0_{}OFF")
+        raw = np.array(accel_at_rest(self.side)) + self._random.normal(0.0, 0.1, 3)
+        scale = np.array(self.axis_parameters("CAL_ACC0_{}SCALE"))
+        self.sensors.accel_frd_m_s2[0] = (raw - self.axis_parameters("CAL_ACC0_{}OFF")) * scale
+        gyro_rad_s = self._random.normal(0.0, 0.01, 3)
+        self.sensors.gyro_frd_rad_s[0] = gyro_rad_s - self.axis_parameters("CAL_GYRO0_{}OFF")
         raw = self.field() + HARD_IRON + self._random.normal(0.0, 0.005, 3)
-        self.sensors.mag_frd_gauss[0] = raw - self.calibrated("CAL_MAG0_{}OFF")
+        self.sensors.mag_frd_gauss[0] = raw - self.axis_parameters("CAL_MAG0_{}OFF")
         due = [action for at_s, action in self._timers if at_s <= self.now_s]
         self._timers = [(at_s, action) for at_s, action in self._timers if at_s > self.now_s]
         for action in due:
@@ -96,8 +97,8 @@ class TurnedVehicle:
     def field(self) -> Any:
         """The magnetic field of the earth in the body frame, for the current side and rotation."""
         angle = self.turning_rad_s * self.now_s
-        across = FIELD_LEVEL_GAUSS * np.array([math.cos(angle), math.sin(angle)])
-        return np.insert(across, self.side.axis, -self.side.sign * FIELD_DOWN_GAUSS)
+        horizontal_gauss = FIELD_LEVEL_GAUSS * np.array([math.cos(angle), math.sin(angle)])
+        return np.insert(horizontal_gauss, self.side.axis, -self.side.sign * FIELD_DOWN_GAUSS)
 
     def run_until_text(self, text: str, timeout_s: float = 12.0) -> None:
         text_count, begin_s = len(self.texts), self.now_s
@@ -109,7 +110,7 @@ class TurnedVehicle:
 @pytest.mark.parametrize("side", Side)
 def test_each_side_is_recognised_after_a_rest(side: Side) -> None:
     detector = RestDetector(1.3)
-    events = [detector.feed(at_rest(side, 0.3), STEP_S) for _ in range(round(5.0 / STEP_S))]
+    events = [detector.feed(accel_at_rest(side, 0.3), STEP_S) for _ in range(round(5.0 / STEP_S))]
     began_s, still_s = events.index(Rest.BEGAN) * STEP_S, events.index(Rest.STILL) * STEP_S
     assert began_s == pytest.approx(2.36, abs=0.3), "as in the recording"
     assert still_s - began_s == pytest.approx(1.31, abs=0.05)
@@ -118,17 +119,17 @@ def test_each_side_is_recognised_after_a_rest(side: Side) -> None:
 
 def test_motion_ends_a_rest_and_a_tilted_vehicle_has_no_side() -> None:
     detector = RestDetector(1.3)
-    for _ in range(750):
-        detector.feed(at_rest(Side.DOWN), STEP_S)
+    for _ in range(round(3.0 / STEP_S)):
+        detector.feed(accel_at_rest(Side.DOWN), STEP_S)
     assert Rest.BROKEN in [detector.feed((4.0, 0.0, -9.8), STEP_S) for _ in range(50)]
-    half = GRAVITY_M_S2 / math.sqrt(2.0)
-    while detector.feed((half, 0.0, -half), STEP_S) is not Rest.STILL:
+    component_m_s2 = GRAVITY_M_S2 / math.sqrt(2.0)
+    while detector.feed((component_m_s2, 0.0, -component_m_s2), STEP_S) is not Rest.STILL:
         pass
     assert detector.side is None
 
 
 def test_offset_and_scale_are_computed_from_six_sides() -> None:
-    readings = {side: np.array(at_rest(side)) / SCALE + OFFSET for side in Side}
+    readings = {side: np.array(accel_at_rest(side)) / SCALE + OFFSET for side in Side}
     found = offset_and_scale(readings)
     assert found is not None
     assert found[0] == pytest.approx(OFFSET)
@@ -149,8 +150,8 @@ def test_an_accelerometer_is_calibrated_on_all_sides() -> None:
         vehicle.side = side
         vehicle.run_until_text(f"{side.value} side done, rotate to a different side")
     vehicle.run_until_text("calibration done: accel")
-    assert vehicle.calibrated("CAL_ACC0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
-    assert vehicle.calibrated("CAL_ACC0_{}SCALE") == pytest.approx([1.0, 1.0, 1.0], abs=0.005)
+    assert vehicle.axis_parameters("CAL_ACC0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
+    assert vehicle.axis_parameters("CAL_ACC0_{}SCALE") == pytest.approx([1.0, 1.0, 1.0], abs=0.005)
     assert [float(t.split("<")[1][:-1]) for t in vehicle.texts if "progress" in t] == [
         17,
         34,
@@ -159,7 +160,7 @@ def test_an_accelerometer_is_calibrated_on_all_sides() -> None:
         85,
         102,
     ]
-    assert "[cal] pending: back front left right up" in vehicle.texts, "down was the first side"
+    assert "[cal] pending: back front left right up" in vehicle.texts, "the first side, down, is not pending"
 
 
 def test_a_calibration_fails_if_the_vehicle_is_not_turned() -> None:
@@ -191,7 +192,7 @@ def test_a_gyroscope_calibration_sets_the_offset_measured_at_rest() -> None:
     vehicle.parameters.set("CAL_GYRO0_YOFF", 0.4)
     vehicle.command(1)
     vehicle.run_until_text("calibration done: gyro", 3)
-    assert vehicle.calibrated("CAL_GYRO0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.003)
+    assert vehicle.axis_parameters("CAL_GYRO0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.003)
 
 
 @pytest.mark.story
@@ -213,7 +214,7 @@ def test_a_compass_calibration_on_all_sides_sets_the_hard_iron_offset() -> None:
         vehicle.turning_rad_s = 1.0
         vehicle.run_until_text(f"{side.value} side done, rotate to a different side", 20)
     vehicle.run_until_text("calibration done: mag")
-    assert vehicle.calibrated("CAL_MAG0_{}OFF") == pytest.approx(HARD_IRON.tolist(), abs=0.01)
+    assert vehicle.axis_parameters("CAL_MAG0_{}OFF") == pytest.approx(HARD_IRON.tolist(), abs=0.01)
 
 
 def ready_vehicle() -> VehicleSim:
@@ -238,9 +239,9 @@ def test_a_level_calibration_corrects_the_mounting_angle() -> None:
     sim.simulation.parameters[0].set("SENS_BOARD_X_OFF", 3.0)
     sim.simulation._estimator.reset(0)
     sim.step(2.0)
-    tilted_deg = math.degrees(sim.autopilots[0].view.estimate.roll_rad)
-    assert tilted_deg == pytest.approx(-3.0, abs=0.7), "the parameter states a wrong mounting angle"
-    send_command(sim, 241, 0, 0, 0, 0, 2)
+    estimated_roll_deg = math.degrees(sim.autopilots[0].view.estimate.roll_rad)
+    assert estimated_roll_deg == pytest.approx(-3.0, abs=0.7), "the parameter states a wrong mounting angle"
+    send_command(sim, PREFLIGHT_CALIBRATION, 0, 0, 0, 0, 2)
     sim.step(1.5)
     assert parameter_of(sim, "SENS_BOARD_X_OFF") == pytest.approx(0.0, abs=0.7)
     assert not sim.autopilots[0].commander.calibrating
@@ -249,7 +250,7 @@ def test_a_level_calibration_corrects_the_mounting_angle() -> None:
 def test_a_barometer_calibration_sets_the_offset_from_gps_and_needs_a_fix() -> None:
     sim = ready_vehicle()
     sim.simulation.parameters[0].set("SIM_BARO_OFF_P", 300.0)
-    send_command(sim, 241, 0, 0, 1)
+    send_command(sim, PREFLIGHT_CALIBRATION, 0, 0, 1)
     sim.step(3.2)
     assert parameter_of(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0), (
         "the GPS error is 0.5 m; 12 Pa are 1 m"
@@ -257,7 +258,7 @@ def test_a_barometer_calibration_sets_the_offset_from_gps_and_needs_a_fix() -> N
     sim.step(0.7)
     sim.simulation.parameters[0].set("SIM_GPS_USED", 0)
     sim.step(0.5)
-    send_command(sim, 241, 0, 0, 1)
+    send_command(sim, PREFLIGHT_CALIBRATION, 0, 0, 1)
     sim.step(3.2)
     assert parameter_of(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0)
     assert not sim.autopilots[0].commander.calibrating, "the calibration did not end"
@@ -268,7 +269,7 @@ def test_a_compass_calibration_with_a_known_heading_sets_the_offset() -> None:
     for axis, gauss in zip("XYZ", HARD_IRON.tolist(), strict=True):
         sim.simulation.parameters[0].set(f"SIM_MAG_OFFSET_{axis}", gauss)
     sim.step(0.5)
-    send_command(sim, 42006, 0.0)
+    send_command(sim, FIXED_MAG_CAL_YAW, 0.0)
     sim.step(0.1)
     found = [parameter_of(sim, f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
     assert found == pytest.approx(HARD_IRON.tolist(), abs=0.06), "farther off than the noise of one sample"

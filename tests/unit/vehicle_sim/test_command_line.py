@@ -32,13 +32,13 @@ from vehicle_sim.options import build_parser
 def test_invalid_arguments_are_explained(
     arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit) as end:
+    with pytest.raises(SystemExit) as raised:
         main(arguments)
-    assert end.value.code == 2
+    assert raised.value.code == 2
     assert expected in capsys.readouterr().err
 
 
-def test_help_names_the_ports() -> None:
+def test_help_names_the_ports_and_the_parameter_option() -> None:
     text = build_parser().format_help()
     for word in ("18570", "14550", "14540", "5760", "--param"):
         assert word in text

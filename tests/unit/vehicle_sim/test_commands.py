@@ -13,7 +13,8 @@ pytestmark = pytest.mark.flight
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, CANCELLED = 0, 1, 2, 3, 4, 6
 ARM, SET_MODE, REPOSITION, CHANGE_ALTITUDE, CHANGE_SPEED = 400, 176, 192, 186, 178
 TAKEOFF_COMMAND = 22
-SET_HOME, ACTUATOR_TEST, GO_TO_LANDING, HIGH_LATENCY, ORBIT = 179, 310, 189, 2600, 34
+SET_HOME, ACTUATOR_TEST, LAND_START, HIGH_LATENCY, ORBIT = 179, 310, 189, 2600, 34
+RETURN = 20
 STABILIZED, MANUAL = 0x70000, 0x10000
 
 
@@ -34,7 +35,7 @@ def acks_of(station: PlanStation, command: int, *parameters: float) -> list[int]
     return station.acks(command, requested_s)
 
 
-def amsl(station: PlanStation, alt_home_m: float) -> float:
+def to_amsl_m(station: PlanStation, alt_home_m: float) -> float:
     return station.sim.autopilots[0].home.alt_amsl_m + alt_home_m
 
 
@@ -43,25 +44,25 @@ def position_of(station: PlanStation) -> tuple[float, float]:
     return float(north), float(east)
 
 
-def go_north(station: PlanStation, metres: float) -> None:
-    target = station.item(16, metres)
+def go_north(station: PlanStation, north_m: float) -> None:
+    target = station.item(16, north_m)
     assert acks_of(
-        station, REPOSITION, -1, 1, 0, NAN, target["x"] / 1e7, target["y"] / 1e7, amsl(station, 8.0)
+        station, REPOSITION, -1, 1, 0, NAN, target["x"] / 1e7, target["y"] / 1e7, to_amsl_m(station, 8.0)
     ) == [ACCEPTED]
 
 
-def go_to_before_lift_off(landed_station, alt_home_m):
+def command_go_to_before_lift_off(landed_station, alt_home_m):
     landed_station.command(ARM, 1)
     landed_station.run(0.1)
-    landed_station.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, amsl(landed_station, 10.0))
+    landed_station.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, to_amsl_m(landed_station, 10.0))
     landed_station.run(0.5)
     target = landed_station.item(16, 40.0)
-    goal = (target["x"] / 1e7, target["y"] / 1e7, amsl(landed_station, alt_home_m))
+    goal = (target["x"] / 1e7, target["y"] / 1e7, to_amsl_m(landed_station, alt_home_m))
     assert acks_of(landed_station, REPOSITION, -1, 1, 0, NAN, *goal) == [ACCEPTED]
 
 
 def test_a_go_to_before_lift_off_is_flown(landed_station):
-    go_to_before_lift_off(landed_station, 10.0)
+    command_go_to_before_lift_off(landed_station, 10.0)
     landed_station.run_until(lambda: position_of(landed_station)[0] > 39.0, 40)
     assert landed_station.height_m == pytest.approx(10.0, abs=0.6)
 
@@ -69,7 +70,7 @@ def test_a_go_to_before_lift_off_is_flown(landed_station):
 def test_a_go_to_before_lift_off_that_climbs_slower_than_0_3_m_s_stays_on_the_ground_as_px4_does(
     landed_station,
 ):
-    go_to_before_lift_off(landed_station, 2.0)
+    command_go_to_before_lift_off(landed_station, 2.0)
     landed_station.run(4.0)
     assert max(map(abs, position_of(landed_station))) < 0.1
 
@@ -77,15 +78,15 @@ def test_a_go_to_before_lift_off_that_climbs_slower_than_0_3_m_s_stays_on_the_gr
 def test_a_mode_change_takes_effect_before_the_command_sent_after_it(hovering_station):
     begin_s = hovering_station.now_s
     hovering_station.command(SET_MODE, 1, 4, 3)
-    hovering_station.command(20)
+    hovering_station.command(RETURN)
     hovering_station.run(0.3)
     assert hovering_station.active_mode == RTL
     assert [m.command for m in hovering_station.received("COMMAND_ACK", since_s=begin_s)] == [
         SET_MODE,
         SET_MODE,
-        20,
+        RETURN,
     ]
-    hovering_station.command(20)
+    hovering_station.command(RETURN)
     hovering_station.command(SET_MODE, 1, 4, 3)
     hovering_station.run(0.3)
     assert hovering_station.active_mode == HOLD
@@ -102,7 +103,7 @@ def test_a_change_of_altitude_ends_a_go_to_and_is_flown_at_the_current_position(
     go_north(hovering_station, 60.0)
     hovering_station.run(4.0)
     north_at_command_m = position_of(hovering_station)[0]
-    assert acks_of(hovering_station, CHANGE_ALTITUDE, amsl(hovering_station, 14.0)) == [ACCEPTED]
+    assert acks_of(hovering_station, CHANGE_ALTITUDE, to_amsl_m(hovering_station, 14.0)) == [ACCEPTED]
     hovering_station.run(12.0)
     assert hovering_station.height_m == pytest.approx(14.0, abs=0.5)
     assert north_at_command_m < position_of(hovering_station)[0] < north_at_command_m + 12.0, (
@@ -115,7 +116,7 @@ def test_a_change_of_altitude_outside_the_fence_is_not_flown(hovering_station):
     hovering_station.sim.set_parameter(0, "GF_MAX_VER_DIST", 12.0)
     hovering_station.run(1.5)
     requested_s = hovering_station.now_s
-    assert acks_of(hovering_station, CHANGE_ALTITUDE, amsl(hovering_station, 30.0)) == [ACCEPTED]
+    assert acks_of(hovering_station, CHANGE_ALTITUDE, to_amsl_m(hovering_station, 30.0)) == [ACCEPTED]
     hovering_station.run(5.0)
     assert hovering_station.height_m == pytest.approx(8.0, abs=0.5)
     assert "navigator_change_altitude_outside_geofence" in hovering_station.events(requested_s)
@@ -135,9 +136,9 @@ def test_a_go_to_without_values_stops_the_vehicle(hovering_station):
 def test_a_go_to_with_only_an_altitude_keeps_the_previous_target_position(hovering_station):
     go_north(hovering_station, 20.0)
     hovering_station.run(1.0)
-    assert acks_of(hovering_station, REPOSITION, -1, 1, 0, NAN, NAN, NAN, amsl(hovering_station, 12.0)) == [
-        ACCEPTED
-    ]
+    assert acks_of(
+        hovering_station, REPOSITION, -1, 1, 0, NAN, NAN, NAN, to_amsl_m(hovering_station, 12.0)
+    ) == [ACCEPTED]
     hovering_station.run(12.0)
     assert position_of(hovering_station)[0] == pytest.approx(20.0, abs=1.0)
     assert hovering_station.height_m == pytest.approx(12.0, abs=0.5)
@@ -160,8 +161,8 @@ def test_a_go_to_outside_the_fence_ends_the_mission_and_holds(hovering_station):
         NAN,
         target["x"] / 1e7,
         target["y"] / 1e7,
-        amsl(hovering_station, 8.0),
-    ) == [0]
+        to_amsl_m(hovering_station, 8.0),
+    ) == [ACCEPTED]
     assert "navigator_reposition_outside_geofence" in hovering_station.events(requested_s)
     assert hovering_station.active_mode == HOLD
     hovering_station.run(8.0)
@@ -181,16 +182,16 @@ def test_a_go_to_in_hold_keeps_a_changed_speed_and_a_go_to_from_another_mode_doe
 
 
 def test_the_landing_of_a_mission_can_be_commanded(hovering_station):
-    assert acks_of(hovering_station, GO_TO_LANDING) == [CANCELLED]
+    assert acks_of(hovering_station, LAND_START) == [CANCELLED]
     hovering_station.upload(
         [
             hovering_station.item(16, 30.0),
-            hovering_station.command_item(189),
+            hovering_station.command_item(LAND_START),
             hovering_station.item(16, 5.0),
             hovering_station.item(21, 0.0, alt_home_m=0.0),
         ]
     )
-    assert acks_of(hovering_station, GO_TO_LANDING) == [ACCEPTED]
+    assert acks_of(hovering_station, LAND_START) == [ACCEPTED]
     hovering_station.run(1.0)
     assert hovering_station.active_mode == MISSION_MODE
     assert hovering_station.sim.autopilots[0].navigator.mission.current >= 1
@@ -212,7 +213,7 @@ def test_an_unsupported_arming_parameter_is_reported_and_not_acknowledged(landed
 
 
 @pytest.mark.parametrize(
-    ("base", "mode"),
+    ("base_mode", "mode"),
     [
         (4, MISSION_MODE),
         (64 | 8, POSITION),
@@ -222,8 +223,8 @@ def test_an_unsupported_arming_parameter_is_reported_and_not_acknowledged(landed
         (16, HOLD),
     ],
 )
-def test_a_base_mode_alone_selects_a_mode(landed_station, base, mode):
-    assert acks_of(landed_station, SET_MODE, base, 0, 0)[-1] == ACCEPTED
+def test_a_base_mode_alone_selects_a_mode(landed_station, base_mode, mode):
+    assert acks_of(landed_station, SET_MODE, base_mode, 0, 0)[-1] == ACCEPTED
     assert landed_station.active_mode == mode
 
 
@@ -238,7 +239,7 @@ def test_invalid_or_disabled_changes_of_home_are_denied(landed_station):
 def test_a_commanded_home_is_kept_when_the_vehicle_arms_and_takes_off(landed_station):
     target = landed_station.item(16, 40.0)
     target_deg = (target["x"] / 1e7, target["y"] / 1e7)
-    assert acks_of(landed_station, SET_HOME, 0, 0, 0, NAN, *target_deg, amsl(landed_station, 0.0)) == [
+    assert acks_of(landed_station, SET_HOME, 0, 0, 0, NAN, *target_deg, to_amsl_m(landed_station, 0.0)) == [
         ACCEPTED
     ]
     landed_station.take_off_and_hover(4.0)
@@ -248,7 +249,7 @@ def test_a_commanded_home_is_kept_when_the_vehicle_arms_and_takes_off(landed_sta
     assert home.lat_deg != pytest.approx(target_deg[0], abs=1e-4)
 
 
-def test_with_com_home_en_off_home_is_not_set_automatically(landed_station):
+def test_home_is_not_set_automatically_while_com_home_en_is_off(landed_station):
     home = landed_station.sim.autopilots[0].home
     set_at_us = home.set_at_us
     landed_station.sim.set_parameter(0, "COM_HOME_EN", 0)
@@ -288,11 +289,11 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_stays_on_the_ground_and_is_
     landed_station: PlanStation,
 ) -> None:
     """This is the effect of a height above ground that is sent as an altitude above sea level."""
-    landed_station.command(400, 1)
+    landed_station.command(ARM, 1)
     landed_station.run(0.1)
-    landed_station.command(22, -1, 0, 0, NAN, NAN, NAN, 7.0)
+    landed_station.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, 7.0)
     landed_station.run(8.0)
-    assert landed_station.acks(22) == [0]
+    assert landed_station.acks(TAKEOFF_COMMAND) == [ACCEPTED]
     assert "Already higher than takeoff altitude\t" in landed_station.texts()
     assert landed_station.active_mode == TAKEOFF
     assert landed_station.height_m < 0.2
@@ -303,10 +304,10 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_stays_on_the_ground_and_is_
 
 @pytest.mark.story
 def test_a_take_off_climbs_to_an_altitude_below_its_default(landed_station: PlanStation) -> None:
-    landed_station.command(400, 1)
+    landed_station.command(ARM, 1)
     landed_station.run(0.1)
     landed_station.command(
-        22, -1, 0, 0, NAN, NAN, NAN, landed_station.sim.autopilots[0].home.alt_amsl_m + 1.2
+        TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, landed_station.sim.autopilots[0].home.alt_amsl_m + 1.2
     )
     landed_station.run(12.0)
     assert landed_station.active_mode == HOLD

@@ -13,14 +13,14 @@ from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import ControlLevel, Simulation
 
 
-def allocation(count: int = 1) -> Allocation:
+def configured_allocation(count: int = 1) -> Allocation:
     block = Allocation(count)
     for i in range(count):
         block.configure(i, Parameters())
     return block
 
 
-def signals(block: Allocation, torque: np.ndarray, thrust: np.ndarray) -> np.ndarray:
+def motor_signals(block: Allocation, torque: np.ndarray, thrust: np.ndarray) -> np.ndarray:
     motors = np.zeros((len(thrust), 4))
     block.update(np.ones(len(thrust), dtype=np.bool_), torque, thrust, motors)
     return motors
@@ -33,9 +33,9 @@ def rate_setpoints(control: AttitudeControl, q: np.ndarray, setpoint: np.ndarray
 
 
 def test_the_mixer_is_the_normalised_quad_x():
-    half = math.sqrt(0.5)
+    s = math.sqrt(0.5)
     assert mixer_from_parameters(Parameters()) == pytest.approx(
-        np.array([[-half, half, half, -half], [half, -half, half, -half], [1, 1, -1, -1], [1, 1, 1, 1]])
+        np.array([[-s, s, s, -s], [s, -s, s, -s], [1, 1, -1, -1], [1, 1, 1, 1]])
     )
 
 
@@ -46,28 +46,28 @@ def test_rotors_in_a_line_are_refused():
 
 
 def test_demands_within_the_motor_limits_are_allocated_exactly():
-    motors = signals(allocation(), np.array([[0.05, -0.02, 0.03]]), np.array([0.5]))
+    motors = motor_signals(configured_allocation(), np.array([[0.05, -0.02, 0.03]]), np.array([0.5]))
     expected = 0.5 + np.array([0.05, -0.02, 0.03]) @ mixer_from_parameters(Parameters())[:3]
     assert motors[0] == pytest.approx(expected)
 
 
 def test_at_full_thrust_roll_has_priority_over_thrust():
-    block = allocation()
-    motors = signals(block, np.array([[0.2, 0.0, 0.0]]), np.array([1.0]))
+    block = configured_allocation()
+    motors = motor_signals(block, np.array([[0.2, 0.0, 0.0]]), np.array([1.0]))
     assert motors.max() == pytest.approx(1.0)
     assert motors[0, 1] - motors[0, 0] == pytest.approx(0.2 * 2 * math.sqrt(0.5))
     assert block.unallocated[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
 
 
 def test_without_airmode_there_is_no_torque_at_zero_thrust():
-    block = allocation()
-    motors = signals(block, np.array([[0.3, 0.3, 0.3]]), np.array([0.0]))
+    block = configured_allocation()
+    motors = motor_signals(block, np.array([[0.3, 0.3, 0.3]]), np.array([0.0]))
     assert motors[0] == pytest.approx(np.zeros(4), abs=1e-9)
     assert np.all(block.unallocated[0] > 0.1)
 
 
 def test_roll_has_priority_over_yaw():
-    motors = signals(allocation(), np.array([[0.2, 0.0, 0.9]]), np.array([0.5]))
+    motors = motor_signals(configured_allocation(), np.array([[0.2, 0.0, 0.9]]), np.array([0.5]))
     roll = (motors[0] @ np.array([-1, 1, 1, -1])) / (4 * math.sqrt(0.5))
     yaw = (motors[0] @ np.array([1, 1, -1, -1])) / 4
     assert roll == pytest.approx(0.2, abs=0.03)
@@ -76,9 +76,9 @@ def test_roll_has_priority_over_yaw():
 
 def test_motor_signals_of_random_demands_stay_within_their_limits():
     generator = np.random.default_rng(1)
-    block = allocation(200)
+    block = configured_allocation(200)
     for _ in range(20):
-        motors = signals(block, generator.uniform(-2, 2, (200, 3)), generator.uniform(0, 1, 200))
+        motors = motor_signals(block, generator.uniform(-2, 2, (200, 3)), generator.uniform(0, 1, 200))
         assert motors.min() >= 0.0
         assert motors.max() <= 1.0
 
@@ -93,7 +93,7 @@ def test_an_attitude_error_is_corrected_by_the_shortest_rotation():
     )
     rates = rate_setpoints(control, level, setpoint, np.full(2, np.nan))
     assert rates[0] == pytest.approx([6.5 * 2 * math.sin(0.05), 0.0, 0.0], abs=1e-6)
-    # The yaw weight reduces the angle, and the gain compensates it.
+    # MC_ROLL_P is 6.5, MC_YAW_P is 2.8; the yaw weight reduces the angle, and the gain compensates it.
     assert rates[1] == pytest.approx([0.0, 0.0, 2.8 * 0.1], abs=1e-3)
     assert rate_setpoints(control, level, -setpoint, np.full(2, np.nan)) == pytest.approx(rates)
 
@@ -133,12 +133,12 @@ def test_the_gyro_filter_passes_low_and_attenuates_high_frequencies():
         for t in times:
             filters.update(np.full((1, 3), math.sin(2 * math.pi * frequency_hz * t)), rates, slopes)
             outputs.append((rates[0, 0], slopes[0, 0]))
-        late = np.abs(np.array(outputs)[1000:])
-        return float(late[:, 0].max()), float(late[:, 1].max())
+        settled = np.abs(np.array(outputs)[1000:])
+        return float(settled[:, 0].max()), float(settled[:, 1].max())
 
-    slow, slope = gain(1.0)
-    assert slow == pytest.approx(1.0, abs=0.01)
-    assert slope == pytest.approx(2 * math.pi, rel=0.02)
+    low_frequency_gain, low_frequency_slope = gain(1.0)
+    assert low_frequency_gain == pytest.approx(1.0, abs=0.01)
+    assert low_frequency_slope == pytest.approx(2 * math.pi, rel=0.02)
     assert gain(40.0)[0] == pytest.approx(math.sqrt(0.5), abs=0.02)
     assert gain(100.0)[0] < 0.05
 

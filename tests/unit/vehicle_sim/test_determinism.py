@@ -19,11 +19,11 @@ events:
 """
 
 
-EARLY_S, WHOLE_S = 5.2, 9.0
+EARLY_S, END_S = 5.2, 9.0
 """Times after the take-off command; the second fault occurs at about 7 s."""
 
 
-def flight(seed: int, until_s: float = WHOLE_S, count: int = 2) -> tuple[str, np.ndarray, np.ndarray]:
+def fly_with_faults(seed: int, until_s: float = END_S, count: int = 2) -> tuple[str, np.ndarray, np.ndarray]:
     """Digest of all received bytes; positions of the vehicles at the early time and at the end."""
     station = Station(
         count=count,
@@ -32,10 +32,10 @@ def flight(seed: int, until_s: float = WHOLE_S, count: int = 2) -> tuple[str, np
         script=script_from_fields(parse_yaml(FAULTS, "faults")),
     )
     digest = hashlib.sha256()
-    original = station.sim.frames
+    original_frames = station.sim.frames
 
     def record(instance: int, link: str) -> list[bytes]:
-        frames = original(instance, link)
+        frames = original_frames(instance, link)
         digest.update(b"".join(frames))
         return frames
 
@@ -45,17 +45,17 @@ def flight(seed: int, until_s: float = WHOLE_S, count: int = 2) -> tuple[str, np
     station.run(0.1)
     station.command(22, -1, 0, 0, NAN, NAN, NAN, station.sim.autopilots[0].home.alt_amsl_m + 5.0)
     station.run(EARLY_S)
-    early = station.sim.simulation.truth.position_ned_m.copy()
+    early_position_ned_m = station.sim.simulation.truth.position_ned_m.copy()
     station.run(until_s - EARLY_S)
-    return digest.hexdigest(), early, station.sim.simulation.truth.position_ned_m.copy()
+    return digest.hexdigest(), early_position_ned_m, station.sim.simulation.truth.position_ned_m.copy()
 
 
 def test_two_runs_with_the_same_seed_are_bit_identical_and_another_seed_gives_another_flight() -> None:
-    bytes_a, early_a, truth_a = flight(7)
-    bytes_b, _, truth_b = flight(7)
-    _, early_c, _ = flight(8, EARLY_S)
-    assert truth_a[0, 2] < -2.0, "the vehicle did not take off"
-    assert bytes_a == bytes_b
-    assert np.array_equal(truth_a, truth_b)
-    assert early_a[0, 2] < -0.2
-    assert not np.array_equal(early_a, early_c)
+    digest_a, early_position_a, end_position_a = fly_with_faults(7)
+    digest_b, _, end_position_b = fly_with_faults(7)
+    _, early_position_c, _ = fly_with_faults(8, EARLY_S)
+    assert end_position_a[0, 2] < -2.0, "the vehicle did not take off"
+    assert digest_a == digest_b
+    assert np.array_equal(end_position_a, end_position_b)
+    assert early_position_a[0, 2] < -0.2
+    assert not np.array_equal(early_position_a, early_position_c)

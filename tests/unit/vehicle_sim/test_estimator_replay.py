@@ -34,7 +34,7 @@ MAG_SAMPLES = 4
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """Both estimates at the same times."""
+    """The simulated estimate, PX4's estimate and the truth at the same times."""
 
     t_s: FloatArray
     """(T,) time since boot."""
@@ -88,13 +88,13 @@ def replay_log(log: _Log) -> Replay:
         "latitude_deg", "longitude_deg", "altitude_msl_m", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s",
     )  # fmt: skip
     baro_alts_m = log.columns("vehicle_air_data", "baro_alt_meter")
-    fields = log.columns("vehicle_magnetometer", *_axes("magnetometer_ga"))
-    due = {
+    mag_fields = log.columns("vehicle_magnetometer", *_axes("magnetometer_ga"))
+    sample_times = {
         name: log.times_s(name)
         for name in ("vehicle_gps_position", "vehicle_air_data", "vehicle_magnetometer")
     }
-    fixes_until, altitudes_until, fields_until = (np.searchsorted(each, times) for each in due.values())
-    down = log.at(times, "vehicle_local_position_groundtruth", "z")[:, 0]
+    fix_counts, baro_counts, mag_counts = (np.searchsorted(each, times) for each in sample_times.values())
+    true_down_m = log.at(times, "vehicle_local_position_groundtruth", "z")[:, 0]
     sensors = SensorSuite(STEP_S, SimulationOrigin(*fixes[0, :3]), seed=0, vehicles=[0], noise=False).state
     sensors.gps_satellites[:], sensors.gps_fix_type[:] = 10, 3
     estimator = Estimator(1, STEP_S)
@@ -103,16 +103,16 @@ def replay_log(log: _Log) -> Replay:
     for k, t_s in enumerate(times):
         sensors.gyro_frd_rad_s[:], sensors.accel_frd_m_s2[:] = imu[k, :3], imu[k, 3:]
         if k % 2 and k > 1:
-            if fixes_until[k] > fixes_until[k - 2]:
-                fix = fixes[fixes_until[k] - 1]
+            if fix_counts[k] > fix_counts[k - 2]:
+                fix = fixes[fix_counts[k] - 1]
                 sensors.gps_lat_deg[:], sensors.gps_lon_deg[:], sensors.gps_alt_amsl_m[:] = fix[:3]
                 sensors.gps_velocity_ned_m_s[:] = fix[3:]
                 sensors.gps_count += 1
-            if altitudes_until[k] > altitudes_until[k - 2]:
-                sensors.baro_alt_amsl_m[:] = baro_alts_m[altitudes_until[k] - 1]
+            if baro_counts[k] > baro_counts[k - 2]:
+                sensors.baro_alt_amsl_m[:] = baro_alts_m[baro_counts[k] - 1]
                 sensors.baro_count += 2
-            if fields_until[k] > fields_until[k - 2]:
-                sensors.mag_frd_gauss[:] = fields[fields_until[k] - 1]
+            if mag_counts[k] > mag_counts[k - 2]:
+                sensors.mag_frd_gauss[:] = mag_fields[mag_counts[k] - 1]
                 mag_samples_left = MAG_SAMPLES
             if mag_samples_left:
                 sensors.mag_count += 1
@@ -120,7 +120,7 @@ def replay_log(log: _Log) -> Replay:
         if k % RANGE_EVERY_STEPS == 0:
             in_air = log.latest(t_s, "vehicle_land_detected", "landed") == 0.0
             armed = log.latest(t_s, "vehicle_status", "arming_state") == 2.0
-            estimator.update_range(np.array([-down[k]]), np.array([in_air]), np.array([armed]))
+            estimator.update_range(np.array([-true_down_m[k]]), np.array([in_air]), np.array([armed]))
         estimator.update(sensors)
         velocity.append(estimator.state.velocity_ned_m_s[0].copy())
         sigma.append(np.sqrt(estimator.kalman.variances(0, STATES)[0]))
@@ -167,9 +167,9 @@ def test_the_standard_deviations_match_px4(replay, t_s, phase):
 
 
 def test_the_declination_is_fused_at_rest_although_gnss_is_fused(replay):
-    resting = (replay.t_s > 4.0) & (replay.t_s < 12.0)
-    assert replay.recorded_declination[resting].all()
-    assert replay.declination[resting].all()
+    at_rest = (replay.t_s > 4.0) & (replay.t_s < 12.0)
+    assert replay.recorded_declination[at_rest].all()
+    assert replay.declination[at_rest].all()
     armed = (replay.t_s > 13.0) & (replay.t_s < 44.0)
     assert not replay.recorded_declination[armed].any()
     assert not replay.declination[armed].any()

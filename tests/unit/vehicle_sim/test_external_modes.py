@@ -11,7 +11,7 @@ from vehicle_sim.external_modes.registry import ExternalModes, Registration, Reg
 from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS
 from vehicle_sim.external_modes.slots import Controllers, Overrides, name_hash
 
-RTL, HOLD = 5, 4
+RTL, HOLD = 5, 4  # external modes have the numbers 23 to 30
 CYCLE_US = 12_000
 FAILED = RegistrationReply()
 
@@ -25,8 +25,8 @@ class Registry(ExternalModes):
         self.now_us = 0
         self.requests: list[int] = []
 
-    def register_mode(self, name: str, **more: bool | int) -> RegistrationReply:
-        return self.register(Registration(name, arming_check=True, mode=True, **more))  # type: ignore[arg-type]
+    def register_mode(self, name: str, **options: bool | int) -> RegistrationReply:
+        return self.register(Registration(name, arming_check=True, mode=True, **options))  # type: ignore[arg-type]
 
     def run(
         self, seconds: float, reply_to: Callable[[int], ArmingCheckReply | None] = lambda _: None
@@ -41,7 +41,7 @@ class Registry(ExternalModes):
             self.now_us += CYCLE_US
 
 
-def replies(
+def reply_function(
     number: int = 0, *, can_run: bool = True, requires: str = ""
 ) -> Callable[[int], ArmingCheckReply]:
     return lambda request_id: ArmingCheckReply(request_id, number, can_run, frozenset(requires.split()))
@@ -86,12 +86,12 @@ def test_at_most_eight_modes_and_five_executors_are_registered():
 
 
 @pytest.mark.parametrize(
-    "request_",
+    "registration",
     [Registration("A", mode=True), Registration("A", arming_check=True, executor=True)],
     ids=["a mode without an arming check", "an executor without a mode"],
 )
-def test_an_incomplete_registration_fails(request_):
-    assert Registry().register(request_) == FAILED
+def test_an_incomplete_registration_fails(registration):
+    assert Registry().register(registration) == FAILED
 
 
 def test_a_registration_without_mode_check_and_executor_succeeds():
@@ -110,7 +110,7 @@ def test_requests_are_sent_every_312_ms_while_a_component_is_registered():
     registry.run(1.0)
     assert registry.requests == []
     registry.register_mode("A")
-    registry.run(REQUEST_EVERY_US * 10 / 1e6 - 0.01, replies())
+    registry.run(REQUEST_EVERY_US * 10 / 1e6 - 0.01, reply_function())
     assert registry.requests == list(range(1, 11))
 
 
@@ -126,25 +126,25 @@ def test_a_component_that_never_replies_is_unresponsive_after_eleven_requests():
 def test_a_component_that_stops_replying_is_unresponsive_after_four_requests():
     registry = Registry()
     registry.register_mode("A")
-    registry.run(1.0, replies())
+    registry.run(1.0, reply_function())
     registry.run(1.2)
     assert not registry.health().unresponsive
     registry.run(0.3)
     assert registry.health().unresponsive == 1 << 23
-    registry.run(0.4, replies())
+    registry.run(0.4, reply_function())
     assert not registry.health().unresponsive
 
 
-def test_a_component_that_failed_four_times_stays_unresponsive():
+def test_a_component_that_was_unresponsive_four_times_stays_unresponsive():
     registry = Registry()
     registry.register_mode("A")
     for _ in range(3):
-        registry.run(1.0, replies())
+        registry.run(1.0, reply_function())
         registry.run(2.0)
-    registry.run(1.0, replies())
+    registry.run(1.0, reply_function())
     assert not registry.health().unresponsive
     registry.run(2.0)
-    registry.run(1.0, replies())
+    registry.run(1.0, reply_function())
     assert registry.health().unresponsive
 
 
@@ -177,7 +177,7 @@ def test_only_the_last_four_simultaneous_replies_count():
 def test_requirements_of_a_mode_also_apply_to_the_mode_that_it_replaces():
     registry = Registry()
     registry.register_mode("A", replaces=RTL)
-    registry.run(0.1, replies(requires="local_position"))
+    registry.run(0.1, reply_function(requires="local_position"))
     requirements = registry.health().requirements
     assert requirements.local_position == BUILT_IN_REQUIREMENTS.local_position | 1 << 23 | 1 << RTL
     assert requirements.home_position == BUILT_IN_REQUIREMENTS.home_position & ~(1 << RTL)
@@ -187,7 +187,7 @@ def test_requirements_of_a_mode_also_apply_to_the_mode_that_it_replaces():
 def test_a_mode_that_cannot_run_prevents_arming_only_in_this_mode():
     registry = Registry()
     registry.register_mode("A")
-    registry.run(0.1, replies(can_run=False))
+    registry.run(0.1, reply_function(can_run=False))
     assert registry.health().not_armable == 1 << 23
     assert registry.health().requirements == BUILT_IN_REQUIREMENTS
 
@@ -265,10 +265,10 @@ def test_a_mode_without_configuration_has_no_controllers():
 
 def test_registrations_and_published_changes_are_counted():
     registry = Registry()
-    received: list[int] = []
-    registry.on_mode_list_change = lambda: received.append(registry.mode_list_seq)
+    received_seqs: list[int] = []
+    registry.on_mode_list_change = lambda: received_seqs.append(registry.mode_list_seq)
     registry.on_status_published(registry.settable(0))
     registry.register_mode("A")
     registry.on_status_published(registry.settable(0))
     registry.on_status_published(registry.settable(0))
-    assert received == [1, 2]
+    assert received_seqs == [1, 2]

@@ -28,13 +28,13 @@ def test_a_deferred_failsafe_does_not_act_and_is_reported():
     assert decide(machine, 1000.0, LOST_GCS) is Action.NONE
 
 
-@pytest.mark.parametrize(("timeout_s", "ends_s"), [(4, 4.0), (0, 30.0)])
-def test_a_deferral_ends_after_its_timeout(timeout_s, ends_s):
+@pytest.mark.parametrize(("timeout_s", "end_s"), [(4, 4.0), (0, 30.0)])
+def test_a_deferral_ends_after_its_timeout(timeout_s, end_s):
     machine = Failsafe()
     machine.defer(True, timeout_s)
     decide(machine, 0.0, LOST_GCS)
-    assert decide(machine, ends_s - 0.1, LOST_GCS) is Action.NONE
-    assert decide(machine, ends_s + 0.1, LOST_GCS) is Action.LAND
+    assert decide(machine, end_s - 0.1, LOST_GCS) is Action.NONE
+    assert decide(machine, end_s + 0.1, LOST_GCS) is Action.LAND
     machine.defer(True, timeout_s)
     assert machine.deferral == 0, "deferred while a failsafe acts"
 
@@ -74,10 +74,10 @@ ALL_CONDITIONS = Conditions(
 
 
 def test_only_lost_links_and_a_low_battery_are_deferred():
-    found = {
+    flags = {
         each.name: each.deferrable for each in flight_actions(ALL_CONDITIONS) if each.action > Action.WARN
     }
-    assert {name for name, deferrable in found.items() if deferrable} == {"manual", "gcs", "battery"}
-    assert {name for name, deferrable in found.items() if not deferrable} == {
+    assert {name for name, deferrable in flags.items() if deferrable} == {"manual", "gcs", "battery"}
+    assert {name for name, deferrable in flags.items() if not deferrable} == {
         "fence", "wind", "flight time", "attitude", "mode",
     }  # fmt: skip

@@ -21,19 +21,20 @@ from vehicle_sim.autopilot.modes import NavState
 
 pytestmark = pytest.mark.flight
 
+ARM, INJECT_FAILURE = 400, 420
 LOST_GCS = ActionOptions("gcs", Action.RTL, Cause.GCS_LOSS, ClearCondition.ON_MODE_CHANGE)
 LOW_BATTERY = ActionOptions("battery", Action.WARN, Cause.BATTERY_LOW)
 EMPTY_BATTERY = ActionOptions("battery", Action.LAND, Cause.BATTERY_EMERGENCY)
 
 
-class Machine:
+class FailsafeMachine:
     """A failsafe state machine with a fake clock."""
 
     def __init__(self) -> None:
         self.failsafe, self.now_s, self.intended = Failsafe(), 0.0, NavState.HOLD
         self.runnable: frozenset[NavState] | None = None
 
-    def after(self, seconds: float, *active: ActionOptions) -> Decision:
+    def update_after(self, seconds: float, *active: ActionOptions) -> Decision:
         self.now_s += seconds
         return self.failsafe.update(
             self.now_s, active, intended=self.intended, delay_s=5.0,
@@ -42,46 +43,46 @@ class Machine:
 
 
 def test_a_failsafe_holds_for_the_delay_then_acts_and_continues_without_its_cause() -> None:
-    machine = Machine()
-    assert machine.after(0.0, LOST_GCS) == Decision(Action.HOLD, Cause.GCS_LOSS, Action.RTL)
-    assert machine.after(4.9, LOST_GCS).action is Action.HOLD
-    assert machine.after(0.2, LOST_GCS) == Decision(Action.RTL, Cause.GCS_LOSS)
-    assert machine.after(1.0).action is Action.RTL, "the return ended when the link was back"
+    machine = FailsafeMachine()
+    assert machine.update_after(0.0, LOST_GCS) == Decision(Action.HOLD, Cause.GCS_LOSS, Action.RTL)
+    assert machine.update_after(4.9, LOST_GCS).action is Action.HOLD
+    assert machine.update_after(0.2, LOST_GCS) == Decision(Action.RTL, Cause.GCS_LOSS)
+    assert machine.update_after(1.0).action is Action.RTL, "the return ended when the link was back"
     machine.failsafe.on_mode_change()
-    assert machine.after(0.1).action is Action.NONE
+    assert machine.update_after(0.1).action is Action.NONE
 
 
 def test_a_worse_condition_does_not_restart_the_delay() -> None:
-    machine = Machine()
-    assert machine.after(0.0, LOW_BATTERY).action is Action.WARN
-    assert machine.after(1.0, LOW_BATTERY, LOST_GCS).pending is Action.RTL
-    assert machine.after(3.0, LOW_BATTERY, LOST_GCS, EMPTY_BATTERY).pending is Action.LAND
-    assert machine.after(2.1, LOW_BATTERY, LOST_GCS, EMPTY_BATTERY) == Decision(
+    machine = FailsafeMachine()
+    assert machine.update_after(0.0, LOW_BATTERY).action is Action.WARN
+    assert machine.update_after(1.0, LOW_BATTERY, LOST_GCS).pending is Action.RTL
+    assert machine.update_after(3.0, LOW_BATTERY, LOST_GCS, EMPTY_BATTERY).pending is Action.LAND
+    assert machine.update_after(2.1, LOW_BATTERY, LOST_GCS, EMPTY_BATTERY) == Decision(
         Action.LAND, Cause.BATTERY_EMERGENCY
     )
 
 
 def test_a_takeover_lasts_until_a_new_condition() -> None:
-    machine = Machine()
-    machine.after(0.0, LOST_GCS)
+    machine = FailsafeMachine()
+    machine.update_after(0.0, LOST_GCS)
     machine.failsafe.on_mode_change()
-    assert machine.after(6.0, LOST_GCS).action is Action.NONE
-    assert machine.after(0.1, LOST_GCS, EMPTY_BATTERY).action is Action.HOLD
+    assert machine.update_after(6.0, LOST_GCS).action is Action.NONE
+    assert machine.update_after(0.1, LOST_GCS, EMPTY_BATTERY).action is Action.HOLD
     attitude_failure = ActionOptions(
         "attitude", Action.TERMINATE, clear=ClearCondition.NEVER, takeover=UserTakeover.NEVER
     )
-    assert machine.after(0.1, attitude_failure).action is Action.TERMINATE
+    assert machine.update_after(0.1, attitude_failure).action is Action.TERMINATE
     machine.failsafe.on_mode_change()
-    assert machine.after(0.1).action is Action.TERMINATE
+    assert machine.update_after(0.1).action is Action.TERMINATE
 
 
 def test_an_action_that_cannot_run_is_replaced_and_a_landing_is_not_interrupted() -> None:
-    machine = Machine()
+    machine = FailsafeMachine()
     machine.runnable = frozenset()
-    assert machine.after(0.0, LOST_GCS).action is Action.DESCEND
-    machine = Machine()
+    assert machine.update_after(0.0, LOST_GCS).action is Action.DESCEND
+    machine = FailsafeMachine()
     machine.intended = NavState.LAND
-    assert machine.after(0.0, ActionOptions("fence", Action.RTL)).action is Action.WARN
+    assert machine.update_after(0.0, ActionOptions("fence", Action.RTL)).action is Action.WARN
 
 
 @pytest.mark.parametrize(
@@ -128,22 +129,25 @@ def test_com_lkdown_tko_sets_how_long_an_attitude_failure_disarms_after_spool_up
     assert watch.in_early_takeoff(4.1)
 
 
-def test_after_a_lost_position_a_vehicle_with_sticks_switches_to_altitude_mode() -> None:
-    lost = {"mode": NavState.POSITION, "position_lost": True}
-    assert flight_actions(Conditions(**lost, sticks=True))[0].action is Action.FALLBACK_ALTITUDE
+def test_a_vehicle_with_stick_input_switches_to_altitude_mode_after_a_lost_position() -> None:
+    position_lost = {"mode": NavState.POSITION, "position_lost": True}
+    assert flight_actions(Conditions(**position_lost, sticks=True))[0].action is Action.FALLBACK_ALTITUDE
     assert (
-        flight_actions(Conditions(**lost, sticks=True, position_loss_lands=True))[0].action is Action.DESCEND
+        flight_actions(Conditions(**position_lost, sticks=True, position_loss_lands=True))[0].action
+        is Action.DESCEND
     )
-    assert flight_actions(Conditions(**lost))[0].action is Action.DESCEND
+    assert flight_actions(Conditions(**position_lost))[0].action is Action.DESCEND
 
 
-def flying(height_m: float = 3.0, *, sensor_noise: bool = False, **parameters: float) -> PlanStation:
+def hovering_station(
+    height_m: float = 3.0, *, sensor_noise: bool = False, **parameters: float
+) -> PlanStation:
     return hovering(PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=sensor_noise)
 
 
 @pytest.mark.story
 def test_a_return_after_a_lost_link_continues_when_the_link_is_back() -> None:
-    station = flying(NAV_DLL_ACT=2, COM_DL_LOSS_T=5, RTL_RETURN_ALT=4.0)
+    station = hovering_station(NAV_DLL_ACT=2, COM_DL_LOSS_T=5, RTL_RETURN_ALT=4.0)
     station.heartbeats = False
     since_s = station.now_s
     station.run_until(lambda: station.active_mode == RTL, 8)
@@ -159,7 +163,7 @@ def test_a_return_after_a_lost_link_continues_when_the_link_is_back() -> None:
 
 
 def test_lost_sticks_trigger_a_return() -> None:
-    station = flying(NAV_RCL_ACT=2, RTL_RETURN_ALT=4.0)
+    station = hovering_station(NAV_RCL_ACT=2, RTL_RETURN_ALT=4.0)
     station.run(1.0, lambda: station.send("MANUAL_CONTROL", target=1, z=500))
     assert station.active_mode == HOLD
     lost_s = station.now_s
@@ -174,7 +178,7 @@ def test_lost_sticks_trigger_a_return() -> None:
 
 
 def test_an_empty_battery_warns_returns_and_lands() -> None:
-    station = flying(COM_LOW_BAT_ACT=3, SIM_BAT_ENABLE=0)
+    station = hovering_station(COM_LOW_BAT_ACT=3, SIM_BAT_ENABLE=0)
     simulation = station.sim.simulation
     simulation.set_battery_remaining(0, 0.14)
     station.run(0.1)
@@ -190,8 +194,8 @@ def test_an_empty_battery_warns_returns_and_lands() -> None:
     station.run_until(lambda: not station.armed, 25)
 
 
-def test_a_flight_longer_than_allowed_returns() -> None:
-    station = flying(COM_FLT_TIME_MAX=14)
+def test_a_vehicle_returns_when_its_flight_time_is_over() -> None:
+    station = hovering_station(COM_FLT_TIME_MAX=14)
     station.run_until(lambda: station.active_mode == RTL, 15)
     assert "Approaching max flight time (system will RTL in 10 seconds)\t" in station.texts()
     assert "check_flight_time_limit" in station.events()
@@ -214,30 +218,30 @@ def test_wind_is_estimated_and_too_strong_wind_triggers_a_landing() -> None:
     assert monitors.wind_m_s == pytest.approx(6.0, abs=1.5)
 
 
-def sensors(station: PlanStation) -> tuple[int, ...]:
+def sensor_flags(station: PlanStation) -> tuple[int, ...]:
     """Present, enabled and healthy sensors in SYS_STATUS."""
     status = station.last["SYS_STATUS"].values
-    return tuple(status[f"onboard_control_sensors_{what}"] for what in ("present", "enabled", "health"))
+    return tuple(status[f"onboard_control_sensors_{state}"] for state in ("present", "enabled", "health"))
 
 
-def test_without_a_position_the_vehicle_descends() -> None:
-    # With noise: the estimated velocity drifts, and the landing is still detected.
-    station = flying(sensor_noise=True)
-    assert sensors(station) == (0x300402F, 0x301402F, 0x1320C83F), "as recorded"
+def test_a_vehicle_without_a_position_estimate_descends() -> None:
+    # With sensor noise the estimated velocity drifts; the landing must still be detected.
+    station = hovering_station(sensor_noise=True)
+    assert sensor_flags(station) == (0x300402F, 0x301402F, 0x1320C83F), "as recorded"
     station.sim.simulation.set_gps_enabled(0, False)
     station.run_until(lambda: "commander_failsafe_enter_autopilot_disengaged" in station.events(), 12)
     assert station.sim.autopilots[0].commander.active is NavState.DESCEND
     station.run(1.0)
-    assert sensors(station) == (0x300402F, 0x301402F, 0x1320883F), "as recorded"
+    assert sensor_flags(station) == (0x300402F, 0x301402F, 0x1320883F), "as recorded"
     station.run_until(lambda: "check_estimator_gnss_fusion_stopped" in station.events(), 3)
     station.run(1.0)
-    assert sensors(station) == (0x300400F, 0x301400F, 0x1320883F), "as recorded"
+    assert sensor_flags(station) == (0x300400F, 0x301400F, 0x1320883F), "as recorded"
     station.run_until(lambda: not station.armed, 20)
 
 
 @pytest.mark.parametrize("may_terminate", [False, True])
 def test_a_stopped_motor_is_detected_by_the_tilt_as_recorded(may_terminate: bool) -> None:
-    station = flying(4.0, CBRK_FLIGHTTERM=0 if may_terminate else 121212)
+    station = hovering_station(4.0, CBRK_FLIGHTTERM=0 if may_terminate else 121212)
     station.run(3.0)
     station.sim.simulation.motor_health[0, 0] = 0.0
     stopped_s = station.now_s
@@ -249,7 +253,7 @@ def test_a_stopped_motor_is_detected_by_the_tilt_as_recorded(may_terminate: bool
     station.run(2.5)
     assert station.height_m < 0.5
     terminated = station.active_mode == TERMINATION
-    assert terminated is may_terminate, "CBRK_FLIGHTTERM"
+    assert terminated is may_terminate, "CBRK_FLIGHTTERM was ignored"
 
 
 @pytest.mark.parametrize(
@@ -272,19 +276,19 @@ def test_missing_required_hardware_denies_arming(name: str, value: int, event: s
     assert int.from_bytes(bytes(summary.values["arguments"][5:9]), "little") == 1 << component, (
         "components with health errors"
     )
-    station.command(400, 1)
+    station.command(ARM, 1)
     station.run(0.5)
-    assert station.acks(400) == [1]
+    assert station.acks(ARM) == [1]
     assert not station.armed
     station.sim.autopilots[0].view.parameters.set(name, 0)
     station.run(5.0)
-    station.command(400, 1)
+    station.command(ARM, 1)
     station.run(0.5)
-    assert station.acks(400) == [1, 0]
+    assert station.acks(ARM) == [1, 0]
     assert station.armed
 
 
-SENSORS_AND_OTHERS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 102, 103, 104, 105)
+UNITS_WITHOUT_REPLY = (0, 1, 2, 3, 4, 5, 6, 7, 8, 102, 103, 104, 105)
 """FAILURE_UNIT: gyro to airspeed, servo, avoidance, remote control, MAVLink."""
 
 
@@ -292,31 +296,31 @@ def test_injected_failures_get_the_recorded_results_for_every_unit_and_kind() ->
     station = PlanStation(sensor_noise=False)
     station.wait_until_ready_to_arm()
 
-    def acks(unit: int) -> list[int]:
+    def inject_all_kinds(unit: int) -> list[int]:
         requested_s = station.now_s
         for kind in range(8):
-            station.command(420, unit, kind, 0)
-        station.command(420, unit, 0, 0)
+            station.command(INJECT_FAILURE, unit, kind, 0)
+        station.command(INJECT_FAILURE, unit, 0, 0)
         station.run(0.1)
-        return station.acks(420, requested_s)
+        return station.acks(INJECT_FAILURE, requested_s)
 
-    for unit in SENSORS_AND_OTHERS:
-        assert acks(unit) == [], unit
-    assert acks(100) == [0, 0, 0], "battery: OK, OFF, and OK again"
-    assert acks(101) == [0, 0, 3, 3, 0, 3, 3, 3, 0], "motors: OK, OFF and WRONG"
+    for unit in UNITS_WITHOUT_REPLY:
+        assert inject_all_kinds(unit) == [], unit
+    assert inject_all_kinds(100) == [0, 0, 0], "battery: OK, OFF, and OK again"
+    assert inject_all_kinds(101) == [0, 0, 3, 3, 0, 3, 3, 3, 0], "motors: OK, OFF and WRONG"
     assert station.sim.simulation.motor_health.all(), (
         "the fault masks only ESC telemetry, which does not exist"
     )
     station.sim.autopilots[0].view.parameters.set("SYS_FAILURE_EN", 0)
-    assert acks(4) == [2] * 9, "denied while failure injection is disabled"
+    assert inject_all_kinds(4) == [2] * 9, "denied while failure injection is disabled"
     assert math.isfinite(station.sim.autopilots[0].view.estimate.lat_deg)
 
 
 def test_an_injected_empty_battery_is_detected_as_fast_as_recorded() -> None:
-    station = flying(COM_LOW_BAT_ACT=3, COM_FAIL_ACT_T=5.0)
+    station = hovering_station(COM_LOW_BAT_ACT=3, COM_FAIL_ACT_T=5.0)
     station.sim.simulation.set_battery_remaining(0, 0.508)
     begin_s = station.now_s
-    station.command(420, 100, 1, 0)
+    station.command(INJECT_FAILURE, 100, 1, 0)
     checks = station.sim.autopilots[0].commander.checks
     for level, after_s in ((1, 1.3), (2, 2.1), (3, 2.4)):
         station.run_until(lambda level=level: checks.battery_warning >= level, 5)

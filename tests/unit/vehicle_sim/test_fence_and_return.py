@@ -4,19 +4,20 @@ import math
 
 import pytest
 
-from tests.unit.vehicle_sim.plan_station import PlanStation
+from tests.unit.vehicle_sim.plan_station import TERMINATION, PlanStation
 from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import HOLD, LAND, NAN, OFFBOARD, RTL
 from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, inside
 
 pytestmark = pytest.mark.flight
 
+SET_MODE, REPOSITION, RETURN, WAYPOINT, VERTEX, RALLY_POINT = 176, 192, 20, 16, 5001, 5100
 SQUARE = ((-10, -10), (-10, 10), (10, 10), (10, -10))
-LIMITS = Cylinder(0.0, 0.0, 100.0, 50.0, 30.0)
-DEGREE_M = 111_194.9
+CYLINDER = Cylinder(0.0, 0.0, 100.0, 50.0, 30.0)
+M_PER_DEG = 111_194.9
 
 
-def flying(height_m: float = 3.0, **parameters: float) -> PlanStation:
+def hovering_station(height_m: float = 3.0, **parameters: float) -> PlanStation:
     return hovering(PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=False)
 
 
@@ -30,48 +31,49 @@ def fly_out(station: PlanStation, speed_m_s: float = 4.0) -> None:
         )  # fmt: skip
 
     station.run(1.1, stream)
-    station.command(176, 1, 6)
+    station.command(SET_MODE, 1, 6)
     station.run_until(lambda: station.active_mode == OFFBOARD, 1, stream)
     station.run_until(lambda: station.active_mode != OFFBOARD, 12, stream)
 
 
-def amsl(station: PlanStation, alt_home_m: float) -> float:
+def to_amsl_m(station: PlanStation, alt_home_m: float) -> float:
     """Converts an altitude above home to an altitude above mean sea level."""
     return station.sim.autopilots[0].home.alt_amsl_m + alt_home_m
 
 
-def test_inside_and_outside_of_zones_and_the_cylinder() -> None:
+def test_positions_inside_and_outside_of_zones_and_the_cylinder_are_distinguished() -> None:
     square = ((0.0, 0.0), (0.0, 1e-3), (1e-3, 1e-3), (1e-3, 0.0))
-    hole = Zone(False, ((5e-4, 5e-4),), 20.0)
-    fence = (Zone(True, square), hole)
+    exclusion = Zone(False, ((5e-4, 5e-4),), 20.0)
+    fence = (Zone(True, square), exclusion)
     assert inside(fence, 1e-4, 1e-4)
     assert not inside(fence, 5e-4, 5e-4), "in the exclusion zone"
     assert not inside(fence, 2e-3, 5e-4), "beside the square"
-    assert inside((hole,), 2e-3, 5e-4), "outside the only exclusion zone"
+    assert inside((exclusion,), 2e-3, 5e-4), "outside the only exclusion zone"
     assert inside((*fence, Zone(True, ((2e-3, 0.0),), 30.0)), 2e-3, 0.0), "inside one of several inclusions"
-    assert breaches((), LIMITS, 0.0, 49 / DEGREE_M, 129.0) == frozenset()
-    assert breaches((), LIMITS, 0.0, 51 / DEGREE_M, 131.0) == {Breach.DISTANCE, Breach.ALTITUDE}
+    assert breaches((), CYLINDER, 0.0, 49 / M_PER_DEG, 129.0) == frozenset()
+    assert breaches((), CYLINDER, 0.0, 51 / M_PER_DEG, 131.0) == {Breach.DISTANCE, Breach.ALTITUDE}
 
 
 @pytest.mark.story
-def test_outside_the_fence_the_vehicle_holds_and_then_returns() -> None:
-    station = flying(GF_ACTION=3, RTL_RETURN_ALT=5.0, RTL_DESCEND_ALT=4.0)
-    assert station.upload([station.item(5001, *corner, p=(4, 0, 0, 0)) for corner in SQUARE], kind=1) == 0
+def test_a_vehicle_outside_the_fence_holds_and_then_returns() -> None:
+    station = hovering_station(GF_ACTION=3, RTL_RETURN_ALT=5.0, RTL_DESCEND_ALT=4.0)
+    assert station.upload([station.item(VERTEX, *corner, p=(4, 0, 0, 0)) for corner in SQUARE], kind=1) == 0
     station.send(
-        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=0, param1=-1, param2=1,
-        param4=NAN, x=station.item(16, 30)["x"], y=station.item(16, 30)["y"], z=amsl(station, 3.0),
+        "COMMAND_INT", target_system=1, target_component=1, command=REPOSITION, frame=0, param1=-1, param2=1,
+        param4=NAN, x=station.item(WAYPOINT, 30)["x"], y=station.item(WAYPOINT, 30)["y"],
+        z=to_amsl_m(station, 3.0),
     )  # fmt: skip
     station.run(0.1)
-    assert (station.acks(192), station.texts()[-1]) == ([0], "Reposition is outside geofence\t")
-    out_s = station.now_s
+    assert (station.acks(REPOSITION), station.texts()[-1]) == ([0], "Reposition is outside geofence\t")
+    fly_out_s = station.now_s
     fly_out(station)
     assert station.active_mode == HOLD
     assert station.position_ne_m[0] == pytest.approx(10, abs=1.5)
-    assert station.texts(out_s) == [
+    assert station.texts(fly_out_s) == [
         "Geofence: approaching or outside geofence",
         "Failsafe activated: entering Hold for 1 seconds\t",
     ]
-    assert "commander_failsafe_enter_generic_hold" in station.events(out_s)
+    assert "commander_failsafe_enter_generic_hold" in station.events(fly_out_s)
     station.run_until(lambda: station.active_mode == RTL, 1.5)
     station.run_until(lambda: not station.armed, 40)
     assert math.hypot(*station.position_ne_m) < 1.5
@@ -79,9 +81,9 @@ def test_outside_the_fence_the_vehicle_holds_and_then_returns() -> None:
     assert station.mode == OFFBOARD, "not the requested mode after the failsafe"
 
 
-@pytest.mark.parametrize(("action", "mode"), [(2, HOLD), (5, LAND), (4, 0x0A0000)])
+@pytest.mark.parametrize(("action", "mode"), [(2, HOLD), (5, LAND), (4, TERMINATION)])
 def test_the_altitude_limit_triggers_its_action(action: int, mode: int) -> None:
-    station = flying(2.5, GF_ACTION=action, COM_FAIL_ACT_T=0.0)
+    station = hovering_station(2.5, GF_ACTION=action, COM_FAIL_ACT_T=0.0)
     station.run(1)
     station.sim.autopilots[0].view.parameters.set("GF_MAX_VER_DIST", 1.5)
     station.run(0.5)
@@ -90,31 +92,35 @@ def test_the_altitude_limit_triggers_its_action(action: int, mode: int) -> None:
 
 
 def test_a_fence_that_only_warns_does_not_act_and_an_operator_can_take_over() -> None:
-    station = flying(2.5, GF_ACTION=1, GF_MAX_VER_DIST=1.5)
+    station = hovering_station(2.5, GF_ACTION=1, GF_MAX_VER_DIST=1.5)
     station.run(1)
     assert station.active_mode == HOLD
     assert "commander_failsafe_enter_generic_warn" in station.events()
     station.sim.autopilots[0].view.parameters.set("GF_ACTION", 5)
     station.run(1.6)
     assert station.active_mode == LAND
-    station.command(176, 1, 4, 3)
+    station.command(SET_MODE, 1, 4, 3)
     station.run(0.5)
     assert station.active_mode == HOLD, "the failsafe took over again"
 
 
 @pytest.mark.story
 def test_the_vehicle_returns_to_the_nearest_rally_point() -> None:
-    station = flying(RTL_RETURN_ALT=4.0, RTL_DESCEND_ALT=3.0)
+    station = hovering_station(RTL_RETURN_ALT=4.0, RTL_DESCEND_ALT=3.0)
     assert (
-        station.upload([station.item(5100, 14, 0, 0, frame=3), station.item(5100, 0, 40, 0, frame=3)], kind=2)
+        station.upload(
+            [station.item(RALLY_POINT, 14, 0, 0, frame=3), station.item(RALLY_POINT, 0, 40, 0, frame=3)],
+            kind=2,
+        )
         == 0
     )
     station.send(
-        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=0, param1=-1, param2=1,
-        param4=NAN, x=station.item(16, 10)["x"], y=station.item(16, 10)["y"], z=amsl(station, 3.0),
+        "COMMAND_INT", target_system=1, target_component=1, command=REPOSITION, frame=0, param1=-1, param2=1,
+        param4=NAN, x=station.item(WAYPOINT, 10)["x"], y=station.item(WAYPOINT, 10)["y"],
+        z=to_amsl_m(station, 3.0),
     )  # fmt: skip
     station.run(6)
-    station.command(20)
+    station.command(RETURN)
     station.run_until(lambda: not station.armed, 40)
     assert station.position_ne_m == pytest.approx((14, 0), abs=1.5)
 
@@ -122,26 +128,26 @@ def test_the_vehicle_returns_to_the_nearest_rally_point() -> None:
 def test_rally_points_in_an_unsupported_frame_are_reported() -> None:
     station = PlanStation(sensor_noise=False)
     station.wait_until_ready_to_arm()
-    station.upload([station.item(5100, 10, 0, 10, frame=6)], kind=2)
+    station.upload([station.item(RALLY_POINT, 10, 0, 10, frame=6)], kind=2)
     station.run(1.0)
     assert station.texts()[-1] == "RTL: unsupported MAV_FRAME\t"
 
 
 @pytest.mark.story
 def test_a_return_may_end_in_flight_and_may_follow_the_mission_back() -> None:
-    station = flying(RTL_TYPE=2, RTL_LAND_DELAY=-1.0, RTL_DESCEND_ALT=2.5)
+    station = hovering_station(RTL_TYPE=2, RTL_LAND_DELAY=-1.0, RTL_DESCEND_ALT=2.5)
     station.upload(
         [
             station.item(22, alt_home_m=3),
-            station.item(16, 8, 0, 3),
-            station.item(16, 8, 8, 3),
+            station.item(WAYPOINT, 8, 0, 3),
+            station.item(WAYPOINT, 8, 8, 3),
             station.item(17, 12, 8, 3),
         ]
     )
     station.start_mission()
     station.run_until(lambda: station.mission.current == 3, 25)
     station.run(1.5)
-    station.command(20)
+    station.command(RETURN)
     track: list[tuple[float, float]] = []
     station.run_until(
         lambda: "RTL: completed, loitering\t" in station.texts(),
@@ -158,34 +164,34 @@ def test_a_return_may_end_in_flight_and_may_follow_the_mission_back() -> None:
 
 @pytest.mark.story
 def test_a_return_without_a_delay_lands_directly_and_reports_each_target() -> None:
-    station = flying(12.0, RTL_RETURN_ALT=20.0)
+    station = hovering_station(12.0, RTL_RETURN_ALT=20.0)
     home = station.sim.autopilots[0].home
-    item = station.item(192, 30.0, 0.0)
-    station.command(192, -1, 1, 0, math.nan, item["x"] / 1e7, item["y"] / 1e7, home.alt_amsl_m + 12)
+    item = station.item(REPOSITION, 30.0, 0.0)
+    station.command(REPOSITION, -1, 1, 0, math.nan, item["x"] / 1e7, item["y"] / 1e7, home.alt_amsl_m + 12)
     station.run(15.0)
-    began_s = station.now_s
-    station.command(20)
-    station.run_until(lambda: station.height_m < 5.0 and station.now_s > began_s + 10.0, 60)
+    return_s = station.now_s
+    station.command(RETURN)
+    station.run_until(lambda: station.height_m < 5.0 and station.now_s > return_s + 10.0, 60)
     target_alts_m: list[float] = []
-    for message in station.received("POSITION_TARGET_GLOBAL_INT", since_s=began_s + 1.0):
+    for message in station.received("POSITION_TARGET_GLOBAL_INT", since_s=return_s + 1.0):
         alt_m = round(message.alt - home.alt_amsl_m, 1)
         if not target_alts_m or target_alts_m[-1] != alt_m:
             target_alts_m.append(alt_m)
     assert target_alts_m == [20.0, 0.0], "as recorded: without a delay RTL_DESCEND_ALT is not used"
-    assert "commander_arming_check_summary" not in station.events(began_s), (
+    assert "commander_arming_check_summary" not in station.events(return_s), (
         "no report for a mode that cannot arm"
     )
 
 
-@pytest.mark.parametrize("sub_mode", [6, 9])
+@pytest.mark.parametrize("sub_mode", [6, 9])  # landing and precision landing
 @pytest.mark.story
 def test_each_kind_of_landing_reports_a_target_below_the_vehicle(sub_mode: int) -> None:
-    station = flying(6.0)
-    item = station.item(192, 10.0, 5.0)
+    station = hovering_station(6.0)
+    item = station.item(REPOSITION, 10.0, 5.0)
     alt_amsl_m = station.sim.autopilots[0].home.alt_amsl_m + 6
-    station.command(192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, alt_amsl_m)
+    station.command(REPOSITION, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, alt_amsl_m)
     station.run(10.0)
-    station.command(176, 1, 4, sub_mode)
+    station.command(SET_MODE, 1, 4, sub_mode)
     station.run(2.0)
     target = station.last["POSITION_TARGET_GLOBAL_INT"]
     assert target.alt == 0.0, "as recorded"

@@ -1,4 +1,4 @@
-"""The vehicle's folder: it stores files and refuses paths outside; files of the build are read-only."""
+"""The vehicle's folder stores files and refuses paths outside it; files of the build are read-only."""
 
 import json
 import lzma
@@ -18,7 +18,7 @@ def files(tmp_path):
     return VehicleFiles(tmp_path / "vehicle", {"etc/extras/a.txt": lambda: b"built in"})
 
 
-def test_written_bytes_are_read_back_at_any_offset(files):
+def test_files_are_written_read_truncated_renamed_and_removed(files):
     files.create("a.bin")
     files.write("/a.bin", 0, b"0123456789")
     files.write("./a.bin", 4, b"xy")
@@ -88,12 +88,12 @@ def test_a_given_folder_is_kept_and_a_temporary_folder_is_removed(tmp_path):
     assert not root.exists()
 
 
-def unpacked(path):
+def read_metadata(path):
     return json.loads(lzma.decompress(metadata.BUILT_IN[path]()))
 
 
 def test_general_metadata_names_the_other_files_with_their_checksums():
-    general = unpacked(metadata.GENERAL)
+    general = read_metadata(metadata.GENERAL)
     assert {entry["type"] for entry in general["metadataTypes"]} == {1, 4, 5}
     for entry in general["metadataTypes"]:
         path = entry["uri"].removeprefix("mftp://")
@@ -101,17 +101,17 @@ def test_general_metadata_names_the_other_files_with_their_checksums():
 
 
 def test_the_checksum_equals_the_checksum_that_px4_sends(shared):
-    raw = (shared / "px4" / "parameters.json.xz").read_bytes()
-    file = (shared / "px4" / "component_general.json.xz").read_bytes()
-    general = json.loads(lzma.decompress(file))
-    assert metadata.general_crc(file) == 3923591749, "COMPONENT_METADATA as recorded"
-    assert metadata.crc32(raw) == general["metadataTypes"][0]["fileCrc"]
+    parameters_file = (shared / "px4" / "parameters.json.xz").read_bytes()
+    general_file = (shared / "px4" / "component_general.json.xz").read_bytes()
+    general = json.loads(lzma.decompress(general_file))
+    assert metadata.general_crc(general_file) == 3923591749, "COMPONENT_METADATA as recorded"
+    assert metadata.crc32(parameters_file) == general["metadataTypes"][0]["fileCrc"]
 
 
 def test_every_live_parameter_has_metadata_and_a_default_within_its_range():
-    described = {entry["name"]: entry for entry in unpacked(metadata.PARAMETERS)["parameters"]}
-    assert list(described) == [default.name for default in load_boot_parameters()]
-    for entry in described.values():
+    entries_by_name = {entry["name"]: entry for entry in read_metadata(metadata.PARAMETERS)["parameters"]}
+    assert list(entries_by_name) == [default.name for default in load_boot_parameters()]
+    for entry in entries_by_name.values():
         assert entry["type"] in ("Int32", "Float")
         assert entry.get("min", -1e30) <= entry["default"] <= entry.get("max", 1e30), entry["name"]
 
@@ -121,7 +121,7 @@ def test_the_parameter_metadata_match_the_metadata_of_the_build(shared):
         "parameters"
     ]
     px4_entries = {entry["name"]: entry for entry in px4_entries}
-    for entry in unpacked(metadata.PARAMETERS)["parameters"]:
+    for entry in read_metadata(metadata.PARAMETERS)["parameters"]:
         for key in ("group", "type", "default", "min", "max", "units", "decimalPlaces", "rebootRequired"):
             assert entry.get(key) == px4_entries[entry["name"]].get(key), (entry["name"], key)
         assert [v["value"] for v in entry.get("values", [])] == [
@@ -130,7 +130,7 @@ def test_the_parameter_metadata_match_the_metadata_of_the_build(shared):
 
 
 def test_every_event_that_the_vehicle_sends_is_defined_with_its_name():
-    component = unpacked(metadata.EVENTS)["components"]["1"]
+    component = read_metadata(metadata.EVENTS)["components"]["1"]
     names = {
         int(event_id): event["name"]
         for group in component["event_groups"].values()

@@ -14,16 +14,16 @@ from tests.bench import (
 
 pytestmark = pytest.mark.flight
 
-SHORT = ("att_roll_10", "rate_roll_pulse", "vel_z_up1p5", "pos_step_z_up3", "yaw_step_90")
+SHORT_FLIGHTS = ("att_roll_10", "rate_roll_pulse", "vel_z_up1p5", "pos_step_z_up3", "yaw_step_90")
 
 
 @pytest.fixture(scope="module")
 def comparisons(shared):
-    return {each.name: each for each in reference_flights.measure(list(SHORT))}
+    return {each.name: each for each in reference_flights.measure(list(SHORT_FLIGHTS))}
 
 
 @pytest.mark.story
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", SHORT_FLIGHTS)
 def test_flights_stay_within_their_limits(comparisons, name):
     comparison = comparisons[name]
     assert comparison.error <= comparison.limit
@@ -40,8 +40,8 @@ def test_both_controllers_are_active_after_a_change_of_the_setpoint_type(compari
 @pytest.mark.story
 def test_the_table_has_a_row_for_each_flight_and_a_sum(comparisons):
     rows = list(reference_flights.rows(list(comparisons.values())))
-    assert len(rows) == 2 + len(SHORT) + 2
-    assert rows[-1].split()[2] == str(len(SHORT))
+    assert len(rows) == 2 + len(SHORT_FLIGHTS) + 2
+    assert rows[-1].split()[2] == str(len(SHORT_FLIGHTS))
 
 
 def test_every_recorded_flight_has_its_manoeuvre(shared):
@@ -52,8 +52,8 @@ def test_recorded_streams_are_expanded_to_single_messages(shared):
     messages = list(flight_recordings.load("vel_x_1").messages())
     assert len(messages) == 30 * 6 + 30 * 6
     assert messages[1][0] - messages[0][0] == pytest.approx(1.0 / 30.0)
-    circle = list(flight_recordings.load("circle_r5_v3_posvel").messages())
-    assert circle[-1][0] == pytest.approx(24.84, abs=0.01), "time on the vehicle's clock"
+    circle_messages = list(flight_recordings.load("circle_r5_v3_posvel").messages())
+    assert circle_messages[-1][0] == pytest.approx(24.84, abs=0.01), "time on the vehicle's clock"
 
 
 def test_ros2_setpoints_become_messages(shared):

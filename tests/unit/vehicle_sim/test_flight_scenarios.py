@@ -19,22 +19,27 @@ from tests.unit.vehicle_sim.sim_station import (
 
 pytestmark = pytest.mark.flight
 
+M_PER_DEG = 111_195  # of latitude
+
+ARM, TAKEOFF_COMMAND, LAND_COMMAND, SET_MODE, REPOSITION, RETURN = 400, 22, 21, 176, 192, 20
+TERMINATE, AUTOTUNE, FORCE, ALTITUDE, TERMINATION = 185, 212, 21196, 0x20000, 0x0A0000
+
 
 def test_a_vehicle_flies_from_boot_to_landing() -> None:
     station = Station()
     assert station.run_until(lambda: station.ready, 10) < 10
 
     armed_s = station.now_s
-    station.command(400, 1)
+    station.command(ARM, 1)
     station.run(0.1)
     assert station.armed
-    assert station.acks(400) == [0]
+    assert station.acks(ARM) == [0]
     assert station.texts() == ["Armed by external command\t"]
     assert "commander_armed_by" in station.events()
 
-    station.command(22, -1, 0, 0, NAN, NAN, NAN, station.sim.autopilots[0].home.alt_amsl_m + 10)
+    station.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, station.sim.autopilots[0].home.alt_amsl_m + 10)
     station.run(0.1)
-    assert station.acks(22) == [0]
+    assert station.acks(TAKEOFF_COMMAND) == [0]
     assert station.active_mode == TAKEOFF
     station.run_until(lambda: "Takeoff detected\t" in station.texts(), 4)
     assert 1.0 < station.now_s - armed_s < 2.5
@@ -48,17 +53,17 @@ def test_a_vehicle_flies_from_boot_to_landing() -> None:
     start = station.last["GLOBAL_POSITION_INT"]
     # Frame 6 means altitude above home, but PX4 uses the value as altitude above mean sea level.
     station.send(
-        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=6, param1=-1, param2=1,
-        param4=NAN, x=start.lat + round(20 / 111195 * 1e7), y=start.lon,
+        "COMMAND_INT", target_system=1, target_component=1, command=REPOSITION, frame=6, param1=-1, param2=1,
+        param4=NAN, x=start.lat + round(20 / M_PER_DEG * 1e7), y=start.lon,
         z=(start.alt - start.relative_alt) / 1000 + 12.0,
     )  # fmt: skip
     station.run(18)
-    assert station.acks(192) == [0]
-    target = station.last["GLOBAL_POSITION_INT"]
-    assert (target.lat - start.lat) * 1e-7 * 111195 == pytest.approx(20, abs=2.0)
-    assert target.relative_alt / 1000 == pytest.approx(12, abs=1.0)
+    assert station.acks(REPOSITION) == [0]
+    reached = station.last["GLOBAL_POSITION_INT"]
+    assert (reached.lat - start.lat) * 1e-7 * M_PER_DEG == pytest.approx(20, abs=2.0)
+    assert reached.relative_alt / 1000 == pytest.approx(12, abs=1.0)
 
-    station.command(21, 0, 0, 0, NAN, NAN, NAN, 0)
+    station.command(LAND_COMMAND, 0, 0, 0, NAN, NAN, NAN, 0)
     station.run(0.2)
     assert station.active_mode == LAND
     station.run_until(lambda: "Landing detected\t" in station.texts(), 30)
@@ -75,11 +80,12 @@ def test_a_take_off_reaches_its_altitude_in_both_orders_of_commands(armed_first:
     station = Station()
     station.run_until(lambda: station.ready, 15)
     alt_home_m = 6.0
-    takeoff = (22, -1, 0, 0, NAN, NAN, NAN, station.sim.autopilots[0].home.alt_amsl_m + alt_home_m)
-    for command in ((400, 1), takeoff) if armed_first else (takeoff, (400, 1)):
+    alt_amsl_m = station.sim.autopilots[0].home.alt_amsl_m + alt_home_m
+    takeoff = (TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, alt_amsl_m)
+    for command in ((ARM, 1), takeoff) if armed_first else (takeoff, (ARM, 1)):
         station.command(int(command[0]), *command[1:])
         station.run(0.3)
-    assert (station.acks(22), station.acks(400), station.active_mode) == ([0], [0], TAKEOFF)
+    assert (station.acks(TAKEOFF_COMMAND), station.acks(ARM), station.active_mode) == ([0], [0], TAKEOFF)
     station.run_until(lambda: station.active_mode == HOLD, 20)
     station.run(2)
     assert station.height_m == pytest.approx(alt_home_m, abs=1.0)
@@ -90,18 +96,18 @@ def test_a_lost_offboard_stream_lands_disarms_and_reports_offboard_again() -> No
     station = Station(links=BOTH)
     station.run_until(lambda: station.ready, 15)
 
-    def stream() -> None:
+    def send_setpoint() -> None:
         station.send(
             "SET_POSITION_TARGET_LOCAL_NED", via="api", target_system=1, target_component=1,
             coordinate_frame=1, type_mask=2552, z=-5.0, yaw=math.pi / 2,
         )  # fmt: skip
 
-    station.run(1.1, stream)
-    station.command(176, 1, 6)
-    station.run(0.2, stream)
-    assert station.acks(176) == [0, 0]
-    station.command(400, 1)
-    station.run(9, stream)
+    station.run(1.1, send_setpoint)
+    station.command(SET_MODE, 1, 6)
+    station.run(0.2, send_setpoint)
+    assert station.acks(SET_MODE) == [0, 0]
+    station.command(ARM, 1)
+    station.run(9, send_setpoint)
     assert station.armed
     assert station.active_mode == OFFBOARD
     assert station.last["LOCAL_POSITION_NED"].z == pytest.approx(-5, abs=0.5)
@@ -128,28 +134,28 @@ def test_a_lost_offboard_stream_lands_disarms_and_reports_offboard_again() -> No
 def test_a_vehicle_returns_to_offboard_when_the_stream_is_back() -> None:
     station = hovering(Station, 6)
 
-    def stream() -> None:
+    def send_setpoint() -> None:
         station.send(
             "SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, coordinate_frame=1,
             type_mask=3527, vx=0.0,
         )  # fmt: skip
 
-    station.run(1.1, stream)
-    station.command(176, 1, 6)
-    station.run(0.5, stream)
+    station.run(1.1, send_setpoint)
+    station.command(SET_MODE, 1, 6)
+    station.run(0.5, send_setpoint)
     station.run(2.0)
     assert station.active_mode == POSITION
-    station.run(0.3, stream)
+    station.run(0.3, send_setpoint)
     assert station.active_mode == OFFBOARD
 
 
-@pytest.mark.parametrize(("action", "mode"), [(1, 0x20000), (3, RTL), (5, HOLD)])
+@pytest.mark.parametrize(("action", "mode"), [(1, ALTITUDE), (3, RTL), (5, HOLD)])
 def test_a_lost_offboard_stream_triggers_the_action_of_its_parameter(action: int, mode: int) -> None:
     station = hovering(Station, 4, {"COM_OBL_RC_ACT": action})
     station.run(
         1.1, lambda: station.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0)
     )
-    station.command(176, 1, 6)
+    station.command(SET_MODE, 1, 6)
     station.run(
         0.2, lambda: station.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0)
     )
@@ -163,12 +169,12 @@ def test_return_to_launch_climbs_flies_home_and_lands() -> None:
     station = hovering(Station, 6, {"RTL_RETURN_ALT": 10.0})
     start = station.last["GLOBAL_POSITION_INT"]
     station.send(
-        "COMMAND_INT", target_system=1, target_component=1, command=192, frame=0, param1=-1, param2=1,
-        param4=NAN, x=start.lat + round(12 / 111195 * 1e7), y=start.lon, z=NAN,
+        "COMMAND_INT", target_system=1, target_component=1, command=REPOSITION, frame=0, param1=-1, param2=1,
+        param4=NAN, x=start.lat + round(12 / M_PER_DEG * 1e7), y=start.lon, z=NAN,
     )  # fmt: skip
     station.run(8)
     assert station.sim.simulation.truth.position_ned_m[0, 0] > 10.0
-    station.command(20)
+    station.command(RETURN)
     station.run_until(lambda: "RTL: land at destination\t" in station.texts(), 25)
     assert station.height_m == pytest.approx(10, abs=1.5)
     station.run_until(lambda: not station.armed, 45)
@@ -179,34 +185,34 @@ def test_return_to_launch_climbs_flies_home_and_lands() -> None:
     assert station.mode == HOLD
 
 
-def test_without_a_take_off_the_vehicle_disarms_itself() -> None:
+def test_a_vehicle_that_does_not_take_off_disarms_itself() -> None:
     station = Station()
     station.run_until(lambda: station.ready, 15)
-    station.command(400, 1)
-    station.run_until(lambda: not station.armed and bool(station.acks(400)), 13)
+    station.command(ARM, 1)
+    station.run_until(lambda: not station.armed and bool(station.acks(ARM)), 13)
     assert station.texts()[-1] == "Disarmed by auto preflight disarming\t"
 
 
 def test_after_kill_and_termination_the_vehicle_falls() -> None:
     station = hovering(Station, 4)
-    station.command(400, 0)
+    station.command(ARM, 0)
     station.run(0.1)
-    assert station.acks(400)[-1] == 1
+    assert station.acks(ARM)[-1] == 1
     assert station.texts()[-1] == "Disarming denied: not landed\t"
-    station.command(400, 0, 21196)
+    station.command(ARM, 0, FORCE)
     station.run(0.1)
     assert not station.armed
     station.run(2)
     assert station.height_m < 0.1
 
     station = hovering(Station, 4)
-    station.command(185, 1)
+    station.command(TERMINATE, 1)
     station.run(2)
-    assert station.active_mode == 0x0A0000
+    assert station.active_mode == TERMINATION
     assert station.height_m < 0.5
-    station.command(185, 0)
+    station.command(TERMINATE, 0)
     station.run(0.1)
-    assert station.acks(185) == [0, 2]
+    assert station.acks(TERMINATE) == [0, 2]
 
 
 def test_a_lost_ground_station_triggers_a_return_after_the_delay() -> None:
@@ -230,19 +236,19 @@ def test_a_critical_battery_returns_and_an_operator_may_take_over() -> None:
     assert "commander_failsafe_enter_hold" in station.events()
     station.run(1.2)
     assert station.active_mode == RTL
-    station.command(176, 1, 4, 6)
+    station.command(SET_MODE, 1, 4, 6)
     station.run(0.5)
     assert station.active_mode == LAND
 
 
-def test_without_a_position_modes_that_need_a_position_cannot_be_armed() -> None:
+def test_a_vehicle_without_a_position_cannot_be_armed_in_modes_that_need_a_position() -> None:
     station = Station()
     station.sim.simulation.set_gps_enabled(0, False)
     station.run(8)
     assert not station.ready
-    station.command(400, 1, 21196)
+    station.command(ARM, 1, FORCE)
     station.run(0.2)
-    assert station.acks(400) == [1]
+    assert station.acks(ARM) == [1]
     assert station.texts() == [
         "Preflight: GPS fix too low", "Arming denied: Resolve system health failures first\t",
     ]  # fmt: skip
@@ -254,13 +260,13 @@ def test_autotuning_is_accepted_on_the_ground_and_refused_in_flight() -> None:
     station.run_until(lambda: station.ready, 15)
     station.run(1.0)
     since_s = station.now_s
-    station.command(212, 1)
+    station.command(AUTOTUNE, 1)
     station.run(0.1)
-    assert station.acks(212) == [5], "in progress, as recorded"
+    assert station.acks(AUTOTUNE) == [5], "in progress, as recorded"
     assert [m.param_id for m in station.received("PARAM_VALUE", since_s=since_s)] == ["MC_AT_START"]
-    station.command(400, 1)
+    station.command(ARM, 1)
     station.run(0.1)
-    station.command(212, 1)
+    station.command(AUTOTUNE, 1)
     station.run(0.1)
-    assert station.acks(212) == [5, 3]
+    assert station.acks(AUTOTUNE) == [5, 3]
     assert "Autotuning is not simulated" in station.texts()

@@ -67,12 +67,12 @@ def test_a_takeoff_ramp_begins_with_a_descent_setpoint_and_climbs_with_the_accel
     climb_begin_s = TICK_S * np.argmax(speeds < 0.0)
     assert speeds[0] == pytest.approx(0.7, abs=0.02)
     assert climb_begin_s == pytest.approx(0.7 / acceleration_m_s2 + acceleration_m_s2 / 8.0, abs=0.06)
-    steepest = np.abs(np.diff(speeds)).max() / TICK_S
-    assert steepest == pytest.approx(acceleration_m_s2, rel=0.02)
+    max_acceleration_m_s2 = np.abs(np.diff(speeds)).max() / TICK_S
+    assert max_acceleration_m_s2 == pytest.approx(acceleration_m_s2, rel=0.02)
     assert speeds[-1] == pytest.approx(-1.5, abs=0.01)
 
 
-def test_without_a_good_heading_yaw_is_not_controlled_and_afterwards_the_current_yaw_is_kept():
+def test_yaw_is_not_controlled_without_a_good_heading_and_the_current_yaw_is_kept_afterwards():
     view, setpoints = FakeView(), SetpointRecorder()
     path = Path(view, setpoints)
     path.restart(in_air=True)

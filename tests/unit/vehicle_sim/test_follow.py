@@ -8,6 +8,7 @@ from tests.unit.vehicle_sim.sim_station import Station
 
 pytestmark = pytest.mark.flight
 
+SET_MODE = 176
 SPEED_M_S = 2.0
 M_PER_DEG = 111_195.0
 
@@ -20,21 +21,21 @@ def test_a_vehicle_follows_and_faces_a_moving_target_and_holds_when_the_target_i
     estimate = station.sim.simulation.estimate
     start_s = station.now_s
 
-    def walk() -> None:
+    def send_moving_target() -> None:
         """Sends the position of a target that moves north, beginning 10 m north of home."""
-        north = 10.0 + SPEED_M_S * (station.now_s - start_s)
+        north_m = 10.0 + SPEED_M_S * (station.now_s - start_s)
         station.send(
             "FOLLOW_TARGET", timestamp=0, est_capabilities=3,
-            lat=round((home.lat_deg + north / M_PER_DEG) * 1e7),
+            lat=round((home.lat_deg + north_m / M_PER_DEG) * 1e7),
             lon=round(home.lon_deg * 1e7), alt=home.alt_amsl_m,
             vel=(SPEED_M_S, 0.0, 0.0),
         )  # fmt: skip
 
-    station.command(176, 1, 4, 8)
-    station.run(18, walk, tick_s=0.2)
+    station.command(SET_MODE, 1, 4, 8)
+    station.run(18, send_moving_target, tick_s=0.2)
     north, east, down = estimate.position_ned_m[0]
-    target_north = 10.0 + SPEED_M_S * (station.now_s - start_s)
-    assert target_north - north == pytest.approx(8.0, abs=1.5)
+    target_north_m = 10.0 + SPEED_M_S * (station.now_s - start_s)
+    assert target_north_m - north == pytest.approx(8.0, abs=1.5)
     assert (east, -down) == (pytest.approx(0.0, abs=1.2), pytest.approx(9.0, abs=1.0))
     assert math.degrees(station.sim.autopilots[0].view.estimate.yaw_ned_rad) == pytest.approx(0.0, abs=6)
     station.run(6)
@@ -44,7 +45,7 @@ def test_a_vehicle_follows_and_faces_a_moving_target_and_holds_when_the_target_i
     assert not station.sim.autopilots[0].navigator.follow.has_target
 
 
-class Beacon(Station):
+class TargetStation(Station):
     """A station that sends the target's position five times a second."""
 
     def __init__(self, north_m: float, alt_home_m: float, **parameters: float) -> None:
@@ -68,9 +69,9 @@ class Beacon(Station):
 
 
 def test_a_following_vehicle_climbs_before_it_moves_horizontally() -> None:
-    station = Beacon(60.0, 0.0, FLW_TGT_HT=16.0)
+    station = TargetStation(60.0, 0.0, FLW_TGT_HT=16.0)
     station.take_off_and_hover(5.0)
-    station.command(176, 1, 4, 8)
+    station.command(SET_MODE, 1, 4, 8)
     station.follow(0.4)
     station.run_until(lambda: station.height_m > 12.5, 20, lambda: station.follow(0.02))
     assert abs(station.north_m) < 1.0, "the vehicle moved before it had climbed"
@@ -81,9 +82,9 @@ def test_a_following_vehicle_climbs_before_it_moves_horizontally() -> None:
 
 @pytest.mark.story
 def test_a_vehicle_whose_target_is_below_the_ground_stays_above_the_ground() -> None:
-    station = Beacon(20.0, -30.0, FLW_TGT_ALT_M=2, FLW_TGT_HT=8.0)
+    station = TargetStation(20.0, -30.0, FLW_TGT_ALT_M=2, FLW_TGT_HT=8.0)
     station.take_off_and_hover(5.0)
-    station.command(176, 1, 4, 8)
+    station.command(SET_MODE, 1, 4, 8)
     station.follow(12.0)
     for _ in range(20):
         station.follow(0.5)

@@ -16,7 +16,7 @@ tilt = st.floats(-1.5, 1.5)
 
 @given(angle, tilt, angle)
 @settings(max_examples=50, deadline=None)
-def test_euler_quaternion_matrix_agree(roll, pitch, yaw):
+def test_euler_angles_quaternions_and_matrices_agree(roll, pitch, yaw):
     q = frames.quaternion_from_euler(roll, pitch, yaw)[None, :]
     assert frames.euler_of(q)[0] == pytest.approx([roll, pitch, yaw], abs=1e-9)
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))

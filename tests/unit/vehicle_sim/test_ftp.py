@@ -69,12 +69,12 @@ def test_an_open_directory_also_uses_the_only_session(client):
     assert client.request_one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
 
 
-@pytest.mark.parametrize("requested", [0, 1, 37])
-def test_opening_a_file_returns_the_vehicles_session_number(client, requested):
-    ((header, _),) = client.request(ftp.OPEN_RO, GENERAL, session=requested)
+@pytest.mark.parametrize("requested_session", [0, 1, 37])
+def test_opening_a_file_returns_the_vehicles_session_number(client, requested_session):
+    ((header, _),) = client.request(ftp.OPEN_RO, GENERAL, session=requested_session)
     assert (header[1], header[2]) == (ftp.SESSION, ftp.ACK)
     client.request_one(ftp.RESET)
-    ((header, _),) = client.request(ftp.CREATE, b"new", session=requested)
+    ((header, _),) = client.request(ftp.CREATE, b"new", session=requested_session)
     assert (header[1], header[2]) == (ftp.SESSION, ftp.ACK)
 
 
@@ -83,8 +83,8 @@ def test_bursts_and_writes_accept_any_session_number_but_reads_and_terminates_do
     assert client.request_one(ftp.WRITE, b"hello", session=9) == (ftp.ACK, b"\x05\0\0\0")
     assert client.request_one(ftp.READ, size=5, session=9) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
     assert client.request_one(ftp.TERMINATE, session=9) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
-    ((first, data), (last, _)) = client.request(ftp.BURST, size=239, session=9)
-    assert (first[1], data, last[1], last[2]) == (ftp.SESSION, b"hello", ftp.SESSION, ftp.NAK)
+    ((first_header, data), (last_header, _)) = client.request(ftp.BURST, size=239, session=9)
+    assert (first_header[1], data, last_header[1:3]) == (ftp.SESSION, b"hello", (ftp.SESSION, ftp.NAK))
 
 
 def test_a_request_to_all_systems_gets_a_reply_and_a_request_to_another_system_does_not(client):
@@ -94,17 +94,17 @@ def test_a_request_to_all_systems_gets_a_reply_and_a_request_to_another_system_d
 
 def test_each_link_has_its_own_session():
     sim = VehicleSim()
-    ground, onboard = FtpClient(sim, "gcs"), FtpClient(sim, "api")
-    assert ground.request_one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
-    assert onboard.request_one(ftp.READ, size=10) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
-    assert onboard.request_one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
+    gcs_client, api_client = FtpClient(sim, "gcs"), FtpClient(sim, "api")
+    assert gcs_client.request_one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
+    assert api_client.request_one(ftp.READ, size=10) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))
+    assert api_client.request_one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
 
 
 def test_a_burst_sends_the_file_and_its_end(client):
     client.request_one(ftp.OPEN_RO, metadata.PARAMETERS.encode())
     replies = client.request(ftp.BURST, size=239, wait_s=0.5)
-    *chunks, (last, error) = replies
-    assert (last[2], error) == (ftp.NAK, bytes((ftp.END_OF_FILE,)))
+    *chunks, (last_header, error) = replies
+    assert (last_header[2], error) == (ftp.NAK, bytes((ftp.END_OF_FILE,)))
     assert [header[0] for header, _ in replies] == list(
         range(replies[0][0][0], replies[0][0][0] + len(replies))
     )
@@ -120,8 +120,8 @@ def test_a_long_burst_stops_with_the_complete_flag(client):
     client.request_one(ftp.OPEN_RO, b"long")
     replies = client.request(ftp.BURST, size=239, wait_s=0.5)
     assert [header[5] for header, _ in replies] == [0] * 167 + [1]
-    (*_, (last, _)) = client.request(ftp.BURST, size=239, offset=168 * 239)
-    assert last[2] == ftp.NAK
+    (*_, (last_header, _)) = client.request(ftp.BURST, size=239, offset=168 * 239)
+    assert last_header[2] == ftp.NAK
 
 
 def test_a_repeated_request_gets_the_same_reply_and_is_executed_once(client):
@@ -138,8 +138,8 @@ def test_a_repeated_request_gets_the_same_reply_and_is_executed_once(client):
 def test_a_terminate_with_the_sequence_number_of_a_bursts_last_reply_ends_the_session(client):
     """pymavlink's client terminates the session before it has received the end of the burst."""
     client.request_one(ftp.OPEN_RO, GENERAL)
-    *_, (last, _) = client.request(ftp.BURST, size=239)
-    assert client.request_one(ftp.TERMINATE, sequence=last[0] - 1) == (ftp.ACK, b"")
+    *_, (last_header, _) = client.request(ftp.BURST, size=239)
+    assert client.request_one(ftp.TERMINATE, sequence=last_header[0] - 1) == (ftp.ACK, b"")
     assert client.request_one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK, "the only session is still in use"
 
 
@@ -152,8 +152,8 @@ def test_a_directory_longer_than_one_message_is_listed_by_offset(client):
         client.request_one(ftp.MAKE_DIRECTORY, f"directory_{n:02}".encode(), wait_s=0.004)
     entries = []
     while True:
-        kind, data = client.request_one(ftp.LIST, b"/", offset=len(entries))
-        if kind == ftp.NAK:
+        opcode, data = client.request_one(ftp.LIST, b"/", offset=len(entries))
+        if opcode == ftp.NAK:
             break
         entries += data.split(b"\0")[:-1]
     assert data == bytes((ftp.END_OF_FILE,))

@@ -33,35 +33,36 @@ EXTREME_FLOATS = (
     255.0,
     1e9,
 )
-LIMITS = {"b": (-128, 127), "B": (0, 255), "h": (-(2**15), 2**15 - 1), "H": (0, 2**16 - 1)}
-LIMITS |= {"i": (-(2**31), 2**31 - 1), "I": (0, 2**32 - 1), "q": (-(2**63), 2**63 - 1), "Q": (0, 2**64 - 1)}
+INTEGER_LIMITS = {"b": (-128, 127), "B": (0, 255), "h": (-(2**15), 2**15 - 1), "H": (0, 2**16 - 1)}
+INTEGER_LIMITS |= {"i": (-(2**31), 2**31 - 1), "I": (0, 2**32 - 1)}
+INTEGER_LIMITS |= {"q": (-(2**63), 2**63 - 1), "Q": (0, 2**64 - 1)}
 
 
 def extreme_payload(layout: Layout, rng: random.Random) -> bytes:
     """A payload with values at and beyond the limits of its fields, usually addressed to the vehicle."""
-    letters = layout.packer.format.lstrip("<")
-    flat, kinds, count = [], [], ""
-    for letter in letters:
+    format_letters = layout.packer.format.lstrip("<")
+    values, kinds, count = [], [], ""
+    for letter in format_letters:
         if letter.isdigit():
             count += letter
             continue
         kinds += [letter] if letter == "s" else [letter] * int(count or 1)
         if letter == "s":
-            flat.append(rng.randbytes(int(count or 1)))
+            values.append(rng.randbytes(int(count or 1)))
         else:
-            flat += [_extreme(letter, rng) for _ in range(int(count or 1))]
+            values += [_extreme_value(letter, rng) for _ in range(int(count or 1))]
         count = ""
     index = 0
     for name, length, is_text in layout.slots:
         if name in ("target_system", "target") and rng.random() < 0.9:
-            flat[index] = 1
+            values[index] = 1
         if name == "target_component" and rng.random() < 0.9:
-            flat[index] = rng.choice((0, 1, 100))
+            values[index] = rng.choice((0, 1, 100))
         if name == "command" and rng.random() < 0.8:
-            flat[index] = rng.choice(COMMANDS)
+            values[index] = rng.choice(COMMANDS)
         index += 1 if is_text or not length else length
-    assert len(flat) == len(kinds)
-    return layout.packer.pack(*flat)
+    assert len(values) == len(kinds)
+    return layout.packer.pack(*values)
 
 
 COMMANDS = (
@@ -91,10 +92,10 @@ COMMANDS = (
 COMMANDS += (420, 500, 510, 511, 512, 521, 526, 530, 531, 1000, 1001, 2000, 2001, 2002, 42429, 43004, 65535)
 
 
-def _extreme(letter: str, rng: random.Random) -> float:
+def _extreme_value(letter: str, rng: random.Random) -> float:
     if letter in "fd":
         return rng.choice((*EXTREME_FLOATS, rng.uniform(-1e3, 1e3), float(rng.randrange(0, 600))))
-    low, high = LIMITS[letter]
+    low, high = INTEGER_LIMITS[letter]
     return rng.choice((low, high, max(low, min(high, 0)), max(low, min(high, 1)), rng.randint(low, high)))
 
 
@@ -102,7 +103,7 @@ def is_working(sim: VehicleSim) -> bool:
     """Whether the vehicle's state is finite, and the simulator still streams telemetry and replies to
     requests."""
     truth = sim.simulation.truth
-    finite = all(
+    state_is_finite = all(
         np.isfinite(rows).all() for rows in (truth.position_ned_m, truth.q_ned_frd, truth.rates_frd_rad_s)
     )
     sim.drain(0, "gcs")
@@ -112,7 +113,7 @@ def is_working(sim: VehicleSim) -> bool:
     sim.feed(0, "gcs", bytes(600) + frame_v2(layout, payload, 0, 255, 190))
     sim.step(1.5)
     names = [message.name for message in FrameParser().feed(sim.drain(0, "gcs"))]
-    return finite and "HEARTBEAT" in names and "PARAM_VALUE" in names
+    return state_is_finite and "HEARTBEAT" in names and "PARAM_VALUE" in names
 
 
 @pytest.fixture(scope="module")
@@ -147,11 +148,11 @@ def test_damaged_frames_do_not_affect_a_flight(station: Station, seed: int, cut:
 
 
 def test_frames_with_unknown_ids_are_skipped_completely(station: Station) -> None:
-    unknown = next(number for number in range(60000, 70000) if number not in LAYOUTS)
-    head = struct.pack("<BBBBBBBHB", 0xFD, 9, 0, 0, 1, 255, 190, unknown & 0xFFFF, unknown >> 16)
+    unknown_id = next(number for number in range(60000, 70000) if number not in LAYOUTS)
+    header = struct.pack("<BBBBBBBHB", 0xFD, 9, 0, 0, 1, 255, 190, unknown_id & 0xFFFF, unknown_id >> 16)
     link = station.sim.nodes[0].context.links[0]
     unknown_count = link.parser.counts.unknown
-    station.sim.feed(0, "gcs", (head + bytes(11)) * 50)
+    station.sim.feed(0, "gcs", (header + bytes(11)) * 50)
     station.run(0.1)
     assert link.parser.counts.unknown == unknown_count + 50
     assert station.armed

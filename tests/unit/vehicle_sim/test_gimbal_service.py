@@ -9,6 +9,9 @@ from tests.unit.vehicle_sim.sim_station import NAN, Station
 
 pytestmark = pytest.mark.flight
 
+GIMBAL_PITCH_YAW, GIMBAL_CONFIGURE, ROI_LOCATION, ROI_NEXT_WAYPOINT = 1000, 1001, 195, 196
+ROI_NONE, REPOSITION, REQUEST_MESSAGE, MESSAGE_INTERVAL = 197, 192, 512, 511
+
 
 def ready_station() -> Station:
     station = Station()
@@ -16,13 +19,13 @@ def ready_station() -> Station:
     return station
 
 
-def q_pitch(station: Station) -> float:
+def pitch_rad(station: Station) -> float:
     w, x, y, z = station.last["GIMBAL_DEVICE_ATTITUDE_STATUS"].q
     return math.asin(2 * (w * y - z * x))
 
 
 def take_control(station: Station) -> None:
-    station.command(1001, 255, 190, -1, -1)
+    station.command(GIMBAL_CONFIGURE, 255, 190, -1, -1)
     station.run(0.1)
 
 
@@ -30,9 +33,9 @@ def test_a_client_takes_control_moves_the_gimbal_and_releases_control() -> None:
     """The client streams roll 90°, pitch 90° and zero, with yaw lock."""
     station = Station(parameters={"MNT_RANGE_ROLL": 180.0, "MNT_RANGE_PITCH": 180.0})
     take_control(station)
-    assert station.acks(1001) == [0]
+    assert station.acks(GIMBAL_CONFIGURE) == [0]
 
-    def stream(roll_deg: float, pitch_deg: float) -> None:
+    def send_attitude(roll_deg: float, pitch_deg: float) -> None:
         cr, sr = math.cos(math.radians(roll_deg) / 2), math.sin(math.radians(roll_deg) / 2)
         cp, sp = math.cos(math.radians(pitch_deg) / 2), math.sin(math.radians(pitch_deg) / 2)
         station.send(
@@ -41,42 +44,43 @@ def test_a_client_takes_control_moves_the_gimbal_and_releases_control() -> None:
             angular_velocity_z=NAN,
         )  # fmt: skip
 
-    station.run(4, lambda: stream(90, 0), tick_s=0.1)
+    station.run(4, lambda: send_attitude(90, 0), tick_s=0.1)
     assert station.last["MOUNT_ORIENTATION"].roll == pytest.approx(90, abs=1)
-    station.run(4, lambda: stream(0, 90), tick_s=0.1)
+    station.run(4, lambda: send_attitude(0, 90), tick_s=0.1)
     assert abs(station.last["MOUNT_ORIENTATION"].pitch) == pytest.approx(90, abs=1)
-    station.run(2, lambda: stream(0, 0), tick_s=0.1)
+    station.run(2, lambda: send_attitude(0, 0), tick_s=0.1)
     mount = station.last["MOUNT_ORIENTATION"]
     assert (mount.roll, mount.pitch) == (pytest.approx(0, abs=1), pytest.approx(0, abs=1))
-    station.command(1001, -3, -3, -3, -3)
+    station.command(GIMBAL_CONFIGURE, -3, -3, -3, -3)
     station.run(2.5)
     assert station.last["GIMBAL_MANAGER_STATUS"].primary_control_sysid == 0
 
 
 def test_without_control_commands_are_denied_and_messages_ignored() -> None:
     station = ready_station()
-    station.command(1000, -20, 30, NAN, NAN)
-    station.send("GIMBAL_MANAGER_SET_MANUAL_CONTROL", target_system=1, target_component=1,
-                 pitch=-0.5, yaw=0.0,
-           pitch_rate=NAN, yaw_rate=NAN)  # fmt: skip
+    station.command(GIMBAL_PITCH_YAW, -20, 30, NAN, NAN)
+    station.send(
+        "GIMBAL_MANAGER_SET_MANUAL_CONTROL", target_system=1, target_component=1, pitch=-0.5, yaw=0.0,
+        pitch_rate=NAN, yaw_rate=NAN,
+    )  # fmt: skip
     station.run(2)
-    assert station.acks(1000) == [2]
-    assert q_pitch(station) == pytest.approx(0.0, abs=1e-6)
+    assert station.acks(GIMBAL_PITCH_YAW) == [2]
+    assert pitch_rad(station) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_servo_angles_change_at_once_and_stop_at_half_their_range() -> None:
     station = ready_station()
     take_control(station)
     gimbal = station.sim.autopilots[0].gimbal
-    station.command(1000, -30, 60, NAN, NAN)
+    station.command(GIMBAL_PITCH_YAW, -30, 60, NAN, NAN)
     station.run(0.1)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-30)
-    station.command(1000, -60, 0, NAN, NAN)
+    station.command(GIMBAL_PITCH_YAW, -60, 0, NAN, NAN)
     station.run(0.1)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-45)
-    station.command(1000, NAN, NAN, -10, 0)
+    station.command(GIMBAL_PITCH_YAW, NAN, NAN, -10, 0)
     station.run(2)
-    station.command(1000, NAN, NAN, 10, 0)
+    station.command(GIMBAL_PITCH_YAW, NAN, NAN, 10, 0)
     station.run(1)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-35, abs=0.5), (
         "the setpoint did not pass the end stop"
@@ -86,7 +90,7 @@ def test_servo_angles_change_at_once_and_stop_at_half_their_range() -> None:
 def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> None:
     station = Station(parameters={"MNT_MODE_OUT": 2})
     take_control(station)
-    station.command(1000, -60, 90, NAN, NAN, 16)
+    station.command(GIMBAL_PITCH_YAW, -60, 90, NAN, NAN, 16)
     station.run(0.3)
     gimbal = station.sim.autopilots[0].gimbal
     assert -45 < math.degrees(gimbal.actual.pitch_rad) < -10
@@ -98,10 +102,10 @@ def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> No
     assert station.last["GIMBAL_MANAGER_STATUS"].gimbal_device_id == 154
 
 
-def test_with_stabilization_the_yaw_of_servos_is_kept_relative_to_north() -> None:
+def test_stabilization_keeps_the_yaw_of_servos_relative_to_north() -> None:
     station = Station(parameters={"MNT_DO_STAB": 2})
     take_control(station)
-    station.command(1000, 0, 90, NAN, NAN, 16)
+    station.command(GIMBAL_PITCH_YAW, 0, 90, NAN, NAN, 16)
     station.sim.simulation.truth.q_ned_frd[0] = (math.cos(0.2), 0.0, 0.0, math.sin(0.2))
     station.run(6)
     gimbal = station.sim.autopilots[0].gimbal
@@ -112,8 +116,8 @@ def test_with_stabilization_the_yaw_of_servos_is_kept_relative_to_north() -> Non
 def test_assigned_outputs_have_the_gimbals_angles_when_armed_or_prearmed() -> None:
     station = Station(parameters={"PWM_MAIN_FUNC5": 421, "PWM_MAIN_FUNC7": 422})
     take_control(station)
-    station.command(1000, -22.5, 90, NAN, NAN)
-    station.command(511, 36, 100000)
+    station.command(GIMBAL_PITCH_YAW, -22.5, 90, NAN, NAN)
+    station.command(MESSAGE_INTERVAL, 36, 100000)
     station.run(1)
     assert station.last["SERVO_OUTPUT_RAW"].servo5_raw == 900, "outputs are off while disarmed"
     station.sim.simulation.parameters[0].set("COM_PREARM_MODE", 2)
@@ -123,13 +127,13 @@ def test_assigned_outputs_have_the_gimbals_angles_when_armed_or_prearmed() -> No
     assert outputs.servo1_raw == 900
 
 
-def test_minus_two_gives_gimbal_control_to_the_vehicle_itself() -> None:
+def test_the_id_minus_two_gives_gimbal_control_to_the_vehicle_itself() -> None:
     station = ready_station()
-    station.command(1001, -2, -2, -1, -1)
+    station.command(GIMBAL_CONFIGURE, -2, -2, -1, -1)
     station.run(0.1)
-    station.command(1000, -20, 0, NAN, NAN)
+    station.command(GIMBAL_PITCH_YAW, -20, 0, NAN, NAN)
     station.run(2.5)
-    assert station.acks(1000) == [2]
+    assert station.acks(GIMBAL_PITCH_YAW) == [2]
     status = station.last["GIMBAL_MANAGER_STATUS"]
     assert (status.primary_control_sysid, status.primary_control_compid) == (1, 1)
 
@@ -138,11 +142,11 @@ def test_with_yaw_lock_the_heading_is_kept_and_without_lock_the_gimbal_turns_wit
     station = ready_station()
     take_control(station)
     gimbal = station.sim.autopilots[0].gimbal
-    station.command(1000, 0, 90, NAN, NAN, 16)
+    station.command(GIMBAL_PITCH_YAW, 0, 90, NAN, NAN, 16)
     station.run(2.5)
     assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=1)
     assert gimbal.yaw_locked
-    station.command(1000, 0, 30, NAN, NAN, 0)
+    station.command(GIMBAL_PITCH_YAW, 0, 30, NAN, NAN, 0)
     station.run(2.5)
     assert math.degrees(gimbal.actual.yaw_rad) == pytest.approx(30, abs=0.5)
 
@@ -150,31 +154,31 @@ def test_with_yaw_lock_the_heading_is_kept_and_without_lock_the_gimbal_turns_wit
 def test_rates_move_the_gimbal_until_nan_stops_it_and_an_incomplete_pair_of_angles_is_ignored() -> None:
     station = ready_station()
     take_control(station)
-    station.command(1000, NAN, NAN, -10, 0)
+    station.command(GIMBAL_PITCH_YAW, NAN, NAN, -10, 0)
     station.run(2)
     gimbal = station.sim.autopilots[0].gimbal
-    moved = math.degrees(gimbal.actual.pitch_rad)
-    assert moved == pytest.approx(-20, abs=0.5)
-    station.command(1000, NAN, NAN, NAN, NAN)
+    moved_pitch_deg = math.degrees(gimbal.actual.pitch_rad)
+    assert moved_pitch_deg == pytest.approx(-20, abs=0.5)
+    station.command(GIMBAL_PITCH_YAW, NAN, NAN, NAN, NAN)
     station.run(1)
-    stopped_deg = math.degrees(gimbal.setpoint.pitch_rad)
-    station.command(1000, -50, NAN, NAN, NAN)
+    stopped_pitch_deg = math.degrees(gimbal.setpoint.pitch_rad)
+    station.command(GIMBAL_PITCH_YAW, -50, NAN, NAN, NAN)
     station.run(1)
-    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(stopped_deg, abs=0.3)
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(stopped_pitch_deg, abs=0.3)
 
 
 def test_the_gimbal_points_at_a_region_of_interest_without_control() -> None:
     station = ready_station()
     station.run(4)
     position = station.last["GLOBAL_POSITION_INT"]
-    station.command(
-        195, 0, 0, 0, 0, position.lat / 1e7, position.lon / 1e7 + 50 / 75270, position.alt / 1000 - 50
-    )
+    # 50 m east; a degree of longitude has 75 270 m at this latitude.
+    lat_deg, lon_deg = position.lat / 1e7, position.lon / 1e7 + 50 / 75270
+    station.command(ROI_LOCATION, 0, 0, 0, 0, lat_deg, lon_deg, position.alt / 1000 - 50)
     station.run(3)
     gimbal = station.sim.autopilots[0].gimbal
     assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=3)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-45, abs=3)
-    station.command(197)
+    station.command(ROI_NONE)
     station.run(2)
     assert gimbal.roi is None
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(0, abs=0.5)
@@ -183,13 +187,13 @@ def test_the_gimbal_points_at_a_region_of_interest_without_control() -> None:
 def test_a_disabled_gimbal_sends_nothing() -> None:
     station = Station(parameters={"MNT_MODE_IN": -1})
     station.run(2)
-    station.command(1000, -20, 0, NAN, NAN)
-    station.command(1001, 255, 190, -1, -1)
-    station.command(512, 280)
+    station.command(GIMBAL_PITCH_YAW, -20, 0, NAN, NAN)
+    station.command(GIMBAL_CONFIGURE, 255, 190, -1, -1)
+    station.command(REQUEST_MESSAGE, 280)
     station.run(1)
-    assert station.acks(1000) == []
-    assert station.acks(1001) == []
-    assert station.acks(512) == [2]
+    assert station.acks(GIMBAL_PITCH_YAW) == []
+    assert station.acks(GIMBAL_CONFIGURE) == []
+    assert station.acks(REQUEST_MESSAGE) == [2]
     assert not station.received("GIMBAL_MANAGER_STATUS")
 
 
@@ -197,24 +201,23 @@ def test_a_disabled_gimbal_sends_nothing() -> None:
 def test_the_gimbal_points_at_the_next_waypoint_and_ahead_without_a_waypoint() -> None:
     station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": 2})
     station.wait_until_ready_to_arm()
-    station.command(196)
+    station.command(ROI_NEXT_WAYPOINT)
     station.run(1)
-    assert q_pitch(station) == pytest.approx(0.0, abs=1e-6), "the gimbal does not point ahead"
+    assert pitch_rad(station) == pytest.approx(0.0, abs=1e-6), "the gimbal does not point ahead"
     station.take_off_and_hover(10.0)
-    item = station.item(192, 40.0, 0.0)
-    station.command(
-        192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, station.sim.autopilots[0].home.alt_amsl_m + 4
-    )
+    item = station.item(REPOSITION, 40.0, 0.0)
+    alt_amsl_m = station.sim.autopilots[0].home.alt_amsl_m + 4
+    station.command(REPOSITION, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, alt_amsl_m)
     station.run(2.5)
     north, _ = station.position_ne_m
-    goal = station.sim.autopilots[0].waypoint
-    assert goal is not None
-    assert q_pitch(station) == pytest.approx(math.atan2(4.0 - station.height_m, 40.0 - north), abs=0.03)
-    station.command(196, 0, 0, 0, 0, -10)
+    waypoint = station.sim.autopilots[0].waypoint
+    assert waypoint is not None
+    assert pitch_rad(station) == pytest.approx(math.atan2(4.0 - station.height_m, 40.0 - north), abs=0.03)
+    station.command(ROI_NEXT_WAYPOINT, 0, 0, 0, 0, -10)
     station.run(1.5)
     north, _ = station.position_ne_m
     expected = math.atan2(4.0 - station.height_m, 40.0 - north) - math.radians(10.0)
-    assert q_pitch(station) == pytest.approx(expected, abs=0.04), "without the pitch offset of the command"
+    assert pitch_rad(station) == pytest.approx(expected, abs=0.04), "without the pitch offset of the command"
 
 
 @pytest.mark.parametrize(("output", "lock_flags"), [(0, 28), (2, 12)])
@@ -222,11 +225,11 @@ def test_a_neutral_gimbal_points_ahead_of_the_vehicle_with_any_lock(output: int,
     station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": output})
     station.wait_until_ready_to_arm()
     take_control(station)
-    station.command(1000, -20, 90, NAN, NAN, 28)
+    station.command(GIMBAL_PITCH_YAW, -20, 90, NAN, NAN, 28)
     station.run(2)
-    station.command(1000, NAN, NAN, NAN, NAN, 2)
+    station.command(GIMBAL_PITCH_YAW, NAN, NAN, NAN, NAN, 2)
     station.run(2)
-    assert station.acks(1000) == [0, 0]
+    assert station.acks(GIMBAL_PITCH_YAW) == [0, 0]
     assert station.last["MOUNT_ORIENTATION"].pitch == pytest.approx(0.0, abs=0.5)
     assert math.remainder(station.last["MOUNT_ORIENTATION"].yaw, 360.0) == pytest.approx(0.0, abs=1.0)
     assert station.last["GIMBAL_MANAGER_STATUS"].flags == lock_flags, "as recorded"
