@@ -1,4 +1,4 @@
-"""The loops of the Kalman filter compute each element of the covariance by the plain formula, bit for bit."""
+"""The loops of the Kalman filter compute each element of the covariance exactly as the formula does."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(7)
 
 
-def almost_symmetric(rng: np.random.Generator) -> np.ndarray:
+def almost_symmetric_covariance(rng: np.random.Generator) -> np.ndarray:
     """A covariance with the rounding errors that it has in flight."""
     root = rng.normal(size=(SIZE, SIZE))
     return (root @ root.T + 1e-9 * rng.normal(size=(SIZE, SIZE)))[None]
 
 
-def propagated(errors: list[float], bias_effect: Matrix, tilt_effect: Matrix) -> list[float]:
+def propagate_errors(errors: list[float], bias_effect: Matrix, tilt_effect: Matrix) -> list[float]:
     """The error states after one step."""
     states, tilt = list(errors), errors[TILT : TILT + 3]
     for k in range(3):
@@ -38,13 +38,13 @@ def propagated(errors: list[float], bias_effect: Matrix, tilt_effect: Matrix) ->
 
 
 def test_the_covariance_is_propagated_along_its_columns_and_then_its_rows(rng: np.random.Generator) -> None:
-    covariance, matrix = almost_symmetric(rng), rng.normal(size=(1, 3, 3))
+    covariance, matrix = almost_symmetric_covariance(rng), rng.normal(size=(1, 3, 3))
     impulse, noise = rng.normal(size=(1, 3)), rng.random((1, SIZE))
     north, east, down = impulse[0].tolist()
     tilt_effect = [[0.0, down, -east], [-down, 0.0, north], [east, -north, 0.0]]
     bias_effect = (-DT_S * matrix[0]).tolist()
-    columns = [propagated(column, bias_effect, tilt_effect) for column in covariance[0].T.tolist()]
-    expected = [propagated(row, bias_effect, tilt_effect) for row in np.array(columns).T.tolist()]
+    columns = [propagate_errors(column, bias_effect, tilt_effect) for column in covariance[0].T.tolist()]
+    expected = [propagate_errors(row, bias_effect, tilt_effect) for row in np.array(columns).T.tolist()]
     for k in range(SIZE):
         expected[k][k] += float(noise[0, k]) * DT_S
     kalman_loops.propagate_covariance(
@@ -53,29 +53,29 @@ def test_the_covariance_is_propagated_along_its_columns_and_then_its_rows(rng: n
     assert covariance[0].tolist() == expected
 
 
-@pytest.mark.parametrize("measured", [1, 3])
+@pytest.mark.parametrize("measurement_count", [1, 3])
 def test_a_fusion_updates_both_halves_of_the_covariance_equally(
-    measured: int, rng: np.random.Generator
+    measurement_count: int, rng: np.random.Generator
 ) -> None:
-    covariance, cross = almost_symmetric(rng), rng.normal(size=(1, SIZE, measured))
-    innovation_covariance = np.diag(1.0 + rng.random(measured))[None]
-    before = covariance[0].tolist()
+    covariance, cross = almost_symmetric_covariance(rng), rng.normal(size=(1, SIZE, measurement_count))
+    innovation_covariance = np.diag(1.0 + rng.random(measurement_count))[None]
+    expected = covariance[0].tolist()
     gain, change = np.zeros((1, SIZE, 3)), np.zeros((1, SIZE, 3))
     kalman_loops.fuse_measurements(
-        cross, innovation_covariance, np.zeros((1, measured)), np.ones((1, SIZE)),
+        cross, innovation_covariance, np.zeros((1, measurement_count)), np.ones((1, SIZE)),
         np.zeros(1, dtype=np.bool_), np.full((1, 6), np.inf), covariance, gain, change, np.zeros((1, 3, 3)),
         np.zeros((1, SIZE - VELOCITY)), np.array([[1.0, 0.0, 0.0, 0.0]]), np.eye(3)[None],
     )  # fmt: skip
-    gains, crossed, s = gain[0].tolist(), cross[0].tolist(), innovation_covariance[0].tolist()
-    halves = [list(row) for row in crossed]
+    gains, cross_rows, s = gain[0].tolist(), cross[0].tolist(), innovation_covariance[0].tolist()
+    corrected_rows = [list(row) for row in cross_rows]
     for k in range(SIZE):
-        for m in range(measured):
-            for n in range(measured):
-                halves[k][m] -= 0.5 * gains[k][n] * s[n][m]
+        for m in range(measurement_count):
+            for n in range(measurement_count):
+                corrected_rows[k][m] -= 0.5 * gains[k][n] * s[n][m]
     for k in range(SIZE):
         for j in range(SIZE):
-            value = 0.0
-            for m in range(measured):
-                value += gains[k][m] * halves[j][m] + halves[k][m] * gains[j][m]
-            before[k][j] -= value
-    assert covariance[0].tolist() == before
+            correction = 0.0
+            for m in range(measurement_count):
+                correction += gains[k][m] * corrected_rows[j][m] + corrected_rows[k][m] * gains[j][m]
+            expected[k][j] -= correction
+    assert covariance[0].tolist() == expected

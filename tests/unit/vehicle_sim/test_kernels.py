@@ -16,13 +16,13 @@ GENERATOR = np.random.default_rng(4)
 VEHICLES = 3
 
 
-def attitudes() -> np.ndarray:
+def random_attitudes() -> np.ndarray:
     return frames.normalized(GENERATOR.normal(size=(VEHICLES, 4)))
 
 
-def kalman() -> Kalman:
+def random_filters() -> Kalman:
     """Filters whose covariances are positive and full."""
-    filters = Kalman(VEHICLES, 0.008, attitudes())
+    filters = Kalman(VEHICLES, 0.008, random_attitudes())
     for i in range(VEHICLES):
         filters.configure(i, Parameters())
     roots = GENERATOR.normal(size=(VEHICLES, SIZE, SIZE)) * 0.1
@@ -31,81 +31,85 @@ def kalman() -> Kalman:
 
 
 def test_rotations_of_one_vehicle_equal_the_rotations_of_a_fleet() -> None:
-    q, other, vector = attitudes(), attitudes(), GENERATOR.normal(size=(VEHICLES, 3))
+    q, other_q, vector = random_attitudes(), random_attitudes(), GENERATOR.normal(size=(VEHICLES, 3))
     matrix = np.zeros((3, 3))
     for i in range(VEHICLES):
         rotations.write_matrix(q[i], matrix)
         assert matrix == pytest.approx(frames.rotation_matrix(q)[i])
-        assert rotations.quaternion_product(*q[i], *other[i]) == pytest.approx(
-            frames.quaternion_product(q, other)[i]
+        assert rotations.quaternion_product(*q[i], *other_q[i]) == pytest.approx(
+            frames.quaternion_product(q, other_q)[i]
         )
         assert rotations.rotated(matrix, *vector[i]) == pytest.approx(matrix @ vector[i])
         assert rotations.rotated_back(matrix, *vector[i]) == pytest.approx(matrix.T @ vector[i])
         assert rotations.heading(q[i]) == pytest.approx(frames.yaw_of(q)[i])
-        turned = q[i].copy()
-        rotations.rotate_attitude(turned, *(0.01 * vector[i]))
+        rotated_q = q[i].copy()
+        rotations.rotate_attitude(rotated_q, *(0.01 * vector[i]))
         expected = frames.normalized(q + frames.quaternion_rate(q, 0.01 * vector))[i]
-        assert turned == pytest.approx(expected)
+        assert rotated_q == pytest.approx(expected)
 
 
 def test_sequential_measurements_equal_simultaneous_measurements() -> None:
-    filters = kalman()
-    before, motion = filters.covariance.copy(), filters.vector.copy()
+    filters = random_filters()
+    prior, vector_before = filters.covariance.copy(), filters.vector.copy()
     innovation = GENERATOR.normal(size=(VEHICLES, 6)) * 0.1
     variance = GENERATOR.uniform(0.1, 1.0, (VEHICLES, 6))
     variance[1, 2:] = UNUSED
     variance[2] = np.inf
     filters.fuse_states(VELOCITY, innovation, variance)
-    for i, used in enumerate((range(6), range(2), range(0))):
-        states = [VELOCITY + k for k in used]
-        total = before[i][np.ix_(states, states)] + np.diag(variance[i, list(used)])
-        gain = before[i][:, states] @ np.linalg.inv(total)
-        assert filters.covariance[i] == pytest.approx(before[i] - gain @ before[i][states], abs=1e-12)
-        change = (gain @ innovation[i, list(used)])[VELOCITY:GYRO_BIAS]
-        assert filters.vector[i, :6] == pytest.approx(motion[i, :6] + change, abs=1e-12)
+    for i, used_rows in enumerate((range(6), range(2), range(0))):
+        states = [VELOCITY + k for k in used_rows]
+        innovation_covariance = prior[i][np.ix_(states, states)] + np.diag(variance[i, list(used_rows)])
+        gain = prior[i][:, states] @ np.linalg.inv(innovation_covariance)
+        assert filters.covariance[i] == pytest.approx(prior[i] - gain @ prior[i][states], abs=1e-12)
+        change = (gain @ innovation[i, list(used_rows)])[VELOCITY:GYRO_BIAS]
+        assert filters.vector[i, :6] == pytest.approx(vector_before[i, :6] + change, abs=1e-12)
 
 
-@pytest.mark.parametrize("measured", [1, 2, 3])
-def test_a_masked_gain_gives_the_covariance_of_the_joseph_form(measured: int) -> None:
-    filters = kalman()
-    before = filters.covariance.copy()
-    sensitivity = GENERATOR.normal(size=(VEHICLES, measured, SIZE))
+@pytest.mark.parametrize("measurement_count", [1, 2, 3])
+def test_a_masked_gain_gives_the_covariance_of_the_joseph_form(measurement_count: int) -> None:
+    filters = random_filters()
+    prior = filters.covariance.copy()
+    sensitivity = GENERATOR.normal(size=(VEHICLES, measurement_count, SIZE))
     correctable = np.ones((VEHICLES, SIZE))
     correctable[0, :POSITION] = 0.0
     correctable[2] = 0.0
-    cross_covariance, total = filters.measurement_covariances(sensitivity, np.full(VEHICLES, 0.3))
-    filters.fuse_measurements(cross_covariance, total, np.zeros((VEHICLES, measured)), correctable)
+    cross_covariance, innovation_covariance = filters.measurement_covariances(
+        sensitivity, np.full(VEHICLES, 0.3)
+    )
+    filters.fuse_measurements(
+        cross_covariance, innovation_covariance, np.zeros((VEHICLES, measurement_count)), correctable
+    )
     for i in range(VEHICLES):
         h = sensitivity[i]
         gain = (
-            before[i]
+            prior[i]
             @ h.T
-            @ np.linalg.inv(h @ before[i] @ h.T + 0.3 * np.eye(measured))
+            @ np.linalg.inv(h @ prior[i] @ h.T + 0.3 * np.eye(measurement_count))
             * correctable[i][:, None]
         )
-        left = np.eye(SIZE) - gain @ h
-        joseph = left @ before[i] @ left.T + 0.3 * gain @ gain.T
+        identity_minus_gain = np.eye(SIZE) - gain @ h
+        joseph = identity_minus_gain @ prior[i] @ identity_minus_gain.T + 0.3 * gain @ gain.T
         assert filters.covariance[i] == pytest.approx(joseph, abs=1e-12)
 
 
 def test_the_covariance_is_propagated_by_the_state_transition() -> None:
-    filters = kalman()
-    before, dt_s = filters.covariance.copy(), 0.008
+    filters = random_filters()
+    prior, dt_s = filters.covariance.copy(), 0.008
     filters.predict(np.zeros((VEHICLES, 3)), GENERATOR.normal(size=(VEHICLES, 3)))
     impulse = filters.velocity_change - [0.0, 0.0, frames.GRAVITY_M_S2 * dt_s]
     filters.propagate_covariance()
     for i in range(VEHICLES):
-        turned, impulse_cross = -dt_s * filters.matrix[i], np.cross(np.eye(3), impulse[i]).T
-        step = np.eye(SIZE)
-        step[:3, GYRO_BIAS:ACCEL_BIAS] = turned
-        step[VELOCITY:POSITION, :3], step[VELOCITY:POSITION, ACCEL_BIAS : ACCEL_BIAS + 3] = (
+        rotation_effect, impulse_cross = -dt_s * filters.matrix[i], np.cross(np.eye(3), impulse[i]).T
+        transition = np.eye(SIZE)
+        transition[:3, GYRO_BIAS:ACCEL_BIAS] = rotation_effect
+        transition[VELOCITY:POSITION, :3], transition[VELOCITY:POSITION, ACCEL_BIAS : ACCEL_BIAS + 3] = (
             impulse_cross,
-            turned,
+            rotation_effect,
         )
-        step[POSITION:GYRO_BIAS, :3] = 0.5 * dt_s * impulse_cross
-        step[POSITION:GYRO_BIAS, VELOCITY:POSITION] = dt_s * np.eye(3)
-        step[POSITION:GYRO_BIAS, ACCEL_BIAS : ACCEL_BIAS + 3] = 0.5 * dt_s * turned
-        added_noise = filters.covariance[i] - step @ before[i] @ step.T
+        transition[POSITION:GYRO_BIAS, :3] = 0.5 * dt_s * impulse_cross
+        transition[POSITION:GYRO_BIAS, VELOCITY:POSITION] = dt_s * np.eye(3)
+        transition[POSITION:GYRO_BIAS, ACCEL_BIAS : ACCEL_BIAS + 3] = 0.5 * dt_s * rotation_effect
+        added_noise = filters.covariance[i] - transition @ prior[i] @ transition.T
         assert added_noise == pytest.approx(np.diag(np.diag(added_noise)), abs=1e-12)
         assert 0.0 <= np.diag(added_noise).max() < 1e-3
 

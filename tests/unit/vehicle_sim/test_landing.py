@@ -16,7 +16,8 @@ from vehicle_sim.parameters import Parameters
 
 pytestmark = pytest.mark.flight
 
-LIMITS = LandingThresholds(0.25, 1.5, math.radians(20.0), 1.0, 0.12, 0.08)
+ARM, TAKEOFF_COMMAND, SET_MODE, LAND_COMMAND = 400, 22, 176, 21
+THRESHOLDS = LandingThresholds(0.25, 1.5, math.radians(20.0), 1.0, 0.12, 0.08)
 FLYING = DetectorInputs(
     armed=True, thrust=0.49, hover_thrust=0.49, hover_thrust_known=True, velocity_ned_m_s=(0.0, 0.0, 0.0),
     down_by_position_m_s=0.0, vertical_known=True, rates_frd_rad_s=(0.0, 0.0, 0.0), height_above_ground_m=0.5,
@@ -33,20 +34,20 @@ class DetectorRun:
         self.detector = LandDetector()
         self.now_s = 0.0
 
-    def feed(self, motion: DetectorInputs, for_s: float = TICK_S) -> LandDetector:
-        for _ in range(round(for_s / TICK_S)):
+    def feed(self, motion: DetectorInputs, duration_s: float = TICK_S) -> LandDetector:
+        for _ in range(round(duration_s / TICK_S)):
             self.now_s += TICK_S
-            self.detector.update(self.now_s, motion, LIMITS)
+            self.detector.update(self.now_s, motion, THRESHOLDS)
         return self.detector
 
-    def until_landed(self, motion: DetectorInputs, at_most_s: float = 10.0) -> float:
+    def until_landed(self, motion: DetectorInputs, timeout_s: float = 10.0) -> float:
         start_s = self.now_s
-        while not self.feed(motion).landed and self.now_s - start_s < at_most_s:
+        while not self.feed(motion).landed and self.now_s - start_s < timeout_s:
             pass
         return self.now_s - start_s
 
 
-def flying() -> DetectorRun:
+def detector_in_flight() -> DetectorRun:
     detector_run = DetectorRun()
     detector = detector_run.feed(FLYING)
     assert [detector.ground_contact, detector.maybe_landed, detector.landed] == [False] * 3
@@ -54,12 +55,12 @@ def flying() -> DetectorRun:
 
 
 def test_a_landing_takes_three_equal_stages_and_three_times_as_long_without_a_range() -> None:
-    assert flying().until_landed(LANDED) == pytest.approx(1.0, abs=0.1)
+    assert detector_in_flight().until_landed(LANDED) == pytest.approx(1.0, abs=0.1)
     without_range = LANDED._replace(height_above_ground_m=NAN)
-    assert flying().until_landed(without_range) == pytest.approx(3.0, abs=0.1)
-    never_with_range = DetectorRun()
-    never_with_range.feed(FLYING._replace(height_above_ground_m=NAN))
-    assert never_with_range.until_landed(without_range) == pytest.approx(1.0, abs=0.1)
+    assert detector_in_flight().until_landed(without_range) == pytest.approx(3.0, abs=0.1)
+    always_without_range = DetectorRun()
+    always_without_range.feed(FLYING._replace(height_above_ground_m=NAN))
+    assert always_without_range.until_landed(without_range) == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -75,29 +76,31 @@ def test_a_landing_takes_three_equal_stages_and_three_times_as_long_without_a_ra
     ],
 )
 def test_each_condition_alone_prevents_a_landing(change: dict[str, object]) -> None:
-    detector_run = flying()
+    detector_run = detector_in_flight()
     assert detector_run.until_landed(LANDED._replace(**change), 5.0) == pytest.approx(5.0, abs=0.1)
     assert not detector_run.detector.landed
 
 
 def test_the_low_thrust_limit_is_higher_with_an_estimated_hover_thrust() -> None:
-    light = FLYING._replace(thrust=0.3)
-    assert flying().feed(light, 1.0).ground_contact
-    assert not flying().feed(light._replace(hover_thrust_known=False), 1.0).ground_contact
+    low_thrust = FLYING._replace(thrust=0.3)
+    assert detector_in_flight().feed(low_thrust, 1.0).ground_contact
+    assert not detector_in_flight().feed(low_thrust._replace(hover_thrust_known=False), 1.0).ground_contact
 
 
-def test_without_climb_rate_control_a_landing_needs_no_descent_setpoint() -> None:
-    manual = FLYING._replace(thrust=0.08, climb_rate_controlled=False, setpoint_down_m_s=NAN)
-    assert flying().until_landed(manual) == pytest.approx(1.0, abs=0.1)
-    assert not flying().feed(manual._replace(thrust=0.12), 5.0).landed
+def test_a_landing_without_climb_rate_control_needs_no_descent_setpoint() -> None:
+    uncontrolled_climb = FLYING._replace(thrust=0.08, climb_rate_controlled=False, setpoint_down_m_s=NAN)
+    assert detector_in_flight().until_landed(uncontrolled_climb) == pytest.approx(1.0, abs=0.1)
+    assert not detector_in_flight().feed(uncontrolled_climb._replace(thrust=0.12), 5.0).landed
 
 
-def test_without_a_height_a_landing_is_detected_after_eight_seconds_of_low_thrust() -> None:
-    assert flying().until_landed(LANDED._replace(vertical_known=False), 20.0) == pytest.approx(8.7, abs=0.1)
+def test_a_landing_without_a_valid_height_is_detected_after_eight_seconds_of_low_thrust() -> None:
+    assert detector_in_flight().until_landed(LANDED._replace(vertical_known=False), 20.0) == pytest.approx(
+        8.7, abs=0.1
+    )
 
 
 def test_thrust_ends_the_landed_state_at_once_and_disarming_starts_it_after_one_stage() -> None:
-    detector_run = flying()
+    detector_run = detector_in_flight()
     detector_run.until_landed(LANDED)
     assert not detector_run.feed(FLYING).landed
     assert detector_run.until_landed(FLYING._replace(armed=False)) == pytest.approx(0.36, abs=0.05)
@@ -114,9 +117,11 @@ class TerrainEstimate:
         self.terrain = Terrain(1, 0.04)
         self.terrain.configure(0, Parameters())
 
-    def feed(self, range_m: float, *, in_air: bool = True, down_m: float = 0.0, for_s: float = 0.04) -> float:
+    def feed(
+        self, range_m: float, *, in_air: bool = True, down_m: float = 0.0, duration_s: float = 0.04
+    ) -> float:
         height = NAN
-        for _ in range(round(for_s / 0.04)):
+        for _ in range(round(duration_s / 0.04)):
             height = float(
                 self.terrain.update(np.array([range_m]), np.ones(1), np.array([in_air]), np.array([down_m]))[
                     0
@@ -125,7 +130,7 @@ class TerrainEstimate:
         return height
 
 
-def test_on_the_ground_the_height_is_the_shortest_range() -> None:
+def test_the_height_on_the_ground_is_the_shortest_range_of_the_sensor() -> None:
     assert TerrainEstimate().feed(0.0, in_air=False) == pytest.approx(0.1)
 
 
@@ -133,10 +138,10 @@ def test_the_height_is_unknown_just_above_the_ground_and_known_again_higher_up()
     estimate = TerrainEstimate()
     estimate.feed(0.0, in_air=False)
     assert estimate.feed(0.02, down_m=-0.05) == pytest.approx(0.15)
-    assert math.isnan(estimate.feed(0.03, down_m=-0.05, for_s=VALID_FROM_GROUND_S))
+    assert math.isnan(estimate.feed(0.03, down_m=-0.05, duration_s=VALID_FROM_GROUND_S))
     assert estimate.feed(0.3, down_m=-0.3) == pytest.approx(0.3)
     assert estimate.feed(0.05, down_m=-0.05) == pytest.approx(0.05)
-    assert math.isnan(estimate.feed(0.0, for_s=VALID_FOR_S + 0.04))
+    assert math.isnan(estimate.feed(0.0, duration_s=VALID_FOR_S + 0.04))
 
 
 def test_the_height_follows_the_range_with_a_short_delay() -> None:
@@ -144,13 +149,13 @@ def test_the_height_follows_the_range_with_a_short_delay() -> None:
     height = estimate.feed(5.0)
     for k in range(100):
         height = estimate.feed(5.0 - 0.028 * (k + 1), down_m=-5.0 + 0.028 * (k + 1))
-    assert height - 2.2 == pytest.approx(0.7 * 0.13, abs=0.03)
+    assert height - 2.2 == pytest.approx(0.7 * 0.13, abs=0.03)  # 0.7 m/s, delayed by 0.13 s
 
 
 def test_unused_ranges_have_no_effect() -> None:
     estimate = TerrainEstimate()
     estimate.terrain.configure(0, Parameters({"EKF2_RNG_CTRL": 0}))
-    assert math.isnan(estimate.feed(3.0, for_s=1.0))
+    assert math.isnan(estimate.feed(3.0, duration_s=1.0))
 
 
 # --- flights -------------------------------------------------------------------------------------------
@@ -159,26 +164,28 @@ def test_unused_ranges_have_no_effect() -> None:
 def hovering_station(alt_home_m: float) -> Station:
     station = Station(links=BOTH, sensor_noise=False)
     station.run_until(lambda: station.ready, 10)
-    station.command(400, 1)
+    station.command(ARM, 1)
     station.run(0.1)
-    station.command(22, -1, 0, 0, NAN, NAN, NAN, station.sim.autopilots[0].home.alt_amsl_m + alt_home_m)
+    station.command(
+        TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, station.sim.autopilots[0].home.alt_amsl_m + alt_home_m
+    )
     station.run_until(lambda: station.height_m > alt_home_m - 0.3, 20)
     station.run(6)
     return station
 
 
-def setpoint_sender(station: Station, mask: int, **fields: Any):
+def setpoint_sender(station: Station, type_mask: int, **fields: Any):
     return lambda: station.send(
         "SET_POSITION_TARGET_LOCAL_NED", via="api", target_system=1, target_component=1,
-        coordinate_frame=1, type_mask=mask, **fields,
+        coordinate_frame=1, type_mask=type_mask, **fields,
     )  # fmt: skip
 
 
-def offboard(station: Station, mask: int, **fields: float) -> None:
-    stream = setpoint_sender(station, mask, **fields)
-    station.run(0.5, stream)
-    station.command(176, 1, 6)
-    station.run(0.2, stream)
+def switch_to_offboard(station: Station, type_mask: int, **fields: float) -> None:
+    send_setpoint = setpoint_sender(station, type_mask, **fields)
+    station.run(0.5, send_setpoint)
+    station.command(SET_MODE, 1, 6)
+    station.run(0.2, send_setpoint)
     assert station.mode == OFFBOARD
 
 
@@ -187,16 +194,16 @@ def test_a_landing_is_detected_some_seconds_after_the_touch_down() -> None:
     """A real PX4 took 3.3 to 4.3 s, because near the ground the range is below the sensor's minimum."""
     station = hovering_station(5.0)
     assert station.last["ALTITUDE"].bottom_clearance == pytest.approx(5.0, abs=0.3)
-    station.command(21, 0, 0, 0, NAN, NAN, NAN, 0)
+    station.command(LAND_COMMAND, 0, 0, 0, NAN, NAN, NAN, 0)
     truth = station.sim.simulation.truth
     station.run_until(lambda: truth.position_ned_m[0, 2] > -0.5, 20)
     assert station.mode == LAND
     station.run_until(lambda: truth.position_ned_m[0, 2] > -0.4, 5)
     assert truth.velocity_ned_m_s[0, 2] == pytest.approx(0.33, abs=0.05), "no slow descent below one metre"
     station.run_until(lambda: truth.position_ned_m[0, 2] > -0.001, 20)
-    touched_s = station.now_s
+    touch_down_s = station.now_s
     station.run_until(lambda: "Landing detected\t" in station.texts(), 10)
-    assert 2.8 < station.now_s - touched_s < 4.4
+    assert 2.8 < station.now_s - touch_down_s < 4.4
     station.run(2.5)
     assert station.last["ALTITUDE"].bottom_clearance == pytest.approx(0.1)
 
@@ -205,9 +212,9 @@ def test_a_landing_is_detected_some_seconds_after_the_touch_down() -> None:
 def test_a_descent_setpoint_ends_in_a_landing_and_a_position_below_the_ground_does_not() -> None:
     """PX4 needs a controlled descent; with a position setpoint below the ground it stays armed."""
     station = hovering_station(3.0)
-    into_ground = setpoint_sender(station, 0b110111111000, z=2.0)
-    offboard(station, 0b110111111000, z=2.0)
-    station.run(15, into_ground)
+    send_position_below_ground = setpoint_sender(station, 0b110111111000, z=2.0)
+    switch_to_offboard(station, 0b110111111000, z=2.0)
+    station.run(15, send_position_below_ground)
     assert station.sim.simulation.truth.position_ned_m[0, 2] == pytest.approx(0.0, abs=0.01)
     assert station.armed
     assert "Landing detected\t" not in station.texts()
@@ -229,14 +236,14 @@ PARTIAL_SETPOINTS = (
 def test_a_setpoint_with_an_uncontrolled_axis_stops_the_vehicle() -> None:
     """A real PX4 also stops; the target that it reports is velocity zero."""
     station = hovering_station(3.0)
-    before = station.sim.simulation.truth.position_ned_m[0].copy()
-    offboard(station, 0b110111000111)
-    for mask, fields in PARTIAL_SETPOINTS:
-        station.run(3, setpoint_sender(station, mask, **fields))
-        echo = station.last["POSITION_TARGET_LOCAL_NED"]
-        assert (echo.vx, echo.vy, echo.vz) == (0.0, 0.0, 0.0)
-        assert all(map(math.isnan, (echo.x, echo.y, echo.z)))
-        assert station.sim.simulation.truth.position_ned_m[0] == pytest.approx(before, abs=0.3)
+    position_before = station.sim.simulation.truth.position_ned_m[0].copy()
+    switch_to_offboard(station, 0b110111000111)
+    for type_mask, fields in PARTIAL_SETPOINTS:
+        station.run(3, setpoint_sender(station, type_mask, **fields))
+        reported_target = station.last["POSITION_TARGET_LOCAL_NED"]
+        assert (reported_target.vx, reported_target.vy, reported_target.vz) == (0.0, 0.0, 0.0)
+        assert all(map(math.isnan, (reported_target.x, reported_target.y, reported_target.z)))
+        assert station.sim.simulation.truth.position_ned_m[0] == pytest.approx(position_before, abs=0.3)
     assert station.mode == OFFBOARD
 
 
@@ -274,8 +281,8 @@ def test_a_vehicle_away_from_its_trajectory_descends_more_slowly(beside_m: float
     """MPC_XY_ERR_MAX is 2 m; a real PX4 at half a metre from its path descended at 3/4 of its speed."""
     vehicle = DisplacedVehicle(-beside_m)
     path = Path(vehicle, vehicle)  # type: ignore[arg-type]
-    for axis, at_m in ((path.x, 0.0), (path.y, 0.0), (path.z, -20.0)):
-        axis.reset(at_m)
+    for axis, start_m in ((path.x, 0.0), (path.y, 0.0), (path.z, -20.0)):
+        axis.reset(start_m)
     path.z.reset(-20.0, 1.5)
     descent = Descent(vehicle, path)  # type: ignore[arg-type]
     for _ in range(20):

@@ -11,12 +11,13 @@ from vehicle_sim.mavlink.services import ftp
 pytestmark = [pytest.mark.flight, pytest.mark.story]
 
 TARGET = {"target_system": 1, "target_component": 1}
+BOOT_UNIX_S = 1795222005
 
 
 @pytest.fixture
 def station():
     """A station whose vehicle has one finished log and a second log in progress."""
-    station = Station(log=True, boot_time_unix_s=1795222005)
+    station = Station(log=True, boot_time_unix_s=BOOT_UNIX_S)
     station.run(2)
     logger = station.sim.loggers[0]
     logger.stop()
@@ -31,7 +32,7 @@ def file_bytes(station, number):
     return sorted(folder.rglob("*.ulg"))[number].read_bytes()
 
 
-def request(station, name, seconds=0.5, **fields):
+def send_request(station, name, seconds=0.5, **fields):
     since_s = station.now_s
     station.send(name, **TARGET, **fields)
     station.run(seconds)
@@ -39,23 +40,23 @@ def request(station, name, seconds=0.5, **fields):
 
 
 def test_the_list_has_number_time_and_size_of_each_log(station):
-    first, second = request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)
+    first, second = send_request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)
     assert (first.values["id"], first.num_logs, first.last_log_num) == (0, 2, 2)
-    assert first.time_utc == 1795222005
+    assert first.time_utc == BOOT_UNIX_S
     assert first.size == len(file_bytes(station, 0))
-    assert (second.values["id"], second.time_utc) == (1, 1795222007)
-    (only,) = request(station, "LOG_REQUEST_LIST", start=1, end=1)
-    assert only.values["id"] == 1
+    assert (second.values["id"], second.time_utc) == (1, BOOT_UNIX_S + 2)
+    (entry,) = send_request(station, "LOG_REQUEST_LIST", start=1, end=1)
+    assert entry.values["id"] == 1
 
 
 @pytest.mark.parametrize("bounds", [(5, 9), (2, 0xFFFF)])
 def test_a_request_for_logs_that_do_not_exist_gets_no_reply(station, bounds):
-    assert request(station, "LOG_REQUEST_LIST", start=bounds[0], end=bounds[1]) == []
+    assert send_request(station, "LOG_REQUEST_LIST", start=bounds[0], end=bounds[1]) == []
 
 
 def test_parts_have_90_bytes_and_the_last_part_has_the_rest(station):
     content = file_bytes(station, 0)
-    parts = request(station, "LOG_REQUEST_DATA", id=0, ofs=len(content) - 100, count=1000)
+    parts = send_request(station, "LOG_REQUEST_DATA", id=0, ofs=len(content) - 100, count=1000)
     assert [(m.ofs, m.count) for m in parts] == [(len(content) - 100, 90), (len(content) - 10, 10)]
     assert bytes(parts[0].data) + bytes(parts[1].data[:10]) == content[-100:]
 
@@ -63,43 +64,42 @@ def test_parts_have_90_bytes_and_the_last_part_has_the_rest(station):
 @pytest.mark.parametrize("fields", [{"id": 50, "ofs": 0, "count": 90}, {"id": 0, "ofs": 1 << 30, "count": 90},
                                     {"id": 0, "ofs": 0, "count": 0}])  # fmt: skip
 def test_invalid_requests_get_no_reply(station, fields):
-    assert request(station, "LOG_REQUEST_DATA", **fields) == []
+    assert send_request(station, "LOG_REQUEST_DATA", **fields) == []
 
 
 def test_a_download_with_lost_parts_equals_the_file_read_by_ftp(station):
-    (entry,) = [m for m in request(station, "LOG_REQUEST_LIST", start=0, end=0)]
-    lossy, parts_by_offset = random.Random(3), {}
+    (entry,) = [m for m in send_request(station, "LOG_REQUEST_LIST", start=0, end=0)]
+    rng, parts_by_offset = random.Random(3), {}
     for _ in range(40):
         missing = [offset for offset in range(0, entry.size, 90) if offset not in parts_by_offset]
         if not missing:
             break
-        count = 90 * (
-            1 + next((k for k in range(1, len(missing)) if missing[k] != missing[0] + 90 * k), 0) or 1
-        )
+        gap = next((k for k in range(1, len(missing)) if missing[k] != missing[0] + 90 * k), 0)
+        count = 90 * (1 + gap)
         count = min(entry.size - missing[0], count if len(missing) < 200 else entry.size)
-        for part in request(station, "LOG_REQUEST_DATA", 1.0, id=0, ofs=missing[0], count=count):
-            if lossy.random() > 0.05:
+        for part in send_request(station, "LOG_REQUEST_DATA", 1.0, id=0, ofs=missing[0], count=count):
+            if rng.random() > 0.05:
                 parts_by_offset[part.ofs] = bytes(part.data[: part.count])
         station.log.clear()
         if len(missing) < 200:
             for offset in missing:
-                for part in request(station, "LOG_REQUEST_DATA", 0.02, id=0, ofs=offset, count=90):
+                for part in send_request(station, "LOG_REQUEST_DATA", 0.02, id=0, ofs=offset, count=90):
                     parts_by_offset[part.ofs] = bytes(part.data[: part.count])
     downloaded = b"".join(parts_by_offset[offset] for offset in sorted(parts_by_offset))
     assert downloaded == file_bytes(station, 0)
     path = sorted((station.sim.files[0].root / "log").rglob("*.ulg"))[0].relative_to(
         station.sim.files[0].root
     )
-    client, read = FtpClient(station.sim), b""
+    client, ftp_bytes = FtpClient(station.sim), b""
     assert client.request_one(ftp.OPEN_RO, str(path).encode())[0] == ftp.ACK
-    while len(read) < len(downloaded):
-        replies = client.request(ftp.BURST, offset=len(read), wait_s=0.4)
-        read += b"".join(data for head, data in replies if head[2] == ftp.ACK)
-    assert read == downloaded
+    while len(ftp_bytes) < len(downloaded):
+        replies = client.request(ftp.BURST, offset=len(ftp_bytes), wait_s=0.4)
+        ftp_bytes += b"".join(data for header, data in replies if header[2] == ftp.ACK)
+    assert ftp_bytes == downloaded
 
 
 def test_at_most_5000_parts_are_sent_per_second_until_an_end_request(station):
-    parts = request(station, "LOG_REQUEST_DATA", 0.1, id=0, ofs=0, count=0xFFFFFFFF)
+    parts = send_request(station, "LOG_REQUEST_DATA", 0.1, id=0, ofs=0, count=0xFFFFFFFF)
     assert 400 <= len(parts) <= 520
     station.send("LOG_REQUEST_END", **TARGET)
     station.run(0.02)
@@ -111,11 +111,11 @@ def test_at_most_5000_parts_are_sent_per_second_until_an_end_request(station):
 def test_erasing_removes_all_logs_and_a_new_log_can_be_started(station):
     station.send("LOG_ERASE", **TARGET)
     station.run(0.2)
-    assert request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF) == []
+    assert send_request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF) == []
     station.sim.loggers[0].stop()
     assert station.sim.loggers[0].start_manually()
     station.run(0.1)
-    assert len(request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)) == 1
+    assert len(send_request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)) == 1
 
 
 def test_requests_to_other_systems_and_components_are_ignored(station):

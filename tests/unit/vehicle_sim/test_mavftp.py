@@ -37,7 +37,7 @@ class Connection:
     def __init__(self) -> None:
         self.sim = VehicleSim()
         self.mav = self
-        self.sent = 0
+        self.sent_count = 0
         self._parser, self._received = FrameParser(), list[Any]()
 
     def file_transfer_protocol_send(
@@ -47,8 +47,8 @@ class Connection:
             "FILE_TRANSFER_PROTOCOL", target_network=network, target_system=target_system,
             target_component=target_component, payload=bytes(payload),
         )  # fmt: skip
-        self.sent += 1
-        self.sim.feed(0, "gcs", frame_v2(layout, packed, self.sent & 0xFF, 255, 190))
+        self.sent_count += 1
+        self.sim.feed(0, "gcs", frame_v2(layout, packed, self.sent_count & 0xFF, 255, 190))
 
     def recv_match(self, timeout: float = 0.0, **_: Any) -> Any:
         for _step in range(round(timeout / STEP_S)):

@@ -17,6 +17,7 @@ from vehicle_sim.mavlink.rates import API, GCS
 
 pytestmark = pytest.mark.flight
 
+REQUEST_MESSAGE, ARM = 512, 400
 ONLY_IN_ORBIT = {"ORBIT_EXECUTION_STATUS"}
 NOT_ON_GROUND = {"POSITION_TARGET_GLOBAL_INT"} | ONLY_IN_ORBIT
 
@@ -31,24 +32,24 @@ def frame(name: str, sequence: int = 0, **fields: object) -> bytes:
 
 @given(st.lists(st.binary(max_size=40), min_size=1, max_size=8), st.integers(1, 50))
 @settings(max_examples=40, deadline=None)
-def test_every_frame_is_found_between_garbage_in_any_pieces(noise: list[bytes], cut: int) -> None:
+def test_every_frame_is_found_between_garbage_in_pieces_of_any_length(noise: list[bytes], size: int) -> None:
     chunks = [bytes(b for b in chunk if b not in (0xFD, 0xFE)) for chunk in noise]
     stream = b"".join(chunk + frame("PING", n, seq=n, time_usec=1) for n, chunk in enumerate(chunks))
     parser = FrameParser()
-    found = [m for start in range(0, len(stream), cut) for m in parser.feed(stream[start : start + cut])]
+    found = [m for start in range(0, len(stream), size) for m in parser.feed(stream[start : start + size])]
     assert [m.seq for m in found] == list(range(len(chunks)))
 
 
 def test_after_random_bytes_the_next_frames_are_handled() -> None:
     station = Station()
     station.run(1)
-    noise = random.Random(1)
+    rng = random.Random(1)
     for _ in range(50):
-        station.sim.feed(0, "gcs", noise.randbytes(2000))
+        station.sim.feed(0, "gcs", rng.randbytes(2000))
     station.sim.feed(0, "gcs", bytes(600))
-    station.command(512, 148)
+    station.command(REQUEST_MESSAGE, 148)
     station.run(0.1)
-    assert station.acks(512) == [0]
+    assert station.acks(REQUEST_MESSAGE) == [0]
 
 
 def test_a_frame_with_a_wrong_checksum_is_counted_and_not_handled() -> None:
@@ -62,14 +63,14 @@ def test_a_frame_with_a_wrong_checksum_is_counted_and_not_handled() -> None:
 def test_streams_are_sent_at_the_rates_of_the_table() -> None:
     station = Station(links=BOTH)
     station.run(6)
-    start = station.now_s
+    start_s = station.now_s
     station.run(10)
     for link, table in (("gcs", GCS), ("api", API)):
         for name, hz in table.items():
             if name in NOT_ON_GROUND:
                 continue
-            count = len(station.received(name, link, start))
-            assert count == pytest.approx(hz * 10, abs=max(1.0, 0.02 * hz * 10)), (link, name)
+            message_count = len(station.received(name, link, start_s))
+            assert message_count == pytest.approx(hz * 10, abs=max(1.0, 0.02 * hz * 10)), (link, name)
 
 
 def test_the_table_has_the_rates_of_a_real_vehicle(shared) -> None:
@@ -92,10 +93,10 @@ def test_sequence_numbers_have_no_gaps_on_each_link() -> None:
         assert all((b - a) & 0xFF == 1 for a, b in pairwise(sequences))
 
 
-def test_texts_wait_for_a_ground_station_and_events_do_not() -> None:
+def test_events_but_not_texts_are_sent_before_a_ground_station_is_connected() -> None:
     station = Station(heartbeats=False)
     station.run(6)
-    station.command(400, 1)
+    station.command(ARM, 1)
     station.run(0.2)
     assert station.texts() == []
     assert "commander_armed_by" in station.events()
@@ -116,19 +117,19 @@ def test_parameters_are_set_bytewise_and_invalid_requests_get_no_reply() -> None
     station = Station(links=BOTH)
     station.run(BOOTED_S)
     requested_s = station.now_s
-    as_float = struct.unpack("<f", struct.pack("<i", 3))[0]
+    integer_as_float = struct.unpack("<f", struct.pack("<i", 3))[0]
 
-    def set_(name: str, value: float, kind: int) -> None:
+    def set_parameter(name: str, value: float, kind: int) -> None:
         station.send("PARAM_SET", target_system=1, target_component=1, param_id=name, param_value=value,
                param_type=kind)  # fmt: skip
 
-    set_("NAV_DLL_ACT", as_float, 6)
+    set_parameter("NAV_DLL_ACT", integer_as_float, 6)
     station.run(0.1)
     assert station.sim.simulation.parameters[0].get("NAV_DLL_ACT") == 3
     assert len(station.received("PARAM_VALUE", "gcs", requested_s)) == 2
     assert len(station.received("PARAM_VALUE", "api", requested_s)) == 1
-    set_("NAV_DLL_ACT", 2.0, 9)
-    set_("NO_SUCH_PARAM", 2.0, 9)
+    set_parameter("NAV_DLL_ACT", 2.0, 9)
+    set_parameter("NO_SUCH_PARAM", 2.0, 9)
     station.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_id="NOPE", param_index=-1)
     station.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_index=5000)
     station.run(0.1)
@@ -198,7 +199,7 @@ def test_version_and_modes_can_be_requested() -> None:
     sim = VehicleSim(2, first_instance=3)
     for row in range(2):
         layout, payload = pack(
-            "COMMAND_LONG", target_system=4 + row, target_component=1, command=512, param1=148
+            "COMMAND_LONG", target_system=4 + row, target_component=1, command=REQUEST_MESSAGE, param1=148
         )
         sim.feed(row, "gcs", frame_v2(layout, payload, 0, 255, 190))
         messages = FrameParser().feed(sim.drain(row, "gcs"))
@@ -207,7 +208,7 @@ def test_version_and_modes_can_be_requested() -> None:
         assert version.uid == 5283920058631409231, "all vehicles of PX4's simulator have the same uid"
     station = Station()
     station.run(0.2)
-    station.command(512, 435, 0)
+    station.command(REQUEST_MESSAGE, 435, 0)
     station.run(0.1)
     assert [m.mode_index for m in station.received("AVAILABLE_MODES")] == list(range(1, 26))
 
@@ -215,9 +216,10 @@ def test_version_and_modes_can_be_requested() -> None:
 def test_heartbeats_of_a_ground_station_are_forwarded_to_the_other_link() -> None:
     station = Station(links=BOTH)
     station.run(0.1)
-    raw = FrameParser()
+    parser = FrameParser()
     station.send("HEARTBEAT", type=6, autopilot=8)
-    assert [m.sender for m in raw.feed(station.sim.drain(0, "api")) if m.name == "HEARTBEAT"] == [(255, 190)]
+    messages = parser.feed(station.sim.drain(0, "api"))
+    assert [m.sender for m in messages if m.name == "HEARTBEAT"] == [(255, 190)]
 
 
 def test_lost_events_can_be_requested() -> None:

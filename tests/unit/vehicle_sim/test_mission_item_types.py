@@ -1,10 +1,11 @@
-"""Upload from a ground station that supports only one type of mission item; intervals of messages."""
+"""Mission uploads from a ground station that supports one type of mission item, and message intervals."""
 
 from __future__ import annotations
 
 from tests.unit.vehicle_sim.plan_station import PlanStation
 
 UNSUPPORTED = 3
+MESSAGE_INTERVAL = 511
 
 
 def test_an_upload_continues_with_the_item_type_that_the_sender_supports() -> None:
@@ -21,10 +22,10 @@ def test_an_upload_continues_with_the_item_type_that_the_sender_supports() -> No
 def test_intervals_are_accepted_for_messages_without_data_and_for_the_simulated_truth() -> None:
     station = PlanStation()
     station.run(1.0)
-    for message in (65, 115, 375):
-        station.command(511, message, 100_000)
+    for message_id in (65, 115, 375):  # RC_CHANNELS, HIL_STATE_QUATERNION, ACTUATOR_OUTPUT_STATUS
+        station.command(MESSAGE_INTERVAL, message_id, 100_000)
     station.run(1.0)
-    assert station.acks(511) == [0, 0, 0]
+    assert station.acks(MESSAGE_INTERVAL) == [0, 0, 0]
     truth, outputs = station.received("HIL_STATE_QUATERNION"), station.received("ACTUATOR_OUTPUT_STATUS")
     assert len(truth) in (9, 10)
     assert truth[-1].alt == 489400

@@ -13,8 +13,10 @@ from vehicle_sim.storage.files import VehicleFiles
 
 pytestmark = pytest.mark.flight
 
+ARM = 400
 ARMED_AT_S, BOOT_UNIX_S = 12.0, 1795222005  # 2026-11-21 00:46:45 UTC
-RECORDED_HEAD = (
+OPEN_FILE_EVENT_ID = 17980399
+RECORDED_BEGINNING = (
     "554c6f67011235014072070000000000280042010000000000000000000000000000000000000000000000000000000000000000"
     "000000000000003800490f636861725b34305d207665725f7377366561333533393135376361333538633730613531353837"
     "386237373037376166376434363131641c00491775696e7433325f74207665725f73775f72656c65617365ff001001230049"
@@ -33,9 +35,9 @@ class Flight:
         self.station.run(ARMED_AT_S)
         assert sim.loggers[0].running
         sim.simulation.parameters[0].set("MPC_XY_CRUISE", 7.0)
-        self.station.command(400, 1)
+        self.station.command(ARM, 1)
         self.states = {}
-        for _ in range(750):
+        for _ in range(round(3.0 / 0.004)):
             sim.step(0.004)
             estimate = sim.simulation.estimate
             self.states[round(sim.time_s * 1e6)] = (
@@ -43,7 +45,7 @@ class Flight:
                 sim.simulation.sensors.gyro_frd_rad_s[0].copy(), float(estimate.lat_deg[0]),
                 sim.simulation.motors_us[0].copy(),
             )  # fmt: skip
-        self.station.command(400, 0)
+        self.station.command(ARM, 0)
         self.station.run(0.9)
         assert sim.loggers[0].running
         self.station.run(0.3)
@@ -68,7 +70,7 @@ def test_sys_status_reports_whether_a_log_is_written(flight):
 
 def test_a_log_is_named_by_its_time_and_begins_like_a_log_of_px4(flight):
     assert str(flight.path).endswith("log/2026-11-21/00_46_45.ulg")
-    assert flight.path.read_bytes()[:180].hex() == RECORDED_HEAD
+    assert flight.path.read_bytes()[:180].hex() == RECORDED_BEGINNING
     assert flight.log.msg_info_dict["sys_name"] == "PX4"
     assert flight.log.msg_info_dict["time_ref_utc"] == 0
     assert not flight.log.dropouts
@@ -87,7 +89,7 @@ def test_a_log_is_named_by_its_time_and_begins_like_a_log_of_px4(flight):
 )
 def test_logged_values_equal_the_values_of_the_simulation_at_the_same_time(flight, topic, columns, index):
     data = flight.data[topic]
-    compared = 0
+    compared_count = 0
     for k, time_us in enumerate(data["timestamp"]):
         if int(time_us) in flight.states:
             logged = np.array([data[name][k] for name in columns])
@@ -95,14 +97,14 @@ def test_logged_values_equal_the_values_of_the_simulation_at_the_same_time(fligh
             assert logged == pytest.approx(
                 np.round(simulated) if topic.endswith("outputs") else simulated, rel=1e-6
             )
-            compared += 1
-    assert compared >= 29
+            compared_count += 1
+    assert compared_count >= 29
 
 
 def test_motor_values_are_nan_until_armed(flight):
     motors = flight.data["actuator_motors"]
-    before = motors["timestamp"] < ARMED_AT_S * 1e6
-    assert np.isnan(motors["control[0]"][before]).all()
+    before_arming = motors["timestamp"] < ARMED_AT_S * 1e6
+    assert np.isnan(motors["control[0]"][before_arming]).all()
     armed = (motors["timestamp"] > (ARMED_AT_S + 0.5) * 1e6) & (motors["timestamp"] < (ARMED_AT_S + 3) * 1e6)
     assert (motors["control[0]"][armed] >= 0.0).all()
     assert np.isnan(motors["control[4]"]).all()
@@ -148,7 +150,7 @@ def test_texts_and_events_are_logged(flight):
     texts = [(each.log_level_str(), each.message) for each in flight.log.logged_messages]
     assert ("INFO", "Armed by external command\t") in texts
     events = flight.data["event"]
-    assert {17980399} <= set(events["id"])
+    assert {OPEN_FILE_EVENT_ID} <= set(events["id"])
     assert events["event_sequence"].max() <= 0xFFFF
 
 
@@ -180,14 +182,14 @@ def test_the_next_arming_opens_a_new_file_and_reports_it():
     station = Station(log=True, boot_time_unix_s=BOOT_UNIX_S)
     station.run(12)
     for _ in range(2):
-        station.command(400, 1)
+        station.command(ARM, 1)
         station.run(0.3)
-        station.command(400, 0)
+        station.command(ARM, 0)
         station.run(0.3)
     logger = station.sim.loggers[0]
     assert logger.path == "log/2026-11-21/00_46_57.ulg"
     messages = station.received("EVENT", since_s=11.9)
-    opened = [bytes(m.arguments)[:7] for m in messages if m.values["id"] == 17980399]
+    opened = [bytes(m.arguments)[:7] for m in messages if m.values["id"] == OPEN_FILE_EVENT_ID]
     assert opened == [bytes((0xEA, 0x07, 11, 21, 0, 46, 57))]
     assert f"[logger] ./{logger.path}\t" in station.texts(since_s=11.9)
 
@@ -210,10 +212,10 @@ def test_the_default_log_profile_alone_has_lower_rates():
     sim.step(3.0)
     sim.close()
     log = ULog(str(sim.files[0].host_path(sim.loggers[0].path)))
-    data = {each.name: len(each.data["timestamp"]) / 2.5 for each in log.data_list}
-    assert data["vehicle_attitude"] == pytest.approx(20, abs=1)
-    assert data["vehicle_local_position"] == pytest.approx(10, abs=1)
-    assert data["estimator_status"] == pytest.approx(5, abs=1)
+    rates_hz = {each.name: len(each.data["timestamp"]) / 2.5 for each in log.data_list}
+    assert rates_hz["vehicle_attitude"] == pytest.approx(20, abs=1)
+    assert rates_hz["vehicle_local_position"] == pytest.approx(10, abs=1)
+    assert rates_hz["estimator_status"] == pytest.approx(5, abs=1)
 
 
 def test_each_vehicle_of_a_fleet_writes_its_own_log():
@@ -223,10 +225,10 @@ def test_each_vehicle_of_a_fleet_writes_its_own_log():
     sim.step(1.0)
     sim.close()
     logs = [ULog(str(f.host_path(logger.path))) for f, logger in zip(sim.files, sim.loggers, strict=True)]
-    ends = [log.last_timestamp for log in logs]
-    assert ends[1] <= 2_004_000 < 2_900_000 < ends[0]
-    east = [log.get_dataset("vehicle_local_position_groundtruth").data["y"][-1] for log in logs]
-    assert east == pytest.approx([0.0, 3.0, 6.0], abs=1e-3)
+    ends_us = [log.last_timestamp for log in logs]
+    assert ends_us[1] <= 2_004_000 < 2_900_000 < ends_us[0]
+    east_m = [log.get_dataset("vehicle_local_position_groundtruth").data["y"][-1] for log in logs]
+    assert east_m == pytest.approx([0.0, 3.0, 6.0], abs=1e-3)
     assert [int(log.get_dataset("vehicle_status").data["system_id"][0]) for log in logs] == [1, 2, 3]
 
 
@@ -244,7 +246,7 @@ def test_a_folder_that_cannot_be_written_is_reported_and_the_vehicle_can_be_arme
     (tmp_path / "log").write_text("in the way")
     station = Station(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_MODE": 0})
     station.run_until(lambda: station.ready, 15)
-    station.command(400, 1)
+    station.command(ARM, 1)
     station.run(0.3)
     assert station.armed
     assert not station.sim.loggers[0].running
@@ -259,9 +261,9 @@ def test_a_full_disk_ends_only_the_log():
     station.run(1)
     assert not logger.running
     assert "[logger] logging stopped: No space left on device\t" in station.texts()
-    before_s = station.now_s
+    ended_s = station.now_s
     station.run(1)
-    assert station.received("HEARTBEAT", since_s=before_s)
+    assert station.received("HEARTBEAT", since_s=ended_s)
 
 
 def test_too_little_disk_space_is_reported_and_ends_the_log():
@@ -284,17 +286,17 @@ def test_the_size_of_a_log_is_limited_and_the_next_arming_opens_another():
     station = Station(log=True)
     station.run_until(lambda: station.ready, 15)
     logger = station.sim.loggers[0]
-    first, logger.written_bytes = logger.path, (1 << 30) + 1
+    first_path, logger.written_bytes = logger.path, (1 << 30) + 1
     station.run(5.1)
     assert not logger.running
     assert "[logger] logging stopped: the log has reached 1 GiB\t" in station.texts()
     assert station.sim.autopilots[0].commander.arm()
     station.run(0.1)
     assert logger.running
-    assert logger.path != first
+    assert logger.path != first_path
 
 
-def test_with_logging_disabled_nothing_is_written_or_reported():
+def test_nothing_is_written_or_reported_while_logging_is_disabled():
     station = Station()
     station.run_until(lambda: station.ready, 15)
     assert station.sim.autopilots[0].commander.arm()

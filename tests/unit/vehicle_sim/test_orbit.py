@@ -1,4 +1,4 @@
-"""Speed limit and direction of an orbit."""
+"""Speed and direction of an orbit: at most 2 m/s² towards the centre and at most 12 m/s."""
 
 import math
 
@@ -6,7 +6,7 @@ import pytest
 
 from tests.unit.vehicle_sim.sim_station import Station
 
-NAN = math.nan
+NAN, ORBIT = math.nan, 34
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ def test_the_orbit_speed_is_limited_by_the_radius(
 ) -> None:
     station = Station(sensor_noise=False)
     station.run_until(lambda: station.ready, 15)
-    station.command(34, radius_m, requested_m_s, 0, NAN, NAN, NAN, NAN)
+    station.command(ORBIT, radius_m, requested_m_s, 0, NAN, NAN, NAN, NAN)
     station.run(0.1)
     circle = station.sim.autopilots[0].navigator.circle
     assert circle is not None

@@ -29,9 +29,9 @@ def test_the_values_at_boot_equal_the_recorded_values():
 
 
 def test_the_defaults_are_the_values_of_the_real_vehicle(shared):
-    live = json.loads((shared / "px4" / "parameters-live.json").read_text(encoding="utf-8"))
+    recorded = json.loads((shared / "px4" / "parameters-live.json").read_text(encoding="utf-8"))
     parameters = Parameters()
-    for name, entry in live.items():
+    for name, entry in recorded.items():
         assert parameters.index_of(name) == entry["index"]
         assert parameters.type_of(name) == entry["type"].upper()
         if name != "MAV_SYS_ID":
@@ -53,7 +53,7 @@ def test_values_out_of_range_are_stored(value):
     assert parameters.get("MPC_XY_VEL_MAX") == value
 
 
-def test_an_integer_cannot_be_nan():
+def test_an_integer_parameter_cannot_be_nan():
     with pytest.raises(ValueError, match="MAV_SYS_ID is an integer"):
         Parameters().set("MAV_SYS_ID", math.nan)
 
@@ -67,16 +67,16 @@ def test_the_error_about_an_unknown_parameter_names_the_parameter():
 
 def test_listeners_are_called_for_changes_only():
     parameters = Parameters()
-    received = []
-    remove = parameters.add_listener(lambda name, value: received.append((name, value)))
+    changes = []
+    remove_listener = parameters.add_listener(lambda name, value: changes.append((name, value)))
     parameters.set("MPC_XY_CRUISE", 5.0)
     parameters.set("MPC_XY_CRUISE", 6.0)
     parameters.set("MPC_XY_CRUISE", math.nan)
     parameters.set("MPC_XY_CRUISE", math.nan)
-    remove()
+    remove_listener()
     parameters.set("MPC_XY_CRUISE", 7.0)
-    assert received[0] == ("MPC_XY_CRUISE", 6.0)
-    assert len(received) == 2
+    assert changes[0] == ("MPC_XY_CRUISE", 6.0)
+    assert len(changes) == 2
 
 
 def test_changed_parameters_are_listed_until_they_are_reset():
@@ -118,22 +118,22 @@ def test_a_start_after_a_reset_stores_the_sensor_parameters_again(tmp_path):
 
 def test_the_hash_is_a_crc_over_names_and_values():
     parameters = Parameters()
-    first = parameters.hash()
+    hash_before = parameters.hash()
     crc = 0
     for name, value in parameters.items():
         if not is_volatile(name):
-            kind = "<i" if parameters.type_of(name) == "INT32" else "<f"
-            for byte in name.encode() + struct.pack(kind, value):
+            struct_format = "<i" if parameters.type_of(name) == "INT32" else "<f"
+            for byte in name.encode() + struct.pack(struct_format, value):
                 crc ^= byte
                 for _ in range(8):
                     crc = (crc >> 1) ^ (0xEDB88320 if crc & 1 else 0)
-    assert first == crc
+    assert hash_before == crc
     parameters.set("LND_FLIGHT_T_LO", 12345)
-    assert parameters.hash() == first, "the flight time changed the hash"
+    assert parameters.hash() == hash_before, "the flight time changed the hash"
     parameters.set("MPC_XY_CRUISE", 6.0)
-    assert parameters.hash() != first
+    assert parameters.hash() != hash_before
     parameters.reset("MPC_XY_CRUISE")
-    assert parameters.hash() == first
+    assert parameters.hash() == hash_before
 
 
 def test_changes_survive_a_restart(tmp_path):

@@ -1,4 +1,4 @@
-"""Random flights with one random fault each have errors, stated accuracies and validity like PX4's."""
+"""In flights with one random fault each, errors, reported accuracies and validity are as in PX4."""
 
 import math
 
@@ -19,24 +19,24 @@ FIX_S, STEP_S = 0.124, 0.008
 RECKONING_AFTER_S = DEAD_RECKONING_AFTER_S + HORIZON_S
 
 
-def in_time(moment_s: float, due_s: float, late_s: float = CHECK_S) -> bool:
-    return due_s - STEP_S <= moment_s <= due_s + late_s
+def in_time(moment_s: float, due_s: float, tolerance_s: float = CHECK_S) -> bool:
+    return due_s - STEP_S <= moment_s <= due_s + tolerance_s
 
 
 def once_in_time(moments_s: list[float], due_s: float) -> bool:
     return len(moments_s) == 1 and in_time(moments_s[0], due_s)
 
 
-def valid_while_aided(flight: FaultFlight, seconds: float) -> bool:
+def validity_follows_dead_reckoning(flight: FaultFlight, seconds: float) -> bool:
     """Whether validity ended in time in each long period of dead reckoning, and in no other period."""
     invalid_s, valid_s = list(flight.invalid_at_s), list(flight.valid_at_s)
     for k, start_s in enumerate(flight.dead_reckoning_at_s):
         end_s = flight.aided_again_at_s[k] if k < len(flight.aided_again_at_s) else math.inf
         due_s = start_s + NO_AID_S - RECKONING_AFTER_S
-        ended = [ended_s for ended_s in invalid_s if start_s <= ended_s <= end_s]
-        if ended:
-            # Both times are known to within one check.
-            if len(ended) > 1 or abs(invalid_s.pop(0) - due_s) > CHECK_S:
+        validity_ends_s = [ended_s for ended_s in invalid_s if start_s <= ended_s <= end_s]
+        if validity_ends_s:
+            # Both times are accurate to one interval of checks.
+            if len(validity_ends_s) > 1 or abs(invalid_s.pop(0) - due_s) > CHECK_S:
                 return False
             if end_s < math.inf and not (valid_s and end_s - CHECK_S <= valid_s.pop(0) <= end_s):
                 return False
@@ -51,11 +51,11 @@ def validity_ended_in_time(flight: FaultFlight, seconds: float) -> bool:
     due_s = last_fix_s + NO_AID_S
     if KINDS[flight.kind].aided:
         return not flight.invalid_at_s
-    if not valid_while_aided(flight, seconds):
+    if not validity_follows_dead_reckoning(flight, seconds):
         return False
     if KINDS[flight.kind].aided is False:
-        reckons = once_in_time(flight.dead_reckoning_at_s, last_fix_s + RECKONING_AFTER_S)
-        return reckons and once_in_time(flight.invalid_at_s, due_s) and not flight.valid_at_s
+        dead_reckoning_in_time = once_in_time(flight.dead_reckoning_at_s, last_fix_s + RECKONING_AFTER_S)
+        return dead_reckoning_in_time and once_in_time(flight.invalid_at_s, due_s) and not flight.valid_at_s
     if flight.kind != TEMPORARY_GPS_LOSS:
         return True
     last_bad_fix_s = max(fix_s for fix_s in flight.fixes_s if fix_s < flight.gps_returns_s)
@@ -76,21 +76,21 @@ def validity_ended_in_time(flight: FaultFlight, seconds: float) -> bool:
     )
 
 
-LOST = {"dead_reckoning_at_s": [1.06], "invalid_at_s": [5.06]}
-LONG_LOST = {"gps_returns_s": 9.9, **LOST, "aided_again_at_s": [11.06], "valid_at_s": [11.06]}
+LOST_GPS = {"dead_reckoning_at_s": [1.06], "invalid_at_s": [5.06]}
+LONG_LOST_GPS = {"gps_returns_s": 9.9, **LOST_GPS, "aided_again_at_s": [11.06], "valid_at_s": [11.06]}
 
 
 @pytest.mark.parametrize(
     ("kind", "moments", "expected"),
     [
-        ("silent GPS", LOST, True),
-        ("silent GPS", {**LOST, "invalid_at_s": []}, False),
-        ("silent GPS", {**LOST, "invalid_at_s": [4.98]}, False),
-        ("silent GPS", {**LOST, "invalid_at_s": [5.14]}, False),
-        ("silent GPS", {**LOST, "valid_at_s": [9.0]}, False),
+        ("silent GPS", LOST_GPS, True),
+        ("silent GPS", {**LOST_GPS, "invalid_at_s": []}, False),
+        ("silent GPS", {**LOST_GPS, "invalid_at_s": [4.98]}, False),
+        ("silent GPS", {**LOST_GPS, "invalid_at_s": [5.14]}, False),
+        ("silent GPS", {**LOST_GPS, "valid_at_s": [9.0]}, False),
         ("silent GPS", {"dead_reckoning_at_s": [0.9], "invalid_at_s": [5.06]}, False),
         ("silent barometer", {}, True),
-        ("silent barometer", LOST, False),
+        ("silent barometer", LOST_GPS, False),
         ("stuck GPS", {}, True),
         ("stuck GPS", {"dead_reckoning_at_s": [8.0], "aided_again_at_s": [11.5]}, True),
         ("stuck GPS", {"dead_reckoning_at_s": [8.0], "invalid_at_s": [12.0]}, True),
@@ -98,10 +98,10 @@ LONG_LOST = {"gps_returns_s": 9.9, **LOST, "aided_again_at_s": [11.06], "valid_a
         ("stuck GPS", {"dead_reckoning_at_s": [8.0], "aided_again_at_s": [13.0]}, False),
         ("stuck GPS", {"dead_reckoning_at_s": [8.0], "invalid_at_s": [11.8]}, False),
         ("stuck GPS", {"invalid_at_s": [12.0]}, False),
-        (TEMPORARY_GPS_LOSS, LONG_LOST, True),
-        (TEMPORARY_GPS_LOSS, {**LONG_LOST, "gps_returns_s": 1.0}, False),
-        (TEMPORARY_GPS_LOSS, {**LONG_LOST, "valid_at_s": []}, False),
-        (TEMPORARY_GPS_LOSS, {**LONG_LOST, "valid_at_s": [13.0], "aided_again_at_s": [13.0]}, False),
+        (TEMPORARY_GPS_LOSS, LONG_LOST_GPS, True),
+        (TEMPORARY_GPS_LOSS, {**LONG_LOST_GPS, "gps_returns_s": 1.0}, False),
+        (TEMPORARY_GPS_LOSS, {**LONG_LOST_GPS, "valid_at_s": []}, False),
+        (TEMPORARY_GPS_LOSS, {**LONG_LOST_GPS, "valid_at_s": [13.0], "aided_again_at_s": [13.0]}, False),
     ],
 )
 def test_the_end_of_validity_is_checked_to_within_50_ms(kind, moments, expected):

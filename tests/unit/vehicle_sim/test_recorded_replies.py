@@ -10,17 +10,19 @@ from tests.unit.vehicle_sim.sim_station import EVENT_NAMES
 VTOL_TAKEOFF_MODE = 4 << 16 | 10 << 24
 LOCAL_POSITION_NED, PING, BASIC_ID = 32, 4, 12900
 UNSUPPORTED_ITEM = 3
-_READY: list[PlanStation] = []
+EXTERNAL_POSITION, MOUNT_CONFIGURE, ACTUATOR_TEST, REQUEST_MESSAGE = 43003, 204, 310, 512
+VTOL_TAKEOFF, SET_SERVO, CAMERA_ZOOM, VTOL_TRANSITION, TAKEOFF, WAYPOINT = 84, 183, 531, 3000, 22, 16
+_READY_STATIONS: list[PlanStation] = []
 
 
 @pytest.fixture
 def station() -> PlanStation:
     """A station whose vehicle can be armed; it boots once, and each test gets a copy."""
-    if not _READY:
+    if not _READY_STATIONS:
         station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_IN": 4})
         station.wait_until_ready_to_arm()
-        _READY.append(station)
-    return snapshot(_READY[0])
+        _READY_STATIONS.append(station)
+    return snapshot(_READY_STATIONS[0])
 
 
 def acks_of(station: PlanStation, command: int, *parameters: float) -> list[int]:
@@ -33,13 +35,13 @@ def acks_of(station: PlanStation, command: int, *parameters: float) -> list[int]
 @pytest.mark.parametrize(
     ("command", "parameters", "results"),
     [
-        (43003, (0, 0, 0, 0, 47.4, 8.5, 490), [1]),
-        (204, (2,), [0]),
-        (310, (0.1, 1, 0, 0, 1), [0]),
-        (310, (0.1, 1, 0, 0, 25), []),
-        (512, (PING,), [0]),
-        (512, (BASIC_ID,), [0]),
-        (512, (LOCAL_POSITION_NED,), [2]),
+        (EXTERNAL_POSITION, (0, 0, 0, 0, 47.4, 8.5, 490), [1]),
+        (MOUNT_CONFIGURE, (2,), [0]),
+        (ACTUATOR_TEST, (0.1, 1, 0, 0, 1), [0]),
+        (ACTUATOR_TEST, (0.1, 1, 0, 0, 25), []),
+        (REQUEST_MESSAGE, (PING,), [0]),
+        (REQUEST_MESSAGE, (BASIC_ID,), [0]),
+        (REQUEST_MESSAGE, (LOCAL_POSITION_NED,), [2]),
     ],
 )
 def test_commands_get_the_recorded_results(
@@ -50,8 +52,8 @@ def test_commands_get_the_recorded_results(
 
 def test_requested_messages_are_sent(station: PlanStation) -> None:
     begin_s = station.now_s
-    acks_of(station, 512, PING)
-    acks_of(station, 512, BASIC_ID)
+    acks_of(station, REQUEST_MESSAGE, PING)
+    acks_of(station, REQUEST_MESSAGE, BASIC_ID)
     assert station.received("PING", since_s=begin_s)[-1].target_system == 0
     (identity,) = station.received("OPEN_DRONE_ID_BASIC_ID", since_s=begin_s)
     assert (identity.id_type, identity.ua_type) == (1, 2)
@@ -59,23 +61,24 @@ def test_requested_messages_are_sent(station: PlanStation) -> None:
 
 
 def test_a_multicopter_on_the_ground_accepts_the_vtol_takeoff_mode(station: PlanStation) -> None:
-    assert acks_of(station, 84) == [0]
+    assert acks_of(station, VTOL_TAKEOFF) == [0]
     station.run(1.1)
     assert station.mode == VTOL_TAKEOFF_MODE
     assert not station.armed
 
 
-@pytest.mark.parametrize("command", [183, 531])
+@pytest.mark.parametrize("command", [SET_SERVO, CAMERA_ZOOM])
 def test_an_unknown_item_is_refused_when_it_is_uploaded(station: PlanStation, command: int) -> None:
     begin_s = station.now_s
-    plan = [station.item(22), station.item(16, 10.0), station.command_item(command, 1, 1500)]
+    plan = [station.item(TAKEOFF), station.item(WAYPOINT, 10.0), station.command_item(command, 1, 1500)]
     assert station.upload(plan) == UNSUPPORTED_ITEM
     assert "IGN MISSION_ITEM: Invalid item\t" in station.texts(begin_s)
 
 
 def test_a_mission_with_a_vtol_transition_is_stored_and_reported(station: PlanStation) -> None:
     begin_s = station.now_s
-    assert station.upload([station.item(22), station.command_item(3000, 4), station.item(16, 20.0)]) == 0
+    plan = [station.item(TAKEOFF), station.command_item(VTOL_TRANSITION, 4), station.item(WAYPOINT, 20.0)]
+    assert station.upload(plan) == 0
     station.run(0.2)
     events = [EVENT_NAMES[m.values["id"]] for m in station.received("EVENT", since_s=begin_s)]
     assert "navigator_mis_vtol_items" in events

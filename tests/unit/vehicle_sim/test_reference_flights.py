@@ -40,7 +40,7 @@ class Flight:
     t_s: np.ndarray
     sim: dict[str, np.ndarray]
 
-    def aligned(self, column: str, start_s: float, end_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def on_grid(self, column: str, start_s: float, end_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times, real and simulated values on one grid."""
         grid = np.arange(start_s, end_s, 0.01)
         return (
@@ -50,14 +50,14 @@ class Flight:
         )
 
 
-def _columns(position, velocity, q, rates) -> dict[str, np.ndarray]:
+def _columns_by_name(position, velocity, q, rates) -> dict[str, np.ndarray]:
     euler = np.unwrap(frames.euler_of(q), axis=0)
     values = np.concatenate([position, velocity, euler, rates], axis=1)
     names = ("x", "y", "z", "vx", "vy", "vz", "roll", "pitch", "yaw", "p", "q", "r")
     return dict(zip(names, values.T, strict=True))
 
 
-def _apply(sim: Simulation, i: int, entry: dict) -> None:
+def _apply_setpoint(sim: Simulation, i: int, entry: dict) -> None:
     fields, setpoints = entry["fields"], sim.setpoints
     mask = fields["type_mask"]
     setpoints.clear(i)
@@ -71,8 +71,8 @@ def _apply(sim: Simulation, i: int, entry: dict) -> None:
             setpoints.q_ned_frd[i] = fields["q"]
         return
     setpoints.level[i] = ControlLevel.TRAJECTORY
-    named = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz")
-    values = [math.nan if mask & (1 << k) else fields[name] for k, name in enumerate(named)]
+    field_names = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz")
+    values = [math.nan if mask & (1 << k) else fields[name] for k, name in enumerate(field_names)]
     setpoints.position_ned_m[i] = values[:3]
     setpoints.velocity_ned_m_s[i] = values[3:6]
     setpoints.acceleration_ned_m_s2[i] = values[6:]
@@ -94,14 +94,14 @@ def flights(shared) -> dict[str, Flight]:
     count = len(FLIGHTS)
     sim = Simulation(count, parameters=stores, sensor_noise=False, start_ned_m=np.zeros((count, 3)))
     sim.setpoints.armed[:] = True
-    for _ in range(250):
+    for _ in range(round(1.0 / sim.dt_s)):
         sim.step()
     sim.setpoints.level[:] = ControlLevel.TRAJECTORY
     for i, (recording, table) in enumerate(zip(recordings, tables, strict=True)):
         column = {name: k for k, name in enumerate(recording["columns"])}
-        initial = table[np.searchsorted(table[:, 0], -0.1)]
-        start = [initial[column[name]] for name in ("x", "y", "z")]
-        setpoint = [initial[column[name]] for name in ("sx", "sy", "sz")]
+        initial_row = table[np.searchsorted(table[:, 0], -0.1)]
+        start = [initial_row[column[name]] for name in ("x", "y", "z")]
+        setpoint = [initial_row[column[name]] for name in ("sx", "sy", "sz")]
         sim.setpoints.position_ned_m[i] = np.round(np.where(np.isnan(setpoint), start, setpoint))
     sim.setpoints.yaw_ned_rad[:] = 0.0
     for _ in range(round(SETTLE_S / sim.dt_s)):
@@ -110,13 +110,13 @@ def flights(shared) -> dict[str, Flight]:
     steps = round(end_s / sim.dt_s)
     position, velocity, rates = (np.empty((steps, count, 3)) for _ in range(3))
     q = np.empty((steps, count, 4))
-    sent = [-1] * count
+    applied_index = [-1] * count
     for k in range(steps):
         for i, recording in enumerate(recordings):
-            due = sum(entry["t_s"] <= k * sim.dt_s for entry in recording["stimulus"]) - 1
-            if due > sent[i]:
-                _apply(sim, i, recording["stimulus"][due])
-                sent[i] = due
+            due_index = sum(entry["t_s"] <= k * sim.dt_s for entry in recording["stimulus"]) - 1
+            if due_index > applied_index[i]:
+                _apply_setpoint(sim, i, recording["stimulus"][due_index])
+                applied_index[i] = due_index
         sim.step()
         position[k], velocity[k] = sim.estimate.position_ned_m, sim.estimate.velocity_ned_m_s
         q[k], rates[k] = sim.estimate.q_ned_frd, sim.estimate.rates_frd_rad_s
@@ -127,10 +127,10 @@ def flights(shared) -> dict[str, Flight]:
         def take(*names: str, table=table, column=column) -> np.ndarray:
             return table[:, [column[each] for each in names]]
 
-        real = _columns(
+        real = _columns_by_name(
             take("x", "y", "z"), take("vx", "vy", "vz"), take("qw", "qx", "qy", "qz"), take("p", "q", "r")
         )
-        simulated = _columns(position[:, i], velocity[:, i], q[:, i], rates[:, i])
+        simulated = _columns_by_name(position[:, i], velocity[:, i], q[:, i], rates[:, i])
         result[name] = Flight(table[:, 0], real, sim.dt_s * np.arange(1, steps + 1), simulated)
     return result
 
@@ -144,7 +144,7 @@ def crossing_s(times: np.ndarray, values: np.ndarray, level: float) -> float:
     ("name", "column", "size"), [("pos_step_x_p5", "x", 5.0), ("pos_step_z_up3", "z", -3.0)]
 )
 def test_position_steps_rise_and_overshoot_as_recorded(flights, name, column, size):
-    times, real, sim = flights[name].aligned(column, 0.0, 7.5)
+    times, real, sim = flights[name].on_grid(column, 0.0, 7.5)
     real, sim = ((values - values[0]) / size for values in (real, sim))
     assert crossing_s(times, sim, 0.5) == pytest.approx(crossing_s(times, real, 0.5), abs=0.25)
     assert crossing_s(times, sim, 0.9) == pytest.approx(crossing_s(times, real, 0.9), abs=0.5)
@@ -152,27 +152,27 @@ def test_position_steps_rise_and_overshoot_as_recorded(flights, name, column, si
     assert sim[-1] == pytest.approx(1.0, abs=0.05)
 
 
-@pytest.mark.parametrize(("name", "size", "until_s"), [("vel_x_1", 1.0, 4.5), ("vel_x_8", 8.0, 5.5)])
-def test_velocity_steps_settle_below_the_setpoint_as_recorded(flights, name, size, until_s):
-    times, real, sim = flights[name].aligned("vx", 0.0, until_s)
-    settled = times > until_s - 1.0
+@pytest.mark.parametrize(("name", "size", "end_s"), [("vel_x_1", 1.0, 4.5), ("vel_x_8", 8.0, 5.5)])
+def test_velocity_steps_settle_below_the_setpoint_as_recorded(flights, name, size, end_s):
+    times, real, sim = flights[name].on_grid("vx", 0.0, end_s)
+    settled = times > end_s - 1.0
     assert sim[settled].mean() / size == pytest.approx(real[settled].mean() / size, abs=0.04)
     assert crossing_s(times, sim, 0.6 * size) == pytest.approx(crossing_s(times, real, 0.6 * size), abs=0.15)
-    _, real_pitch, sim_pitch = flights[name].aligned("pitch", 0.0, 1.5)
+    _, real_pitch, sim_pitch = flights[name].on_grid("pitch", 0.0, 1.5)
     assert math.degrees(sim_pitch.min()) == pytest.approx(math.degrees(real_pitch.min()), abs=5.0)
 
 
 def test_a_yaw_step_peaks_and_overshoots_as_recorded(flights):
-    times, real, sim = flights["yaw_step_90"].aligned("yaw", 0.0, 5.0)
+    times, real, sim = flights["yaw_step_90"].on_grid("yaw", 0.0, 5.0)
     half = math.radians(45.0)
     assert crossing_s(times, sim, half) == pytest.approx(crossing_s(times, real, half), abs=0.05)
     assert math.degrees(sim.max()) == pytest.approx(math.degrees(real.max()), abs=2.0)
-    _, real_rate, sim_rate = flights["yaw_step_90"].aligned("r", 0.0, 5.0)
+    _, real_rate, sim_rate = flights["yaw_step_90"].on_grid("r", 0.0, 5.0)
     assert sim_rate.max() == pytest.approx(real_rate.max(), rel=0.05)
 
 
 def test_an_attitude_step_rises_and_overshoots_as_recorded(flights):
-    times, real, sim = flights["att_roll_10_clean"].aligned("roll", 1.2, 2.6)
+    times, real, sim = flights["att_roll_10_clean"].on_grid("roll", 1.2, 2.6)
     half = math.radians(5.0)
     assert crossing_s(times, sim, half) == pytest.approx(crossing_s(times, real, half), abs=CLOCK_TOLERANCE_S)
     assert math.degrees(sim.max()) == pytest.approx(math.degrees(real.max()), abs=0.6)
@@ -180,14 +180,14 @@ def test_an_attitude_step_rises_and_overshoots_as_recorded(flights):
 
 
 def test_a_roll_rate_is_followed_as_recorded(flights):
-    times, real, sim = flights["rate_roll_pulse_clean"].aligned("p", 1.2, 1.5)
+    times, real, sim = flights["rate_roll_pulse_clean"].on_grid("p", 1.2, 1.5)
     assert crossing_s(times, sim, 0.63) == pytest.approx(crossing_s(times, real, 0.63), abs=CLOCK_TOLERANCE_S)
-    _, real, sim = flights["rate_roll_pulse_clean"].aligned("p", 1.2, 2.3)
+    _, real, sim = flights["rate_roll_pulse_clean"].on_grid("p", 1.2, 2.3)
     assert np.sqrt(np.mean((sim - real) ** 2)) < 0.2, (
         "more than the gyro noise of the recording, which is 0.1"
     )
 
 
 def test_a_yaw_rate_is_followed_as_recorded(flights):
-    _, real, sim = flights["rate_yaw_pulse_clean"].aligned("r", 1.2, 2.7)
+    _, real, sim = flights["rate_yaw_pulse_clean"].on_grid("r", 1.2, 2.7)
     assert np.sqrt(np.mean((sim - real) ** 2)) < 0.06
