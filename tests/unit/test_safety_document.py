@@ -58,11 +58,11 @@ def test_every_row_of_the_document_names_its_test():
 
 @pytest.mark.parametrize("name", NAMED_TESTS)
 def test_each_named_test_exists_runs_and_asserts(name):
-    found = functions_by_name().get(name, [])
-    assert len(found) == 1, f"{len(found)} tests have this name: a row names exactly one"
-    marks = {name_of(mark) for mark in found[0].decorator_list}
+    tests = functions_by_name().get(name, [])
+    assert len(tests) == 1, f"{len(tests)} tests have this name: a row names exactly one"
+    marks = {name_of(mark) for mark in tests[0].decorator_list}
     assert not marks & SKIP_MARKS, "the test is never run"
-    assert has_assertion(found[0]), "the test has no assertion"
+    assert has_assertion(tests[0]), "the test has no assertion"
 
 
 def test_a_test_without_an_assertion_is_found():

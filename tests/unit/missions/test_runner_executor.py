@@ -51,7 +51,7 @@ def test_the_take_off_is_complete_after_hovering_if_the_report_is_lost() -> None
     assert command_types(runner.tick(1.0 + HOVERS_AFTER_S, AT_HEIGHT)) == [StreamScript]
 
 
-def test_without_an_executor_a_take_off_is_complete_only_in_hold() -> None:
+def test_a_take_off_without_an_executor_is_complete_only_in_hold() -> None:
     runner = runner_in_take_off()
     without_executor = AT_HEIGHT._replace(executor_in_charge=None, take_off_complete=True)
     assert command_types(runner.tick(1.0, without_executor)) == []

@@ -92,7 +92,7 @@ def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
 
 
 @pytest.mark.parametrize("action", ["continue", "hold", "return", "land"])
-def test_after_a_lost_link_a_vehicle_in_failsafe_is_not_commanded(action):
+def test_a_vehicle_in_failsafe_is_not_commanded_after_a_lost_link(action):
     fake = flight_during("orbit", link_loss=action)
     fake.change_mode("rtl", "failsafe", "failsafe")
     fake.set_reading(link_active=False)

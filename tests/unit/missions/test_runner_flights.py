@@ -141,9 +141,9 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_without_stops_between_the
     longest_stop_s = stop_s = 0.0
     fake.fly(2.0)
     while fake.status.state == "flying" and fake.runner.flight.segment is not None:
-        before = fake.path[-1]
+        position_before = fake.path[-1]
         fake.step()
-        stop_s = stop_s + STEP_S if math.dist(before, fake.path[-1]) < 1e-5 else 0.0
+        stop_s = stop_s + STEP_S if math.dist(position_before, fake.path[-1]) < 1e-5 else 0.0
         longest_stop_s = max(longest_stop_s, stop_s)
     assert longest_stop_s < 1.0
     assert fake.count(StreamScript) == 1

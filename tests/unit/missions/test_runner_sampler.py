@@ -151,7 +151,7 @@ def test_a_paused_attitude_step_brakes_the_vehicle():
     assert isinstance(sent[-1][1], Position)
 
 
-def test_after_a_velocity_step_the_next_segment_begins_only_at_its_start():
+def test_the_segment_after_a_velocity_step_begins_only_at_its_start():
     script = script_of_steps(VELOCITY, LEGS)
     end_ned_m = script.segments[0].end_ned_m
     sampler = ScriptSampler(script, 0.0)
@@ -163,11 +163,11 @@ def test_after_a_velocity_step_the_next_segment_begins_only_at_its_start():
     assert sampler.progress.index == 1
 
 
-def test_after_a_stall_of_the_process_the_setpoints_do_not_jump_ahead():
+def test_the_setpoints_do_not_jump_ahead_after_a_stall_of_the_process():
     sampler = ScriptSampler(script_of_steps(LEGS), 0.0)
-    before = sample_setpoints(sampler, 0.0, 3.0)[-1][1]
-    after = sampler.at(8.0)
-    assert math.dist(before.position_ned_m, after.position_ned_m) < 2.0
+    setpoint_before = sample_setpoints(sampler, 0.0, 3.0)[-1][1]
+    setpoint_after = sampler.at(8.0)
+    assert math.dist(setpoint_before.position_ned_m, setpoint_after.position_ned_m) < 2.0
 
 
 def test_previewing_setpoints_does_not_change_the_flight():
@@ -210,9 +210,9 @@ def test_the_path_ahead_is_reported_without_advancing_the_flight():
     sampler = ScriptSampler(script, 0.0)
     for k in range(1, 26):
         sampler.at(0.2 * k)
-    before = sampler.progress
+    progress_before = sampler.progress
     ahead, now = sampler.setpoint_ahead(2.0), sampler.setpoint_ahead(0.0)
-    assert sampler.progress == before
+    assert sampler.progress == progress_before
     assert math.dist(ahead.position_ned_m, now.position_ned_m) > 1.0
     assert sampler.setpoint_ahead(1e6).position_ned_m == pytest.approx(script.segments[0].end_ned_m)
     sampler.change_script(ScriptChange(paused=True))

@@ -66,7 +66,7 @@ def test_no_vehicle_starts_if_one_vehicle_cannot_start():
     assert all(flight.requests == [] for flight in joint_flight.flights.values())
 
 
-def test_in_flight_no_vehicle_moves_until_all_are_in_offboard():
+def test_no_vehicle_in_flight_moves_until_all_are_in_offboard():
     joint_flight = JointFlight(IN_FLIGHT_MISSION, in_air=("lead", "left"))
     delayed_flight = joint_flight.flights["left"]
     delayed_requests, real_execute = [], delayed_flight.execute

@@ -23,9 +23,9 @@ def test_each_setpoint_kind_is_listed_under_its_type_name():
 @pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.type)
 def test_a_setpoint_cannot_be_changed(kind):
     field = dataclasses.fields(kind)[0].name
-    value = kind(*[0.0 for f in dataclasses.fields(kind) if f.default is dataclasses.MISSING])
+    setpoint = kind(*[0.0 for f in dataclasses.fields(kind) if f.default is dataclasses.MISSING])
     with pytest.raises(dataclasses.FrozenInstanceError):
-        setattr(value, field, 1.0)
+        setattr(setpoint, field, 1.0)
 
 
 @pytest.mark.parametrize(

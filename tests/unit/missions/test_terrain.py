@@ -43,9 +43,9 @@ def ground_of(*files: Path, margin_m: float = 3000.0) -> Ground:
     assert area is not None
     elevation = Elevation.from_files(files)
     assert elevation.problems == ()
-    found = elevation.ground(area)
-    assert found is not None
-    return found
+    ground = elevation.ground(area)
+    assert ground is not None
+    return ground
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +74,9 @@ def test_a_file_in_utm_coordinates_has_the_correct_position(tmp_path: Path) -> N
         step_deg=20.0,
         crs="EPSG:32632",
     )
-    found = inspect(path)
-    assert found.south_deg < LAT_DEG < found.north_deg
-    assert found.west_deg < LON_DEG < found.east_deg
+    box = inspect(path)
+    assert box.south_deg < LAT_DEG < box.north_deg
+    assert box.west_deg < LON_DEG < box.east_deg
     assert ground_of(path, margin_m=500.0).altitude_amsl_m(LAT_DEG, LON_DEG) == pytest.approx(432.0)
 
 
@@ -132,10 +132,10 @@ def test_files_that_are_not_elevation_files_are_reported_by_name_and_ignored(
     (tmp_path / name).write_bytes(b"no picture at all")
     (tmp_path / "notes.txt").write_text("not an elevation file")
     valid = write(tmp_path / "valid.tif", flat(10.0))
-    found = [Path(each) for each in elevation_files(tmp_path)]
-    assert {each.name for each in found} == {name, "valid.tif"}
+    listed_files = [Path(each) for each in elevation_files(tmp_path)]
+    assert {each.name for each in listed_files} == {name, "valid.tif"}
     assert tuple(DRIVERS) == ELEVATION_SUFFIXES
-    elevation = Elevation.from_files(found)
+    elevation = Elevation.from_files(listed_files)
     assert [path for path, _ in elevation.files] == [valid]
     (problem,) = elevation.problems
     assert name in problem
@@ -158,17 +158,17 @@ def test_altitudes_above_terrain_are_resolved(hill_ground: Ground) -> None:
         ),
         rally_points=(RallyPoint(lat_deg=LAT_DEG, lon_deg=LON_DEG, altitude=above_terrain(20.0)),),
     )
-    found = follow_ground(plan, hill_ground)
-    assert (found.resolved, found.unknown, found.added) == (2, 0, 0)
-    first, second = found.plan.items
+    result = follow_ground(plan, hill_ground)
+    assert (result.resolved, result.unknown, result.added) == (2, 0, 0)
+    first, second = result.plan.items
     assert isinstance(first, Waypoint)
     assert first.altitude.resolved_amsl_m == pytest.approx(610.0, abs=1.0)
     assert second == plan.items[1]
-    assert found.plan.rally_points[0].altitude.resolved_amsl_m == pytest.approx(600.0, abs=1.0)
-    assert len(mission_items(found.plan)) == 2
+    assert result.plan.rally_points[0].altitude.resolved_amsl_m == pytest.approx(600.0, abs=1.0)
+    assert len(mission_items(result.plan)) == 2
 
 
-def test_without_ground_data_altitudes_stay_unresolved(hill_ground: Ground) -> None:
+def test_altitudes_without_ground_data_stay_unresolved(hill_ground: Ground) -> None:
     plan = Plan(
         items=(
             waypoint_at(0.0, above_terrain(30.0).model_copy(update={"resolved_amsl_m": 1.0})),
@@ -176,11 +176,11 @@ def test_without_ground_data_altitudes_stay_unresolved(hill_ground: Ground) -> N
         )
     )
     for ground, unknown in ((hill_ground, 1), (None, 2)):
-        found = follow_ground(plan, ground)
-        assert found.unknown == unknown
-        last = found.plan.items[-1]
-        assert isinstance(last, Waypoint)
-        assert last.altitude.resolved_amsl_m is None
+        result = follow_ground(plan, ground)
+        assert result.unknown == unknown
+        last_item = result.plan.items[-1]
+        assert isinstance(last_item, Waypoint)
+        assert last_item.altitude.resolved_amsl_m is None
 
 
 @given(st.floats(1.0, 30.0), st.floats(5.0, 100.0), st.floats(-0.004, 0.004))
@@ -194,9 +194,9 @@ def test_a_line_that_follows_the_ground_keeps_its_height_within_the_tolerance(
             waypoint_at(0.009, above_terrain(height_m), east_deg),
         ),
     )
-    found = follow_ground(plan, hill_ground, tolerance_m)
-    items = [each for each in found.plan.items if isinstance(each, Waypoint)]
-    assert len(items) == 2 + found.added
+    result = follow_ground(plan, hill_ground, tolerance_m)
+    items = [each for each in result.plan.items if isinstance(each, Waypoint)]
+    assert len(items) == 2 + result.added
     for start, end in itertools.pairwise(items):
         line = line_positions(
             (start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), hill_ground.spacing_m
@@ -211,7 +211,7 @@ def test_a_line_that_follows_the_ground_keeps_its_height_within_the_tolerance(
         )
         # `follow_ground` checks other points; between them the ground differs by 1 or 2 m.
         assert np.abs(height_above_ground_m - height_m).max() < tolerance_m + 2.0
-    assert not list(plan_findings(found.plan, hill_ground, 30.0)) or height_m < 10.0 + tolerance_m + 2.0
+    assert not list(plan_findings(result.plan, hill_ground, 30.0)) or height_m < 10.0 + tolerance_m + 2.0
 
 
 def test_added_waypoints_keep_the_target_of_a_jump(hill_ground: Ground) -> None:
@@ -222,11 +222,11 @@ def test_added_waypoints_keep_the_target_of_a_jump(hill_ground: Ground) -> None:
             Jump(target_index=1, repeat=1),
         )
     )
-    found = follow_ground(plan, hill_ground, 5.0)
-    assert found.added > 0
-    jump = found.plan.items[-1]
+    result = follow_ground(plan, hill_ground, 5.0)
+    assert result.added > 0
+    jump = result.plan.items[-1]
     assert isinstance(jump, Jump)
-    assert found.plan.items[jump.target_index] == follow_ground(plan, hill_ground).plan.items[1]
+    assert result.plan.items[jump.target_index] == follow_ground(plan, hill_ground).plan.items[1]
 
 
 def test_too_many_added_waypoints_are_refused(hill_ground: Ground) -> None:
@@ -271,15 +271,17 @@ def test_take_off_and_landing_may_be_near_the_ground(hill_ground: Ground) -> Non
 
 
 def test_a_moved_item_and_a_wrong_home_cause_findings(hill_ground: Ground) -> None:
-    found = follow_ground(
+    resolved_plan = follow_ground(
         Plan(planned_home=HOME, items=(waypoint_at(0.0, above_terrain(30.0)),)), hill_ground
     ).plan
-    item = found.items[0]
+    item = resolved_plan.items[0]
     assert isinstance(item, Waypoint)
-    moved = found.model_copy(update={"items": (item.model_copy(update={"lat_deg": LAT_DEG + 0.005}),)})
+    moved_item = item.model_copy(update={"lat_deg": LAT_DEG + 0.005})
+    moved = resolved_plan.model_copy(update={"items": (moved_item,)})
     assert ("terrain_outdated", 0) in finding_codes(moved, hill_ground)
-    high_home = found.model_copy(update={"planned_home": HOME.model_copy(update={"alt_amsl_m": 540.0})})
-    assert finding_codes(high_home, hill_ground) == [("home_off_ground", None)]
+    high_home = HOME.model_copy(update={"alt_amsl_m": 540.0})
+    plan_with_high_home = resolved_plan.model_copy(update={"planned_home": high_home})
+    assert finding_codes(plan_with_high_home, hill_ground) == [("home_off_ground", None)]
 
 
 def leg(place: str, *points: tuple[float, float, float]) -> Leg:
@@ -293,8 +295,8 @@ def test_a_finding_about_a_mission_into_the_hill_names_the_step(hill_ground: Gro
     climb = leg("step 1", (0.0, 0.0, 0.0), (0.0, 0.0, -30.0))
     outward = leg("step 2", (0.0, 0.0, -30.0), (north_m / 2, 0.0, -30.0))
     into_hill = leg("step 3", (north_m / 2, 0.0, -30.0), (north_m, 0.0, -30.0))
-    found = list(mission_findings([climb, outward, into_hill], origin, hill_ground))
-    assert [(each.code, each.step) for each in found] == [("terrain_hit", "step 3")]
+    findings = list(mission_findings([climb, outward, into_hill], origin, hill_ground))
+    assert [(each.code, each.step) for each in findings] == [("terrain_hit", "step 3")]
     profile = mission_profile([climb, outward, into_hill], origin, 0.0, hill_ground)
     assert profile[0][1] == pytest.approx(0.0, abs=1.0)
     assert profile[-1] == (pytest.approx(north_m, abs=1.0), pytest.approx(80.0, abs=2.0))

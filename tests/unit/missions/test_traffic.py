@@ -57,17 +57,18 @@ def predicted_path(items, vehicle="1", *, frame=ORIGIN, **options):
 
 
 def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_item_time_and_distance():
-    found = first_conflict(
+    conflict = first_conflict(
         predicted_path(line_items(), "2"), predicted_path(line_items(east_m=100.0, northward=True))
     )
-    assert (found.vehicle, found.other, found.place, found.other_place) == ("2", "1", "item 3", "item 3")
-    assert found.along_m == pytest.approx(20 + 100, abs=25)
-    assert found.after_s == pytest.approx(20 / 1.5 + 100 / 5, abs=6)  # climb at 1.5 m/s, flight at 5 m/s
-    assert found.distance_m < 1.0
-    assert found.position_deg == pytest.approx(ORIGIN.to_geodetic((0, 100, 0))[:2], abs=3e-4)
-    assert "vehicle 2 may come within" in found.text
-    assert "of vehicle 1 (item 3)" in found.text
-    assert "Required: 5 m plus 1.9 m of margin" in found.text
+    assert (conflict.vehicle, conflict.other) == ("2", "1")
+    assert (conflict.place, conflict.other_place) == ("item 3", "item 3")
+    assert conflict.along_m == pytest.approx(20 + 100, abs=25)
+    assert conflict.after_s == pytest.approx(20 / 1.5 + 100 / 5, abs=6)  # climb at 1.5 m/s, flight at 5 m/s
+    assert conflict.distance_m < 1.0
+    assert conflict.position_deg == pytest.approx(ORIGIN.to_geodetic((0, 100, 0))[:2], abs=3e-4)
+    assert "vehicle 2 may come within" in conflict.text
+    assert "of vehicle 1 (item 3)" in conflict.text
+    assert "Required: 5 m plus 1.9 m of margin" in conflict.text
 
 
 def test_paths_that_cross_at_clearly_different_times_are_no_conflict():
@@ -97,8 +98,8 @@ def test_a_vehicle_may_follow_another_on_the_same_path_if_it_starts_late_enough(
 def test_two_crossing_paths_may_be_separated_by_altitude():
     other = predicted_path(line_items(east_m=100.0, northward=True))
     assert first_conflict(predicted_path(line_items(alt_m=20 + REQUIRED_M + 0.5), "2"), other) is None
-    found = first_conflict(predicted_path(line_items(alt_m=20 + REQUIRED_M - 0.5), "2"), other)
-    assert found.distance_m == pytest.approx(REQUIRED_M - 0.5, abs=0.1)
+    conflict = first_conflict(predicted_path(line_items(alt_m=20 + REQUIRED_M - 0.5), "2"), other)
+    assert conflict.distance_m == pytest.approx(REQUIRED_M - 0.5, abs=0.1)
 
 
 def test_a_vehicle_that_has_already_landed_causes_no_conflict():
@@ -111,11 +112,11 @@ def test_a_vehicle_that_has_already_landed_causes_no_conflict():
 
 
 def test_a_vehicle_that_hovers_on_the_path_is_a_conflict_at_any_time():
-    found = first_conflict(
+    conflict = first_conflict(
         predicted_path(line_items(hold_s=600), "2"), stationary_path("1", ORIGIN, (0, 100, -20), "Hold")
     )
-    assert (found.other_place, found.time_uncertainty_s) == ("Hold", None)
-    assert "at this position is not known" in found.text
+    assert (conflict.other_place, conflict.time_uncertainty_s) == ("Hold", None)
+    assert "at this position is not known" in conflict.text
     assert (
         first_conflict(predicted_path(line_items(), "2"), stationary_path("1", ORIGIN, (0, 100, -60), "Hold"))
         is None
@@ -138,12 +139,12 @@ def test_the_first_conflict_agrees_with_a_comparison_of_all_pairs_of_positions(s
         path.position_ned_m[first], path.velocity_ned_m_s[first],
         other.position_ned_m[second], other.velocity_ned_m_s[second],
     )  # fmt: skip
-    found = first_conflict(path, other)
-    assert (found is not None) == bool(distance_m.min() < REQUIRED_M)
-    if found is not None:
+    conflict = first_conflict(path, other)
+    assert (conflict is not None) == bool(distance_m.min() < REQUIRED_M)
+    if conflict is not None:
         near_rows = first[distance_m < REQUIRED_M]
-        assert path.t_s[near_rows.min()] <= found.after_s
-        assert found.distance_m >= distance_m.min() - 1e-6
+        assert path.t_s[near_rows.min()] <= conflict.after_s
+        assert conflict.distance_m >= distance_m.min() - 1e-6
 
 
 def test_paths_in_different_local_frames_are_compared():
@@ -171,9 +172,9 @@ def test_a_vehicle_off_its_path_is_expected_to_fly_straight_to_its_current_item(
         "2",
         **{**approach, "current_position_ned_m": (-60.0, 190.0, -20.0)},
     )
-    found = first_conflict(path, predicted_path(line_items(), **approach))
-    assert found.place == "item 3"
-    assert 30 < found.along_m < 75
+    conflict = first_conflict(path, predicted_path(line_items(), **approach))
+    assert conflict.place == "item 3"
+    assert 30 < conflict.along_m < 75
 
 
 def test_the_items_of_a_plan_that_repeats_without_end_may_be_flown_at_any_time():
@@ -185,12 +186,12 @@ def test_the_items_of_a_plan_that_repeats_without_end_may_be_flown_at_any_time()
 
 
 def test_conflicts_with_several_vehicles_are_sorted_by_time():
-    late, early = (
+    far_path, near_path = (
         stationary_path("3", ORIGIN, (0, 150, -20), "Hold"),
         stationary_path("1", ORIGIN, (0, 50, -20), "Hold"),
     )
-    found = conflicts(predicted_path(line_items(), "2"), [late, early])
-    assert [each.other for each in found] == ["1", "3"]
+    all_conflicts = conflicts(predicted_path(line_items(), "2"), [far_path, near_path])
+    assert [each.other for each in all_conflicts] == ["1", "3"]
 
 
 def mission_flight(*steps):
@@ -207,14 +208,14 @@ CROSSING = line_items(east_m=100.0, northward=True, hold_s=10)
 def test_an_offboard_mission_is_compared_along_its_timeline():
     flight = mission_flight(TAKE_OFF, FLY_EAST, LAND)
     path = predicted_path(CROSSING, "2")
-    found = first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0)))
-    assert (found.place, found.other_place) == ("item 3", "step 2")
+    conflict = first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0)))
+    assert (conflict.place, conflict.other_place) == ("item 3", "step 2")
     landing_index = next(index for index, each in enumerate(flight.course.segments) if each.place == "step 3")
     flight.move_to(landing_index)
     assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 200.0, -20.0))) is None
 
 
-def test_after_a_wait_for_a_person_a_mission_is_expected_at_any_later_time():
+def test_a_mission_that_waits_for_a_person_is_expected_at_any_later_time():
     path = predicted_path(line_items(east_m=100.0, northward=True, hold_s=600), "2")
     waiting_steps = (TAKE_OFF, "{step: wait, until: person, timeout_s: 900}", FLY_EAST)
     for steps, expected in (((TAKE_OFF, FLY_EAST, LAND), False), (waiting_steps, True)):

@@ -84,8 +84,8 @@ def test_an_exact_curve_passes_each_point_at_its_point_time() -> None:
     rng = np.random.default_rng(7)
     positions = np.cumsum(rng.normal(0.0, 20.0, (30, 3)), axis=0)
     curve = curve_through_points([PassPoint(tuple(position)) for position in positions.tolist()], exact=True)
-    found = [curve.at(t).position_ned_m for t in curve.point_times_s]
-    assert np.array(found) == pytest.approx(positions, abs=1e-6)
+    passed_positions = [curve.at(t).position_ned_m for t in curve.point_times_s]
+    assert np.array(passed_positions) == pytest.approx(positions, abs=1e-6)
     assert curve.point_times_s == tuple(sorted(curve.point_times_s))
 
 
@@ -142,11 +142,11 @@ def test_the_heading_follows_the_path_and_turns_at_stops() -> None:
 
 def test_a_look_at_heading_turns_by_180_deg_above_its_point() -> None:
     curve = curve_through_points(points((-200, 0, -5), (200, 0, -5)), heading=LookAt((0.0, 0.0, 0.0)))
-    found = curve.sample(np.linspace(0.0, curve.duration_s, 20_000))
-    turning = np.abs(found.yaw_rate_ned_rad_s) > 1e-3
-    assert np.abs(found.position_ned_m[turning, 0]).max() < 2.0
-    assert np.abs(np.diff(found.yaw_ned_rad)).max() < 0.01
-    assert abs(math.remainder(found.yaw_ned_rad[0] - found.yaw_ned_rad[-1], math.tau)) == pytest.approx(
+    samples = curve.sample(np.linspace(0.0, curve.duration_s, 20_000))
+    turning = np.abs(samples.yaw_rate_ned_rad_s) > 1e-3
+    assert np.abs(samples.position_ned_m[turning, 0]).max() < 2.0
+    assert np.abs(np.diff(samples.yaw_ned_rad)).max() < 0.01
+    assert abs(math.remainder(samples.yaw_ned_rad[0] - samples.yaw_ned_rad[-1], math.tau)) == pytest.approx(
         math.pi
     )
 
@@ -184,13 +184,13 @@ def test_single_and_multiple_samples_agree_also_after_pickling() -> None:
     curve = curve_through_points(points((0, 0, 0), (9, 3, -4), (20, -5, -6)), heading=AlongPath(), exact=True)
     copy = pickle.loads(pickle.dumps(curve))
     times = np.linspace(-1.0, curve.duration_s + 1.0, 97)
-    found = copy.sample(times)
+    samples = copy.sample(times)
     for index, t in enumerate(times.tolist()):
         sample = curve.at(t)
-        assert sample.position_ned_m == pytest.approx(tuple(found.position_ned_m[index]))
-        assert sample.velocity_ned_m_s == pytest.approx(tuple(found.velocity_ned_m_s[index]))
-        assert sample.acceleration_ned_m_s2 == pytest.approx(tuple(found.acceleration_ned_m_s2[index]))
-        assert sample.yaw_rate_ned_rad_s == pytest.approx(found.yaw_rate_ned_rad_s[index])
+        assert sample.position_ned_m == pytest.approx(tuple(samples.position_ned_m[index]))
+        assert sample.velocity_ned_m_s == pytest.approx(tuple(samples.velocity_ned_m_s[index]))
+        assert sample.acceleration_ned_m_s2 == pytest.approx(tuple(samples.acceleration_ned_m_s2[index]))
+        assert sample.yaw_rate_ned_rad_s == pytest.approx(samples.yaw_rate_ned_rad_s[index])
     assert curve.at(-5.0).velocity_ned_m_s == (0.0, 0.0, 0.0)
 
 

@@ -64,8 +64,8 @@ def join_paths(paths: list[Pieces]) -> Pieces:
 
 def assert_within_limits(curve: TimedCurve, limits: MotionLimits, samples: int) -> None:
     times = np.linspace(0.0, curve.duration_s, samples)
-    found = curve.sample(times)
-    v, a = found.velocity_ned_m_s, found.acceleration_ned_m_s2
+    states = curve.sample(times)
+    v, a = states.velocity_ned_m_s, states.acceleration_ned_m_s2
     horizontal = np.hypot(a[:, 0], a[:, 1])
     assert np.hypot(v[:, 0], v[:, 1]).max() <= limits.speed_m_s * TOLERANCE_FACTOR
     assert -v[:, 2].min() <= limits.climb_m_s * TOLERANCE_FACTOR
@@ -74,11 +74,11 @@ def assert_within_limits(curve: TimedCurve, limits: MotionLimits, samples: int) 
     assert -a[:, 2].min() <= limits.acceleration_up_m_s2 * TOLERANCE_FACTOR
     assert a[:, 2].max() <= limits.acceleration_down_m_s2 * TOLERANCE_FACTOR
     assert np.arctan2(horizontal, GRAVITY_M_S2 - a[:, 2]).max() <= limits.tilt_rad * TOLERANCE_FACTOR
-    assert np.abs(found.yaw_rate_ned_rad_s).max() <= limits.yaw_rate_rad_s * TOLERANCE_FACTOR
+    assert np.abs(states.yaw_rate_ned_rad_s).max() <= limits.yaw_rate_rad_s * TOLERANCE_FACTOR
     step_s = times[1]
     jerk = np.sqrt((np.diff(a, axis=0) ** 2).sum(axis=1)) / step_s
     assert jerk.max() <= limits.jerk_m_s3 * (1.0 + 1e-4)
-    yaw_acceleration = np.abs(np.diff(found.yaw_rate_ned_rad_s)) / step_s
+    yaw_acceleration = np.abs(np.diff(states.yaw_rate_ned_rad_s)) / step_s
     assert yaw_acceleration.max() <= limits.yaw_acceleration_rad_s2 * (1.0 + 1e-4)
 
 
@@ -115,13 +115,13 @@ def test_position_velocity_and_acceleration_are_continuous(seed: int) -> None:
 
 
 def test_limits_are_read_from_the_vehicles_parameters() -> None:
-    found = MotionLimits.from_parameters(
+    limits = MotionLimits.from_parameters(
         {"MPC_XY_VEL_MAX": 8.0, "MPC_TILTMAX_AIR": 30.0, "MPC_JERK_AUTO": math.nan, "MPC_YAWRAUTO_MAX": 90.0}
     )
-    assert found.speed_m_s == 8.0
-    assert found.tilt_rad == pytest.approx(math.radians(30.0))
-    assert found.yaw_rate_rad_s == pytest.approx(math.pi / 2)
-    assert found.jerk_m_s3 == MotionLimits().jerk_m_s3
+    assert limits.speed_m_s == 8.0
+    assert limits.tilt_rad == pytest.approx(math.radians(30.0))
+    assert limits.yaw_rate_rad_s == pytest.approx(math.pi / 2)
+    assert limits.jerk_m_s3 == MotionLimits().jerk_m_s3
 
 
 def test_the_default_limits_are_px4s_default_parameters() -> None:

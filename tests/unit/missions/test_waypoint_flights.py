@@ -44,9 +44,9 @@ def plan_of(items):
 
 
 def planned_passes(items):
-    found = estimate_passes(plan_of(items), VEHICLE, HOME, ORIGIN)
-    assert found is not None
-    return found
+    path = estimate_passes(plan_of(items), VEHICLE, HOME, ORIGIN)
+    assert path is not None
+    return path
 
 
 class MonitoredFlight:
@@ -73,16 +73,16 @@ class MonitoredFlight:
 
 
 def test_the_plan_gives_the_path_and_the_time_of_each_item():
-    found = planned_passes(SQUARE)
-    assert [each.leg.place for each in found.passes] == ["item 1", "item 2", "item 3", "item 4"]
+    path = planned_passes(SQUARE)
+    assert [each.leg.place for each in path.passes] == ["item 1", "item 2", "item 3", "item 4"]
     plan_with_home = plan_of(SQUARE).model_copy(update={"planned_home": HOME})
-    assert found.duration_s == pytest.approx(estimate(plan_with_home, VEHICLE).time_s)
-    third_leg = found.passes[2].leg
+    assert path.duration_s == pytest.approx(estimate(plan_with_home, VEHICLE).time_s)
+    third_leg = path.passes[2].leg
     assert third_leg.points[-1][0] - third_leg.points[-2][0] == 5.0, "no hold at the waypoint"
     assert third_leg.points[-1][1:] == pytest.approx((40.0, 40.0, -10.0), abs=0.01)
-    landing = found.passes[3].leg.points
+    landing = path.passes[3].leg.points
     assert [point[3] for point in landing] == pytest.approx([-10.0, -10.0, 0.0], abs=0.01)
-    assert found.planned_flight().length_m == pytest.approx(10 + 40 + 40 + 10, abs=0.1)
+    assert path.planned_flight().length_m == pytest.approx(10 + 40 + 40 + 10, abs=0.1)
 
 
 def test_each_execution_of_a_repeated_item_has_its_own_path():
@@ -96,9 +96,9 @@ def test_each_execution_of_a_repeated_item_has_its_own_path():
     ]
     plan_with_home = plan_of(repeated).model_copy(update={"planned_home": HOME})
     assert estimate(plan_with_home, VEHICLE).length_m == pytest.approx(10 + 40 + 80 + 80 + 80 + 10, abs=0.2)
-    found = planned_passes(repeated)
-    assert found.planned_flight().length_m == pytest.approx(300, abs=0.2)
-    assert found.passes[3].leg.duration_s > found.passes[1].leg.duration_s + 5
+    path = planned_passes(repeated)
+    assert path.planned_flight().length_m == pytest.approx(300, abs=0.2)
+    assert path.passes[3].leg.duration_s > path.passes[1].leg.duration_s + 5
 
 
 def test_an_endless_plan_has_no_duration_and_a_return_is_not_compared():
@@ -163,15 +163,15 @@ def test_a_start_at_a_later_item_is_compared_with_the_rest_of_the_plan_once_the_
         "The vehicle is flying to the planned path.",
     )
     assert monitored.observe(2, (40.0, 21.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
-    rest, full = monitor.planned_flight(), planned_passes(SQUARE).planned_flight()
-    assert [leg.place for leg in rest.legs] == ["item 3", "item 4"]
-    assert (rest.length_m, full.duration_s - rest.duration_s) == (
+    remaining_flight, full_flight = monitor.planned_flight(), planned_passes(SQUARE).planned_flight()
+    assert [leg.place for leg in remaining_flight.legs] == ["item 3", "item 4"]
+    assert (remaining_flight.length_m, full_flight.duration_s - remaining_flight.duration_s) == (
         pytest.approx(50.0, abs=0.1),
-        pytest.approx(rest.legs[0].start_s),
+        pytest.approx(remaining_flight.legs[0].start_s),
     )
 
 
-def test_after_a_skipped_item_the_flight_is_compared_again_once_the_path_is_reached():
+def test_a_flight_is_compared_again_after_a_skipped_item_once_the_path_is_reached():
     monitored = MonitoredFlight()
     monitored.observe(1, (5.0, 0.0, -10.0))
     assert monitored.observe(2, (10.0, 2.0, -10.0)).horizontal_m is None
@@ -252,7 +252,7 @@ def test_a_mission_that_ends_in_the_air_is_done_when_px4_holds():
     assert monitored.observe(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=1).state == "done"
 
 
-def test_without_a_planned_path_the_monitor_reports_the_reason_and_the_end_of_the_flight():
+def test_a_monitor_without_a_planned_path_reports_the_reason_and_the_end_of_the_flight():
     monitored = MonitoredFlight(planned=None, reason_not_compared="It was already flying.", from_start=False)
     monitor = monitored.observe(3, (40.0, 40.0, -5.0))
     assert (monitor.reason_not_compared, monitor.remaining_s, monitor.horizontal_m) == (
@@ -289,12 +289,12 @@ def dry_run_result(seconds=20.0):
 def test_a_dry_run_gives_the_curved_path_and_all_items_of_a_pattern_are_one_pass():
     pattern = {"kind": "complex", "complex_type": "survey", "original": "{}", "items": SQUARE[1:3]}
     plan = plan_of([TAKE_OFF, pattern])
-    found = planned_by_dry_run(dry_run_result(), plan, (100.0, 0.0, 1.0))
-    assert [sorted(each.items) for each in found.passes] == [[0], [1, 2]]
-    first, second = (each.leg for each in found.passes)
+    path = planned_by_dry_run(dry_run_result(), plan, (100.0, 0.0, 1.0))
+    assert [sorted(each.items) for each in path.passes] == [[0], [1, 2]]
+    first, second = (each.leg for each in path.passes)
     assert first.points[-1][1:] == pytest.approx(second.points[0][1:], abs=0.01)
     assert second.points[0][1:] == pytest.approx((110.0, math.sin(5.0), -4.0), abs=0.01)
-    monitor = WaypointMonitor(plan, found, from_start=True)
+    monitor = WaypointMonitor(plan, path, from_start=True)
     reading = Reading(
         mode="mission", armed=True, landed="in_air", position_ned_m=(120.0, math.sin(10.0), -6.0)
     )

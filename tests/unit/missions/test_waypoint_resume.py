@@ -88,7 +88,7 @@ def test_the_next_waypoint_sets_the_altitude_of_the_flight_to_the_resume_point()
 @pytest.mark.parametrize(
     "rest", [[RETURN], [item_at("land", 40, 0)], [CRUISE_SPEED, RETURN, item_at("waypoint", 9)], []]
 )
-def test_without_a_waypoint_before_the_landing_there_is_no_resume_point(rest):
+def test_a_plan_without_a_waypoint_before_the_landing_has_no_resume_point(rest):
     items = [TAKE_OFF, item_at("waypoint", 50), *rest]
     assert resume_point(plan_of(items), 2) == "No waypoint follows."
 
@@ -153,8 +153,8 @@ def test_the_remaining_plan_is_checked_from_the_new_position_with_the_plans_item
         (300, ["The straight path to item 3 (waypoint) passes through Tower."]),
     ):
         start = HOME.model_copy(update={"lat_deg": 47.0 + north_m / M_PER_DEG})
-        found = [each for each in check(remaining_plan(plan, 2, start)) if each.code == "obstacle_hit"]
-        assert [each.message for each in found if "home" not in each.message] == messages
+        findings = [each for each in check(remaining_plan(plan, 2, start)) if each.code == "obstacle_hit"]
+        assert [each.message for each in findings if "home" not in each.message] == messages
 
 
 def leg_start_after(monitor, item, mode="mission"):
