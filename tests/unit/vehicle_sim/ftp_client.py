@@ -44,9 +44,9 @@ class FtpClient:
             self._sim.step(0.004)
             for message in self._parser.feed(self._sim.drain(0, self._link)):
                 if message.name == "FILE_TRANSFER_PROTOCOL":
-                    raw = bytes(message.payload)
-                    header = ftp.HEADER.unpack_from(raw)
-                    replies.append((header, raw[12 : 12 + header[3]]))
+                    payload_bytes = bytes(message.payload)
+                    header = ftp.HEADER.unpack_from(payload_bytes)
+                    replies.append((header, payload_bytes[12 : 12 + header[3]]))
         return replies
 
     def request_one(self, opcode, data=b"", **options):

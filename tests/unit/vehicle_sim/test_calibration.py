@@ -130,10 +130,10 @@ def test_motion_ends_a_rest_and_a_tilted_vehicle_has_no_side() -> None:
 
 def test_offset_and_scale_are_computed_from_six_sides() -> None:
     readings = {side: np.array(accel_at_rest(side)) / SCALE + OFFSET for side in Side}
-    found = offset_and_scale(readings)
-    assert found is not None
-    assert found[0] == pytest.approx(OFFSET)
-    assert found[1] == pytest.approx(SCALE)
+    result = offset_and_scale(readings)
+    assert result is not None
+    assert result[0] == pytest.approx(OFFSET)
+    assert result[1] == pytest.approx(SCALE)
     assert offset_and_scale(dict.fromkeys(Side, np.zeros(3))) is None, (
         "a sensor that always measures zero was calibrated"
     )
@@ -271,8 +271,8 @@ def test_a_compass_calibration_with_a_known_heading_sets_the_offset() -> None:
     sim.step(0.5)
     send_command(sim, FIXED_MAG_CAL_YAW, 0.0)
     sim.step(0.1)
-    found = [parameter_of(sim, f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
-    assert found == pytest.approx(HARD_IRON.tolist(), abs=0.06), "farther off than the noise of one sample"
+    offsets_gauss = [parameter_of(sim, f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
+    assert offsets_gauss == pytest.approx(HARD_IRON.tolist(), abs=0.06), "the error exceeds the noise"
 
 
 def test_a_calibration_is_cancelled_at_once_or_after_the_measurement_of_the_current_side() -> None:

@@ -51,7 +51,7 @@ def test_demands_within_the_motor_limits_are_allocated_exactly():
     assert motors[0] == pytest.approx(expected)
 
 
-def test_at_full_thrust_roll_has_priority_over_thrust():
+def test_roll_has_priority_over_thrust_at_full_thrust():
     block = configured_allocation()
     motors = motor_signals(block, np.array([[0.2, 0.0, 0.0]]), np.array([1.0]))
     assert motors.max() == pytest.approx(1.0)
@@ -59,7 +59,7 @@ def test_at_full_thrust_roll_has_priority_over_thrust():
     assert block.unallocated[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
 
 
-def test_without_airmode_there_is_no_torque_at_zero_thrust():
+def test_torque_is_zero_at_zero_thrust_without_airmode():
     block = configured_allocation()
     motors = motor_signals(block, np.array([[0.3, 0.3, 0.3]]), np.array([0.0]))
     assert motors[0] == pytest.approx(np.zeros(4), abs=1e-9)

@@ -47,7 +47,7 @@ def set_parameter(sim, row, name, value):
 NO_FIX, FEW_SATELLITES, NO_GPS_DATA, HEALTHY = range(4)
 
 
-def test_without_gps_an_estimate_reports_its_drift_and_is_invalid_after_five_seconds():
+def test_an_estimate_without_gps_reports_its_drift_and_is_invalid_after_five_seconds():
     sim = hovering_simulation(4)
     set_parameter(sim, NO_FIX, "SIM_GPS_USED", 3)
     set_parameter(sim, FEW_SATELLITES, "SIM_GPS_USED", 4)

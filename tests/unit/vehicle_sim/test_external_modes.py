@@ -226,7 +226,7 @@ def test_the_executor_of_the_selected_mode_is_in_charge():
     assert registry.executor_in_charge == 0
 
 
-def test_during_a_failsafe_no_executor_is_in_charge():
+def test_no_executor_is_in_charge_during_a_failsafe():
     registry = Registry()
     registry.register_mode("A", executor=True)
     registry.on_mode_change(23)

@@ -39,7 +39,7 @@ def test_a_deferral_ends_after_its_timeout(timeout_s, end_s):
     assert machine.deferral == 0, "deferred while a failsafe acts"
 
 
-def test_after_a_withdrawn_deferral_a_failsafe_acts_although_its_cause_is_gone():
+def test_a_failsafe_acts_after_a_withdrawn_deferral_although_its_cause_is_gone():
     machine = Failsafe()
     machine.defer(True, -1)
     decide(machine, 0.0, LOST_GCS)

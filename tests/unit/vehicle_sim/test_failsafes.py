@@ -114,8 +114,8 @@ def test_an_action_that_cannot_run_is_replaced_and_a_landing_is_not_interrupted(
     ],
 )
 def test_each_condition_triggers_the_action_of_its_parameter(conditions, action, cause) -> None:
-    found = flight_actions(Conditions(mode=NavState.HOLD, **conditions))
-    worst = max(found, key=lambda options: options.action, default=ActionOptions("none", Action.NONE))
+    actions = flight_actions(Conditions(mode=NavState.HOLD, **conditions))
+    worst = max(actions, key=lambda options: options.action, default=ActionOptions("none", Action.NONE))
     assert (worst.action, worst.cause) == (action, cause)
 
 

@@ -193,7 +193,7 @@ def test_a_vehicle_that_does_not_take_off_disarms_itself() -> None:
     assert station.texts()[-1] == "Disarmed by auto preflight disarming\t"
 
 
-def test_after_kill_and_termination_the_vehicle_falls() -> None:
+def test_a_vehicle_falls_after_kill_and_after_termination() -> None:
     station = hovering(Station, 4)
     station.command(ARM, 0)
     station.run(0.1)

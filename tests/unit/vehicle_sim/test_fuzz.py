@@ -41,17 +41,17 @@ INTEGER_LIMITS |= {"q": (-(2**63), 2**63 - 1), "Q": (0, 2**64 - 1)}
 def extreme_payload(layout: Layout, rng: random.Random) -> bytes:
     """A payload with values at and beyond the limits of its fields, usually addressed to the vehicle."""
     format_letters = layout.packer.format.lstrip("<")
-    values, kinds, count = [], [], ""
+    values, kinds, count_digits = [], [], ""
     for letter in format_letters:
         if letter.isdigit():
-            count += letter
+            count_digits += letter
             continue
-        kinds += [letter] if letter == "s" else [letter] * int(count or 1)
+        kinds += [letter] if letter == "s" else [letter] * int(count_digits or 1)
         if letter == "s":
-            values.append(rng.randbytes(int(count or 1)))
+            values.append(rng.randbytes(int(count_digits or 1)))
         else:
-            values += [_extreme_value(letter, rng) for _ in range(int(count or 1))]
-        count = ""
+            values += [_extreme_value(letter, rng) for _ in range(int(count_digits or 1))]
+        count_digits = ""
     index = 0
     for name, length, is_text in layout.slots:
         if name in ("target_system", "target") and rng.random() < 0.9:

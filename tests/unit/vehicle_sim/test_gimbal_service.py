@@ -56,7 +56,7 @@ def test_a_client_takes_control_moves_the_gimbal_and_releases_control() -> None:
     assert station.last["GIMBAL_MANAGER_STATUS"].primary_control_sysid == 0
 
 
-def test_without_control_commands_are_denied_and_messages_ignored() -> None:
+def test_gimbal_commands_without_control_are_denied_and_messages_ignored() -> None:
     station = ready_station()
     station.command(GIMBAL_PITCH_YAW, -20, 30, NAN, NAN)
     station.send(
@@ -138,7 +138,7 @@ def test_the_id_minus_two_gives_gimbal_control_to_the_vehicle_itself() -> None:
     assert (status.primary_control_sysid, status.primary_control_compid) == (1, 1)
 
 
-def test_with_yaw_lock_the_heading_is_kept_and_without_lock_the_gimbal_turns_with_the_vehicle() -> None:
+def test_the_gimbal_keeps_its_heading_with_yaw_lock_and_turns_with_the_vehicle_without_lock() -> None:
     station = ready_station()
     take_control(station)
     gimbal = station.sim.autopilots[0].gimbal

@@ -75,9 +75,9 @@ def test_a_download_with_lost_parts_equals_the_file_read_by_ftp(station):
         if not missing:
             break
         gap = next((k for k in range(1, len(missing)) if missing[k] != missing[0] + 90 * k), 0)
-        count = 90 * (1 + gap)
-        count = min(entry.size - missing[0], count if len(missing) < 200 else entry.size)
-        for part in send_request(station, "LOG_REQUEST_DATA", 1.0, id=0, ofs=missing[0], count=count):
+        byte_count = 90 * (1 + gap)
+        byte_count = min(entry.size - missing[0], byte_count if len(missing) < 200 else entry.size)
+        for part in send_request(station, "LOG_REQUEST_DATA", 1.0, id=0, ofs=missing[0], count=byte_count):
             if rng.random() > 0.05:
                 parts_by_offset[part.ofs] = bytes(part.data[: part.count])
         station.log.clear()

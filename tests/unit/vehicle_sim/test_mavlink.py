@@ -40,7 +40,7 @@ def test_every_frame_is_found_between_garbage_in_pieces_of_any_length(noise: lis
     assert [m.seq for m in found] == list(range(len(chunks)))
 
 
-def test_after_random_bytes_the_next_frames_are_handled() -> None:
+def test_frames_after_random_bytes_are_handled() -> None:
     station = Station()
     station.run(1)
     rng = random.Random(1)

@@ -23,7 +23,7 @@ def set_origin(station, lat=LAT_1E7, lon=LON_1E7, alt=ALT_MM, **extra):
     ]
 
 
-def test_without_gps_an_origin_can_be_set_but_the_position_stays_invalid():
+def test_an_origin_can_be_set_without_gps_but_the_position_stays_invalid():
     station = Station(parameters={"EKF2_GPS_CTRL": 0})
     station.run(6.0)
     view = station.sim.autopilots[0].view
