@@ -1,4 +1,4 @@
-"""External modes over ROS 2: registration, arming, flight, loss and replacement, by messages only."""
+"""External modes over ROS 2: registration, arming, flight, loss, and replacement of an internal mode."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import pytest
 from tests.support.ros2_vehicle import Ros2Vehicle
 
 REGISTER, UNREGISTER = "/fmu/in/register_ext_component_request", "/fmu/in/unregister_ext_component"
-REQUEST, REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
-CONFIGURE, OVERRIDE = "/fmu/in/config_control_setpoints", "/fmu/in/config_overrides_request"
+CHECK_REQUEST, CHECK_REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
+CONTROL_CONFIG, CONFIG_OVERRIDES = "/fmu/in/config_control_setpoints", "/fmu/in/config_overrides_request"
 STATUS, COMPLETED = "/fmu/out/vehicle_status_v1", "/fmu/out/mode_completed"
 EXECUTOR_COMMAND = "/fmu/in/vehicle_command_mode_executor"
 NAN3 = (math.nan, math.nan, math.nan)
-MODE, HOLD, RTL, TAKEOFF, LAND = 23, 4, 5, 17, 18
+EXTERNAL1, HOLD, RTL, TAKEOFF, LAND = 23, 4, 5, 17, 18
 SET_MODE, ARM, SET_NAV_STATE = 176, 400, 100_001
-TRAJECTORY = {
+TRAJECTORY_CONTROLLERS = {
     f"flag_control_{name}_enabled": True
     for name in [
         "position",
@@ -31,7 +31,7 @@ TRAJECTORY = {
         "allocation",
     ]
 }
-SETPOINT: tuple[str, Mapping[str, Any]] = (
+POSITION_SETPOINT: tuple[str, Mapping[str, Any]] = (
     "/fmu/in/trajectory_setpoint",
     {"position": (3.0, 0.0, -4.0), "velocity": NAN3, "acceleration": NAN3, "yaw": 0.0, "yawspeed": math.nan},
 )
@@ -40,7 +40,7 @@ SETPOINT: tuple[str, Mapping[str, Any]] = (
 class Component:
     """A program that has registered a mode and replies to the vehicle's arming checks."""
 
-    def __init__(self, *, controllers: Mapping[str, bool] = TRAJECTORY, **request: Any) -> None:
+    def __init__(self, *, controllers: Mapping[str, bool] = TRAJECTORY_CONTROLLERS, **request: Any) -> None:
         self.vehicle = Ros2Vehicle()
         self.can_run = self.replies_to_checks = True
         self._read_count = 0
@@ -48,13 +48,13 @@ class Component:
             REGISTER, {"name": "Mine", "register_arming_check": True, "register_mode": True} | request
         )
         self.run(0.1)
-        self.vehicle.send(CONFIGURE, {"source_id": MODE} | dict(controllers))
+        self.vehicle.send(CONTROL_CONFIG, {"source_id": EXTERNAL1} | dict(controllers))
         self.run(1.0)
 
     def run(self, seconds: float, *setpoints: tuple[str, Mapping[str, Any]]) -> None:
         for _ in range(round(seconds / 0.02)):
             for _, topic, fields in self.vehicle.received[self._read_count :]:
-                if topic == REQUEST and self.replies_to_checks:
+                if topic == CHECK_REQUEST and self.replies_to_checks:
                     self._reply(fields["request_id"])
             self._read_count = len(self.vehicle.received)
             for topic, fields in setpoints:
@@ -63,18 +63,19 @@ class Component:
 
     def _reply(self, request_id: int) -> None:
         reply = {"request_id": request_id, "can_arm_and_run": self.can_run, "mode_req_local_position": True}
-        self.vehicle.send(REPLY, reply)
+        self.vehicle.send(CHECK_REPLY, reply)
 
-    def select(self, main: float, sub: float = 0.0) -> None:
-        self.vehicle.command(SET_MODE, 1.0, main, sub)
+    def select_mode(self, main_mode: float, sub_mode: float = 0.0) -> None:
+        """Commands PX4's main and sub mode: 4, 3 is Hold; 4, 11 is the external mode; 6 is Offboard."""
+        self.vehicle.command(SET_MODE, 1.0, main_mode, sub_mode)
 
-    def fly(self) -> None:
-        """Takes off and flies the mode."""
+    def fly_external_mode(self) -> None:
+        """Takes off and flies in the external mode."""
         self.vehicle.command(ARM, 1.0)
         self.vehicle.command(22, *[math.nan] * 7)
         self.run(9.0)
-        self.select(4.0, 11.0)
-        self.run(4.0, SETPOINT)
+        self.select_mode(4.0, 11.0)
+        self.run(4.0, POSITION_SETPOINT)
 
     def command(self, number: int, *parameters: float) -> None:
         """Sends a command of the mode's executor."""
@@ -84,41 +85,46 @@ class Component:
 
     @property
     def status(self) -> dict[str, Any]:
+        """The next VehicleStatus; the vehicle sends it twice a second."""
         self.run(0.6)
         return self.vehicle.last(STATUS)
 
 
 def test_a_mode_flies_its_setpoints_and_keeps_the_last_setpoint():
     component = Component()
-    component.fly()
-    assert component.status["nav_state"] == MODE
+    component.fly_external_mode()
+    assert component.status["nav_state"] == EXTERNAL1
     component.run(3.0)
     north, east, down = component.vehicle.position_ned_m
     assert math.dist((north, east, down), (3.0, 0.0, -4.0)) < 0.3
-    assert component.status["nav_state"] == MODE
+    assert component.status["nav_state"] == EXTERNAL1
 
 
 def test_a_mode_that_stops_replying_is_replaced_by_return_until_it_replies_again():
     component = Component()
-    component.fly()
+    component.fly_external_mode()
     component.replies_to_checks = False
     component.run(1.6)
     status = component.status
-    assert (status["nav_state"], status["nav_state_user_intention"], status["failsafe"]) == (RTL, MODE, True)
+    assert (status["nav_state"], status["nav_state_user_intention"], status["failsafe"]) == (
+        RTL,
+        EXTERNAL1,
+        True,
+    )
     component.replies_to_checks = True
-    assert component.status["nav_state"] == MODE
+    assert component.status["nav_state"] == EXTERNAL1
 
 
 @pytest.mark.story
 def test_the_vehicle_returns_if_a_mode_cannot_run_and_the_mode_cannot_be_selected_again():
     component = Component()
-    component.fly()
+    component.fly_external_mode()
     component.can_run = False
     component.run(0.5)
     assert component.status["nav_state"] == RTL
-    component.select(4.0, 3.0)
+    component.select_mode(4.0, 3.0)
     component.run(0.2)
-    component.select(4.0, 11.0)
+    component.select_mode(4.0, 11.0)
     component.run(0.2)
     assert component.vehicle.acks()[-1] == (SET_MODE, 1)
     assert component.status["nav_state"] == HOLD
@@ -127,14 +133,14 @@ def test_the_vehicle_returns_if_a_mode_cannot_run_and_the_mode_cannot_be_selecte
 @pytest.mark.story
 def test_the_vehicle_returns_if_its_mode_is_unregistered_in_flight():
     component = Component()
-    component.fly()
-    component.vehicle.send(UNREGISTER, name="Mine", mode_id=MODE, mode_executor_id=-1)
+    component.fly_external_mode()
+    component.vehicle.send(UNREGISTER, name="Mine", mode_id=EXTERNAL1, mode_executor_id=-1)
     assert component.status["nav_state"] == RTL
 
 
 def test_arming_is_denied_in_a_mode_that_does_not_reply():
     component = Component()
-    component.select(4.0, 11.0)
+    component.select_mode(4.0, 11.0)
     component.replies_to_checks = False
     component.run(2.0)
     component.vehicle.command(ARM, 1.0)
@@ -148,7 +154,7 @@ def test_without_controllers_the_motors_keep_their_signals():
     component.vehicle.command(ARM, 1.0)
     component.vehicle.command(22, *[math.nan] * 7)
     component.run(9.0)
-    component.select(4.0, 11.0)
+    component.select_mode(4.0, 11.0)
     component.run(0.2)
     simulation = component.vehicle.sim.simulation
     before = simulation.motors_us[0].copy()
@@ -161,12 +167,12 @@ def test_without_controllers_the_motors_keep_their_signals():
 def test_after_an_external_mode_offboard_has_its_own_setpoint_type():
     component = Component()
     offboard = ("/fmu/in/offboard_control_mode", {"body_rate": True})
-    for stream, rates in (((), False), ((offboard,), True)):
-        component.select(4.0, 11.0)
-        component.run(0.4, *stream)
+    for messages, rates in (((), False), ((offboard,), True)):
+        component.select_mode(4.0, 11.0)
+        component.run(0.4, *messages)
         flags = component.vehicle.last("/fmu/out/vehicle_control_mode")
         assert flags["flag_control_position_enabled"]
-        component.select(6.0)
+        component.select_mode(6.0)
         component.run(0.6)
         flags = component.vehicle.last("/fmu/out/vehicle_control_mode")
         assert flags["flag_control_offboard_enabled"]
@@ -174,18 +180,18 @@ def test_after_an_external_mode_offboard_has_its_own_setpoint_type():
 
 
 @pytest.mark.story
-def test_a_replacement_of_return_is_flown_until_it_stops_replying():
+def test_a_mode_that_replaces_return_is_flown_until_it_stops_replying():
     component = Component(enable_replace_internal_mode=True, replace_internal_mode=RTL)
     component.vehicle.command(ARM, 1.0)
     component.vehicle.command(22, *[math.nan] * 7)
     component.run(9.0)
-    component.vehicle.command(20)
-    assert component.status["nav_state"] == MODE
+    component.vehicle.command(20)  # NAV_RETURN_TO_LAUNCH
+    assert component.status["nav_state"] == EXTERNAL1
     component.replies_to_checks = False
     component.run(1.5)
     status = component.status
     assert (status["nav_state"], status["nav_state_user_intention"]) == (RTL, RTL)
-    assert not status["can_set_nav_states_mask"] >> MODE & 1
+    assert not status["can_set_nav_states_mask"] >> EXTERNAL1 & 1
 
 
 def test_an_executor_takes_off_and_stays_in_the_take_off_mode():
@@ -193,29 +199,29 @@ def test_an_executor_takes_off_and_stays_in_the_take_off_mode():
     component.command(ARM, 1.0)
     component.run(0.1)
     assert component.vehicle.acks()[-1] == (ARM, 1), "armed although the executor is not in charge"
-    component.select(4.0, 11.0)
+    component.select_mode(4.0, 11.0)
     component.run(0.1)
     component.command(ARM, 1.0)
     component.command(22, *[math.nan] * 7)
     component.run(12.0)
     status = component.status
     assert (status["nav_state"], status["executor_in_charge"]) == (TAKEOFF, 1)
-    assert [each["nav_state"] for each in component.vehicle.all(COMPLETED)] == [TAKEOFF]
-    component.select(4.0, 3.0)
+    assert [message["nav_state"] for message in component.vehicle.all(COMPLETED)] == [TAKEOFF]
+    component.select_mode(4.0, 3.0)
     assert component.status["executor_in_charge"] == 0
 
 
 @pytest.mark.story
-def test_disable_auto_disarm_keeps_a_landed_vehicle_armed_until_it_is_withdrawn():
+def test_the_override_of_auto_disarm_keeps_a_landed_vehicle_armed_until_it_is_withdrawn():
     component = Component(register_mode_executor=True)
-    component.vehicle.send(OVERRIDE, disable_auto_disarm=True, source_type=1, source_id=1)
-    component.fly()
+    component.vehicle.send(CONFIG_OVERRIDES, disable_auto_disarm=True, source_type=1, source_id=1)
+    component.fly_external_mode()
     component.command(SET_NAV_STATE, float(LAND))
     component.run(20.0)
     assert component.status["arming_state"] == 2
-    component.vehicle.send(OVERRIDE, source_type=1, source_id=1)
+    component.vehicle.send(CONFIG_OVERRIDES, source_type=1, source_id=1)
     component.run(1.0)
     assert component.status["arming_state"] == 2
     component.run(0.6)
     status = component.status
-    assert (status["arming_state"], status["nav_state"]) == (1, MODE)
+    assert (status["arming_state"], status["nav_state"]) == (1, EXTERNAL1)

@@ -17,26 +17,27 @@ from vehicle_sim.ros2.messages import HEADER, MESSAGES, MalformedMessage
 SAMPLES = Path(__file__).parents[2] / "data" / "px4_dds_samples.jsonl"
 
 
-def _samples(path: Path) -> list[dict[str, Any]]:
+def _read_samples(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def _flat(values: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+def _flat_fields(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """(name, value) of each recorded field, with the names of `MessageType.flat`."""
     for key, value in values.items():
-        path_name = f"{name}.{key}" if name else key
+        path_name = f"{prefix}.{key}" if prefix else key
         if isinstance(value, dict):
-            yield from _flat(value, path_name)
+            yield from _flat_fields(value, path_name)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
-            for n, each in enumerate(value):
-                yield from _flat(each, f"{path_name}[{n}]")
+            for index, element in enumerate(value):
+                yield from _flat_fields(element, f"{path_name}[{index}]")
         else:
             yield path_name, value
 
 
-def _equal_or_both_nan(recorded: Any, simulated: Any) -> bool:
+def _equals_recorded(recorded: Any, simulated: Any) -> bool:
+    """Whether the values are equal in single precision; JSON has null for NaN, and infinity as text."""
     if isinstance(recorded, list):
-        return len(recorded) == len(simulated) and all(map(_equal_or_both_nan, recorded, simulated))
+        return len(recorded) == len(simulated) and all(map(_equals_recorded, recorded, simulated))
     if recorded is None:
         return math.isnan(simulated)
     if recorded in ("inf", "-inf") and isinstance(simulated, float):
@@ -46,40 +47,40 @@ def _equal_or_both_nan(recorded: Any, simulated: Any) -> bool:
     return recorded == simulated
 
 
-def _check(sample: dict[str, Any]) -> None:
+def _check_sample(sample: dict[str, Any]) -> None:
     message, data = MESSAGES[sample["type"]], bytes.fromhex(sample["cdr_hex"])
     values = message.decode(data)
     differences = {
-        k: (v, values[k]) for k, v in _flat(sample["fields"]) if not _equal_or_both_nan(v, values[k])
+        k: (v, values[k]) for k, v in _flat_fields(sample["fields"]) if not _equals_recorded(v, values[k])
     }
     assert not differences, (sample["topic"], differences)
-    # PX4's padding contains old bytes of its buffer; our encoding and Cyclone's have zeros there.
+    # PX4's padding contains old bytes of its buffer; both encodings end with zeros.
     encoded = message.encode(values)
     assert len(encoded) <= len(data) < len(encoded) + 4
     cyclone = idl_dataclass(message).deserialize(data)
     assert encoded == cyclone.serialize(use_version_2=False)[: len(encoded)], sample["type"]
 
 
-@pytest.mark.parametrize("sample", _samples(SAMPLES), ids=lambda sample: sample["type"])
+@pytest.mark.parametrize("sample", _read_samples(SAMPLES), ids=lambda sample: sample["type"])
 def test_a_recorded_sample_decodes_and_encodes(sample):
-    _check(sample)
+    _check_sample(sample)
 
 
 def test_every_recorded_sample_decodes_and_encodes(shared):
-    for sample in _samples(shared / "px4" / "dds" / "samples.jsonl"):
-        _check(sample)
+    for sample in _read_samples(shared / "px4" / "dds" / "samples.jsonl"):
+        _check_sample(sample)
 
 
 def test_layout_constants_and_hash_match_the_published_types(shared):
-    published = json.loads((shared / "px4" / "dds" / "types.json").read_text())["types"]
-    assert set(published) == set(MESSAGES) - {"PositionSetpoint", "VehicleAngularVelocity"}
-    for name, recorded in published.items():
+    published_types = json.loads((shared / "px4" / "dds" / "types.json").read_text())["types"]
+    assert set(published_types) == set(MESSAGES) - {"PositionSetpoint", "VehicleAngularVelocity"}
+    for name, published in published_types.items():
         simulated = MESSAGES[name]
         assert [[f.name, f.type, f.length or None] for f in simulated.flat] == [
-            f[:3] for f in recorded["fields"]
+            f[:3] for f in published["fields"]
         ], name
         assert (simulated.constants, simulated.size, simulated.hash) == (
-            recorded["constants"], recorded["payload_bytes"], recorded["message_hash"],
+            published["constants"], published["payload_bytes"], published["message_hash"],
         ), name  # fmt: skip
 
 
@@ -88,7 +89,7 @@ def test_layout_constants_and_hash_match_the_published_types(shared):
     [("ArmingCheckRequest", 2071694766), ("RegisterExtComponentRequest", 902686241),
      ("ActuatorMotors", 3401338181), ("ArmingCheckReply", 65702502)],
 )  # fmt: skip
-def test_the_hash_equals_the_hash_that_px4_sends(name, expected):
+def test_the_message_hash_equals_the_hash_that_px4_sends(name, expected):
     assert MESSAGES[name].hash == expected
 
 
@@ -106,5 +107,5 @@ def test_bytes_that_are_not_a_message_are_refused(data):
 
 def test_a_diverged_estimate_is_sent_as_infinite() -> None:
     message = MESSAGES["VehicleLocalPosition"]
-    found = message.decode(message.encode({"x": 1e39, "vx": -1e300, "z": 1.0, "ref_lat": 1e300}))
-    assert (found["x"], found["vx"], found["z"], found["ref_lat"]) == (math.inf, -math.inf, 1.0, 1e300)
+    fields = message.decode(message.encode({"x": 1e39, "vx": -1e300, "z": 1.0, "ref_lat": 1e300}))
+    assert (fields["x"], fields["vx"], fields["z"], fields["ref_lat"]) == (math.inf, -math.inf, 1.0, 1e300)

@@ -17,11 +17,11 @@ CONTROL_MODE, TRAJECTORY = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_
 ATTITUDE, RATES = "/fmu/in/vehicle_attitude_setpoint", "/fmu/in/vehicle_rates_setpoint"
 THRUST, TORQUE = "/fmu/in/vehicle_thrust_setpoint", "/fmu/in/vehicle_torque_setpoint"
 MOTORS, GOTO = "/fmu/in/actuator_motors", "/fmu/in/goto_setpoint"
-HOVER = [0.0, 0.0, -0.49]
+HOVER_THRUST = [0.0, 0.0, -0.49]
 
 
-def flags(name: str) -> tuple[str, dict[str, bool]]:
-    return CONTROL_MODE, {name: True}
+def control_mode(flag: str) -> tuple[str, dict[str, bool]]:
+    return CONTROL_MODE, {flag: True}
 
 
 def trajectory(position=NAN3, velocity=NAN3, acceleration=NAN3, yaw=0.0):
@@ -29,26 +29,29 @@ def trajectory(position=NAN3, velocity=NAN3, acceleration=NAN3, yaw=0.0):
     return TRAJECTORY, {**fields, "jerk": NAN3, "yaw": yaw, "yawspeed": NAN}
 
 
-KINDS = {
+SETPOINT_TYPES = {
     "position": (ControlLevel.TRAJECTORY, [trajectory((0.0, 0.0, -2.5))]),
     "velocity": (ControlLevel.TRAJECTORY, [trajectory(velocity=(0.0, 0.0, 0.0))]),
     "acceleration": (ControlLevel.TRAJECTORY, [trajectory(acceleration=(0.0, 0.0, 0.0))]),
-    "attitude": (ControlLevel.ATTITUDE, [(ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER})]),
-    "body_rate": (ControlLevel.RATES, [(RATES, {"thrust_body": HOVER})]),
-    "thrust_and_torque": (ControlLevel.THRUST_TORQUE, [(THRUST, {"xyz": HOVER}), (TORQUE, {})]),
+    "attitude": (
+        ControlLevel.ATTITUDE,
+        [(ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER_THRUST})],
+    ),
+    "body_rate": (ControlLevel.RATES, [(RATES, {"thrust_body": HOVER_THRUST})]),
+    "thrust_and_torque": (ControlLevel.THRUST_TORQUE, [(THRUST, {"xyz": HOVER_THRUST}), (TORQUE, {})]),
     "direct_actuator": (ControlLevel.MOTORS, [(MOTORS, {"control": [0.49] * 4 + [NAN] * 8})]),
 }
 
 
-def status(vehicle: Ros2Vehicle) -> tuple[int, bool]:
+def mode_and_failsafe(vehicle: Ros2Vehicle) -> tuple[int, bool]:
     last = vehicle.last("/fmu/out/vehicle_status_v1")
     return last["nav_state"], last["failsafe"]
 
 
-def switch_to_offboard(vehicle: Ros2Vehicle, *stream) -> None:
-    vehicle.stream(0.2, 50.0, *stream)
+def switch_to_offboard(vehicle: Ros2Vehicle, *messages) -> None:
+    vehicle.stream(0.2, 50.0, *messages)
     vehicle.command(SET_MODE, *OFFBOARD)
-    vehicle.stream(0.1, 50.0, *stream)
+    vehicle.stream(0.1, 50.0, *messages)
 
 
 @pytest.fixture
@@ -60,15 +63,15 @@ def hovering_vehicle() -> Ros2Vehicle:
 
 @pytest.mark.flight
 def test_every_setpoint_type_is_flown_as_selected_by_the_flag(hovering_vehicle):
-    switch_to_offboard(hovering_vehicle, flags("position"), trajectory((0.0, 0.0, -2.5)))
-    for name, (level, setpoints) in KINDS.items():
-        hovering_vehicle.stream(0.6, 100.0, flags(name), *setpoints)
+    switch_to_offboard(hovering_vehicle, control_mode("position"), trajectory((0.0, 0.0, -2.5)))
+    for name, (level, setpoints) in SETPOINT_TYPES.items():
+        hovering_vehicle.stream(0.6, 100.0, control_mode(name), *setpoints)
         assert hovering_vehicle.sim.simulation.setpoints.level[0] == level, name
         assert -3.2 < hovering_vehicle.position_ned_m[2] < -1.8, name
-        assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
+        assert mode_and_failsafe(hovering_vehicle) == (OFFBOARD_MODE, False)
     # A setpoint of another level than the flag's changes nothing.
-    hovering_vehicle.stream(2.0, 50.0, flags("position"), trajectory((0.0, 0.0, -2.5)))
-    hovering_vehicle.stream(1.0, 50.0, flags("position"), *KINDS["direct_actuator"][1])
+    hovering_vehicle.stream(2.0, 50.0, control_mode("position"), trajectory((0.0, 0.0, -2.5)))
+    hovering_vehicle.stream(1.0, 50.0, control_mode("position"), *SETPOINT_TYPES["direct_actuator"][1])
     assert hovering_vehicle.sim.simulation.setpoints.level[0] == ControlLevel.TRAJECTORY
     assert hovering_vehicle.position_ned_m[2] == pytest.approx(-2.5, abs=0.3)
 
@@ -76,37 +79,37 @@ def test_every_setpoint_type_is_flown_as_selected_by_the_flag(hovering_vehicle):
 @pytest.mark.story
 @pytest.mark.flight
 def test_only_offboard_control_mode_keeps_the_vehicle_in_offboard(hovering_vehicle):
-    switch_to_offboard(hovering_vehicle, flags("position"), trajectory((1.0, 0.0, -2.5)))
-    hovering_vehicle.stream(5.0, 10.0, flags("position"))
-    assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
+    switch_to_offboard(hovering_vehicle, control_mode("position"), trajectory((1.0, 0.0, -2.5)))
+    hovering_vehicle.stream(5.0, 10.0, control_mode("position"))
+    assert mode_and_failsafe(hovering_vehicle) == (OFFBOARD_MODE, False)
     assert hovering_vehicle.position_ned_m[0] == pytest.approx(1.0, abs=0.3)
     hovering_vehicle.stream(0.8, 10.0, trajectory((1.0, 0.0, -2.5)))
-    assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
+    assert mode_and_failsafe(hovering_vehicle) == (OFFBOARD_MODE, False)
     hovering_vehicle.stream(0.5, 10.0, trajectory((1.0, 0.0, -2.5)))
-    assert status(hovering_vehicle) == (POSITION_MODE, True)
-    hovering_vehicle.stream(0.5, 10.0, flags("position"))
-    assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
+    assert mode_and_failsafe(hovering_vehicle) == (POSITION_MODE, True)
+    hovering_vehicle.stream(0.5, 10.0, control_mode("position"))
+    assert mode_and_failsafe(hovering_vehicle) == (OFFBOARD_MODE, False)
 
 
 @pytest.mark.flight
-def test_without_any_flag_the_signal_is_lost_at_once(hovering_vehicle):
-    switch_to_offboard(hovering_vehicle, flags("position"), trajectory((0.0, 0.0, -2.5)))
+def test_without_any_flag_the_offboard_signal_is_lost_at_once(hovering_vehicle):
+    switch_to_offboard(hovering_vehicle, control_mode("position"), trajectory((0.0, 0.0, -2.5)))
     hovering_vehicle.stream(0.3, 20.0, (CONTROL_MODE, {}))
-    assert status(hovering_vehicle) == (POSITION_MODE, True)
+    assert mode_and_failsafe(hovering_vehicle) == (POSITION_MODE, True)
 
 
 @pytest.mark.story
 @pytest.mark.flight
 def test_invalid_setpoints_do_not_replace_the_last_valid_setpoint(hovering_vehicle):
-    level = (ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER})
-    switch_to_offboard(hovering_vehicle, flags("attitude"), level)
-    for broken in ([NAN, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]):
+    level_attitude = (ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER_THRUST})
+    switch_to_offboard(hovering_vehicle, control_mode("attitude"), level_attitude)
+    for invalid_q in ([NAN, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]):
         hovering_vehicle.stream(
-            0.3, 50.0, flags("attitude"), (ATTITUDE, {"q_d": broken, "thrust_body": HOVER})
+            0.3, 50.0, control_mode("attitude"), (ATTITUDE, {"q_d": invalid_q, "thrust_body": HOVER_THRUST})
         )
     assert hovering_vehicle.sim.simulation.setpoints.thrust[0] == pytest.approx(0.49)
-    hovering_vehicle.stream(3.0, 20.0, flags("position"), trajectory())
-    assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
+    hovering_vehicle.stream(3.0, 20.0, control_mode("position"), trajectory())
+    assert mode_and_failsafe(hovering_vehicle) == (OFFBOARD_MODE, False)
     assert math.dist(hovering_vehicle.position_ned_m, (0.0, 0.0, -2.5)) < 1.0
 
 
@@ -114,7 +117,7 @@ def test_invalid_setpoints_do_not_replace_the_last_valid_setpoint(hovering_vehic
 def test_a_goto_setpoint_is_flown_in_hold_until_its_messages_stop(hovering_vehicle):
     goal = {"position": [0.0, 5.0, -2.5], "flag_set_max_horizontal_speed": True, "max_horizontal_speed": 4.0}
     hovering_vehicle.stream(8.0, 30.0, (GOTO, goal))
-    assert status(hovering_vehicle) == (HOLD_MODE, False)
+    assert mode_and_failsafe(hovering_vehicle) == (HOLD_MODE, False)
     assert hovering_vehicle.position_ned_m[1] == pytest.approx(5.0, abs=0.4)
     hovering_vehicle.stream(0.1, 30.0, (GOTO, {"position": NAN3}))
     hovering_vehicle.run(5.0)
@@ -125,10 +128,10 @@ def test_a_goto_setpoint_is_flown_in_hold_until_its_messages_stop(hovering_vehic
 @pytest.mark.flight
 def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(hovering_vehicle):
     moved_m = []
-    for hz in (10.06, 50.3):  # no multiples of the mode's rate, so that the overwritten setpoints vary
+    for hz in (10.06, 50.3):  # not multiples of the mode's rate, which overwrites setpoints
         hovering_vehicle.stream(6.4, hz, trajectory((5.0, 0.0, -2.5)))
         moved_m.append(hovering_vehicle.position_ned_m[0])
-        assert status(hovering_vehicle) == (HOLD_MODE, False)
+        assert mode_and_failsafe(hovering_vehicle) == (HOLD_MODE, False)
         hovering_vehicle.run(4.0)
     assert 0.1 < moved_m[0] < 0.8
     assert 1.0 < moved_m[1] < 2.5  # PX4 overwrites two thirds of the setpoints before it uses them
@@ -137,28 +140,28 @@ def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(hoveri
 
 def test_setpoints_do_not_move_a_disarmed_vehicle_and_are_not_flown_after_arming():
     vehicle = Ros2Vehicle()
-    for _, setpoints in KINDS.values():
+    for _, setpoints in SETPOINT_TYPES.values():
         vehicle.stream(0.1, 50.0, *setpoints)
     assert vehicle.sim.simulation.setpoints.level[0] == ControlLevel.DISARMED
-    vehicle.stream(0.3, 10.0, flags("position"))
+    vehicle.stream(0.3, 10.0, control_mode("position"))
     vehicle.command(SET_MODE, *OFFBOARD)
     vehicle.command(400, 1.0)
-    vehicle.stream(2.0, 10.0, flags("position"))
-    assert status(vehicle)[0] == OFFBOARD_MODE
+    vehicle.stream(2.0, 10.0, control_mode("position"))
+    assert mode_and_failsafe(vehicle)[0] == OFFBOARD_MODE
     assert vehicle.sim.autopilots[0].offboard.awaits_setpoint
     assert vehicle.position_ned_m[2] == pytest.approx(0.0, abs=0.2)
 
 
-def test_the_control_mode_topic_matches_the_flag():
+def test_vehicle_control_mode_matches_the_flag_of_offboard_control_mode():
     vehicle = Ros2Vehicle()
-    vehicle.stream(0.2, 20.0, flags("position"))
+    vehicle.stream(0.2, 20.0, control_mode("position"))
     vehicle.command(SET_MODE, *OFFBOARD)
     control_flags = {}
-    for name in KINDS:
-        vehicle.stream(0.6, 20.0, flags(name))
+    for name in SETPOINT_TYPES:
+        vehicle.stream(0.6, 20.0, control_mode(name))
         last = vehicle.last("/fmu/out/vehicle_control_mode")
-        names = ("position", "attitude", "rates", "allocation")
-        control_flags[name] = tuple(last[f"flag_control_{each}_enabled"] for each in names)
+        controllers = ("position", "attitude", "rates", "allocation")
+        control_flags[name] = tuple(last[f"flag_control_{controller}_enabled"] for controller in controllers)
     assert (
         control_flags["position"]
         == control_flags["velocity"]

@@ -32,10 +32,10 @@ class Flight:
         self.heights_m.append(-self.sim.autopilots[0].view.estimate.position_ned_m[2])
 
     def first_above_s(self, height_m: float) -> float:
-        """Time since the start of the program at which the vehicle was first above this height."""
-        return 0.1 * next(n for n, each in enumerate(self.heights_m, start=1) if each > height_m)
+        """Time from the program start until the vehicle was above this height; a sleep takes 0.1 s."""
+        return 0.1 * next(step for step, height in enumerate(self.heights_m, start=1) if height > height_m)
 
-    def lands(self) -> bool:
+    def lands_and_disarms(self) -> bool:
         """Whether the vehicle lands and disarms within 25 s."""
         for _ in range(25):
             self.sim.step(1.0)
@@ -55,11 +55,11 @@ def test_the_offboard_node_climbs_to_five_metres_and_lands(domain, capsys):
     flight = Flight(domain, namespace)
     ros2_offboard_node.main(DOMAIN, namespace, flight.sleep)
     assert "Switching to land mode" in capsys.readouterr().out
-    # A recorded PX4 lifted off 4.3 s after the first message and passed 4.5 m at 7.4 to 7.6 s.
+    # PX4 lifted off 4.3 s after the first message in a recording, and passed 4.5 m after 7.4 to 7.6 s.
     assert flight.first_above_s(0.1) - 0.4 == pytest.approx(4.3, abs=0.5)
     assert flight.first_above_s(4.5) - 0.4 == pytest.approx(7.4, abs=0.7)
     assert flight.heights_m[-1] == pytest.approx(5.0, abs=0.1)
-    assert flight.lands()
+    assert flight.lands_and_disarms()
 
 
 @pytest.mark.story
@@ -69,4 +69,4 @@ def test_the_flow_keeps_an_altitude_of_one_metre_for_twenty_seconds_and_lands(do
     ros2_flow.main(DOMAIN, namespace, flight.sleep)
     assert max(flight.heights_m) < 1.3
     assert all(abs(height - 1.0) < 0.2 for height in flight.heights_m[-100:])
-    assert flight.lands()
+    assert flight.lands_and_disarms()

@@ -12,11 +12,11 @@ from vehicle_sim.fleet import DEFAULT_BOOT_TIME_UNIX_S
 from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQUEST, dds_name
 
 BOOT_US = int(DEFAULT_BOOT_TIME_UNIX_S * 1e6)
-BOOT_TIMES = {"nav_state_timestamp", "armed_time", "takeoff_time", "ref_timestamp"}
+BOOT_TIME_FIELDS = {"nav_state_timestamp", "armed_time", "takeoff_time", "ref_timestamp"}
 
 
 @pytest.fixture(scope="module")
-def idle() -> Ros2Vehicle:
+def idle_vehicle() -> Ros2Vehicle:
     return Ros2Vehicle(boot_s=12.4, parameters={})
 
 
@@ -46,22 +46,22 @@ def simulated_names() -> set[str]:
      ("estimator_status_flags", 1), ("timesync_status", 1), ("home_position", 0), ("airspeed_validated", 0),
      ("vtol_vehicle_status", 0), ("vehicle_command_ack", 0)],
 )  # fmt: skip
-def test_a_disarmed_vehicle_publishes_at_the_recorded_rate(idle, topic, hz):
-    count = len(idle.all(f"/fmu/out/{topic}", since_s=7.4))
+def test_a_disarmed_vehicle_publishes_at_the_recorded_rate(idle_vehicle, topic, hz):
+    count = len(idle_vehicle.all(f"/fmu/out/{topic}", since_s=7.4))
     assert abs(count - 5.0 * hz) <= max(1.5, 0.1 * hz)
 
 
-def test_the_first_message_is_sent_when_the_client_has_connected(idle):
-    assert 6.3 < min(at_s for at_s, _, _ in idle.received) < 6.5
-    assert len(idle.all("/fmu/out/home_position")) == 1
+def test_the_first_message_is_sent_when_the_dds_client_has_connected(idle_vehicle):
+    assert 6.3 < min(at_s for at_s, _, _ in idle_vehicle.received) < 6.5
+    assert len(idle_vehicle.all("/fmu/out/home_position")) == 1
 
 
-def test_timestamps_are_unix_time_and_other_times_count_from_boot(idle):
-    for at_s, topic, fields in idle.received:
+def test_timestamps_are_unix_time_and_other_times_count_from_boot(idle_vehicle):
+    for at_s, topic, fields in idle_vehicle.received:
         now_us = BOOT_US + at_s * 1e6
         assert abs(fields["timestamp"] - now_us) < 25_000, topic
         assert abs(fields.get("timestamp_sample", now_us) - now_us) < 200_000 or topic.endswith("setpoint")
-        assert all(fields[name] < 1e9 for name in BOOT_TIMES & fields.keys()), topic
+        assert all(fields[name] < 1e9 for name in BOOT_TIME_FIELDS & fields.keys()), topic
 
 
 def test_without_time_synchronization_all_times_count_from_boot_and_messages_are_sent_sooner():
@@ -71,28 +71,28 @@ def test_without_time_synchronization_all_times_count_from_boot_and_messages_are
     assert not vehicle.all("/fmu/out/timesync_status")
 
 
-def test_topics_have_the_values_of_a_vehicle_on_the_ground(idle):
-    status = idle.last("/fmu/out/vehicle_status_v1")
+def test_topics_have_the_values_of_a_vehicle_on_the_ground(idle_vehicle):
+    status = idle_vehicle.last("/fmu/out/vehicle_status_v1")
     assert (status["arming_state"], status["nav_state"], status["system_id"]) == (1, 4, 1)
-    local = idle.last("/fmu/out/vehicle_local_position")
+    local = idle_vehicle.last("/fmu/out/vehicle_local_position")
     assert local["xy_valid"]
     assert local["z_valid"]
     assert max(abs(local[axis]) for axis in "xyz") < 1.0
     assert math.isinf(local["vxy_max"])
-    odometry = idle.last("/fmu/out/vehicle_odometry")
+    odometry = idle_vehicle.last("/fmu/out/vehicle_odometry")
     assert odometry["pose_frame"] == odometry["velocity_frame"] == 1
     assert odometry["position"] == (local["x"], local["y"], local["z"])
     assert math.hypot(*odometry["q"]) == pytest.approx(1.0)
-    flags = idle.last("/fmu/out/failsafe_flags")
+    flags = idle_vehicle.last("/fmu/out/failsafe_flags")
     assert flags["mode_req_offboard_signal"] == 1 << 14
     assert flags["offboard_control_signal_lost"]
     assert not flags["local_position_invalid"]
-    assert not idle.last("/fmu/out/position_setpoint_triplet")["current.valid"]
+    assert not idle_vehicle.last("/fmu/out/position_setpoint_triplet")["current.valid"]
 
 
-def test_the_battery_is_read_from_the_same_topic_as_the_log(idle):
-    simulated = idle.last("/fmu/out/battery_status")
-    logged = next(t for t in idle.sim._states[0].topics if t.layout.name == "battery_status").read()
+def test_the_battery_message_has_the_values_of_the_logged_topic(idle_vehicle):
+    simulated = idle_vehicle.last("/fmu/out/battery_status")
+    logged = next(t for t in idle_vehicle.sim._states[0].topics if t.layout.name == "battery_status").read()
     assert simulated["voltage_v"] == pytest.approx(logged["voltage_v"])
     assert (simulated["cell_count"], simulated["connected"]) == (logged["cell_count"], True)
 
