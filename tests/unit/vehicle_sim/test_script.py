@@ -54,10 +54,10 @@ def test_a_link_that_is_down_sends_nothing_until_it_is_up_again():
         links=BOTH,
     )
     station.run(9.0)
-    times = [t for t, link, m in station.log if link == "gcs" and m.name == "HEARTBEAT"]
-    assert min(times) < 3
-    assert max(times) > 6
-    assert not [t for t in times if 3.1 < t < 6.0]
+    heartbeat_times_s = [t for t, link, m in station.log if link == "gcs" and m.name == "HEARTBEAT"]
+    assert min(heartbeat_times_s) < 3
+    assert max(heartbeat_times_s) > 6
+    assert not [t for t in heartbeat_times_s if 3.1 < t < 6.0]
     assert [t for t, link, _ in station.log if link == "api" and 3.1 < t < 6.0], (
         "the other link was also down"
     )
@@ -75,9 +75,9 @@ def test_an_event_at_landing_needs_a_previous_flight_and_a_scripted_parameter_is
 def test_a_gps_offset_moves_the_gps_position():
     sim = VehicleSim(script=script("at_s: 2, gps_offset_ned_m: [100, 0, 0]"), sensor_noise=False)
     sim.step(1.9)
-    before = float(sim.simulation.sensors.gps_lat_deg[0])
+    lat_before_deg = float(sim.simulation.sensors.gps_lat_deg[0])
     sim.step(1.0)
-    moved_m = math.radians(float(sim.simulation.sensors.gps_lat_deg[0]) - before) * 6371000.0
+    moved_m = math.radians(float(sim.simulation.sensors.gps_lat_deg[0]) - lat_before_deg) * 6371000.0
     assert moved_m == pytest.approx(100.0, abs=0.1)
 
 

@@ -24,6 +24,7 @@ class Terminal:
         self.station.run(run_s)
 
     def send(self, text, *, flags=6, via="gcs"):
+        """Sends a text to the console; flags 6 are RESPOND and EXCLUSIVE."""
         data = text.encode()
         self.station.send(
             "SERIAL_CONTROL", via=via, device=10, flags=flags, count=len(data), data=data, target_system=1,
@@ -31,6 +32,7 @@ class Terminal:
         )  # fmt: skip
 
     def parts(self, since_s, via="gcs"):
+        """Data of the messages that the console sent after this time."""
         return [
             bytes(m.data[: m.count]) for m in self.station.received("SERIAL_CONTROL", via, since_s + 0.001)
         ]
@@ -44,10 +46,10 @@ class Terminal:
 
     def output_of(self, line):
         """Runs a command; returns its output."""
-        shown = self.send_and_read(line + "\n")
-        assert shown.startswith(line + "\n")
-        assert shown.endswith(PROMPT)
-        return shown[len(line) + 1 : -len(PROMPT)]
+        output = self.send_and_read(line + "\n")
+        assert output.startswith(line + "\n")
+        assert output.endswith(PROMPT)
+        return output[len(line) + 1 : -len(PROMPT)]
 
 
 @pytest.fixture
@@ -112,13 +114,13 @@ def test_messages_to_other_devices_and_vehicles_are_ignored(terminal, fields):
 
 def test_outputs_equal_the_recorded_outputs(ready_terminal, shared):
     lines = (shared / "px4/dialogues/shell.jsonl").read_text().splitlines()
-    recorded = {d["id"]: d for d in map(json.loads, lines)}
+    dialogues = {dialogue["id"]: dialogue for dialogue in map(json.loads, lines)}
     for name in ("shell_gimbal_status", "shell_help", "shell_param_show", "shell_again_after_exit"):
-        recorded_output = "".join(r["fields"]["text"] for r in recorded[name]["received"])
-        assert ready_terminal.send_and_read(recorded[name]["send"][0]["fields"]["text"]) == recorded_output, (
-            name
-        )
-    recorded_listing = "".join(r["fields"]["text"] for r in recorded["shell_listener"]["received"])
+        recorded_output = "".join(r["fields"]["text"] for r in dialogues[name]["received"])
+        assert (
+            ready_terminal.send_and_read(dialogues[name]["send"][0]["fields"]["text"]) == recorded_output
+        ), name
+    recorded_listing = "".join(r["fields"]["text"] for r in dialogues["shell_listener"]["received"])
     listing = ready_terminal.send_and_read("listener vehicle_status -n 1\n")
     assert [line.split(":")[0] for line in listing.splitlines()] == [
         line.split(":")[0] for line in recorded_listing.splitlines()
@@ -199,8 +201,8 @@ def test_with_mnt_mode_in_disabled_the_gimbal_does_not_run():
 
 
 def test_the_listener_shows_every_topic_of_the_logger(terminal):
-    states = [topic.layout.name for topic in terminal.station.sim.loggers[0]._states.topics]
-    for name in [topic.layout.name for topic in ARRAY_TOPICS] + states:
+    state_topics = [topic.layout.name for topic in terminal.station.sim.loggers[0]._states.topics]
+    for name in [topic.layout.name for topic in ARRAY_TOPICS] + state_topics:
         output = terminal.output_of(f"listener {name}")
         assert output.startswith(f"\nTOPIC: {name}\n {name}\n    timestamp: "), name
     q = terminal.station.sim.simulation.estimate.q_ned_frd[0]
@@ -212,14 +214,14 @@ def test_the_listener_shows_every_topic_of_the_logger(terminal):
 
 
 def test_the_listener_waits_for_several_samples(terminal):
-    shown = terminal.send_and_read("listener sensor_baro -n 3\nver hw\n", 1.5)
-    assert shown.count("TOPIC: sensor_baro") == 2
-    assert "HW arch" not in shown
+    first_output = terminal.send_and_read("listener sensor_baro -n 3\nver hw\n", 1.5)
+    assert first_output.count("TOPIC: sensor_baro") == 2
+    assert "HW arch" not in first_output
     since_s = terminal.station.now_s
     terminal.station.run(1.5)
-    rest = b"".join(terminal.parts(since_s)).decode()
-    assert rest.count("TOPIC: sensor_baro") == 1
-    assert rest.endswith("HW arch: PX4_SITL\npxh> ")
+    later_output = b"".join(terminal.parts(since_s)).decode()
+    assert later_output.count("TOPIC: sensor_baro") == 1
+    assert later_output.endswith("HW arch: PX4_SITL\npxh> ")
 
 
 def test_failures_are_injected_only_if_enabled():
@@ -233,28 +235,28 @@ def test_failures_are_injected_only_if_enabled():
 
 
 @pytest.mark.parametrize(
-    ("driver", "count", "reading"),
+    ("driver", "fresh_flag", "reading"),
     [
         ("sensor_gps_sim", "gps_fresh", "gps_lat_deg"),
         ("sensor_baro_sim", "baro_fresh", "baro_pressure_hpa"),
         ("sensor_mag_sim", "mag_fresh", "mag_frd_gauss"),
     ],
 )
-def test_the_sensor_of_a_stopped_driver_sends_no_samples(terminal, driver, count, reading):
+def test_the_sensor_of_a_stopped_driver_sends_no_samples(terminal, driver, fresh_flag, reading):
     sensors = terminal.station.sim.simulation.sensors
     assert "running" in terminal.output_of(f"{driver} status")
     assert "already running" in terminal.output_of(f"{driver} start")
     assert terminal.output_of(f"{driver} stop") == ""
     terminal.station.run(0.3)
-    last = getattr(sensors, reading).copy()
+    last_reading = getattr(sensors, reading).copy()
     terminal.station.run(0.5)
-    assert not getattr(sensors, count)[0]
-    assert np.array_equal(getattr(sensors, reading), last)
+    assert not getattr(sensors, fresh_flag)[0]
+    assert np.array_equal(getattr(sensors, reading), last_reading)
     assert "not running" in terminal.output_of(f"{driver} status")
     assert terminal.output_of(f"{driver} start") == ""
     terminal.station.run(0.3)
-    assert getattr(sensors, count)[0]
-    assert not np.array_equal(getattr(sensors, reading), last)
+    assert getattr(sensors, fresh_flag)[0]
+    assert not np.array_equal(getattr(sensors, reading), last_reading)
 
 
 def test_logger_commands_start_and_stop_the_log(terminal):

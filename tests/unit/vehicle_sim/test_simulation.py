@@ -19,7 +19,7 @@ def run(sim: Simulation, seconds: float) -> None:
         sim.step()
 
 
-def hovering(count: int = 1, *, noise: bool = False, seconds: float = 10.0, **arguments) -> Simulation:
+def hovering_sim(count: int = 1, *, noise: bool = False, seconds: float = 10.0, **arguments) -> Simulation:
     """N vehicles that hover 10 m above their estimated start, heading north."""
     sim = Simulation(count, sensor_noise=noise, **arguments)
     run(sim, 1.0)
@@ -62,8 +62,8 @@ def test_position_is_valid_soon_after_boot_and_equals_home():
 
 
 @pytest.mark.story
-def test_hover_balances_weight():
-    sim = hovering(seconds=40.0)
+def test_the_hover_thrust_balances_the_weight():
+    sim = hovering_sim(seconds=40.0)
     # 1 kg on four rotors of 5 N.
     assert sim.target.thrust[0] == pytest.approx(frames.GRAVITY_M_S2 / 20.0, abs=0.002)
     assert sim.target.hover_thrust[0] == pytest.approx(0.4903, abs=0.003)
@@ -73,7 +73,7 @@ def test_hover_balances_weight():
 
 @pytest.mark.story
 def test_a_hover_with_noise_drifts_less_than_1_6_m():
-    sim = hovering(4, noise=True, seed=3)
+    sim = hovering_sim(4, noise=True, seed=3)
     start = sim.truth.position_ned_m.copy()
     largest_error_m = np.zeros(4)
     for _ in range(10):
@@ -85,7 +85,7 @@ def test_a_hover_with_noise_drifts_less_than_1_6_m():
 
 
 def test_a_yaw_setpoint_turns_clockwise_with_the_right_motors():
-    sim = hovering()
+    sim = hovering_sim()
     sim.setpoints.yaw_ned_rad[:] = math.radians(30.0)
     run(sim, 0.2)
     front_right, rear_left, front_left, rear_right = sim.motors_us[0]
@@ -95,7 +95,7 @@ def test_a_yaw_setpoint_turns_clockwise_with_the_right_motors():
 
 
 def test_velocity_north_pitches_down_and_settles_below_the_setpoint():
-    sim = hovering()
+    sim = hovering_sim()
     sim.setpoints.position_ned_m[:] = np.nan
     sim.setpoints.velocity_ned_m_s[:] = (1.0, 0.0, 0.0)
     run(sim, 0.4)
@@ -105,20 +105,20 @@ def test_velocity_north_pitches_down_and_settles_below_the_setpoint():
     assert abs(sim.truth.velocity_ned_m_s[0, 1]) < 0.02
 
 
-def test_steps_east_and_west_mirror_each_other():
-    sim = hovering(2)
+def test_position_steps_east_and_west_mirror_each_other():
+    sim = hovering_sim(2)
     sim.setpoints.position_ned_m[0, 1] += 4.0
     sim.setpoints.position_ned_m[1, 1] -= 4.0
     start = sim.truth.position_ned_m.copy()
     for _ in range(8):
         run(sim, 0.5)
-        moved = sim.truth.position_ned_m - start
-        assert moved[0, 1] == pytest.approx(-moved[1, 1], abs=0.01)
-        assert moved[0, 2] == pytest.approx(moved[1, 2], abs=0.01)
+        moved_ned_m = sim.truth.position_ned_m - start
+        assert moved_ned_m[0, 1] == pytest.approx(-moved_ned_m[1, 1], abs=0.01)
+        assert moved_ned_m[0, 2] == pytest.approx(moved_ned_m[1, 2], abs=0.01)
 
 
 def test_speed_is_limited_to_mpc_xy_vel_max():
-    sim = hovering(parameters=[Parameters({"MPC_XY_VEL_MAX": 4.0})])
+    sim = hovering_sim(parameters=[Parameters({"MPC_XY_VEL_MAX": 4.0})])
     sim.setpoints.position_ned_m[:, 0] = 100.0
     run(sim, 6.0)
     assert 3.0 < sim.truth.velocity_ned_m_s[0, 0] < 4.1
@@ -137,7 +137,7 @@ def test_terminal_speed_of_a_fall_is_weight_over_drag():
 
 @pytest.mark.story
 def test_a_vehicle_keeps_its_position_in_wind():
-    sim = hovering(wind_ned_m_s=np.array([0.0, 4.0, 0.0]))
+    sim = hovering_sim(wind_ned_m_s=np.array([0.0, 4.0, 0.0]))
     run(sim, 10.0)
     assert frames.euler_of(sim.truth.q_ned_frd)[0, 0] < -math.radians(15.0), (
         "the vehicle does not tilt into the wind"
@@ -146,7 +146,7 @@ def test_a_vehicle_keeps_its_position_in_wind():
 
 
 def test_body_rates_follow_their_setpoint():
-    sim = hovering()
+    sim = hovering_sim()
     sim.setpoints.level[:] = ControlLevel.RATES
     sim.setpoints.thrust[:] = 0.49
     sim.setpoints.rates_frd_rad_s[:] = (1.0, 0.0, 0.0)
@@ -155,7 +155,7 @@ def test_body_rates_follow_their_setpoint():
 
 
 def test_the_attitude_follows_its_setpoint():
-    sim = hovering()
+    sim = hovering_sim()
     sim.setpoints.level[:] = ControlLevel.ATTITUDE
     sim.setpoints.thrust[:] = 0.5
     sim.setpoints.q_ned_frd[:] = frames.quaternion_from_euler(math.radians(10), math.radians(-5), 0.0)
@@ -166,7 +166,7 @@ def test_the_attitude_follows_its_setpoint():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_same_seed_gives_the_same_flight(seed):
     first, second, other = (
-        hovering(2, noise=True, seed=s, seconds=2.0).truth.position_ned_m for s in (seed, seed, seed + 5)
+        hovering_sim(2, noise=True, seed=s, seconds=2.0).truth.position_ned_m for s in (seed, seed, seed + 5)
     )
     assert np.array_equal(first, second)
     assert not np.array_equal(first, other)
@@ -189,7 +189,7 @@ def test_vehicles_of_a_fleet_fly_like_single_vehicles():
 
 
 def test_without_gps_the_position_becomes_invalid_and_the_attitude_stays_valid():
-    sim = hovering(noise=True)
+    sim = hovering_sim(noise=True)
     sim.set_gps_enabled(0, False)
     run(sim, 3.0)
     assert sim.sensors.gps_fix_type[0] == 0
@@ -217,13 +217,13 @@ def test_the_battery_drains_while_armed_and_is_full_after_disarming():
     sim.setpoints.armed[0] = True
     run(sim, 6.0)
     # SIM_BAT_DRAIN 60 s, BAT1_N_CELLS 4.
-    assert sim.battery.remaining[0] == pytest.approx(0.9 + 1.0 / 60.0, abs=0.002), "the estimate is 1 s late"
+    assert sim.battery.remaining[0] == pytest.approx(0.9 + 1.0 / 60.0, abs=0.002), "charge is not 1 s late"
     assert sim.battery.remaining[1] == 1.0
     assert sim.battery.voltage_v[1] == pytest.approx(16.2, abs=1e-3)
     assert sim.battery.voltage_v[0] < sim.battery.voltage_v[1]
     sim.set_battery_remaining(0, 0.505)
     run(sim, 2.0)
-    assert sim.battery.remaining[0] == pytest.approx(0.5, abs=0.001), "SIM_BAT_MIN_PCT"
+    assert sim.battery.remaining[0] == pytest.approx(0.5, abs=0.001), "SIM_BAT_MIN_PCT has no effect"
     sim.parameters[0].set("SIM_BAT_MIN_PCT", 80.0)
     sim.reload_parameters(0)
     sim.setpoints.armed[0] = False
@@ -247,7 +247,7 @@ def test_the_battery_drains_while_armed_and_is_full_after_disarming():
 def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_same_effect_as_in_px4():
     sim = Simulation(1, sensor_noise=False)
 
-    def with_parameters(**values: float):
+    def sensors_with_parameters(**values: float):
         for name, value in values.items():
             sim.parameters[0].set(name, value)
         sim.reload_parameters(0)
@@ -255,20 +255,20 @@ def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_same_effe
         return sim.sensors
 
     run(sim, 0.3)
-    before = float(sim.sensors.baro_alt_amsl_m[0])
-    sensors = with_parameters(SIM_BARO_OFF_P=12.0, SIM_BARO_OFF_T=5.0)
-    assert before - sensors.baro_alt_amsl_m[0] == pytest.approx(1.06, abs=0.02), "12 Pa are 1 m"
+    before_m = float(sim.sensors.baro_alt_amsl_m[0])
+    sensors = sensors_with_parameters(SIM_BARO_OFF_P=12.0, SIM_BARO_OFF_T=5.0)
+    assert before_m - sensors.baro_alt_amsl_m[0] == pytest.approx(1.06, abs=0.02), "12 Pa are not 1 m"
     assert sensors.baro_temperature_deg_c[0] == pytest.approx(BARO_TEMPERATURE_DEG_C + 5.0, abs=0.01)
-    sensors = with_parameters(CAL_ACC0_XOFF=0.3, CAL_ACC0_ZSCALE=1.1, CAL_GYRO0_YOFF=0.2)
+    sensors = sensors_with_parameters(CAL_ACC0_XOFF=0.3, CAL_ACC0_ZSCALE=1.1, CAL_GYRO0_YOFF=0.2)
     assert sensors.accel_frd_m_s2[0] == pytest.approx([-0.3, 0.0, -1.1 * frames.GRAVITY_M_S2], abs=1e-5)
     assert sensors.gyro_frd_rad_s[0] == pytest.approx([0.0, -0.2, 0.0], abs=1e-6)
-    field = sensors.mag_frd_gauss[0].copy()
-    assert with_parameters(SIM_MAG_OFFSET_Y=0.4).mag_frd_gauss[0] - field == pytest.approx(
+    field_before = sensors.mag_frd_gauss[0].copy()
+    assert sensors_with_parameters(SIM_MAG_OFFSET_Y=0.4).mag_frd_gauss[0] - field_before == pytest.approx(
         [0.0, 0.4, 0.0], abs=1e-6
     )
-    sensors = with_parameters(SIM_GPS_USED=4)
+    sensors = sensors_with_parameters(SIM_GPS_USED=4)
     assert (sensors.gps_fix_type[0], sensors.gps_satellites[0]) == (3, 4)
-    sensors = with_parameters(SIM_GPS_USED=3)
+    sensors = sensors_with_parameters(SIM_GPS_USED=3)
     assert (sensors.gps_fix_type[0], sensors.gps_horizontal_accuracy_m[0]) == (0, 100.0)
     assert sensors.gps_satellites[0] == 3
     assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "no position was reported"
@@ -276,7 +276,7 @@ def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_same_effe
 
 @pytest.mark.story
 def test_parameters_take_effect_when_reloaded():
-    sim = hovering()
+    sim = hovering_sim()
     sim.parameters[0].set("SIH_MASS", 1.2)
     assert sim.reload_parameters(0) is None
     run(sim, 10.0)
@@ -294,7 +294,7 @@ def test_parameters_take_effect_when_reloaded():
 
 
 def test_a_reset_affects_one_vehicle_only():
-    sim = hovering(2)
+    sim = hovering_sim(2)
     sim.reset_vehicle(0)
     assert np.array_equal(sim.truth.position_ned_m[0], [0.0, 0.0, 0.0])
     assert not sim.setpoints.armed[0]
@@ -305,7 +305,7 @@ def test_a_reset_affects_one_vehicle_only():
 
 
 def test_a_partial_setpoint_controls_only_its_axes():
-    sim = hovering()
+    sim = hovering_sim()
     sim.setpoints.position_ned_m[:] = (np.nan, np.nan, -12.0)
     sim.setpoints.velocity_ned_m_s[:] = (0.0, 2.0, np.nan)
     run(sim, 5.0)

@@ -13,9 +13,9 @@ GOTO_SETPOINT = {"coordinate_frame": 1, "type_mask": 0xDF8, "x": 3.0, "y": 1.0, 
 def continue_flight(station: Station) -> str:
     """Flies a go-to and a landing; returns all received messages as text."""
     station.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, **GOTO_SETPOINT)
-    station.command(193, 5.0)
+    station.command(193, 5.0)  # DO_PAUSE_CONTINUE
     station.run(1.5)
-    station.command(21)
+    station.command(21)  # NAV_LAND
     station.run_until(lambda: station.active_mode == LAND, 2)
     station.run(1.5)
     return repr([(time_s, link, message.name, message.values) for time_s, link, message in station.log])
@@ -27,7 +27,7 @@ def continue_flight(station: Station) -> str:
 def test_copies_continue_like_the_original(fleet: dict[str, Any]) -> None:
     original = Station(seed=4, **fleet)
     original.take_off_and_hover(3.0)
-    first, second = snapshot(original), snapshot(original)
-    log_of_copy = continue_flight(first)
+    first_copy, second_copy = snapshot(original), snapshot(original)
+    log_of_copy = continue_flight(first_copy)
     assert continue_flight(original) == log_of_copy, "the flight of a copy changed the original"
-    assert continue_flight(second) == log_of_copy
+    assert continue_flight(second_copy) == log_of_copy

@@ -1,5 +1,5 @@
-"""Steady ticks and skipped checks give the same results as full ticks and checks, bit for bit, without
-delays."""
+"""Steady ticks and skipped checks give the same results as full ticks and checks, bit for bit and at the
+same time."""
 
 import hashlib
 import math
@@ -26,16 +26,16 @@ Script = Mapping[float, Callable[[VehicleSim], object]]
 """Actions by time since boot [s]."""
 
 
-def item(
+def mission_item(
     command: int, north_m: float, east_m: float, alt_home_m: float, *parameters: float
 ) -> dict[str, Any]:
     home = VehicleSim(links=()).simulation.home
     lat, lon = to_global(*(np.array(value) for value in (north_m, east_m, home.lat_deg, home.lon_deg)))
-    numbers = (*parameters, *[0.0] * 4)[:4]
+    all_parameters = (*parameters, *[0.0] * 4)[:4]
     return {
         "frame": RELATIVE, "command": command, "autocontinue": True, "current": False,
         "x": round(float(lat) * 1e7), "y": round(float(lon) * 1e7), "z": alt_home_m,
-        **{f"param{k + 1}": value for k, value in enumerate(numbers)},
+        **{f"param{k + 1}": value for k, value in enumerate(all_parameters)},
     }  # fmt: skip
 
 
@@ -48,10 +48,10 @@ def fly(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str],
     messages: list[str] = []
     for autopilot in sim.autopilots:
         autopilot.announcer.add_listener(lambda message: messages.append(f"{sim.time_s:.3f} {message}"))
-    digest, steady, due = hashlib.sha256(), 0, sorted(script.items())
+    digest, steady_count, pending_actions = hashlib.sha256(), 0, sorted(script.items())
     for _ in range(round(seconds / 0.02)):
-        while due and due[0][0] <= sim.time_s:
-            due.pop(0)[1](sim)
+        while pending_actions and pending_actions[0][0] <= sim.time_s:
+            pending_actions.pop(0)[1](sim)
         sim.step(0.02)
         truth, setpoints = sim.simulation.truth, sim.simulation.setpoints
         for values in (
@@ -62,23 +62,23 @@ def fly(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str],
             digest.update(values.tobytes())
         for autopilot in sim.autopilots:
             digest.update(repr((autopilot.gimbal.actual, autopilot.gimbal.rates)).encode())
-        steady += sum(not autopilot.ran_full_tick for autopilot in sim.autopilots)
-    return digest.hexdigest(), messages, steady / (count * seconds / 0.02)
+        steady_count += sum(not autopilot.ran_full_tick for autopilot in sim.autopilots)
+    return digest.hexdigest(), messages, steady_count / (count * seconds / 0.02)
 
 
-def never_steady(monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(_autopilot: Autopilot) -> None: ...
+def disable_steady_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_task(_autopilot: Autopilot) -> None: ...
 
-    monkeypatch.setattr(Autopilot, "_steady_task", none)
+    monkeypatch.setattr(Autopilot, "_steady_task", no_task)
 
 
-def fly_both_ways(script: Script, seconds: float, monkeypatch: pytest.MonkeyPatch, count: int = 1) -> float:
-    """Flies with and without steady ticks, compares both; returns the fraction of ticks that were steady."""
+def compare_ticks(script: Script, seconds: float, monkeypatch: pytest.MonkeyPatch, count: int = 1) -> float:
+    """Flies with and without steady ticks and compares the results; returns the fraction of steady ticks."""
     digest, messages, steady_fraction = fly(script, seconds, count)
     with monkeypatch.context() as patch:
-        never_steady(patch)
-        full_digest, full_messages, none = fly(script, seconds, count)
-    assert none == 0.0
+        disable_steady_ticks(patch)
+        full_digest, full_messages, fraction_if_disabled = fly(script, seconds, count)
+    assert fraction_if_disabled == 0.0
     assert messages == full_messages
     assert digest == full_digest
     return steady_fraction
@@ -90,14 +90,14 @@ def for_each_autopilot(action: Callable[[Autopilot], object]) -> Callable[[Vehic
 
 def start_mission(sim: VehicleSim) -> None:
     items = [
-        item(TAKEOFF, 0.0, 0.0, 6.0, 0.0, 0.0, 0.0, math.nan),
-        item(WAYPOINT, 12.0, 0.0, 6.0, 1.5, 0.0, 0.0, math.nan),
-        item(CHANGE_SPEED, 0.0, 0.0, 0.0, 1.0, 8.0, -1.0) | {"frame": NO_FRAME},
-        item(ROI_LOCATION, 30.0, 30.0, 0.0),
-        item(WAYPOINT, 12.0, 15.0, 8.0, 0.0, 0.0, 0.0, math.nan),
-        item(ROI_NONE, 0.0, 0.0, 0.0) | {"frame": NO_FRAME},
-        item(DELAY, 0.0, 0.0, 0.0, 1.0) | {"frame": NO_FRAME},
-        item(LAND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan),
+        mission_item(TAKEOFF, 0.0, 0.0, 6.0, 0.0, 0.0, 0.0, math.nan),
+        mission_item(WAYPOINT, 12.0, 0.0, 6.0, 1.5, 0.0, 0.0, math.nan),
+        mission_item(CHANGE_SPEED, 0.0, 0.0, 0.0, 1.0, 8.0, -1.0) | {"frame": NO_FRAME},
+        mission_item(ROI_LOCATION, 30.0, 30.0, 0.0),
+        mission_item(WAYPOINT, 12.0, 15.0, 8.0, 0.0, 0.0, 0.0, math.nan),
+        mission_item(ROI_NONE, 0.0, 0.0, 0.0) | {"frame": NO_FRAME},
+        mission_item(DELAY, 0.0, 0.0, 0.0, 1.0) | {"frame": NO_FRAME},
+        mission_item(LAND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan),
     ]
     for autopilot in sim.autopilots:
         autopilot.plans.store(MISSION, items)
@@ -106,7 +106,7 @@ def start_mission(sim: VehicleSim) -> None:
 
 @pytest.mark.story
 def test_a_mission_is_flown_identically_with_steady_and_full_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
-    steady_fraction = fly_both_ways({5.0: start_mission}, 55.0, monkeypatch, count=2)
+    steady_fraction = compare_ticks({5.0: start_mission}, 55.0, monkeypatch, count=2)
     assert steady_fraction > 0.6
 
 
@@ -134,11 +134,11 @@ def test_commands_parameters_and_failures_act_at_once_in_a_steady_flight(
         21.0: for_each_autopilot(lambda autopilot: autopilot.navigator.change_speed(3.0, 0.5)),
         22.0: lambda sim: sim.simulation.set_gps_enabled(0, False),
     }
-    steady_fraction = fly_both_ways(script, 32.0, monkeypatch)
+    steady_fraction = compare_ticks(script, 32.0, monkeypatch)
     assert steady_fraction > 0.4
 
 
-def test_spool_up_ramp_and_ground_contact_until_the_disarming_are_flown_by_steady_ticks(
+def test_spool_up_take_off_ramp_and_ground_contact_use_steady_ticks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The other ticks are full: before arming, after disarming, and while the vehicle brakes for the
@@ -155,7 +155,7 @@ def test_spool_up_ramp_and_ground_contact_until_the_disarming_are_flown_by_stead
     }
     sims: list[VehicleSim] = []
     script[6.6] = sims.append
-    steady_fraction = fly_both_ways(script, 16.5, monkeypatch)
+    steady_fraction = compare_ticks(script, 16.5, monkeypatch)
     assert not any(sim.autopilots[0].commander.armed for sim in sims)
     assert steady_fraction > 0.8
 
@@ -176,17 +176,17 @@ def test_a_forced_disarm_in_a_steady_flight_stops_the_motors_in_the_same_tick() 
     assert not sim.simulation.setpoints.armed[0]
 
 
-def stream(end_s: float) -> Script:
+def stream_script(end_s: float) -> Script:
     """A take-off, then a stream of each kind of trajectory setpoints at 50 Hz, and attitudes between them."""
     nan3 = (math.nan, math.nan, math.nan)
 
     def send(autopilot: Autopilot) -> None:
         t = autopilot.view.time_s - 15.0
         offboard = autopilot.offboard
-        circle = (8.0 * math.sin(0.5 * t), 8.0 - 8.0 * math.cos(0.5 * t), -9.0)
-        along = (4.0 * math.cos(0.5 * t), 4.0 * math.sin(0.5 * t), 0.0)
+        position = (8.0 * math.sin(0.5 * t), 8.0 - 8.0 * math.cos(0.5 * t), -9.0)
+        velocity = (4.0 * math.cos(0.5 * t), 4.0 * math.sin(0.5 * t), 0.0)
         if t < 6.0:
-            offboard.trajectory(trajectory_setpoint(circle, along, nan3, 0.3 * t, math.nan))
+            offboard.trajectory(trajectory_setpoint(position, velocity, nan3, 0.3 * t, math.nan))
         elif t < 9.0:
             offboard.trajectory(trajectory_setpoint(nan3, (1.0, 2.0, -0.2), nan3, math.nan, 0.1))
         elif t < 9.5:
@@ -211,11 +211,11 @@ def stream(end_s: float) -> Script:
 def test_setpoints_are_flown_identically_with_steady_and_full_ticks_until_the_stream_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    steady_fraction = fly_both_ways(stream(36.0), 38.0, monkeypatch, count=2)
+    steady_fraction = compare_ticks(stream_script(36.0), 38.0, monkeypatch, count=2)
     assert steady_fraction > 0.5
 
 
-def climb_far(autopilot: Autopilot) -> None:
+def climb_60_m(autopilot: Autopilot) -> None:
     autopilot.navigator.request_takeoff(autopilot.view.estimate.alt_amsl_m + 60.0)
     assert autopilot.commander.set_mode(NavState.TAKEOFF)
     assert autopilot.commander.arm()
@@ -234,7 +234,7 @@ FAILURES: Script = {
 }
 """A lost ground station, a geofence breach, a magnetometer without data, an empty battery and a lost GNSS;
 each affects one vehicle."""
-REPORTS = (
+FAILURE_MESSAGES = (
     "commander_gcs_lost", "exceeding maximum altitude", "MAG #0 failed", "commander_failsafe_enter_low_bat",
     "commander_failsafe_enter_hold", "commander_failsafe_enter_autopilot_disengaged",
 )  # fmt: skip
@@ -244,19 +244,19 @@ def test_checks_are_skipped_only_while_their_results_do_not_change(monkeypatch: 
     skipped: list[bool] = []
     skip_if_unchanged = CheckSkipper.skip_if_unchanged
 
-    def counted(skipper: CheckSkipper, armed_at_s: float) -> bool:
+    def skip_and_record(skipper: CheckSkipper, armed_at_s: float) -> bool:
         skipped.append(skip_if_unchanged(skipper, armed_at_s))
         return skipped[-1]
 
-    def never(_skipper: CheckSkipper, _armed_at_s: float) -> bool:
+    def never_skip(_skipper: CheckSkipper, _armed_at_s: float) -> bool:
         return False
 
-    script: Script = {5.0: for_each_autopilot(climb_far), **FAILURES}
+    script: Script = {5.0: for_each_autopilot(climb_60_m), **FAILURES}
     with monkeypatch.context() as patch:
-        patch.setattr(CheckSkipper, "skip_if_unchanged", counted)
-        found = fly(script, 22.0, count=5)
-    monkeypatch.setattr(CheckSkipper, "skip_if_unchanged", never)
-    assert fly(script, 22.0, count=5) == found
-    missing = [report for report in REPORTS if not any(report in message for message in found[1])]
+        patch.setattr(CheckSkipper, "skip_if_unchanged", skip_and_record)
+        result = fly(script, 22.0, count=5)
+    monkeypatch.setattr(CheckSkipper, "skip_if_unchanged", never_skip)
+    assert fly(script, 22.0, count=5) == result
+    missing = [text for text in FAILURE_MESSAGES if not any(text in message for message in result[1])]
     assert not missing
     assert sum(skipped) > 100

@@ -11,8 +11,8 @@ from vehicle_sim.geodesy import to_global
 pytestmark = pytest.mark.flight
 
 ALTITUDE, STABILIZED, ACRO = 0x20000, 0x70000, 0x50000
-NUMBERS = {POSITION: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
-STREAMED = {0, 1}
+MAIN_MODES = {POSITION: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
+STREAMED_IDS = {0, 1}
 """HEARTBEAT and SYS_STATUS: other streams would take more computing time than the flight."""
 
 
@@ -22,24 +22,24 @@ class JoystickStation(Station):
     def __init__(self, **fleet):
         super().__init__(sensor_noise=False, **fleet)
         for link in self.sim.nodes[0].context.links:
-            for msg_id in set(link.streamed_ids()) - STREAMED:
+            for msg_id in set(link.streamed_ids()) - STREAMED_IDS:
                 link.set_interval(msg_id, 0, 0)
         self.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
-        self.next_s = 0.0
+        self.next_send_s = 0.0
 
     def fly(self, seconds, **sticks):
         self.sticks |= sticks
         self.run(seconds, self.send_sticks)
 
     def send_sticks(self):
-        if self.now_s >= self.next_s:
+        if self.now_s >= self.next_send_s:
             self.send("MANUAL_CONTROL", target=self.system_id, **self.sticks)
-            self.next_s = self.now_s + 0.05
+            self.next_send_s = self.now_s + 0.05
 
     def reposition(self):
-        """Flies to 10 m above its current position, heading north."""
+        """Flies to 10 m above home at its current horizontal position, heading north."""
         home = self.sim.simulation.home
-        north, east, _ = self.position
+        north, east, _ = self.position_m
         lat, lon = to_global(north, east, home.lat_deg, home.lon_deg)
         self.send(
             "COMMAND_INT",
@@ -57,24 +57,24 @@ class JoystickStation(Station):
         self.run_until(lambda: self.hovers_at(north, east), 60, lambda: self.fly(0.02))
 
     def hovers_at(self, north, east):
-        distance_m = np.abs(self.position - (north, east, -10.0)).max()
-        return distance_m < 0.5 and np.abs(self.velocity).max() < 0.05 and abs(self.euler[2]) < 0.02
+        distance_m = np.abs(self.position_m - (north, east, -10.0)).max()
+        return distance_m < 0.5 and np.abs(self.velocity_m_s).max() < 0.05 and abs(self.euler_rad[2]) < 0.02
 
-    def switch(self, mode):
-        self.command(176, 1, NUMBERS[mode])
+    def switch_mode(self, mode):
+        self.command(176, 1, MAIN_MODES[mode])
         self.fly(0.3)
         assert self.active_mode == mode
 
     @property
-    def position(self):
+    def position_m(self):
         return self.sim.simulation.truth.position_ned_m[0].copy()
 
     @property
-    def velocity(self):
+    def velocity_m_s(self):
         return self.sim.simulation.truth.velocity_ned_m_s[0]
 
     @property
-    def euler(self):
+    def euler_rad(self):
         estimate = self.sim.autopilots[0].view.estimate
         return estimate.roll_rad, estimate.pitch_rad, estimate.yaw_ned_rad
 
@@ -98,58 +98,58 @@ def pilot(flying_station):
 
 
 @pytest.mark.story
-def test_in_position_the_stick_sets_the_speed_and_the_vehicle_stops_when_it_is_centred(pilot):
-    pilot.switch(POSITION)
+def test_in_position_the_stick_sets_the_speed_and_the_vehicle_stops_when_the_stick_is_centred(pilot):
+    pilot.switch_mode(POSITION)
     pilot.fly(8.0, x=1000)
-    assert pilot.velocity[0] == pytest.approx(10.0, abs=2.0), "MPC_VEL_MANUAL minus the effect of drag"
-    assert abs(pilot.velocity[1]) < 0.3
+    assert pilot.velocity_m_s[0] == pytest.approx(10.0, abs=2.0), "not MPC_VEL_MANUAL minus drag"
+    assert abs(pilot.velocity_m_s[1]) < 0.3
     pilot.fly(10.0, x=0)
-    stopped_ned_m = pilot.position
+    stopped_ned_m = pilot.position_m
     pilot.fly(3.0)
-    assert np.abs(pilot.position - stopped_ned_m).max() < 0.5
+    assert np.abs(pilot.position_m - stopped_ned_m).max() < 0.5
     assert pilot.height_m == pytest.approx(10.0, abs=0.7)
 
 
 def test_a_stick_within_the_dead_zone_has_no_effect(pilot):
-    pilot.switch(POSITION)
+    pilot.switch_mode(POSITION)
     pilot.fly(4.0, x=90, y=-90, r=90, z=545)
-    assert np.abs(pilot.velocity).max() < 0.1
+    assert np.abs(pilot.velocity_m_s).max() < 0.1
 
 
 def test_throttle_sets_the_climb_rate_and_a_centred_stick_keeps_the_altitude(pilot):
-    pilot.switch(ALTITUDE)
+    pilot.switch_mode(ALTITUDE)
     pilot.fly(3.0, z=1000)
-    assert -pilot.velocity[2] == pytest.approx(3.0, abs=0.5), "MPC_Z_VEL_MAX_UP"
+    assert -pilot.velocity_m_s[2] == pytest.approx(3.0, abs=0.5), "the climb rate is not MPC_Z_VEL_MAX_UP"
     pilot.fly(4.0, z=500)
-    hover_m = pilot.height_m
+    hover_height_m = pilot.height_m
     pilot.fly(4.0)
-    assert pilot.height_m == pytest.approx(hover_m, abs=0.2)
+    assert pilot.height_m == pytest.approx(hover_height_m, abs=0.2)
 
 
 def test_in_altitude_the_stick_sets_the_tilt_and_the_position_is_not_kept(pilot):
-    pilot.switch(ALTITUDE)
+    pilot.switch_mode(ALTITUDE)
     pilot.fly(2.0, y=1000)
-    assert math.degrees(pilot.euler[0]) == pytest.approx(35.0, abs=3.0), "MPC_MAN_TILT_MAX"
-    assert pilot.velocity[1] > 3.0
+    assert math.degrees(pilot.euler_rad[0]) == pytest.approx(35.0, abs=3.0), "not MPC_MAN_TILT_MAX"
+    assert pilot.velocity_m_s[1] > 3.0
     pilot.fly(1.0, y=0)
-    assert abs(math.degrees(pilot.euler[0])) < 3.0
-    assert pilot.velocity[1] > 0.5, "the vehicle was stopped"
+    assert abs(math.degrees(pilot.euler_rad[0])) < 3.0
+    assert pilot.velocity_m_s[1] > 0.5, "the vehicle was stopped"
 
 
 def test_the_yaw_stick_sets_the_yaw_rate_and_a_centred_stick_keeps_the_heading(pilot):
-    pilot.switch(POSITION)
+    pilot.switch_mode(POSITION)
     pilot.fly(1.0, r=500)
-    assert pilot.euler[2] > math.radians(10.0)
+    assert pilot.euler_rad[2] > math.radians(10.0)
     pilot.fly(2.0, r=0)
-    heading_rad = pilot.euler[2]
+    heading_rad = pilot.euler_rad[2]
     pilot.fly(3.0)
-    assert pilot.euler[2] == pytest.approx(heading_rad, abs=math.radians(1.0))
+    assert pilot.euler_rad[2] == pytest.approx(heading_rad, abs=math.radians(1.0))
 
 
 def test_in_stabilized_sticks_set_attitude_and_thrust(pilot):
-    pilot.switch(STABILIZED)
+    pilot.switch_mode(STABILIZED)
     pilot.fly(1.5, x=500)
-    assert math.degrees(pilot.euler[1]) == pytest.approx(-17.5, abs=1.5)
+    assert math.degrees(pilot.euler_rad[1]) == pytest.approx(-17.5, abs=1.5)
     # centred throttle is the estimated hover thrust, which changes slightly after fast flight
     assert float(pilot.sim.simulation.target.thrust[0]) == pytest.approx(0.49, abs=0.04)
     pilot.fly(0.3, x=0, z=1000)
@@ -157,10 +157,10 @@ def test_in_stabilized_sticks_set_attitude_and_thrust(pilot):
 
 
 def test_in_acro_sticks_set_body_rates(pilot):
-    pilot.switch(ACRO)
+    pilot.switch_mode(ACRO)
     pilot.fly(0.4, y=300)
     rates = pilot.sim.simulation.truth.rates_frd_rad_s[0]
-    assert math.degrees(rates[0]) == pytest.approx(30.0, abs=4.0), "30 % of MC_ACRO_R_MAX"
+    assert math.degrees(rates[0]) == pytest.approx(30.0, abs=4.0), "not 30 % of MC_ACRO_R_MAX"
 
 
 @pytest.mark.story
@@ -168,7 +168,7 @@ def test_the_throttle_stick_takes_off_and_lands():
     pilot = JoystickStation()
     pilot.run_until(lambda: pilot.ready, 15)
     pilot.fly(0.5, z=0)
-    pilot.switch(POSITION)
+    pilot.switch_mode(POSITION)
     pilot.command(400, 1)
     pilot.fly(2.0)
     assert pilot.armed
@@ -180,13 +180,13 @@ def test_the_throttle_stick_takes_off_and_lands():
     assert pilot.height_m < 0.05
 
 
-def test_in_gaps_of_the_sticks_the_vehicle_keeps_its_altitude_and_continues_its_climb_afterwards():
-    """Sticks are sent for half a second and then missing for a second; the failsafe for lost sticks is
+def test_in_gaps_between_stick_messages_the_vehicle_keeps_its_altitude_and_then_continues_its_climb():
+    """The station sends sticks for half a second, then none for a second; the failsafe for lost sticks is
     disabled."""
     pilot = JoystickStation(parameters={"NAV_RCL_ACT": 0})
     pilot.run_until(lambda: pilot.ready, 15)
     pilot.fly(0.5, z=0)
-    pilot.switch(POSITION)
+    pilot.switch_mode(POSITION)
     pilot.command(400, 1)
     pilot.fly(2.0)
     pilot.sticks["z"] = 900
@@ -194,20 +194,20 @@ def test_in_gaps_of_the_sticks_the_vehicle_keeps_its_altitude_and_continues_its_
     for _ in range(8):
         pilot.fly(0.5)
         pilot.run(0.8)
-        at_rest_m = pilot.height_m
+        height_in_gap_m = pilot.height_m
         pilot.run(0.2)
         heights_m.append(pilot.height_m)
-        assert heights_m[-1] >= at_rest_m - 0.05, "the vehicle descended in a gap"
+        assert heights_m[-1] >= height_in_gap_m - 0.05, "the vehicle descended in a gap"
     assert heights_m[-1] > 6.0
     assert heights_m[-1] - heights_m[-2] > 1.0
 
 
 def test_lost_sticks_trigger_the_failsafe(pilot):
-    pilot.switch(POSITION)
-    began_s = pilot.now_s
+    pilot.switch_mode(POSITION)
+    lost_at_s = pilot.now_s
     pilot.run(3.0)
-    assert pilot.active_mode != POSITION, "NAV_RCL_ACT"
-    assert any("Failsafe" in text for text in pilot.texts(began_s))
+    assert pilot.active_mode != POSITION, "NAV_RCL_ACT has no effect"
+    assert any("Failsafe" in text for text in pilot.texts(lost_at_s))
 
 
 def test_in_hold_a_moved_stick_takes_over_and_centred_sticks_do_not(pilot):
@@ -219,8 +219,8 @@ def test_in_hold_a_moved_stick_takes_over_and_centred_sticks_do_not(pilot):
 
 
 def test_sticks_for_other_vehicles_and_disabled_sticks_are_ignored(pilot):
-    before_s = pilot.sim.autopilots[0].sticks.received_at_s
+    received_before_s = pilot.sim.autopilots[0].sticks.received_at_s
     pilot.send("MANUAL_CONTROL", target=99, x=0, y=0, z=500, r=0)
     pilot.sim.autopilots[0].view.parameters.set("COM_RC_IN_MODE", 4)
     pilot.send("MANUAL_CONTROL", target=pilot.system_id, x=0, y=0, z=500, r=0)
-    assert pilot.sim.autopilots[0].sticks.received_at_s == before_s
+    assert pilot.sim.autopilots[0].sticks.received_at_s == received_before_s

@@ -20,31 +20,32 @@ def station() -> Station:
     return station
 
 
-def value(station: Station, name: str) -> float:
+def parameter(station: Station, name: str) -> float:
     return station.sim.simulation.parameters[0].get(name)
 
 
-def acks_of(station: Station, number: float) -> list[int]:
+def request_storage(station: Station, action: float) -> list[int]:
+    """Sends PREFLIGHT_STORAGE with this action; returns the results of its acknowledgements."""
     requested_s = station.now_s
-    station.command(STORAGE, number)
+    station.command(STORAGE, action)
     station.run(4.0)
     return station.acks(STORAGE, requested_s)
 
 
 @pytest.mark.parametrize(
-    ("number", "cruise", "flights", "calibrated"),
+    ("action", "cruise_m_s", "flight_uuid", "calibrated"),
     [(0, 7.0, 42, True), (1, 7.0, 42, True), (2, 5.0, 42, False), (3, 7.0, 42, False), (4, 5.0, 0, False)],
 )
-def test_each_number_resets_its_parameters(station, number, cruise, flights, calibrated):
-    assert set(acks_of(station, number)) == {ACCEPTED}
-    assert value(station, "MPC_XY_CRUISE") == cruise
-    assert value(station, "COM_FLIGHT_UUID") == flights
-    assert (value(station, "CAL_GYRO0_ID") != 0) is calibrated
-    assert value(station, "PWM_MAIN_FUNC1") == 101, "a default of the airframe was reset"
+def test_each_action_resets_its_parameters(station, action, cruise_m_s, flight_uuid, calibrated):
+    assert set(request_storage(station, action)) == {ACCEPTED}
+    assert parameter(station, "MPC_XY_CRUISE") == cruise_m_s
+    assert parameter(station, "COM_FLIGHT_UUID") == flight_uuid
+    assert (parameter(station, "CAL_GYRO0_ID") != 0) is calibrated
+    assert parameter(station, "PWM_MAIN_FUNC1") == 101, "a default of the airframe was reset"
 
 
 def test_without_calibrations_arming_is_denied_and_a_text_names_each_sensor(station):
-    acks_of(station, 2)
+    request_storage(station, 2)
     requested_s = station.now_s
     station.command(ARM, 1)
     station.run(1.0)
@@ -66,13 +67,13 @@ def test_a_compass_that_is_not_required_need_not_be_calibrated(station):
     assert station.armed
 
 
-@pytest.mark.parametrize("number", [-1, 5, NAN])
-def test_unsupported_numbers_are_not_acknowledged(station, number):
-    assert acks_of(station, number) == []
+@pytest.mark.parametrize("action", [-1, 5, NAN])
+def test_unsupported_actions_are_not_acknowledged(station, action):
+    assert request_storage(station, action) == []
 
 
 def test_a_reset_is_refused_while_armed(station):
     station.command(ARM, 1)
     station.run(1.0)
-    assert set(acks_of(station, 2)) == {TEMPORARILY_REJECTED}
-    assert value(station, "MPC_XY_CRUISE") == 7.0
+    assert set(request_storage(station, 2)) == {TEMPORARILY_REJECTED}
+    assert parameter(station, "MPC_XY_CRUISE") == 7.0

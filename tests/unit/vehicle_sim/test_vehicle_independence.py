@@ -14,7 +14,7 @@ from vehicle_sim.yaml_fields import parse_yaml
 STEPS = 250
 
 
-def climbing(count: int, first_vehicle: int = 0, seed: int = 3, **options) -> Simulation:
+def climbing_simulation(count: int, first_vehicle: int = 0, seed: int = 3, **options) -> Simulation:
     simulation = Simulation(
         count, seed=seed, first_vehicle=first_vehicle, start_ned_m=row_east(count, first_vehicle), **options
     )
@@ -37,7 +37,7 @@ def state_of(simulation: Simulation, row: int) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize(("count", "first_vehicle"), [(3, 0), (40, 1), (41, 0)])
 def test_a_vehicles_flight_is_bit_identical_in_a_fleet_of_any_size(count, first_vehicle):
-    single, fleet = climbing(1, 2), climbing(count, first_vehicle)
+    single, fleet = climbing_simulation(1, 2), climbing_simulation(count, first_vehicle)
     row = 2 - first_vehicle
     single.set_gusts(1.5)
     fleet.set_gusts(1.5, row)
@@ -57,7 +57,7 @@ def test_a_vehicles_flight_is_bit_identical_in_a_fleet_of_any_size(count, first_
 
 
 def test_wind_gusts_and_noise_are_set_per_vehicle():
-    simulation = climbing(3)
+    simulation = climbing_simulation(3)
     simulation.set_wind(np.array([0.0, 6.0, 0.0]), 1)
     simulation.set_gusts(2.0, 2)
     simulation.set_sensor_noise(0, 0.0)
@@ -73,15 +73,15 @@ def test_wind_gusts_and_noise_are_set_per_vehicle():
 
 def test_a_heavier_vehicle_hovers_with_more_thrust():
     stores = [Parameters({"SIH_MASS": mass}) for mass in (1.0, 1.2)]
-    high = np.array([[0.0, 0.0, -50.0], [0.0, 3.0, -50.0]])
-    simulation = Simulation(2, parameters=stores, start_ned_m=high)
+    starts_ned_m = np.array([[0.0, 0.0, -50.0], [0.0, 3.0, -50.0]])
+    simulation = Simulation(2, parameters=stores, start_ned_m=starts_ned_m)
     simulation.setpoints.armed[:] = True
     simulation.setpoints.level[:] = ControlLevel.TRAJECTORY
     simulation.setpoints.velocity_ned_m_s[:] = 0.0
     for _ in range(4 * STEPS):
         simulation.step()
-    light, heavy = simulation.truth.rotor_thrust.mean(axis=1)
-    assert heavy == pytest.approx(1.2 * light, rel=0.1)
+    light_thrust, heavy_thrust = simulation.truth.rotor_thrust.mean(axis=1)
+    assert heavy_thrust == pytest.approx(1.2 * light_thrust, rel=0.1)
 
 
 @pytest.mark.parametrize("factor", [-1.0, float("nan"), float("inf")])
@@ -99,9 +99,9 @@ def test_scripted_wind_gusts_and_noise_affect_only_the_named_vehicles():
     wind = sim.simulation._bodies.wind_ned_m_s
     assert not wind[0].any()
     assert wind[1, 1] > 2.0
-    measured = []
+    accelerations = []
     for _ in range(100):
         sim.step(0.004)
-        measured.append(sim.simulation.sensors.accel_frd_m_s2[:, 0].copy())
-    usual, scripted = np.std(measured, axis=0)
-    assert scripted > 2.0 * usual
+        accelerations.append(sim.simulation.sensors.accel_frd_m_s2[:, 0].copy())
+    usual_noise, scripted_noise = np.std(accelerations, axis=0)
+    assert scripted_noise > 2.0 * usual_noise

@@ -26,15 +26,16 @@ def send_vision(station):
 
 
 def send_odometry(station, frame=1, frame_yaw_rad=0.0):
+    """Sends the true pose and velocity as ODOMETRY in a frame that is turned by this yaw from NED."""
     c, s = math.cos(frame_yaw_rad), math.sin(frame_yaw_rad)
     position, velocity = (
         np.array([c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]])
         for v in (truth(station).position_ned_m[0], truth(station).velocity_ned_m_s[0])
     )
-    half = -frame_yaw_rad / 2
-    w, z = math.cos(half), math.sin(half)
-    a, b, cc, d = truth(station).q_ned_frd[0]
-    q = [w * a - z * d, w * b - z * cc, w * cc + z * b, w * d + z * a]
+    half_turn_rad = -frame_yaw_rad / 2
+    rw, rz = math.cos(half_turn_rad), math.sin(half_turn_rad)
+    qw, qx, qy, qz = truth(station).q_ned_frd[0]
+    q = [rw * qw - rz * qz, rw * qx - rz * qy, rw * qy + rz * qx, rw * qz + rz * qw]
     x, y, down = position
     vx, vy, vz = velocity
     station.send("ODOMETRY", x=x, y=y, z=down, q=q, vx=vx, vy=vy, vz=vz, frame_id=frame, child_frame_id=frame,
@@ -68,8 +69,8 @@ def test_vision_gives_a_position_which_is_invalid_after_vision_stops():
     assert not estimate(station).valid_position[0]
 
 
-@pytest.mark.parametrize(("frame", "frame_yaw_rad", "error_m"), [(1, 0.0, 0.5), (20, 1.2, 2.5)])
-def test_the_estimate_follows_odometry_of_a_moving_vehicle_in_both_frames(frame, frame_yaw_rad, error_m):
+@pytest.mark.parametrize(("frame", "frame_yaw_rad", "max_error_m"), [(1, 0.0, 0.5), (20, 1.2, 2.5)])
+def test_the_estimate_follows_odometry_of_a_moving_vehicle_in_both_frames(frame, frame_yaw_rad, max_error_m):
     """The vehicle rotates frame 20 (local FRD) by its estimated heading, which has an error of some
     degrees."""
     station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 7})
@@ -78,18 +79,18 @@ def test_the_estimate_follows_odometry_of_a_moving_vehicle_in_both_frames(frame,
     truth(station).velocity_ned_m_s[0] = (6.0, 2.0, 0.0)
     station.run(3, lambda: send_odometry(station, frame, frame_yaw_rad))
     error = estimate(station).position_ned_m[0] - truth(station).position_ned_m[0]
-    assert np.abs(error[:2]).max() < error_m
+    assert np.abs(error[:2]).max() < max_error_m
     error = estimate(station).velocity_ned_m_s[0] - truth(station).velocity_ned_m_s[0]
-    assert np.abs(error[:2]).max() < 0.4 + 0.3 * error_m
+    assert np.abs(error[:2]).max() < 0.4 + 0.3 * max_error_m
 
 
 def test_an_outlier_of_vision_is_rejected():
     station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 3})
     station.run(6, lambda: send_vision(station))
-    before = estimate(station).position_ned_m[0].copy()
+    before_ned_m = estimate(station).position_ned_m[0].copy()
     station.send("VISION_POSITION_ESTIMATE", x=500.0, y=0.0, z=0.0, covariance=[math.nan] * 21)
     station.run(0.1)
-    assert np.abs(estimate(station).position_ned_m[0] - before).max() < 0.2
+    assert np.abs(estimate(station).position_ned_m[0] - before_ned_m).max() < 0.2
 
 
 def test_with_gps_a_vision_outlier_has_no_effect():

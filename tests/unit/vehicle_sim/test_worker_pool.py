@@ -10,18 +10,18 @@ from vehicle_sim.worker_pool import VEHICLES_PER_PROCESS, Shard, process_count, 
 @pytest.mark.parametrize("vehicles", [1, 2, 7, 100, 250])
 @pytest.mark.parametrize("processes", [1, 2, 3, 8])
 def test_each_vehicle_is_in_exactly_one_shard(vehicles: int, processes: int) -> None:
-    parts = split_fleet(vehicles, processes)
-    assert [index for part in parts for index in range(part.first, part.first + part.count)] == list(
+    shards = split_fleet(vehicles, processes)
+    assert [index for shard in shards for index in range(shard.first, shard.first + shard.count)] == list(
         range(vehicles)
     )
-    assert len(parts) == min(vehicles, processes)
-    assert max(part.count for part in parts) - min(part.count for part in parts) <= 1
+    assert len(shards) == min(vehicles, processes)
+    assert max(shard.count for shard in shards) - min(shard.count for shard in shards) <= 1
 
 
 def test_start_positions_are_the_same_as_in_one_process() -> None:
-    row = row_east(5)
-    for part in split_fleet(5, 2):
-        assert (row_east(part.count, part.first) == row[part.first : part.first + part.count]).all()
+    starts = row_east(5)
+    for shard in split_fleet(5, 2):
+        assert (row_east(shard.count, shard.first) == starts[shard.first : shard.first + shard.count]).all()
 
 
 def test_few_vehicles_stay_in_one_process() -> None:

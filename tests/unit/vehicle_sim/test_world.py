@@ -42,8 +42,8 @@ def test_rays_hit_boxes_and_ground_at_the_calculated_distances():
 
 
 def test_rays_hit_rotated_boxes_and_walls_on_their_faces():
-    turned = Box("turned", 10.0, 0.0, 2.0, 2.0, 3.0, yaw_ned_rad=math.pi / 4)
-    assert cast(World(boxes=(turned,)), (0, 0, -1), (1, 0, 0))[0] == pytest.approx(10 - math.sqrt(2))
+    turned_box = Box("turned", 10.0, 0.0, 2.0, 2.0, 3.0, yaw_ned_rad=math.pi / 4)
+    assert cast(World(boxes=(turned_box,)), (0, 0, -1), (1, 0, 0))[0] == pytest.approx(10 - math.sqrt(2))
     fence = wall("fence", (5, -5), (5, 5), height_m=2, thickness_m=0.4)
     assert cast(World(boxes=(fence,)), (0, 3, -1), (1, 0, 0))[0] == pytest.approx(4.8)
     assert cast(World(boxes=(fence,)), (0, 5.1, -1), (1, 0, 0))[0] == math.inf
@@ -80,7 +80,7 @@ def test_vehicles_rest_on_prisms_and_are_moved_out_of_their_sides():
     positions = np.array([[18.0, 0.0, -3.0], [9.8, -2.0, -1.0], [12.0, 2.5, -1.0]])
     velocity = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     assert contact.support_down_m(positions).tolist() == [-3.0, 0.0, 0.0]
-    assert [(each.row, each.obstacle) for each in contact.collide(positions, velocity)] == [(1, "l")]
+    assert [(hit.row, hit.obstacle) for hit in contact.collide(positions, velocity)] == [(1, "l")]
     assert positions[1] == pytest.approx([9.7, -2.0, -1.0])
     assert velocity[1, 0] < 0.0
     assert contact.collide(positions, velocity) == [], "the crashed vehicle collided again"
@@ -133,23 +133,24 @@ def test_distant_obstacles_do_not_change_a_flight():
 def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
     station = Station(world=load_world("obstacle-box"), links=BOTH)
     station.take_off_and_hover(2.5)
-    box_north = float(station.sim.simulation.truth.position_ned_m[0, 0])
-    ahead = [m for m in station.received("DISTANCE_SENSOR", via="api") if m.orientation == 0][-1]
-    down = [m for m in station.received("DISTANCE_SENSOR", via="api") if m.orientation == 25][-1]
-    assert ahead.current_distance == pytest.approx((5 - 0.75 - box_north) * 100, abs=40)
-    assert down.current_distance == pytest.approx(station.height_m * 100, abs=20)
-    around = station.received("OBSTACLE_DISTANCE", via="api")[-1]
-    assert abs(around.distances[0] - ahead.current_distance) < 15
-    assert around.distances[36] == around.max_distance + 1 == 2001, "no obstacle behind"
+    vehicle_north_m = float(station.sim.simulation.truth.position_ned_m[0, 0])
+    forward_message = [m for m in station.received("DISTANCE_SENSOR", via="api") if m.orientation == 0][-1]
+    down_message = [m for m in station.received("DISTANCE_SENSOR", via="api") if m.orientation == 25][-1]
+    # The box is 1.5 m long, with its centre at 5 m.
+    assert forward_message.current_distance == pytest.approx((5 - 0.75 - vehicle_north_m) * 100, abs=40)
+    assert down_message.current_distance == pytest.approx(station.height_m * 100, abs=20)
+    around_message = station.received("OBSTACLE_DISTANCE", via="api")[-1]
+    assert abs(around_message.distances[0] - forward_message.current_distance) < 15
+    assert around_message.distances[36] == around_message.max_distance + 1 == 2001, "an obstacle is behind"
     began_s = station.now_s
 
-    def north():
+    def send_velocity_north():
         station.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, coordinate_frame=1,
                      type_mask=0b110111000111, vx=2.0)  # fmt: skip
 
-    station.run(1.0, north)
+    station.run(1.0, send_velocity_north)
     station.command(176, 1, 6)
-    station.run_until(lambda: not station.armed, 15, north)
+    station.run_until(lambda: not station.armed, 15, send_velocity_north)
     assert "Collision with the obstacle box: motors stopped" in station.texts(began_s)
     station.run(4.0)
     position = station.sim.simulation.truth.position_ned_m[0]
