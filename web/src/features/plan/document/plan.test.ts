@@ -79,20 +79,20 @@ describe('the map', () => {
     const ids = layer.points.map((point) => point.id);
     expect(ids).toEqual(expect.arrayContaining(['home', 'item:0', 'item:1', 'middle:1', 'corner:0:3', 'side:0:4']));
     expect(layer.points.filter((point) => point.selected).map((point) => point.id)).toEqual(['item:1']);
-    const middle = layer.points.find((point) => point.id === 'middle:1');
-    expect(groundDistance_m(middle ?? HOME, at(20))).toBeLessThan(0.01);
+    const midpoint = layer.points.find((point) => point.id === 'middle:1');
+    expect(groundDistance_m(midpoint ?? HOME, at(20))).toBeLessThan(0.01);
   });
   it('shows midpoints of a long plan only beside the selection', () => {
     const plan = planOf(...Array.from({ length: 200 }, (_, i) => waypoint(i * 10)));
-    const middles = (selected: string[]) => planLayer(plan, new Set(selected), null, HOME).points.filter((point) => point.mark === 'midpoint');
-    expect(middles([])).toEqual([]);
-    expect(middles(['item:7']).map((point) => point.id)).toEqual(['middle:7', 'middle:8']);
+    const midpoints = (selected: string[]) => planLayer(plan, new Set(selected), null, HOME).points.filter((point) => point.mark === 'midpoint');
+    expect(midpoints([])).toEqual([]);
+    expect(midpoints(['item:7']).map((point) => point.id)).toEqual(['middle:7', 'middle:8']);
   });
   it('has the altitudes of items, path and rally points for the 3D view', () => {
-    const high = { ...waypoint(10), altitude: { value_m: 900, reference: 'amsl' as const } };
-    const terrain = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
+    const highItem = { ...waypoint(10), altitude: { value_m: 900, reference: 'amsl' as const } };
+    const terrainItem = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
     const layer = planLayer(
-      { ...planOf(waypoint(0), high, terrain), rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' } }] },
+      { ...planOf(waypoint(0), highItem, terrainItem), rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' } }] },
       new Set(),
       null,
       HOME,
@@ -105,8 +105,8 @@ describe('the map', () => {
     expect(layer.ground).toEqual(HOME);
   });
   it('raises items and rally points within the altitude limits, with their resolved altitudes', () => {
-    const terrain = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
-    const plan = { ...fenced, items: [terrain], rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' as const } }] };
+    const terrainItem = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
+    const plan = { ...fenced, items: [terrainItem], rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' as const } }] };
     expect(raisePoint(plan, 'item:0', 2.5).items[0]?.altitude).toEqual({ value_m: 9.5, reference: 'terrain', resolved_amsl_m: 509.5 });
     expect(raisePoint(plan, 'item:0', 1e9).items[0]?.altitude?.value_m).toBe(100_000);
     expect(raisePoint(plan, 'rally:0', -3).rally_points[0]?.altitude.value_m).toBe(17);
@@ -187,8 +187,8 @@ describe('the altitude profile', () => {
     ]);
   });
   it('has a gap where an altitude cannot be compared with home', () => {
-    const amsl: Item = { ...waypoint(200), altitude: { value_m: 520, reference: 'amsl' } };
-    const plan = { ...planOf(waypoint(100), amsl, waypoint(300)), planned_home: null };
+    const amslItem: Item = { ...waypoint(200), altitude: { value_m: 520, reference: 'amsl' } };
+    const plan = { ...planOf(waypoint(100), amslItem, waypoint(300)), planned_home: null };
     expect(profile(plan).points.map((point) => point.alt_home_m)).toEqual([30, null, 30]);
     expect(polylines(profile(plan), 300, 100)).toHaveLength(2);
     expect(profile({ ...plan, planned_home: HOME }).points.map((point) => point.alt_home_m)).toEqual([0, 30, 40, 30]);

@@ -49,7 +49,7 @@ const VIEW = {
   monte_carlo: null,
   together: null,
 } as unknown as DryRunView;
-const TOGETHER = {
+const TWO_ROLES = {
   ...VIEW,
   together: {
     roles: {
@@ -74,10 +74,10 @@ const MONTE_CARLO = {
   },
 } as unknown as DryRunView;
 
-const MONTE_CARLO_TOGETHER = {
+const MONTE_CARLO_TWO_ROLES = {
   ...MONTE_CARLO,
   together: {
-    ...TOGETHER.together,
+    ...TWO_ROLES.together,
     monte_carlo: {
       roles: { lead: MONTE_CARLO.monte_carlo, left: { ...MONTE_CARLO.monte_carlo, battery_end_share: null } },
       closest: [{ roles: ['lead', 'left'], distance_m: { least: 6.21 }, nearer_than_minimum: { count: 0, upper: 0.161 } }],
@@ -102,7 +102,7 @@ describe('a dry run', () => {
     expect(ring?.ring).toHaveLength(4);
     expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
     expect(dryRunLayer(VIEW).areas).toEqual([]);
-    expect(dryRunLayer(MONTE_CARLO_TOGETHER).areas).toHaveLength(2);
+    expect(dryRunLayer(MONTE_CARLO_TWO_ROLES).areas).toHaveLength(2);
   });
 
   it('draws the corridor of a path that turns back as areas that do not cross each other', () => {
@@ -121,12 +121,12 @@ describe('a dry run', () => {
   it('draws the vehicle with its heading, and the ground that its camera sees', () => {
     const layer = simulatedVehicleLayer(VIEW, 10);
     expect(layer?.points).toMatchObject([{ id: 'simulated vehicle', mark: 'vehicle', yaw_deg: expect.closeTo(90) }]);
-    const ahead = layer?.areas[0]?.ring[2] ?? ORIGIN;
-    expect(groundDistance_m(ahead, positionAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
+    const groundCorner = layer?.areas[0]?.ring[2] ?? ORIGIN;
+    expect(groundDistance_m(groundCorner, positionAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
     expect(simulatedVehicleLayer(VIEW, 20)?.areas).toEqual([]);
     expect(simulatedVehicleLayer({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
-    expect(simulatedVehicleLayer(TOGETHER, 10)?.points.map(({ id }) => id)).toEqual(['simulated vehicle', 'simulated vehicle 1']);
-    expect(dryRunLayer(TOGETHER).lines).toHaveLength(2);
+    expect(simulatedVehicleLayer(TWO_ROLES, 10)?.points.map(({ id }) => id)).toEqual(['simulated vehicle', 'simulated vehicle 1']);
+    expect(dryRunLayer(TWO_ROLES).lines).toHaveLength(2);
   });
 
   it('plots values over time, with the band of 90 % of many flights', () => {
@@ -142,11 +142,11 @@ describe('a dry run', () => {
   });
 
   it('shows the terrain below the path, in a scale that contains both', () => {
-    const hilly = { ...VIEW, nominal: { ...VIEW.nominal, path: { ...VIEW.nominal.path, ground_m: [0, 5, 20] } } } as DryRunView;
-    const altitude = traceOf(hilly, 'Altitude');
+    const hillyView = { ...VIEW, nominal: { ...VIEW.nominal, path: { ...VIEW.nominal.path, ground_m: [0, 5, 20] } } } as DryRunView;
+    const altitude = traceOf(hillyView, 'Altitude');
     expect(altitude?.top).toBe(20);
     expect(altitude && plotPaths(altitude, 100, 40).ground).toBe('M0 40L0.0 40.0L50.0 30.0L100.0 0.0L100 40Z');
-    expect(traceOf(hilly, 'Speed')?.ground).toEqual([]);
+    expect(traceOf(hillyView, 'Speed')?.ground).toEqual([]);
     const path = { ...VIEW.nominal.path, battery_share: null };
     expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();
   });
@@ -160,11 +160,11 @@ describe('a dry run', () => {
 
   it('has a result with numbers', () => {
     expect(resultLines(VIEW)).toEqual(['Dry run: 1 min 05 s, 120 m, battery 100 % → 81 %.']);
-    expect(resultLines(TOGETHER)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 1 min 05 s.');
+    expect(resultLines(TWO_ROLES)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 1 min 05 s.');
     expect(resultLines(MONTE_CARLO)[1]).toBe(
       '2 simulated flights: 95 % within 2.0 m of the path; flight time 1 min 00 s to 1 min 10 s (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
     );
-    expect(resultLines(MONTE_CARLO_TOGETHER).slice(2)).toEqual([
+    expect(resultLines(MONTE_CARLO_TWO_ROLES).slice(2)).toEqual([
       'lead, 2 simulated flights: 95 % within 2.0 m of the path; flight time 1 min 00 s to 1 min 10 s (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
       'left, 2 simulated flights: 95 % within 2.0 m of the path; flight time 1 min 00 s to 1 min 10 s (5th to 95th percentile).',
       'Smallest separation of lead and left in all flights: 6.2 m. In 0 flights they came closer than the minimum separation (estimated probability: at most 16 %).',
@@ -176,8 +176,8 @@ describe('a dry run', () => {
   });
 
   it('sends mass, battery and endurance as entered', () => {
-    const stated = { ...DEFAULT_CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
-    expect(toDryRunRequest(stated)).toMatchObject({
+    const entered = { ...DEFAULT_CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
+    expect(toDryRunRequest(entered)).toMatchObject({
       conditions: { mass_scale: 1.1, battery_scale: 0.9 },
       flights: 20,
       endurance_s: 1800,
@@ -189,12 +189,12 @@ describe('a dry run', () => {
       conditions: { sensor_noise: 2 },
       spread: { wind_m_s: 3, gusts: 0.3, mass: 0.1, battery: 0.05, sensor_noise: 0 },
     });
-    expect(powerOf(stated)).toBeNull();
-    expect(powerOf({ ...stated, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
+    expect(powerOf(entered)).toBeNull();
+    expect(powerOf({ ...entered, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
     const row = (name: string) => CONDITION_ROWS.find((condition) => condition.name === name) as ConditionRow;
-    expect(withCondition(stated, row('flights'), 7.6).flights).toBe(8);
-    expect(withCondition(stated, row('hover_power_w'), null).hover_power_w).toBeNull();
-    expect(withCondition(stated, row('wind_m_s'), null)).toBe(stated);
+    expect(withCondition(entered, row('flights'), 7.6).flights).toBe(8);
+    expect(withCondition(entered, row('hover_power_w'), null).hover_power_w).toBeNull();
+    expect(withCondition(entered, row('wind_m_s'), null)).toBe(entered);
   });
 
   it('has the server’s default variations of the conditions', () => {
@@ -211,14 +211,14 @@ describe('a dry run', () => {
       requests.push(`${init.method} ${path.replace('/api/v1', '')}`);
       return Promise.resolve(new Response(JSON.stringify(responses.shift())));
     });
-    const run = new DryRun(api);
+    const dryRun = new DryRun(api);
     const event = (operation: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation });
-    await run.start(EMPTY_PLAN, { vehicle: '1' }, DEFAULT_CONDITIONS);
-    await run.onEvent(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
-    expect([run.running, run.resultOf(EMPTY_PLAN)]).toEqual([true, null]);
-    await run.onEvent(event(operation('succeeded', { dry_run: 'd7' })));
-    expect(run.resultOf(EMPTY_PLAN)).toEqual(VIEW);
-    expect(run.resultOf({ ...EMPTY_PLAN })).toBeNull();
+    await dryRun.start(EMPTY_PLAN, { vehicle: '1' }, DEFAULT_CONDITIONS);
+    await dryRun.onEvent(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
+    expect([dryRun.running, dryRun.resultOf(EMPTY_PLAN)]).toEqual([true, null]);
+    await dryRun.onEvent(event(operation('succeeded', { dry_run: 'd7' })));
+    expect(dryRun.resultOf(EMPTY_PLAN)).toEqual(VIEW);
+    expect(dryRun.resultOf({ ...EMPTY_PLAN })).toBeNull();
     expect(requests).toEqual(['POST /dry_runs', 'GET /dry_runs/d7']);
   });
 

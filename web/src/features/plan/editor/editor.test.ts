@@ -121,7 +121,7 @@ describe('the editor', () => {
 });
 
 /** A fake server: gives these responses in order and records the requests. */
-function server(...responses: readonly [number, unknown][]) {
+function fakeServer(...responses: readonly [number, unknown][]) {
   const requests: { call: string; body: unknown }[] = [];
   let responseCount = 0;
   const api = new ApiClient('p', undefined, (path, init) => {
@@ -132,7 +132,7 @@ function server(...responses: readonly [number, unknown][]) {
   return { requests, api: new PlanApi(api) };
 }
 
-function memory(): Pick<Storage, 'getItem' | 'setItem' | 'removeItem'> {
+function memoryStorage(): Pick<Storage, 'getItem' | 'setItem' | 'removeItem'> {
   const stored = new Map<string, string>();
   return { getItem: (key) => stored.get(key) ?? null, setItem: (key, value) => void stored.set(key, value), removeItem: (key) => void stored.delete(key) };
 }
@@ -142,8 +142,8 @@ const version = (number: number) => ({ id: 'abc', name: 'Tower', version: number
 describe('plans on the server', () => {
   it('are created at the first save, and are later saved with the version that they are based on', async () => {
     const editor = editorWithWaypoints();
-    const { api, requests } = server([201, version(1)], [200, version(2)]);
-    const plans = new Plans(api, editor, memory());
+    const { api, requests } = fakeServer([201, version(1)], [200, version(2)]);
+    const plans = new Plans(api, editor, memoryStorage());
     editor.rename('Tower');
     expect(plans.saved).toBe(false);
     await plans.save();
@@ -162,8 +162,8 @@ describe('plans on the server', () => {
   it('saved by another client are not overwritten; the local plan can be saved as a new plan', async () => {
     const editor = editorWithWaypoints();
     const conflict = { code: 'conflict', detail: 'Plan Tower is at version 2, saved by bob.', remedy: 'Open version 2.' };
-    const { api, requests } = server([201, version(1)], [409, conflict], [201, { ...version(1), id: 'new' }]);
-    const plans = new Plans(api, editor, memory());
+    const { api, requests } = fakeServer([201, version(1)], [409, conflict], [201, { ...version(1), id: 'new' }]);
+    const plans = new Plans(api, editor, memoryStorage());
     await plans.save();
     editor.press(at(40));
     await plans.save();
@@ -176,8 +176,8 @@ describe('plans on the server', () => {
 
   it('have older versions that can be opened and saved as the newest version', async () => {
     const editor = editorWithWaypoints();
-    const { api, requests } = server([200, { versions: [version(3), version(2)] }], [200, { ...version(2), plan: EMPTY_PLAN }], [200, version(4)]);
-    const plans = new Plans(api, editor, memory());
+    const { api, requests } = fakeServer([200, { versions: [version(3), version(2)] }], [200, { ...version(2), plan: EMPTY_PLAN }], [200, version(4)]);
+    const plans = new Plans(api, editor, memoryStorage());
     const [newest, older] = (await plans.versions('abc')) ?? [];
     expect(await plans.openVersion(older as PlanVersion, newest as PlanVersion)).toBe(true);
     expect([editor.plan.items.length, plans.saved, plans.current?.version, plans.notice?.olderVersion]).toEqual([0, false, 3, true]);
@@ -191,8 +191,8 @@ describe('plans on the server', () => {
 
   it('have a notice that names the client who saved or deleted the open plan', async () => {
     const editor = editorWithWaypoints();
-    const { api } = server([201, version(1)]);
-    const plans = new Plans(api, editor, memory());
+    const { api } = fakeServer([201, version(1)]);
+    const plans = new Plans(api, editor, memoryStorage());
     await plans.save();
     const event = { kind: 'plan_changed', vehicle: null, unix_s: 0, severity: null, text: '', action: 'saved', client: 'bob', plan: version(2) };
     plans.onEvent({ ...event, client_key: 'me' }, 'me');
@@ -204,27 +204,27 @@ describe('plans on the server', () => {
   });
 
   it('are restored after a reload of the page, saved or not', async () => {
-    const storage = memory();
+    const storage = memoryStorage();
     const editor = editorWithWaypoints();
-    const { api } = server([201, version(1)]);
+    const { api } = fakeServer([201, version(1)]);
     const plans = new Plans(api, editor, storage);
     await plans.save();
     plans.store(editor.draft);
     const reloadedEditor = new PlanEditor();
-    const reloaded = new Plans(server().api, reloadedEditor, storage);
+    const reloaded = new Plans(fakeServer().api, reloadedEditor, storage);
     expect(reloadedEditor.plan).toEqual(editor.plan);
     expect([reloaded.saved, reloaded.current?.version, reloadedEditor.canUndo]).toEqual([true, 1, false]);
     editor.press(at(40));
     plans.store(editor.draft);
-    const unsaved = new Plans(server().api, new PlanEditor(), storage);
+    const unsaved = new Plans(fakeServer().api, new PlanEditor(), storage);
     expect([unsaved.saved, unsaved.current?.id]).toEqual([false, 'abc']);
   });
 
   it('need an altitude for imported points without an altitude', async () => {
-    const refused = { code: 'invalid_request', detail: 'point 1: it has no altitude.', remedy: 'Give an altitude with its reference for the import.' };
-    const { api, requests } = server([422, refused], [200, { plan: { ...EMPTY_PLAN, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
+    const refusal = { code: 'invalid_request', detail: 'point 1: it has no altitude.', remedy: 'Give an altitude with its reference for the import.' };
+    const { api, requests } = fakeServer([422, refusal], [200, { plan: { ...EMPTY_PLAN, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
     const editor = editorWithWaypoints();
-    const plans = new Plans(api, editor, memory());
+    const plans = new Plans(api, editor, memoryStorage());
     const file = new File(['x'], 'field.kml');
     expect(await plans.import(file)).toBe(false);
     expect(plans.notice?.file).toBe(file);
@@ -238,8 +238,8 @@ describe('plans on the server', () => {
 
   it('are checked again after another vehicle was selected and its battery was entered', async () => {
     const check = { findings: [], estimates: {}, not_known: [] };
-    const { api, requests } = server([200, check], [200, check]);
-    const storage = memory();
+    const { api, requests } = fakeServer([200, check], [200, check]);
+    const storage = memoryStorage();
     const plans = new Plans(api, editorWithWaypoints(), storage);
     await plans.runCheck();
     plans.vehicle = '7';
@@ -252,9 +252,9 @@ describe('plans on the server', () => {
   });
 
   it('are checked again after the page has read the missing parameters', async () => {
-    const unknown = { findings: [{ code: 'parameters_unknown' }], estimates: {}, not_known: [] };
-    const { api, requests } = server([200, unknown], [503, { detail: 'Busy.' }], [200, {}], [200, { ...unknown, findings: [] }]);
-    const plans = new Plans(api, editorWithWaypoints(), memory());
+    const incompleteCheck = { findings: [{ code: 'parameters_unknown' }], estimates: {}, not_known: [] };
+    const { api, requests } = fakeServer([200, incompleteCheck], [503, { detail: 'Busy.' }], [200, {}], [200, { ...incompleteCheck, findings: [] }]);
+    const plans = new Plans(api, editorWithWaypoints(), memoryStorage());
     plans.vehicle = '7';
     await plans.runCheck();
     await plans.readParameters('7');
@@ -266,8 +266,8 @@ describe('plans on the server', () => {
 
   it('need a new check after each change, and show why a check failed', async () => {
     const editor = editorWithWaypoints();
-    const { api } = server([200, { findings: [], estimates: {}, not_known: [] }], [503, { detail: 'Busy.' }]);
-    const plans = new Plans(api, editor, memory());
+    const { api } = fakeServer([200, { findings: [], estimates: {}, not_known: [] }], [503, { detail: 'Busy.' }]);
+    const plans = new Plans(api, editor, memoryStorage());
     await plans.runCheck();
     expect([plans.isChecked, plans.check?.findings]).toEqual([true, []]);
     editor.begin(HOME);

@@ -1,4 +1,4 @@
-import text from '../../../../../tests/data/plan_fixes/cases.json?raw';
+import casesText from '../../../../../tests/data/plan_fixes/cases.json?raw';
 import { expect, it } from 'vitest';
 import type { Plan } from '../document/document';
 import { fixOf, type Finding } from '../document/fixes';
@@ -6,16 +6,14 @@ import { fixOf as fixOfMission } from '../offboard/fixes';
 import type { Mission } from '../offboard/mission';
 import { missionFrameOf } from '../offboard/positions';
 
-/**
- * Plans with one finding each, made by `tests/unit/gcs_server/plans/test_fixes.py`, which also checks the fixed plans.
- */
-const FIXED = '../../../../../tests/data/plan_fixes/fixed.json';
+/** The plans after their fixes. `tests/unit/gcs_server/plans/test_fixes.py` makes the plans before the fixes and checks these plans. */
+const FIXED_PLANS = '../../../../../tests/data/plan_fixes/fixed.json';
 interface Case {
   readonly document: Plan | Mission;
   readonly finding: Finding;
 }
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
-const cases = JSON.parse(text) as Record<string, Case>;
+const cases = JSON.parse(casesText) as Record<string, Case>;
 
 it('each fix makes the plan in the file that the server’s test checks', async () => {
   const fixed: string[] = [];
@@ -25,5 +23,5 @@ it('each fix makes the plan in the file that the server’s test checks', async 
     expect(fix?.plan, name).not.toEqual(document);
     fixed.push(`${JSON.stringify(name)}: ${JSON.stringify(fix?.plan)}`);
   }
-  await expect(`{\n${fixed.join(',\n')}\n}\n`).toMatchFileSnapshot(FIXED);
+  await expect(`{\n${fixed.join(',\n')}\n}\n`).toMatchFileSnapshot(FIXED_PLANS);
 });

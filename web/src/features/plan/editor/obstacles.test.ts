@@ -16,7 +16,7 @@ const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
 const CORNERS = [at(20, -5), at(30, -5), at(30, 5), at(20, 5)];
 const BARN: Obstacle = { name: 'Barn', polygon: CORNERS, top: { value_m: 8, reference: 'home' } };
-const NONE: ReadonlySet<string> = new Set();
+const NO_SELECTION: ReadonlySet<string> = new Set();
 
 function editorWithObstacle(mission = false): PlanEditor {
   const editor = new PlanEditor();
@@ -77,11 +77,11 @@ describe('a plan with obstacles', () => {
   };
 
   it('shows the obstacles on the map and in the list', () => {
-    const { lines, areas, points } = planLayer(plan, NONE, null, HOME);
+    const { lines, areas, points } = planLayer(plan, NO_SELECTION, null, HOME);
     expect(lines.filter((line) => line.style === 'solid' && line.tone === 'danger')).toHaveLength(2);
     expect(areas.map((area) => area.ring)).toEqual([CORNERS, CORNERS]);
     expect(points.filter(({ id }) => id.startsWith('obstacle:1:'))).toHaveLength(4);
-    expect(planLayer(plan, NONE, null, HOME).solids).toEqual([488, 500].map((top_amsl_m) => ({ ring: CORNERS, top_amsl_m, tone: 'danger' })));
+    expect(planLayer(plan, NO_SELECTION, null, HOME).solids).toEqual([488, 500].map((top_amsl_m) => ({ ring: CORNERS, top_amsl_m, tone: 'danger' })));
     expect(planEntries(plan).map((entry) => `${entry.title}|${entry.detail}`)).toEqual([
       'Home|480.0 m AMSL',
       'Waypoint|5.0 m above home',
@@ -108,9 +108,9 @@ describe('a plan with obstacles', () => {
   });
 
   it('may have been stored without the field `obstacles`', () => {
-    const { obstacles: _, ...old } = plan;
-    expect(planLayer(old, NONE, null, HOME).areas).toEqual([]);
-    expect(planEntries(old)).toHaveLength(2);
+    const { obstacles: _, ...olderPlan } = plan;
+    expect(planLayer(olderPlan, NO_SELECTION, null, HOME).areas).toEqual([]);
+    expect(planEntries(olderPlan)).toHaveLength(2);
   });
 });
 
@@ -119,7 +119,7 @@ describe('a mission with obstacles', () => {
   const frame = missionFrameOf(mission, HOME, HOME);
 
   it('shows the obstacles in the 3D view from the ground to their tops', () => {
-    const layer = layerOf(mission, NONE, null, frame, { flight: null, isCurrent: false });
+    const layer = layerOf(mission, NO_SELECTION, null, frame, { flight: null, isCurrent: false });
     expect(layer.solids).toEqual([{ ring: CORNERS, top_amsl_m: 488, tone: 'danger' }]);
   });
 

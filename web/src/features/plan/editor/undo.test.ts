@@ -65,10 +65,10 @@ class Session {
   }
 
   drag(ids: readonly string[], to: readonly [number, number]): void {
-    const [first = ''] = ids;
+    const [grabbed = ''] = ids;
     this.editor.select(ids);
-    this.editor.grab(first);
-    for (const part of [0.3, 0.7, 1]) this.editor.drag(first, at(to[0] * part, to[1] * part));
+    this.editor.grab(grabbed);
+    for (const fraction of [0.3, 0.7, 1]) this.editor.drag(grabbed, at(to[0] * fraction, to[1] * fraction));
     this.editor.drop(true);
   }
 
@@ -191,7 +191,7 @@ const MISSION_EDITS: Edits = {
   'begin a mission': ({ editor }) => editor.beginMission(HOME),
 };
 
-/** Every field of the mission itself: limits, actions, avoidance, description. */
+/** One edit of each field of the mission itself: limits, actions, avoidance, description. */
 function missionFieldEdits(mission: Mission): Edits {
   return Object.fromEntries(
     missionFields(mission).map(({ name }) => [
@@ -204,7 +204,7 @@ function missionFieldEdits(mission: Mission): Edits {
   );
 }
 
-/** Every field of a trajectory step. */
+/** One edit of each of four fields of a trajectory step. */
 const STEP_EDITS: Edits = Object.fromEntries(
   ['speed_m_s', 'heading', 'photo_every_m', 'avoidance'].map((name) => [
     `change ${name} of a step`,

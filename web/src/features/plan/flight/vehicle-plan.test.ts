@@ -10,17 +10,17 @@ import { VehicleMission } from './vehicle-mission.svelte';
 import { continueButtonText, interruptedText, resumeBody, resumeQuestion, resumeButtonText, startBody, startQuestion } from './mission-start';
 
 describe('the plan on the vehicle', () => {
-  const operation = (over: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...over });
+  const operation = (more: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...more });
   const view = (state: string, plan: object | null, transfer: string | null = null) => ({
     vehicle: '1',
     mission: null,
     transfer,
     holds: { state, plan, known_unix_s: 1 },
   });
-  const named = { id: 'abc', version: 2, name: 'Tower' };
-  const event = (over: object) => ({ kind: 'operation', vehicle: '1', unix_s: 0, severity: null, text: '', operation: operation(over) });
+  const tower = { id: 'abc', version: 2, name: 'Tower' };
+  const event = (more: object) => ({ kind: 'operation', vehicle: '1', unix_s: 0, severity: null, text: '', operation: operation(more) });
   /** Waits until pending requests have been answered. */
-  const settled = () => new Promise((resolve) => setTimeout(resolve));
+  const settle = () => new Promise((resolve) => setTimeout(resolve));
 
   /** A page with a fake server, which gives these responses in order and records the requests. */
   function pageWith(...responses: readonly [number, unknown][]) {
@@ -35,9 +35,9 @@ describe('the plan on the vehicle', () => {
   }
 
   it('matches the edited plan only in exactly the same version', async () => {
-    const { mission } = pageWith([200, view('plan', named)]);
+    const { mission } = pageWith([200, view('plan', tower)]);
     mission.selectVehicle('1');
-    await settled();
+    await settle();
     expect([mission.hasVersion('abc', 2), mission.hasVersion('abc', 3), mission.hasVersion('other', 2)]).toEqual([true, false, false]);
     expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 2 })).toBe('This plan is on 101 Quad.');
     expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 3 })).toBe('On 101 Quad: version 2 of this plan.');
@@ -46,23 +46,23 @@ describe('the plan on the vehicle', () => {
 
   it('does not match if the vehicle has another or an unknown plan', async () => {
     for (const state of ['another', 'not_known']) {
-      const { mission } = pageWith([200, view(state, named)]);
+      const { mission } = pageWith([200, view(state, tower)]);
       mission.selectVehicle('1');
-      await settled();
+      await settle();
       expect(mission.hasVersion('abc', 2)).toBe(false);
     }
   });
 
   it('is uploaded with progress and requested again after the upload', async () => {
-    const { mission, requests } = pageWith([200, view('not_known', null)], [202, operation({})], [200, view('plan', named)]);
+    const { mission, requests } = pageWith([200, view('not_known', null)], [202, operation({})], [200, view('plan', tower)]);
     mission.selectVehicle('1');
-    await settled();
+    await settle();
     await mission.upload('abc', 2);
     mission.onEvent(event({ progress: 0.9 }));
     mission.onEvent(event({ vehicle: '2', progress: 0.1 }));
     expect([mission.running, mission.transfer?.progress]).toEqual([true, 0.9]);
     mission.onEvent(event({ state: 'succeeded', progress: 1 }));
-    await settled();
+    await settle();
     expect([mission.running, mission.hasVersion('abc', 2)]).toEqual([false, true]);
     expect(requests).toEqual(['GET /vehicles/1/mission', 'POST /vehicles/1/mission/upload', 'GET /vehicles/1/mission']);
   });
@@ -70,33 +70,33 @@ describe('the plan on the vehicle', () => {
   it('has a running upload that the page finds after a reload', async () => {
     const { mission } = pageWith([200, view('not_known', null, 'an upload')], [200, { operations: [operation({ kind: 'mission/download' }), operation({})] }]);
     mission.selectVehicle('1');
-    await settled();
+    await settle();
     expect(mission.transfer?.id).toBe('o1');
   });
 
   it('shows why the upload failed', async () => {
     const { mission } = pageWith([200, view('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
     mission.selectVehicle('1');
-    await settled();
+    await settle();
     await mission.upload('abc', 2);
     expect(mission.problem?.detail).toBe('anna has control.');
     expect(mission.running).toBe(false);
   });
 
   it('is requested again when the vehicle disarms or reaches an item, but not while it reports the same state', async () => {
-    const interrupted = { ...view('plan', named), no_resume: null, resume: { item: 3 } };
-    const { mission, requests } = pageWith([200, { ...view('plan', named), no_resume: 'Vehicle 1 is armed.' }], [200, interrupted], [200, interrupted]);
-    const at = (armed: boolean, current: number) => reportedState({ armed, mode: 'mission' } as never, { current, mission_id: 7 } as never, null);
+    const interrupted = { ...view('plan', tower), no_resume: null, resume: { item: 3 } };
+    const { mission, requests } = pageWith([200, { ...view('plan', tower), no_resume: 'Vehicle 1 is armed.' }], [200, interrupted], [200, interrupted]);
+    const stateOf = (armed: boolean, current: number) => reportedState({ armed, mode: 'mission' } as never, { current, mission_id: 7 } as never, null);
     mission.selectVehicle('1');
-    for (const state of [at(true, 3), at(true, 3)]) mission.onReportedState(state);
-    await settled();
+    for (const state of [stateOf(true, 3), stateOf(true, 3)]) mission.onReportedState(state);
+    await settle();
     expect([mission.view?.no_resume, requests.length]).toEqual(['Vehicle 1 is armed.', 1]);
-    mission.onReportedState(at(false, 3));
-    await settled();
+    mission.onReportedState(stateOf(false, 3));
+    await settle();
     expect([mission.view?.no_resume, mission.view?.resume?.item, requests.length]).toEqual([null, 3, 2]);
-    mission.onReportedState(at(false, 4));
-    mission.onReportedState(at(false, 4));
-    await settled();
+    mission.onReportedState(stateOf(false, 4));
+    mission.onReportedState(stateOf(false, 4));
+    await settle();
     expect(requests.length).toBe(3);
   });
 
@@ -123,10 +123,10 @@ describe('the plan on the vehicle', () => {
     mission.selectVehicle('1');
     mission.onReportedState('armed');
     mission.onReportedState('disarmed');
-    await settled();
-    responses[1]?.({ ...view('plan', named), no_resume: null });
-    responses[0]?.({ ...view('plan', named), no_resume: 'Vehicle 1 is armed.' });
-    await settled();
+    await settle();
+    responses[1]?.({ ...view('plan', tower), no_resume: null });
+    responses[0]?.({ ...view('plan', tower), no_resume: 'Vehicle 1 is armed.' });
+    await settle();
     expect(mission.view?.no_resume).toBeNull();
   });
 
@@ -136,18 +136,18 @@ describe('the plan on the vehicle', () => {
     const download = operation({ kind: 'mission/download' });
     const { mission, requests } = pageWith([200, view('another', null)], [202, download], [200, comparison], [200, view('another', null)]);
     mission.selectVehicle('1');
-    await settled();
+    await settle();
     await mission.readBack(EMPTY_PLAN, { plan_id: 'abc', version: 2 });
     expect([mission.running, mission.comparison(EMPTY_PLAN)]).toEqual([true, null]);
     mission.onEvent(event({ kind: 'mission/download', state: 'succeeded' }));
-    await settled();
+    await settle();
     expect(mission.comparison(EMPTY_PLAN)).toEqual(comparison);
     expect(mission.comparison({ ...EMPTY_PLAN })).toBeNull();
     expect(requests.slice(1, 3)).toEqual(['POST /vehicles/1/mission/download', 'POST /vehicles/1/mission/compare']);
   });
 
   it('has texts for the comparison and for each difference', () => {
-    const comparison = (over: object): Comparison => ({ vehicle: '1', equal: true, differences: [], read_unix_s: 1, still_held: true, ...over });
+    const comparison = (more: object): Comparison => ({ vehicle: '1', equal: true, differences: [], read_unix_s: 1, still_held: true, ...more });
     const difference = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true } as const;
     expect(differenceText(difference)).toBe('Item 2 of the mission, altitude: 35.0 m in the plan, 20.0 m on the vehicle.');
     expect(differenceText({ ...difference, field: 'x', planned: 473977420, held: 473977421 })).toContain('latitude: 47.3977420° in the plan');
@@ -164,21 +164,21 @@ describe('the plan on the vehicle', () => {
 });
 
 describe('the start of the plan on the vehicle', () => {
-  const finding = (over: object): Finding => ({
+  const finding = (more: object): Finding => ({
     code: 'fence_crossed',
     severity: 'error',
     text: 'It leaves the fence.',
     place: { row: 1, zone: null, rally_point: null, obstacle: null, step: null },
     fix: null,
     limit: null,
-    ...over,
+    ...more,
   });
 
   it('needs a person’s acceptance of each error, for exactly this plan and vehicle', () => {
     const accepted = new AcceptedErrors();
-    const [error, other] = [finding({}), finding({ text: 'It leaves it again.' })];
+    const [error, otherError] = [finding({}), finding({ text: 'It leaves it again.' })];
     accepted.set(error, EMPTY_PLAN, '1', true);
-    expect(accepted.split([error, other, finding({ severity: 'warning' })], EMPTY_PLAN, '1')).toEqual({ blocking: [other], accepted: [error] });
+    expect(accepted.split([error, otherError, finding({ severity: 'warning' })], EMPTY_PLAN, '1')).toEqual({ blocking: [otherError], accepted: [error] });
     for (const [plan, id] of [[{ ...EMPTY_PLAN }, '1'] as const, [EMPTY_PLAN, '2'] as const])
       expect(accepted.split([error], plan, id).blocking).toEqual([error]);
     accepted.set(error, EMPTY_PLAN, '1', false);
@@ -250,11 +250,11 @@ describe('an interrupted flight', () => {
       verb: 'Resume',
       danger: false,
     });
-    const unknown = resumeQuestion('1 Quad', { ...offer, distance_m: null, altitude_reference: 'amsl', cautions: [] }, ['It leaves the fence.']);
-    expect(unknown.effect).toBe(
+    const noDistance = resumeQuestion('1 Quad', { ...offer, distance_m: null, altitude_reference: 'amsl', cautions: [] }, ['It leaves the fence.']);
+    expect(noDistance.effect).toBe(
       'Arms, climbs at its current position to 40.0 m AMSL and flies straight to item 7 (waypoint). It flies the rest of the mission from there. You accepted 1 error: It leaves the fence. Hold interrupts the mission; you can resume it.',
     );
-    expect(unknown.danger).toBe(true);
+    expect(noDistance.danger).toBe(true);
   });
 
   it('resumes with the item and the mission id of the offer', () => {

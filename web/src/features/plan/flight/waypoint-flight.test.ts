@@ -51,15 +51,15 @@ describe('a monitored flight', () => {
 describe('the dry run that a flight is compared with', () => {
   const origin = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
   const view = { id: '4', vehicle: '1', nominal: { finished: true, origin } } as unknown as DryRunView;
-  const near = positionAt(origin, { north_m: 3, east_m: 0 });
+  const nearStart = positionAt(origin, { north_m: 3, east_m: 0 });
 
   it('is completed, of the same vehicle and from the same start', () => {
-    expect(dryRunIdFor(view, '1', near)).toBe('4');
-    expect(dryRunIdFor(view, '2', near)).toBeNull();
+    expect(dryRunIdFor(view, '1', nearStart)).toBe('4');
+    expect(dryRunIdFor(view, '2', nearStart)).toBeNull();
     expect(dryRunIdFor(view, '1', null)).toBeNull();
-    expect(dryRunIdFor(null, '1', near)).toBeNull();
+    expect(dryRunIdFor(null, '1', nearStart)).toBeNull();
     expect(dryRunIdFor(view, '1', positionAt(origin, { north_m: 6, east_m: 0 }))).toBeNull();
-    expect(dryRunIdFor({ ...view, nominal: { ...view.nominal, finished: false } }, '1', near)).toBeNull();
+    expect(dryRunIdFor({ ...view, nominal: { ...view.nominal, finished: false } }, '1', nearStart)).toBeNull();
   });
 
   it('is mentioned in the question and sent in the request', () => {

@@ -73,8 +73,8 @@ describe('distance from the planned path', () => {
   });
 
   it('is stated as its maximum and its 95th percentile', () => {
-    const many = Array.from({ length: 100 }, (_, i) => ({ t_s: i, distance_m: i / 10 }));
-    expect(distanceText(figures(FLOWN, many, null), FLOWN)).toBe('Distance from the planned path: at most 9.9 m; 95 % within 9.4 m.');
+    const distances = Array.from({ length: 100 }, (_, i) => ({ t_s: i, distance_m: i / 10 }));
+    expect(distanceText(figures(FLOWN, distances, null), FLOWN)).toBe('Distance from the planned path: at most 9.9 m; 95 % within 9.4 m.');
     expect(distanceText(figures(FLOWN, [], null), FLOWN)).toContain('not known, because the server sent no position setpoints');
   });
 });

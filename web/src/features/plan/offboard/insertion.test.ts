@@ -45,8 +45,8 @@ class Session {
     if (this.refusal !== null) return new Response(JSON.stringify(this.refusal), { status: 422 });
     const [list, index] = [request.at.slice(0, -1), Number(request.at.at(-1))];
     const steps = list.reduce<unknown>((value, key) => (value as Record<string | number, unknown>)[key], request.plan) as Mission['steps'];
-    const called = withValue(request.plan, list, [...steps.slice(0, index), { step: 'call', mission: 'Tower' }, ...steps.slice(index)]);
-    const plan = { ...called, missions: { Tower: [newStep('photo')] } };
+    const withCall = withValue(request.plan, list, [...steps.slice(0, index), { step: 'call', mission: 'Tower' }, ...steps.slice(index)]);
+    const plan = { ...withCall, missions: { Tower: [newStep('photo')] } };
     return new Response(JSON.stringify({ plan, called: 'Tower', notes: ['A note.'] }));
   }
 

@@ -45,40 +45,40 @@ describe('the steps of a mission', () => {
 
   it('are listed by role for several vehicles; a new step is added to the first role', () => {
     const role = { steps: [newStep('take_off'), newStep('land')] };
-    const show: Mission = { ...missionOf(), roles: { lead: role, left: role } };
-    expect(placesOf(show)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
-    expect(nodesOf(show).map((node) => node.listHeading)).toEqual(['Role lead', '', 'Role left', '']);
-    const added = addStep(show, 'hold', null, [], FRAME);
+    const twoRoles: Mission = { ...missionOf(), roles: { lead: role, left: role } };
+    expect(placesOf(twoRoles)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
+    expect(nodesOf(twoRoles).map((node) => node.listHeading)).toEqual(['Role lead', '', 'Role left', '']);
+    const added = addStep(twoRoles, 'hold', null, [], FRAME);
     expect(added.mission.steps).toEqual([]);
     expect(added.mission.roles?.['lead']?.steps.map((step) => step.step)).toEqual(['take_off', 'hold', 'land']);
-    const met = addStep(show, 'meet', null, [stepId('left, step 1')], FRAME);
-    expect(met.id).toBe(stepId('left, step 2'));
+    const withMeet = addStep(twoRoles, 'meet', null, [stepId('left, step 1')], FRAME);
+    expect(withMeet.id).toBe(stepId('left, step 2'));
     expect(assignmentProblem(['lead', 'left'], { lead: '1' })).toBe('Choose a vehicle for the role “left”.');
     expect(assignmentProblem(['lead', 'left'], { lead: '1', left: '1' })).toContain('two roles');
     expect(assignmentProblem(['lead', 'left'], { lead: '1', left: '2' })).toBeNull();
   });
 
   it('become the steps of the first role; new roles get its "meet" steps; a last role becomes a mission for one vehicle', () => {
-    const alone = missionOf(newStep('take_off'), FLY, newStep('land'));
-    const two = addRole(alone);
-    expect(two.steps).toEqual([]);
-    expect(two.roles?.['lead']).toEqual({ start_ned_m: [0, 0, 0], steps: alone.steps });
-    expect(two.roles?.['wing']?.start_ned_m).toEqual([0, 10, 0]);
-    const met = addStep(two, 'meet', null, [stepId('lead, step 1')], FRAME).mission;
-    const three = addRole(met);
-    expect(Object.keys(three.roles ?? {})).toEqual(['lead', 'wing', 'role 3']);
-    expect(three.roles?.['role 3']?.steps.map((step) => step.step)).toEqual(['take_off', 'meet', 'land']);
-    expect(three.roles?.['role 3']?.start_ned_m).toEqual([0, 20, 0]);
-    const renamed = renameRole(three, 'lead', 'first');
+    const oneVehicle = missionOf(newStep('take_off'), FLY, newStep('land'));
+    const twoRoles = addRole(oneVehicle);
+    expect(twoRoles.steps).toEqual([]);
+    expect(twoRoles.roles?.['lead']).toEqual({ start_ned_m: [0, 0, 0], steps: oneVehicle.steps });
+    expect(twoRoles.roles?.['wing']?.start_ned_m).toEqual([0, 10, 0]);
+    const withMeet = addStep(twoRoles, 'meet', null, [stepId('lead, step 1')], FRAME).mission;
+    const threeRoles = addRole(withMeet);
+    expect(Object.keys(threeRoles.roles ?? {})).toEqual(['lead', 'wing', 'role 3']);
+    expect(threeRoles.roles?.['role 3']?.steps.map((step) => step.step)).toEqual(['take_off', 'meet', 'land']);
+    expect(threeRoles.roles?.['role 3']?.start_ned_m).toEqual([0, 20, 0]);
+    const renamed = renameRole(threeRoles, 'lead', 'first');
     expect(Object.keys(renamed.roles ?? {})).toEqual(['first', 'wing', 'role 3']);
-    expect([nameProblem(three, 'lead', 'wing'), nameProblem(three, 'lead', ' '), nameProblem(three, 'lead', 'lead')]).toEqual([
+    expect([nameProblem(threeRoles, 'lead', 'wing'), nameProblem(threeRoles, 'lead', ' '), nameProblem(threeRoles, 'lead', 'lead')]).toEqual([
       'A role named “wing” already exists.',
       'A role needs a name.',
       null,
     ]);
     const single = removeRole(removeRole(renamed, 'role 3'), 'wing');
     expect(single.roles).toBeUndefined();
-    expect(single.steps).toEqual(alone.steps);
+    expect(single.steps).toEqual(oneVehicle.steps);
   });
 
   it('have a title for every kind', () => {
@@ -104,9 +104,9 @@ describe('positions', () => {
     const frame = { ...FRAME, origin: { ...positionAt(HOME, { north_m: 5, east_m: -3 }), alt_amsl_m: 478 } };
     const geoPoint = { ...at(40, 25), up_m: 12 };
     for (const positionFrame of ['offset', 'home', 'amsl', 'local'] as PositionFrame[]) {
-      const back = geoPointOf(positionInFrame(positionFrame, geoPoint, frame), frame);
-      expect(groundDistance_m(back, geoPoint)).toBeLessThan(0.02);
-      expect(back.up_m).toBeCloseTo(12, 2);
+      const converted = geoPointOf(positionInFrame(positionFrame, geoPoint, frame), frame);
+      expect(groundDistance_m(converted, geoPoint)).toBeLessThan(0.02);
+      expect(converted.up_m).toBeCloseTo(12, 2);
     }
     expect(positionInFrame('local', geoPoint, frame)).toEqual({ position_ned_m: [35, 28, -14] });
   });
@@ -150,9 +150,9 @@ describe('editing', () => {
 
   it('adds steps after the selection, keeps a landing last, fills an empty branch', () => {
     const kinds = (mission: Mission) => mission.steps.map((step) => step.step);
-    const fresh = newMission(HOME);
-    expect(kinds(addStep(fresh, 'hold', null, [], FRAME).mission)).toEqual(['take_off', 'hold', 'land']);
-    expect(kinds(addStep(fresh, 'photo', null, ['step:step 1'], FRAME).mission)).toEqual(['take_off', 'photo', 'land']);
+    const defaultMission = newMission(HOME);
+    expect(kinds(addStep(defaultMission, 'hold', null, [], FRAME).mission)).toEqual(['take_off', 'hold', 'land']);
+    expect(kinds(addStep(defaultMission, 'photo', null, ['step:step 1'], FRAME).mission)).toEqual(['take_off', 'photo', 'land']);
     const branch = missionOf({ ...newStep('branch') });
     expect(addStep(branch, 'land', null, ['step:step 1'], FRAME).id).toBe('step:step 1 then 1');
     const [node] = nodesOf(branch);
@@ -219,8 +219,8 @@ describe('the fields of steps', () => {
   });
 
   it('remove the value of an emptied field, and all headings but the chosen one', () => {
-    const fast = { ...FLY, speed_m_s: 3 };
-    expect('speed_m_s' in fieldNamed(fieldsOf(fast, context), 'speed_m_s').set(fast, null)).toBe(false);
+    const fastStep = { ...FLY, speed_m_s: 3 };
+    expect('speed_m_s' in fieldNamed(fieldsOf(fastStep, context), 'speed_m_s').set(fastStep, null)).toBe(false);
     const lookingStep = fieldNamed(fieldsOf(FLY, context), 'heading').set({ ...FLY, yaw_ned_rad: 1 }, 'look_at');
     expect([lookingStep['yaw_ned_rad'], lookingStep['look_at']]).toEqual([undefined, offset(30, 0, 20)]);
     expect(fieldNamed(fieldsOf(newStep('repeat'), context), 'times').set(newStep('repeat'), 2.6)['times']).toBe(3);
@@ -336,8 +336,8 @@ describe('fixes of a mission', () => {
   it('add missing steps and lower points that are too high', () => {
     expect(fixOf(missionOf(FLY), finding('takeoff_missing', 'step 1'), FRAME)?.plan.steps[0]?.step).toBe('take_off');
     expect(fixOf(missionOf(FLY), finding('landing_missing', 'the end'), FRAME)?.plan.steps.at(-1)?.step).toBe('land');
-    const high = missionOf({ step: 'fly', points: [offset(1, 2, 300), offset(1, 2, 30)] });
-    expect(fixOf(high, finding('altitude_too_high', 'step 1'), FRAME)?.plan.steps[0]?.points).toEqual([offset(1, 2, 120), offset(1, 2, 30)]);
+    const highMission = missionOf({ step: 'fly', points: [offset(1, 2, 300), offset(1, 2, 30)] });
+    expect(fixOf(highMission, finding('altitude_too_high', 'step 1'), FRAME)?.plan.steps[0]?.points).toEqual([offset(1, 2, 120), offset(1, 2, 30)]);
     expect(stepId('step 1')).toBe('step:step 1');
   });
   it('return null if a person has to decide', () => {

@@ -17,17 +17,17 @@ const filesOf = (mission: Mission | null) => mission?.steps.map((step) => step['
 describe('a table of a mission', () => {
   it('replaces the table that only this step used', () => {
     const mission = missionOf(['old.csv'], { 'old.csv': 'x', 'spare.csv': 'y' });
-    const next = withTable(mission, nodeOf(mission), TABLE);
-    expect(next?.tables).toEqual({ 'spare.csv': 'y', 'loop.csv': TABLE.text });
-    expect(filesOf(next)).toEqual(['loop.csv']);
+    const changed = withTable(mission, nodeOf(mission), TABLE);
+    expect(changed?.tables).toEqual({ 'spare.csv': 'y', 'loop.csv': TABLE.text });
+    expect(filesOf(changed)).toEqual(['loop.csv']);
     expect(mission.tables).toEqual({ 'old.csv': 'x', 'spare.csv': 'y' });
   });
 
   it('keeps a table that another step uses, also one with the same name', () => {
     const mission = missionOf(['loop.csv', 'loop.csv'], { 'loop.csv': 'x', 'loop 2.csv': 'y' });
-    const next = withTable(mission, nodeOf(mission), TABLE);
-    expect(next?.tables).toEqual({ 'loop.csv': 'x', 'loop 2.csv': 'y', 'loop 3.csv': TABLE.text });
-    expect(filesOf(next)).toEqual(['loop 3.csv', 'loop.csv']);
+    const changed = withTable(mission, nodeOf(mission), TABLE);
+    expect(changed?.tables).toEqual({ 'loop.csv': 'x', 'loop 2.csv': 'y', 'loop 3.csv': TABLE.text });
+    expect(filesOf(changed)).toEqual(['loop 3.csv', 'loop.csv']);
   });
 
   it('keeps a table that a step in an uncalled list uses', () => {
@@ -37,13 +37,13 @@ describe('a table of a mission', () => {
 
   it('is stored once for two steps with the same content', () => {
     const mission = missionOf(['path.csv', 'loop.csv'], { 'loop.csv': TABLE.text });
-    const next = withTable(mission, nodeOf(mission), TABLE);
-    expect([next?.tables, filesOf(next)]).toEqual([{ 'loop.csv': TABLE.text }, ['loop.csv', 'loop.csv']]);
+    const changed = withTable(mission, nodeOf(mission), TABLE);
+    expect([changed?.tables, filesOf(changed)]).toEqual([{ 'loop.csv': TABLE.text }, ['loop.csv', 'loop.csv']]);
   });
 
   it('is refused if the mission would have too many tables', () => {
-    const full = Object.fromEntries(Array.from({ length: MAX_TABLES }, (_, number) => [`${number}.csv`, 'x']));
-    const mission = missionOf(['0.csv', 'path.csv'], full);
+    const fullTables = Object.fromEntries(Array.from({ length: MAX_TABLES }, (_, number) => [`${number}.csv`, 'x']));
+    const mission = missionOf(['0.csv', 'path.csv'], fullTables);
     expect(withTable(mission, nodeOf(mission, 1), TABLE)).toBeNull();
     expect(Object.keys(withTable(mission, nodeOf(mission), TABLE)?.tables ?? {})).toHaveLength(MAX_TABLES);
   });

@@ -49,12 +49,12 @@ function drawingWith(kind: PatternKind, ...responses: readonly FakeResponse[]) {
     return Promise.resolve(new Response(JSON.stringify(body), { status }));
   });
   const stored = new Map<string, string>();
-  const memory = { getItem: (key: string) => stored.get(key) ?? null, setItem: (key: string, value: string) => void stored.set(key, value) };
+  const storage = { getItem: (key: string) => stored.get(key) ?? null, setItem: (key: string, value: string) => void stored.set(key, value) };
   const editor = new PlanEditor();
   editor.begin(HOME);
-  const drawing = new PatternDrawing(new PlanApi(api), editor, memory);
+  const drawing = new PatternDrawing(new PlanApi(api), editor, storage);
   drawing.begin(kind);
-  return { drawing, editor, requests, memory, api };
+  return { drawing, editor, requests, storage, api };
 }
 
 describe('the shape of a pattern', () => {
@@ -215,10 +215,10 @@ describe('the settings of a pattern', () => {
       sectionsOf('survey', values)
         .flatMap(({ rows }) => rows)
         .find(({ name }) => name === 'camera')?.field.value;
-    const full = withRow(DEFAULT_VALUES, 'camera', 'Full frame, 42 MP, 35 mm');
-    expect([full.sensor_width_mm, cameraRow(full)]).toEqual([35.9, 'Full frame, 42 MP, 35 mm']);
-    expect(cameraRow(withRow(full, 'focal_length_mm', 50))).toBe('other');
-    expect(withRow(full, 'rounds', 2.6).rounds).toBe(3);
+    const fullFrame = withRow(DEFAULT_VALUES, 'camera', 'Full frame, 42 MP, 35 mm');
+    expect([fullFrame.sensor_width_mm, cameraRow(fullFrame)]).toEqual([35.9, 'Full frame, 42 MP, 35 mm']);
+    expect(cameraRow(withRow(fullFrame, 'focal_length_mm', 50))).toBe('other');
+    expect(withRow(fullFrame, 'rounds', 2.6).rounds).toBe(3);
   });
 
   it.each<[PatternKind, string | null, RowName | 'shape' | null]>([
@@ -301,12 +301,12 @@ describe('the preview of a pattern', () => {
     expect(drawing.generated?.figures.photos).toBe(41);
   });
 
-  it('is that of the newest request', async () => {
+  it('is the response to the newest request', async () => {
     const { drawing } = drawingWith('survey', [200, GENERATED], [200, { ...GENERATED, figures: { ...FIGURES, photos: 5 } }]);
     drawing.replaceShape(AREA);
-    const first = drawing.refresh();
+    const firstRefresh = drawing.refresh();
     drawing.set('altitude_m', 60);
-    await Promise.all([first, drawing.refresh()]);
+    await Promise.all([firstRefresh, drawing.refresh()]);
     expect([drawing.isCurrent, drawing.busy, drawing.generated?.figures.photos]).toEqual([true, false, 5]);
   });
 
@@ -319,14 +319,14 @@ describe('the preview of a pattern', () => {
   });
 
   it('is not requested while the shape is incomplete; the camera is stored for the next load of the page', async () => {
-    const { drawing, requests, memory, api, editor } = drawingWith('survey');
+    const { drawing, requests, storage, api, editor } = drawingWith('survey');
     drawing.press(at(0));
     await drawing.refresh();
     expect([requests.length, missingPoints(drawing.rings, 'area')]).toEqual([0, 2]);
     drawing.set('camera', 'Full frame, 42 MP, 35 mm');
-    expect(new PatternDrawing(new PlanApi(api), editor, memory).values.focal_length_mm).toBe(35);
-    memory.setItem('gcs.pattern-camera', '{');
-    expect(new PatternDrawing(new PlanApi(api), editor, memory).values).toEqual(DEFAULT_VALUES);
+    expect(new PatternDrawing(new PlanApi(api), editor, storage).values.focal_length_mm).toBe(35);
+    storage.setItem('gcs.pattern-camera', '{');
+    expect(new PatternDrawing(new PlanApi(api), editor, storage).values).toEqual(DEFAULT_VALUES);
   });
 });
 
