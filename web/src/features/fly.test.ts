@@ -17,7 +17,7 @@ import { lossPercent } from './status/links';
 const reading = <T>(value: T, stale = false): Reading<T> => ({ value, age_s: 0.2, stale });
 
 function source(topics: Record<string, Record<string, unknown>>, stale = false): Source {
-  const none = {
+  const unknownReadings = {
     status: null,
     attitude: null,
     local: null,
@@ -43,7 +43,7 @@ function source(topics: Record<string, Record<string, unknown>>, stale = false):
     homeDistance_m: null,
     components: [],
     reach: null,
-    ...none,
+    ...unknownReadings,
   };
   return { facts, flight: undefined, topic: (name) => (topics[name] === undefined ? null : reading(topics[name], stale)) };
 }
@@ -57,13 +57,13 @@ describe('the catalogue of values', () => {
     for (const id of DEFAULT_IDS) expect(QUANTITIES_BY_ID.has(id)).toBe(true);
   });
   it('shows angles in degrees, and a dash for an unknown value', () => {
-    const now = source({
+    const vehicleSource = source({
       attitude: { roll_rad: Math.PI / 6 },
       motors: { pwm_us: [1500] },
       battery: { voltage_v: null },
       global_position: { lat_deg: 47.3977421 },
     });
-    const read = (id: string) => QUANTITIES_BY_ID.get(id)?.read(now);
+    const read = (id: string) => QUANTITIES_BY_ID.get(id)?.read(vehicleSource);
     expect(read('attitude.roll_rad')).toMatchObject({ text: '30.0', unit: '°', stale: false });
     expect(read('motors.pwm_us.0')).toMatchObject({ text: '1500', unit: 'µs' });
     expect(read('motors.pwm_us.3')?.text).toBe('–');
@@ -93,20 +93,20 @@ describe('the catalogue of values', () => {
 });
 
 describe('messages', () => {
-  const line = (unix_s: number, severity: number): Message => ({ key: `${unix_s}`, unix_s, severity, kind: 'event', text: 'x' });
-  const all = [line(9, 6), line(8, 4), line(7, 7), line(6, 2)];
+  const message = (unix_s: number, severity: number): Message => ({ key: `${unix_s}`, unix_s, severity, kind: 'event', text: 'x' });
+  const messages = [message(9, 6), message(8, 4), message(7, 7), message(6, 2)];
   it('are filtered by severity', () => {
-    expect(filterMessages(all, 9, 'errors').map((m) => m.unix_s)).toEqual([6]);
-    expect(filterMessages(all, 9, 'warnings').map((m) => m.unix_s)).toEqual([8, 6]);
-    expect(filterMessages(all, 9).map((m) => m.unix_s)).toEqual([9, 8, 6]);
-    expect(filterMessages(all, 9, 'debug')).toHaveLength(4);
+    expect(filterMessages(messages, 9, 'errors').map((m) => m.unix_s)).toEqual([6]);
+    expect(filterMessages(messages, 9, 'warnings').map((m) => m.unix_s)).toEqual([8, 6]);
+    expect(filterMessages(messages, 9).map((m) => m.unix_s)).toEqual([9, 8, 6]);
+    expect(filterMessages(messages, 9, 'debug')).toHaveLength(4);
   });
   it('are counted until a person reads them, with the tone of the most severe message', () => {
-    expect(countUnread(all, 5)).toEqual({ count: 3, tone: 'danger' });
-    expect(countUnread(all, 7)).toEqual({ count: 2, tone: 'caution' });
-    expect(countUnread(all, 9)).toEqual({ count: 0, tone: 'dim' });
+    expect(countUnread(messages, 5)).toEqual({ count: 3, tone: 'danger' });
+    expect(countUnread(messages, 7)).toEqual({ count: 2, tone: 'caution' });
+    expect(countUnread(messages, 9)).toEqual({ count: 0, tone: 'dim' });
   });
-  it('have a shape besides the colour, and a full time', () => {
+  it('have a shape in addition to the colour, and a time with its date', () => {
     expect([2, 4, 6].map((s) => severityName(s).shape)).toEqual(['square', 'triangle', 'dot']);
     expect(severityName(6).fullName).toBe('Info');
     expect(fullTime(1_700_000_000.25)).toMatch(/^2023-11-1[45] \d\d:\d\d:20\.2$/);
@@ -121,8 +121,8 @@ describe('the offboard stream', () => {
     }
     const streaming = readOffboard({ streaming: true, state: 'streaming', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
     expect(streaming && streamText(streaming)).toBe('Velocity setpoints');
-    const grouped = readOffboard({ streaming: true, state: 'streaming', owner: 'group', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
-    expect(grouped && streamText(grouped)).toBe('Group · Velocity setpoints');
+    const groupStream = readOffboard({ streaming: true, state: 'streaming', owner: 'group', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
+    expect(groupStream && streamText(groupStream)).toBe('Group · Velocity setpoints');
   });
 });
 
@@ -190,15 +190,15 @@ describe('a confirmation', () => {
     expect(confirmationTexts('rtl', { ...actionFacts, returnAlt_home_m: 10 })?.effect).toContain('Stays at 12.0 m');
   });
   it('cannot be confirmed while its value is invalid', () => {
-    const c = new ConfirmationSlider(false, 0);
-    c.blocked = true;
-    c.pressKey(0);
-    c.slide(1, 0.5);
-    expect(c.tick(2)).toBe('asking');
-    expect(c.remaining_s(2)).toBe(3.5); // an attempt to confirm restarts the timeout
-    c.blocked = false;
-    c.slide(1, 2);
-    expect(c.tick(2)).toBe('confirmed');
+    const confirmation = new ConfirmationSlider(false, 0);
+    confirmation.blocked = true;
+    confirmation.pressKey(0);
+    confirmation.slide(1, 0.5);
+    expect(confirmation.tick(2)).toBe('asking');
+    expect(confirmation.remaining_s(2)).toBe(3.5); // an attempt to confirm restarts the timeout
+    confirmation.blocked = false;
+    confirmation.slide(1, 2);
+    expect(confirmation.tick(2)).toBe('confirmed');
   });
   it('shows the progress only on the page that sent the command', async () => {
     let respond: (outcome: Outcome<unknown>) => void = () => undefined;
@@ -260,10 +260,10 @@ describe('the gimbal', () => {
   it('shows the limit at which the camera stopped, from the last command until the next command', async () => {
     vi.useFakeTimers();
     const { facts } = source({});
-    const sent: { path: string; wait?: boolean }[] = [];
+    const requests: { path: string; wait?: boolean }[] = [];
     const api = new ApiClient('p', undefined, async (path, init) => {
       const body = JSON.parse(init.body as string) as { wait?: boolean };
-      sent.push({ path: path.split('/').at(-1) ?? '', ...('wait' in body ? { wait: body.wait as boolean } : {}) });
+      requests.push({ path: path.split('/').at(-1) ?? '', ...('wait' in body ? { wait: body.wait as boolean } : {}) });
       return Promise.resolve(
         Response.json({ limited: body.wait === true ? { text: 'The gimbal stopped at its own limit: pitch -45° instead of -90°.' } : null }),
       );
@@ -281,17 +281,17 @@ describe('the gimbal', () => {
     await vi.advanceTimersByTimeAsync(300);
     expect(gimbal.limitTextOf(facts)).toBeNull();
     await vi.advanceTimersByTimeAsync(200);
-    expect(sent.at(-1)).toEqual({ path: 'angles', wait: true });
+    expect(requests.at(-1)).toEqual({ path: 'angles', wait: true });
     expect(gimbal.limitTextOf(facts)).toContain('pitch -45°');
     gimbal.turn(facts, 1, 0);
     expect(gimbal.limitTextOf(facts)).toBeNull();
     await vi.advanceTimersByTimeAsync(1000);
-    expect(sent.filter((request) => request.wait === true)).toHaveLength(1);
+    expect(requests.filter((request) => request.wait === true)).toHaveLength(1);
     gimbal.point(facts, { pitch_deg: -90, yaw_deg: 0 });
     await vi.advanceTimersByTimeAsync(399);
     gimbal.stop(); // the arrow was released: the stop does not wait for the response to the angles
     await vi.advanceTimersByTimeAsync(1000);
-    expect(sent.at(-1)).toEqual({ path: 'rates' });
+    expect(requests.at(-1)).toEqual({ path: 'rates' });
     expect(gimbal.limitTextOf(facts)).toBeNull();
     vi.useRealTimers();
   });

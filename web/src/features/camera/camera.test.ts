@@ -12,9 +12,9 @@ describe('the cameras of a vehicle', () => {
   let calls: unknown[] = [];
   let accepted = true;
   let control: CameraControl;
-  const first = component('camera', 100);
-  const second = component('camera', 102);
-  const facts = vehicle(component('autopilot', 1), first, second);
+  const firstCamera = component('camera', 100);
+  const secondCamera = component('camera', 102);
+  const facts = vehicle(component('autopilot', 1), firstCamera, secondCamera);
 
   beforeEach(() => {
     calls = [];
@@ -32,31 +32,31 @@ describe('the cameras of a vehicle', () => {
 
   it('have a default selection: the first connected camera', () => {
     expect(control.selectedCamera(vehicle(component('autopilot', 1)))).toBeNull();
-    expect(control.selectedCamera(facts)).toBe(first);
-    expect(control.selectedCamera(vehicle(component('camera', 100, true), second))).toBe(second);
+    expect(control.selectedCamera(facts)).toBe(firstCamera);
+    expect(control.selectedCamera(vehicle(component('camera', 100, true), secondCamera))).toBe(secondCamera);
     control.select(facts, 102);
-    expect(control.selectedCamera(facts)).toBe(second);
+    expect(control.selectedCamera(facts)).toBe(secondCamera);
   });
   it('take photos one at a time, and each request names the camera’s component', async () => {
-    await Promise.all([control.takePhoto(facts, second), control.takePhoto(facts, second)]);
+    await Promise.all([control.takePhoto(facts, secondCamera), control.takePhoto(facts, secondCamera)]);
     expect(calls).toEqual([['/vehicles/{v}/camera/picture', { params: { path: { v: '7' }, query: { component: 102 } } }]]);
-    expect(control.hasTakenPhoto(facts, second)).toBe(true);
-    expect(control.hasTakenPhoto(facts, first)).toBe(false);
+    expect(control.hasTakenPhoto(facts, secondCamera)).toBe(true);
+    expect(control.hasTakenPhoto(facts, firstCamera)).toBe(false);
   });
   it('report no photo after a refusal, and can then take the next photo', async () => {
     accepted = false;
-    await control.takePhoto(facts, first);
-    expect(control.hasTakenPhoto(facts, first)).toBe(false);
+    await control.takePhoto(facts, firstCamera);
+    expect(control.hasTakenPhoto(facts, firstCamera)).toBe(false);
     accepted = true;
-    await control.takePhoto(facts, first);
-    expect(control.hasTakenPhoto(facts, first)).toBe(true);
+    await control.takePhoto(facts, firstCamera);
+    expect(control.hasTakenPhoto(facts, firstCamera)).toBe(true);
   });
   it('take no photo without a connection or in a replay', async () => {
-    const lost = component('camera', 100, true);
-    expect(reasonNoPhoto(facts, lost)).toBe('No connection to the camera.');
-    expect(reasonNoPhoto({ ...facts, lost: true }, first)).toBe('No connection to the vehicle.');
-    expect(reasonNoPhoto({ ...facts, replayed: true }, first)).toBe('A replayed vehicle accepts no commands.');
-    await control.takePhoto(facts, lost);
+    const lostCamera = component('camera', 100, true);
+    expect(reasonNoPhoto(facts, lostCamera)).toBe('No connection to the camera.');
+    expect(reasonNoPhoto({ ...facts, lost: true }, firstCamera)).toBe('No connection to the vehicle.');
+    expect(reasonNoPhoto({ ...facts, replayed: true }, firstCamera)).toBe('A replayed vehicle accepts no commands.');
+    await control.takePhoto(facts, lostCamera);
     expect(calls).toEqual([]);
   });
 });

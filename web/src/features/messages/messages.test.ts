@@ -5,6 +5,6 @@ import { filterMessages } from './messages';
 it('shows the severity of severe messages as a word, and hides debug messages', () => {
   expect(severityName(2)).toMatchObject({ label: 'Critical', tone: 'danger' });
   expect(severityName(6).label).toBe('');
-  const line = (severity: number) => ({ key: `${severity}`, unix_s: 0, severity, kind: 'event', text: 'x' });
-  expect(filterMessages([line(7), line(6), line(4)], 1).map((m) => m.severity)).toEqual([6]);
+  const message = (severity: number) => ({ key: `${severity}`, unix_s: 0, severity, kind: 'event', text: 'x' });
+  expect(filterMessages([message(7), message(6), message(4)], 1).map((m) => m.severity)).toEqual([6]);
 });

@@ -7,7 +7,7 @@ import { DEFAULT_VALIDITY, nudge, NUDGE_SIZES, type PositionSetpoint } from '../
 import { expiryText, positionError_m, limitsNotice, nudgeBase, readOffboard } from '../../vehicle/offboard';
 
 describe('offboard', () => {
-  const raw = {
+  const rawStatus = {
     streaming: true,
     state: 'streaming',
     client: 'page-1',
@@ -33,21 +33,21 @@ describe('offboard', () => {
       warning: null,
       text: 'Limits of anna.',
     };
-    expect(limitsNotice(readOffboard({ ...raw, limits_origin: origin })?.limitsOrigin)).toBeNull();
+    expect(limitsNotice(readOffboard({ ...rawStatus, limits_origin: origin })?.limitsOrigin)).toBeNull();
     expect(limitsNotice({ ...origin, restored: true })).toEqual({ text: 'Limits of anna.', caution: false });
     expect(limitsNotice({ ...origin, warning: 'Not in force: the file cannot be read.' })).toEqual({
       text: 'Not in force: the file cannot be read.',
       caution: true,
     });
-    expect(limitsNotice(readOffboard(raw)?.limitsOrigin)).toBeNull();
+    expect(limitsNotice(readOffboard(rawStatus)?.limitsOrigin)).toBeNull();
   });
   it('reads obstacle avoidance, and reads it as off from an older server', () => {
     const avoidance = { on: true, way: 'over', state: 'stopped', text: 'No way.', sensor: true };
-    expect(readOffboard({ ...raw, avoidance })?.avoidance).toEqual({ enabled: true, hasSensor: true, state: 'stopped', text: 'No way.' });
-    expect(readOffboard(raw)?.avoidance).toEqual({ enabled: false, hasSensor: false, state: null, text: '' });
+    expect(readOffboard({ ...rawStatus, avoidance })?.avoidance).toEqual({ enabled: true, hasSensor: true, state: 'stopped', text: 'No way.' });
+    expect(readOffboard(rawStatus)?.avoidance).toEqual({ enabled: false, hasSensor: false, state: null, text: '' });
   });
   it('reads the server’s stream, and computes the position error', () => {
-    const stream = readOffboard(raw);
+    const stream = readOffboard(rawStatus);
     expect(stream).toMatchObject({
       streaming: true,
       type: 'position',
@@ -68,7 +68,7 @@ describe('offboard', () => {
     );
   });
   it('nudges the streamed setpoint, negates up for NED, and wraps the yaw', () => {
-    const stream = readOffboard(raw);
+    const stream = readOffboard(rawStatus);
     const base = stream && nudgeBase(stream, [9, 9, 9], 3);
     expect(base).toEqual({ type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 });
     const [, step1, step5] = NUDGE_SIZES;
@@ -105,10 +105,10 @@ describe('offboard', () => {
     expect(sent).toHaveLength(2);
   });
   it('retries a failed renewal until the setpoint has expired', async () => {
-    const sent: number[] = [];
+    const sentAt_s: number[] = [];
     let result: RenewalResult = 'retry';
     const renewer = new SetpointRenewer((): Promise<RenewalResult> => {
-      sent.push(now_s);
+      sentAt_s.push(now_s);
       return Promise.resolve(result);
     });
     let now_s = 0;
@@ -124,14 +124,14 @@ describe('offboard', () => {
     await tickUntil(7);
     result = 'retry';
     await tickUntil(60);
-    expect(sent).toEqual([3, 6, 9, 12, 15]); // accepted at 6 s, then valid for 10 s
+    expect(sentAt_s).toEqual([3, 6, 9, 12, 15]); // accepted at 6 s, then valid for 10 s
     expect(renewer.setpoint).toBeNull();
   });
-  it('renews the previous setpoint after the server refuses a new setpoint, and none if the server does not answer', async () => {
-    const sent: unknown[] = [];
+  it('renews the previous setpoint after the server refuses a new setpoint, and renews no setpoint if the server does not answer', async () => {
+    const sentPositions: unknown[] = [];
     let respond: () => Response = () => Response.json({});
     const api = new ApiClient('me', undefined, (_, init) => {
-      sent.push((JSON.parse(init.body as string) as { setpoint: PositionSetpoint }).setpoint.position_ned_m);
+      sentPositions.push((JSON.parse(init.body as string) as { setpoint: PositionSetpoint }).setpoint.position_ned_m);
       return Promise.resolve().then(respond);
     });
     let now_s = 0;
@@ -150,7 +150,7 @@ describe('offboard', () => {
     now_s = 3.1;
     control.tick(() => true);
     await settle();
-    expect(sent).toEqual([
+    expect(sentPositions).toEqual([
       [1, 0, -5],
       [2, 0, -5],
       [1, 0, -5],
@@ -163,7 +163,7 @@ describe('offboard', () => {
     now_s = 20;
     control.tick(() => true);
     await settle();
-    expect(sent).toHaveLength(4);
+    expect(sentPositions).toHaveLength(4);
   });
   it('reports a refused renewal once', async () => {
     let respond = (): Response => Response.json({});

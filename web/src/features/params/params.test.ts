@@ -39,19 +39,19 @@ const parameter = (name: string, value: number | null, more: Partial<ParameterMe
   is_default,
   facts: more === null ? null : metadata(more),
 });
-const all = [
+const parameters = [
   parameter('MPC_XY_VEL_MAX', 12, { title: 'Maximum speed', group: 'Position' }),
   parameter('COM_OBL_RC_ACT', 0, { title: 'Offboard loss', group: 'Commander' }, false),
   parameter('A_MPC', 1, null, null),
 ];
 
 test('a search finds words in names and descriptions, and lists names that begin with the text first', () => {
-  expect(matchingParameters(all, { ...NO_FILTER, text: 'mpc' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX', 'A_MPC']);
-  expect(matchingParameters(all, { ...NO_FILTER, text: 'speed max' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX']);
-  expect(matchingParameters(all, { ...NO_FILTER, nonDefaultOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
-  expect(matchingParameters(all, { ...NO_FILTER, group: 'Position' })).toHaveLength(1);
-  expect(matchingParameters(all, NO_FILTER)).toHaveLength(3);
-  expect(groupsOf(all)).toEqual(['Commander', 'Position']);
+  expect(matchingParameters(parameters, { ...NO_FILTER, text: 'mpc' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX', 'A_MPC']);
+  expect(matchingParameters(parameters, { ...NO_FILTER, text: 'speed max' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX']);
+  expect(matchingParameters(parameters, { ...NO_FILTER, nonDefaultOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
+  expect(matchingParameters(parameters, { ...NO_FILTER, group: 'Position' })).toHaveLength(1);
+  expect(matchingParameters(parameters, NO_FILTER)).toHaveLength(3);
+  expect(groupsOf(parameters)).toEqual(['Commander', 'Position']);
 });
 
 test('a value is shown with its label, unit and decimals', () => {
@@ -108,15 +108,15 @@ test('a value outside range, enum or bits has a problem text', () => {
   ]);
   const action = metadata({ choices: [{ value: 1, label: 'Land' }] });
   expect([valueProblem(action, 1), valueProblem(action, 2)]).toEqual([null, 'Not one of the documented values.']);
-  const mask = metadata({
+  const bitmask = metadata({
     bits: [
       { value: 0, label: 'a' },
       { value: 4, label: 'b' },
     ],
   });
-  expect([valueProblem(mask, 17), valueProblem(mask, 0)]).toEqual([null, null]);
-  expect(valueProblem(mask, 2)).not.toBeNull();
-  expect(valueProblem(mask, -1)).not.toBeNull();
+  expect([valueProblem(bitmask, 17), valueProblem(bitmask, 0)]).toEqual([null, null]);
+  expect(valueProblem(bitmask, 2)).not.toBeNull();
+  expect(valueProblem(bitmask, -1)).not.toBeNull();
 });
 
 test('the state text shows the progress of reading', () => {

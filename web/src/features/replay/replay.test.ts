@@ -111,13 +111,13 @@ describe('the time bar', () => {
 
 describe('which replay is shown', () => {
   it('is the replay of the selected vehicle, or the expected replay', () => {
-    const empty = replay({ name: 'b', vehicles: [] });
-    expect(replayToShow([replay(), empty], '1', null)?.name).toBe('replay-a.tlog');
+    const emptyReplay = replay({ name: 'b', vehicles: [] });
+    expect(replayToShow([replay(), emptyReplay], '1', null)?.name).toBe('replay-a.tlog');
     expect(replayToShow([replay()], '2', null)).toBeNull();
-    expect(replayToShow([empty], '2', 'b')?.name).toBe('b');
-    expect(replayToShow([empty], '2', null)).toBeNull();
+    expect(replayToShow([emptyReplay], '2', 'b')?.name).toBe('b');
+    expect(replayToShow([emptyReplay], '2', null)).toBeNull();
     expect(replayToShow([replay()], null, 'replay-a.tlog')?.name).toBe('replay-a.tlog'); // its vehicle has appeared again, but is not selected yet
-    expect(replayToShow([empty], null, null)?.name).toBe('b');
+    expect(replayToShow([emptyReplay], null, null)?.name).toBe('b');
   });
 });
 
@@ -189,8 +189,8 @@ describe('replay control', () => {
     now.mockRestore();
   });
   it('selects the vehicle of the opened replay', async () => {
-    const other = replay({ name: 'replay-b', vehicles: ['7'] });
-    const { control, requests, select, respond } = setup([other]);
+    const otherReplay = replay({ name: 'replay-b', vehicles: ['7'] });
+    const { control, requests, select, respond } = setup([otherReplay]);
     const opening = control.open('b.tlog');
     await vi.waitFor(() => expect(requests).toHaveLength(1));
     respond();

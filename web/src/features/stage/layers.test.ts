@@ -5,9 +5,9 @@ import { iconName, toGeoJson } from './layer-draw';
 import { LayerGesture, viewFromAbove, targetAt } from './layer-gesture';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
-const bare = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
+const unscaledMap = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
 /** Two pixels per metre. */
-const map = { ...bare, world_px: 2 / pixelsPerMetre(bare) };
+const map = { ...unscaledMap, world_px: 2 / pixelsPerMetre(unscaledMap) };
 const view = viewFromAbove(map);
 const targetOn = (target: LayerPoint) => ({ point: target, part: 'point' as const });
 
@@ -69,9 +69,9 @@ describe('a gesture', () => {
     const [grab, drag, drop] = editor.calls as [unknown, [string, string, GeoPosition], unknown];
     expect(grab).toEqual(['grab', 'a']);
     expect(drop).toEqual(['drop', true]);
-    const at = toPixel(map, drag[2]);
-    expect(at.x).toBeCloseTo(520, 3);
-    expect(at.y).toBeCloseTo(400, 3);
+    const pixel = toPixel(map, drag[2]);
+    expect(pixel.x).toBeCloseTo(520, 3);
+    expect(pixel.y).toBeCloseTo(400, 3);
   });
 
   it('drags the inserted point if it begins on a midpoint', () => {
@@ -133,13 +133,13 @@ describe('the MapLibre data', () => {
     expect(area.coordinates[0]?.at(-1)).toEqual(area.coordinates[0]?.[0]);
   });
   it('has different names for icons that look different', () => {
-    const plain = point('7', 0);
+    const plainPoint = point('7', 0);
     const names = [
-      plain,
-      { ...plain, selected: true },
-      { ...plain, text: '8' },
-      { ...plain, mark: 'corner' as const },
-      { ...plain, tone: 'caution' as const },
+      plainPoint,
+      { ...plainPoint, selected: true },
+      { ...plainPoint, text: '8' },
+      { ...plainPoint, mark: 'corner' as const },
+      { ...plainPoint, tone: 'caution' as const },
     ].map(iconName);
     expect(new Set(names).size).toBe(5);
   });

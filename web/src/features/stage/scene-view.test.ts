@@ -13,7 +13,7 @@ const [WIDTH, HEIGHT, FOCAL] = [800, 600, 1.5];
 /** A camera at `eye` (ENU) that looks north and down; by default the scene has the axes of the world. */
 function cameraLookingNorth(eye: readonly [number, number, number], down_rad: number, world: Matrix = IDENTITY): SceneCamera {
   const [sin, cos] = [Math.sin(down_rad), Math.cos(down_rad)];
-  // Axes of the camera: right is east, up, backwards.
+  // The camera’s axes: right (east), up, backwards.
   const pose = [1, 0, 0, 0, 0, sin, cos, 0, 0, -cos, sin, 0, ...eye, 1];
   const [x, y, z] = eye;
   const poseInverse = [1, 0, 0, 0, 0, sin, -cos, 0, 0, cos, sin, 0, -x, -(sin * y + cos * z), cos * y - sin * z, 1];
@@ -37,7 +37,7 @@ const point = (id: string, position: LayerPosition, fields: Partial<LayerPoint> 
   selected: false,
   ...fields,
 });
-const metres = (position: GeoPosition | null): number[] => {
+const eastNorth_m = (position: GeoPosition | null): number[] => {
   if (position === null) return [];
   const { east_m, north_m } = eastNorth(ORIGIN, position);
   return [Math.round(east_m * 1000) / 1000 + 0, Math.round(north_m * 1000) / 1000 + 0];
@@ -53,25 +53,25 @@ describe('a position in the 3D view', () => {
   });
 
   it('is the same after projection and back, at any altitude and in a turned world', () => {
-    const turned = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 5, 20, -3, 1];
-    for (const tested of [view, viewFrom([0, -60, 40], 0.5, turned)])
+    const turnedWorld = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 5, 20, -3, 1];
+    for (const testedView of [view, viewFrom([0, -60, 40], 0.5, turnedWorld)])
       for (const position of [at(10, 5), at(-12, 8, 20), at(3, -2, 31)]) {
-        const pixel = tested.pixelOf(position);
-        expect(metres(pixel === null ? null : tested.positionAt(pixel, position))).toEqual(metres(position));
+        const pixel = testedView.pixelOf(position);
+        expect(eastNorth_m(pixel === null ? null : testedView.positionAt(pixel, position))).toEqual(eastNorth_m(position));
       }
   });
 
   it('does not exist above the horizon or too far away', () => {
     expect(view.groundAt({ x: 400, y: -600 })).toBeNull();
     expect(viewFrom([0, 0, 3], 0).groundAt({ x: 400, y: 300.1 })).toBeNull();
-    expect(metres(viewFrom([0, -40, 40], Math.PI / 4).groundAt({ x: 400, y: 300 }))).toEqual([0, 0]);
+    expect(eastNorth_m(viewFrom([0, -40, 40], Math.PI / 4).groundAt({ x: 400, y: 300 }))).toEqual([0, 0]);
   });
 
   it('is moved only across the view if the camera is at the level of the point', () => {
-    const low = viewFrom([0, -60, 20], 0);
+    const lowView = viewFrom([0, -60, 20], 0);
     const reference = at(0, 0, 20);
-    expect(metres(low.positionAt({ x: 500, y: 300 }, reference))[1]).toBe(0);
-    expect(metres(low.positionAt({ x: 500, y: 180 }, reference))).toEqual(metres(low.positionAt({ x: 500, y: 300 }, reference)));
+    expect(eastNorth_m(lowView.positionAt({ x: 500, y: 300 }, reference))[1]).toBe(0);
+    expect(eastNorth_m(lowView.positionAt({ x: 500, y: 180 }, reference))).toEqual(eastNorth_m(lowView.positionAt({ x: 500, y: 300 }, reference)));
   });
 });
 
@@ -94,9 +94,9 @@ describe('the altitude of a point', () => {
   });
 
   it('has only one handle if many points are selected', () => {
-    const many = Array.from({ length: 9 }, (_, i) => point(String(i), at(i, 0, 10), { selected: true, altitudeText: '10 m' }));
-    expect(withHandles(many)).toEqual([many[0]]);
-    expect(withHandles([...many.slice(0, 3), point('corner', at(0, 0), { selected: true })])).toEqual(many.slice(0, 3));
+    const manyPoints = Array.from({ length: 9 }, (_, i) => point(String(i), at(i, 0, 10), { selected: true, altitudeText: '10 m' }));
+    expect(withHandles(manyPoints)).toEqual([manyPoints[0]]);
+    expect(withHandles([...manyPoints.slice(0, 3), point('corner', at(0, 0), { selected: true })])).toEqual(manyPoints.slice(0, 3));
   });
 
   it('is changed by a drag of the handle, in one gesture', () => {
@@ -147,8 +147,8 @@ describe('the drawing', () => {
       point('behind', at(0, -200, 0)),
     ];
     expect(drawnPoints(view, points).map((drawn) => drawn.point.id)).toEqual(['middle', 'far', 'near', 'selected']);
-    const many = Array.from({ length: MAX_POINTS + 50 }, (_, i) => point(String(i), at(0, i / 10, 0)));
-    const drawn = drawnPoints(view, many);
+    const manyPoints = Array.from({ length: MAX_POINTS + 50 }, (_, i) => point(String(i), at(0, i / 10, 0)));
+    const drawn = drawnPoints(view, manyPoints);
     expect(drawn).toHaveLength(MAX_POINTS);
     expect(drawn.some(({ point: { id } }) => id === '0')).toBe(true);
   });
@@ -180,18 +180,18 @@ describe('the drawing', () => {
         [-5, 10, 12],
       ],
     };
-    // The camera is below the top of the far box, so this top is not in front.
+    // The camera is below the top of the far box, so this top does not face the camera.
     expect([rounded.slice(0, 5).filter(({ facesCamera }) => facesCamera), rounded.slice(5).filter(({ facesCamera }) => facesCamera)]).toEqual([
       [front(100, 60)],
       [front(0, 12), top],
     ]);
     expect(rounded[4]).toEqual(front(100, 60));
     expect(faces.slice(5).flatMap(({ edges, facesCamera }) => (facesCamera ? edges : []))).toHaveLength(4);
-    const round = Array.from({ length: 24 }, (_, i) => at(5 * Math.cos((i * Math.PI) / 12), 5 * Math.sin((i * Math.PI) / 12)));
-    const upright = facesOf(viewFrom([0, -60, 40], 0.5), [{ ring: round, top_amsl_m: 500, tone: 'danger' }]).flatMap(({ edges, facesCamera }) =>
+    const circle = Array.from({ length: 24 }, (_, i) => at(5 * Math.cos((i * Math.PI) / 12), 5 * Math.sin((i * Math.PI) / 12)));
+    const uprightEdges = facesOf(viewFrom([0, -60, 40], 0.5), [{ ring: circle, top_amsl_m: 500, tone: 'danger' }]).flatMap(({ edges, facesCamera }) =>
       facesCamera ? edges.filter(([a, b]) => a[2] !== b[2]) : [],
     );
-    expect(upright).toHaveLength(2);
+    expect(uprightEdges).toHaveLength(2);
     const clockwise = { ...box(0, 12), ring: box(0, 12).ring.reverse() };
     expect(facesOf(viewFrom([0, -60, 40], 0.5), [clockwise]).filter(({ facesCamera }) => facesCamera)).toHaveLength(2);
   });

@@ -20,9 +20,9 @@ import { attributionText, offlineMap, type MapFile } from './offline-maps';
 import { flightTime_s, altitudeInRange, lookAngles, menuCorner, distanceText, whyNotGo, whyNotLook, whyNotRoi } from './map-point';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
-const view = (px_per_m: number, over: Partial<MapView> = {}): MapView => {
+const view = (px_per_m: number, more: Partial<MapView> = {}): MapView => {
   const unscaled = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
-  return { ...unscaled, world_px: px_per_m / pixelsPerMetre(unscaled), ...over };
+  return { ...unscaled, world_px: px_per_m / pixelsPerMetre(unscaled), ...more };
 };
 
 describe('positions', () => {
@@ -35,17 +35,17 @@ describe('positions', () => {
   });
   it('are projected to the screen, north up or rotated', () => {
     const east = positionAt(HERE, { east_m: 20, north_m: 0 });
-    const up = toPixel(view(8), east);
-    expect([up.x, up.y].map(Math.round)).toEqual([660, 400]);
-    const turned = toPixel(view(8, { up_rad: Math.PI / 2 }), east);
-    expect([turned.x, turned.y].map(Math.round)).toEqual([500, 240]);
+    const northUp = toPixel(view(8), east);
+    expect([northUp.x, northUp.y].map(Math.round)).toEqual([660, 400]);
+    const rotated = toPixel(view(8, { up_rad: Math.PI / 2 }), east);
+    expect([rotated.x, rotated.y].map(Math.round)).toEqual([500, 240]);
   });
   it('are the same after projection and back', () => {
     for (const up_rad of [0, 0.7, -2]) {
-      const at = { x: 130, y: 720 };
-      const back = toPixel(view(3, { up_rad }), fromPixel(view(3, { up_rad }), at));
-      expect(back.x).toBeCloseTo(at.x, 4);
-      expect(back.y).toBeCloseTo(at.y, 4);
+      const pixel = { x: 130, y: 720 };
+      const projected = toPixel(view(3, { up_rad }), fromPixel(view(3, { up_rad }), pixel));
+      expect(projected.x).toBeCloseTo(pixel.x, 4);
+      expect(projected.y).toBeCloseTo(pixel.y, 4);
     }
   });
   it('are found by the nearest pixel within reach', () => {
@@ -92,7 +92,7 @@ describe('grid', () => {
 
 const reading = <T>(value: T, stale = false) => ({ value, age_s: stale ? 9 : 0, stale });
 const gimbal = { pitch_min_rad: -1.58, pitch_max_rad: 0.5, yaw_min_rad: -3.1, yaw_max_rad: 3.1 };
-function facts(over: Record<string, unknown> = {}): VehicleFacts {
+function facts(more: Record<string, unknown> = {}): VehicleFacts {
   return {
     id: '1',
     name: '1 Quad',
@@ -105,7 +105,7 @@ function facts(over: Record<string, unknown> = {}): VehicleFacts {
     attitude: reading({ yaw_ned_rad: Math.PI / 2 }),
     gimbal: reading(gimbal),
     status: reading({ armed: true, mode: 'hold' }),
-    ...over,
+    ...more,
   } as unknown as VehicleFacts;
 }
 const EAST_30 = positionAt(HERE, { east_m: 30, north_m: 0 });
@@ -124,13 +124,13 @@ describe('actions at a map point', () => {
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within the limits
     expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/range: pitch 71°/);
-    for (const [over, word] of [
+    for (const [more, word] of [
       [{ replayed: true }, /replayed/],
       [{ lost: true }, /No connection/],
       [{ global: null }, /position/],
       [{ global: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/],
     ] as const) {
-      for (const why of [whyNotGo(facts(over), EAST_30), whyNotLook(facts(over), EAST_30, 0, true), whyNotRoi(facts(over))]) expect(why).toMatch(word);
+      for (const why of [whyNotGo(facts(more), EAST_30), whyNotLook(facts(more), EAST_30, 0, true), whyNotRoi(facts(more))]) expect(why).toMatch(word);
     }
   });
   it('include "Set ROI" and "Look here" on the ground', () => {

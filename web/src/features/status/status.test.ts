@@ -4,7 +4,7 @@ import { batteryIndicator, gpsIndicator } from './indicators';
 import { linkDetails, recordingIndicator, type ServerLink } from './links';
 import { statusLabel, type StatusFacts } from './status-label';
 
-const status = (over: Partial<Status> = {}): Status => ({
+const status = (more: Partial<Status> = {}): Status => ({
   armed: true,
   mode: 'hold',
   mode_label: 'Hold',
@@ -14,9 +14,9 @@ const status = (over: Partial<Status> = {}): Status => ({
   system_status: 4,
   link_lost: false,
   last_heartbeat_age_s: 0.2,
-  ...over,
+  ...more,
 });
-const label = (over: Partial<StatusFacts>) => statusLabel({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
+const label = (more: Partial<StatusFacts>) => statusLabel({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...more });
 
 describe('the status label', () => {
   it('shows who commands the vehicle', () => {
@@ -47,7 +47,7 @@ describe('the status label', () => {
   });
 });
 
-it('shows a severity with a word, and unknown values as unknown', () => {
+it('an indicator shows a severity with a word, and unknown values as unknown', () => {
   const reading = (remaining_percent: number | null) => ({
     value: {
       remaining_percent,
@@ -72,7 +72,7 @@ it('shows a severity with a word, and unknown values as unknown', () => {
   });
 });
 
-it('shows the state of the recordings and the counters of the links', () => {
+it('the indicators show the state of the recordings and the counters of the links', () => {
   const link: ServerLink = {
     name: 'a',
     url: 'udpin://x',
@@ -100,14 +100,14 @@ it('shows the state of the recordings and the counters of the links', () => {
     frames_unverified: 0,
     signing: null,
   };
-  const recorded = (change: object): ServerLink => ({ ...link, recording: { file: 'a.tlog', bytes: 0, started_unix_s: 1000, stopped: null, ...change } });
+  const linkWith = (change: object): ServerLink => ({ ...link, recording: { file: 'a.tlog', bytes: 0, started_unix_s: 1000, stopped: null, ...change } });
   expect(recordingIndicator([], false, 1221).text).toBe('–');
   expect(recordingIndicator([link], true, 1221)).toMatchObject({ text: '03:41', severity: 'none' });
   expect(recordingIndicator([link], true, 1221).details[0]?.[1]).toContain('a.tlog · 2.0 MB');
-  expect(recordingIndicator([recorded({ file: null, started_unix_s: null })], true, 1221).text).toBe('Waiting');
+  expect(recordingIndicator([linkWith({ file: null, started_unix_s: null })], true, 1221).text).toBe('Waiting');
   expect(recordingIndicator([{ ...link, replay: true, recording: null }], true, 1221).text).toBe('None');
   expect(recordingIndicator([{ ...link, recording: null }], true, 1221)).toMatchObject({ text: 'Off', severity: 'caution' });
-  const stopped = recordingIndicator([link, recorded({ stopped: 'disk full' })], true, 1221);
+  const stopped = recordingIndicator([link, linkWith({ stopped: 'disk full' })], true, 1221);
   expect(stopped).toMatchObject({ text: 'Stopped', severity: 'danger' });
   expect(stopped.details[1]?.[1]).toBe('disk full');
   const lines = linkDetails(

@@ -32,11 +32,11 @@ const listOf = (topics: Topic[], more: Partial<TopicList> = {}): TopicList => ({
 
 describe('the list of topics', () => {
   it('is filtered by words of name and type, and by whether a topic has messages', () => {
-    const all = [topic('/px4_1/fmu/out/vehicle_status_v1'), topic('/camera/image', { type: 'sensor_msgs/msg/Image', age_s: null })];
-    expect(matchingTopics(all, NO_FILTER)).toHaveLength(2);
-    expect(matchingTopics(all, { text: 'OUT status', withMessages: false })).toEqual([all[0]]);
-    expect(matchingTopics(all, { text: 'sensor_msgs', withMessages: false })).toEqual([all[1]]);
-    expect(matchingTopics(all, { text: '', withMessages: true })).toEqual([all[0]]);
+    const allTopics = [topic('/px4_1/fmu/out/vehicle_status_v1'), topic('/camera/image', { type: 'sensor_msgs/msg/Image', age_s: null })];
+    expect(matchingTopics(allTopics, NO_FILTER)).toHaveLength(2);
+    expect(matchingTopics(allTopics, { text: 'OUT status', withMessages: false })).toEqual([allTopics[0]]);
+    expect(matchingTopics(allTopics, { text: 'sensor_msgs', withMessages: false })).toEqual([allTopics[1]]);
+    expect(matchingTopics(allTopics, { text: '', withMessages: true })).toEqual([allTopics[0]]);
   });
 
   it('shows rate, age, publishers and subscribers', () => {
@@ -74,8 +74,8 @@ it('the panel is offered only for a vehicle that is connected over ROS 2', () =>
 });
 
 it('the panel shows only the topics of the watched vehicle, and clears them for another vehicle', () => {
-  let stopped = 0;
-  const start = (socket: TelemetrySocket): void => void (socket.stop = () => (stopped += 1));
+  let stopCount = 0;
+  const start = (socket: TelemetrySocket): void => void (socket.stop = () => (stopCount += 1));
   const stopWatching = panel.watch('1', 'ws://x', start);
   const sample = { vehicle: '1', topic: 'ros2_topics', vehicle_time_boot_s: null, received_unix_s: 1, value: listOf([topic('a')]) };
   panel.onFrame({ type: 'samples', samples: [{ ...sample, vehicle: '2' }] }, '1');
@@ -83,7 +83,7 @@ it('the panel shows only the topics of the watched vehicle, and clears them for 
   panel.onFrame({ type: 'samples', samples: [sample] }, '1');
   expect(panel.content?.topics).toHaveLength(1);
   stopWatching();
-  expect(stopped).toBe(1);
+  expect(stopCount).toBe(1);
   panel.watch('2', 'ws://x', start);
   expect(panel.content).toBeNull();
 });

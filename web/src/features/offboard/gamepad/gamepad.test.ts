@@ -3,7 +3,7 @@ import { StickControl, type PadSnapshot, type StickControlInputs } from './stick
 import { attitudeSetpoint, CENTRED_STICKS, SCALES, STICK_CURVE, shapeAxis, STOP_SETPOINT, sticksOf, velocitySetpoint, type Scale } from './sticks';
 
 const SCALE: Scale = { speed_m_s: 4, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 20 };
-const READABLE: StickControlInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
+const READABLE_INPUTS: StickControlInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
 const pad = (axes: number[], held: boolean): PadSnapshot => ({ index: 0, id: 'pad', axes, pressed: [false, false, false, false, false, held] });
 const FORWARD = [0, 0, 0, -1];
 
@@ -35,9 +35,9 @@ describe('sticks', () => {
       velocity_frd_m_s: [4, 0, -1],
       yaw_rate_ned_rad_s: -Math.PI / 2,
     });
-    const corner = velocitySetpoint({ forward: 1, right: 1, up: 0, turn: 0 }, 'north', SCALE);
-    expect(Math.hypot(...(corner.velocity_ned_m_s ?? []))).toBeCloseTo(4);
-    expect(corner.type).toBe('velocity');
+    const diagonal = velocitySetpoint({ forward: 1, right: 1, up: 0, turn: 0 }, 'north', SCALE);
+    expect(Math.hypot(...(diagonal.velocity_ned_m_s ?? []))).toBeCloseTo(4);
+    expect(diagonal.type).toBe('velocity');
   });
 
   it('command an attitude in Attitude mode: nose down for forward, hover thrust in the middle', () => {
@@ -54,60 +54,60 @@ describe('sticks', () => {
 });
 
 describe('the deadman button', () => {
-  function flying(mode: 'heading' | 'attitude' = 'heading'): StickControl {
+  function flyingControl(mode: 'heading' | 'attitude' = 'heading'): StickControl {
     const stickControl = new StickControl(SCALE, 5);
     stickControl.mode = mode;
     stickControl.engage();
-    stickControl.update(pad(FORWARD, false), READABLE, 0);
-    expect(stickControl.update(pad(FORWARD, true), READABLE, 0.04).phase).toBe('flying');
+    stickControl.update(pad(FORWARD, false), READABLE_INPUTS, 0);
+    expect(stickControl.update(pad(FORWARD, true), READABLE_INPUTS, 0.04).phase).toBe('flying');
     return stickControl;
   }
 
   it('must be held, or the sticks command zero velocity', () => {
     const stickControl = new StickControl(SCALE, 5);
-    expect(stickControl.update(pad(FORWARD, true), READABLE, 0).setpoint).toBeNull();
+    expect(stickControl.update(pad(FORWARD, true), READABLE_INPUTS, 0).setpoint).toBeNull();
     stickControl.engage();
-    expect(stickControl.update(pad(FORWARD, false), READABLE, 0)).toMatchObject({ phase: 'ready', setpoint: STOP_SETPOINT });
-    expect(stickControl.update(pad(FORWARD, true), READABLE, 0.04).setpoint).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
+    expect(stickControl.update(pad(FORWARD, false), READABLE_INPUTS, 0)).toMatchObject({ phase: 'ready', setpoint: STOP_SETPOINT });
+    expect(stickControl.update(pad(FORWARD, true), READABLE_INPUTS, 0.04).setpoint).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
   });
 
   it('has no effect if it was already held, until it is released once', () => {
     const stickControl = new StickControl(SCALE, 5);
     stickControl.engage();
-    expect(stickControl.update(pad(FORWARD, true), READABLE, 0)).toMatchObject({ phase: 'release', setpoint: STOP_SETPOINT });
-    stickControl.update(pad(FORWARD, false), READABLE, 0.04);
-    expect(stickControl.update(pad(FORWARD, true), READABLE, 0.08).phase).toBe('flying');
+    expect(stickControl.update(pad(FORWARD, true), READABLE_INPUTS, 0)).toMatchObject({ phase: 'release', setpoint: STOP_SETPOINT });
+    stickControl.update(pad(FORWARD, false), READABLE_INPUTS, 0.04);
+    expect(stickControl.update(pad(FORWARD, true), READABLE_INPUTS, 0.08).phase).toBe('flying');
   });
 
   it.each(['heading', 'attitude'] as const)('stops the vehicle on release (%s)', (mode) => {
-    expect(flying(mode).update(pad(FORWARD, false), READABLE, 0.08)).toMatchObject({ phase: 'ready', setpoint: STOP_SETPOINT, endReason: null });
+    expect(flyingControl(mode).update(pad(FORWARD, false), READABLE_INPUTS, 0.08)).toMatchObject({ phase: 'ready', setpoint: STOP_SETPOINT, endReason: null });
   });
 
   it.each([
-    ['unplugged', null, READABLE],
-    ['tab hidden', pad(FORWARD, true), { ...READABLE, visible: false }],
-    ['window without focus', pad(FORWARD, true), { ...READABLE, focused: false }],
+    ['unplugged', null, READABLE_INPUTS],
+    ['tab hidden', pad(FORWARD, true), { ...READABLE_INPUTS, visible: false }],
+    ['window without focus', pad(FORWARD, true), { ...READABLE_INPUTS, focused: false }],
   ])('does not keep the vehicle flying (%s): the vehicle stops, and stick control ends with a reason', (_, snapshot, inputs) => {
-    const stickControl = flying();
+    const stickControl = flyingControl();
     const step = stickControl.update(snapshot, inputs, 0.08);
     expect(step).toMatchObject({ phase: 'off', setpoint: STOP_SETPOINT });
     expect(step.endReason).toMatch(/\.$/);
     // Readable again with the button still held: the sticks command nothing until a person starts stick control again.
-    expect(stickControl.update(pad(FORWARD, true), READABLE, 0.12).setpoint).toBeNull();
+    expect(stickControl.update(pad(FORWARD, true), READABLE_INPUTS, 0.12).setpoint).toBeNull();
   });
 
-  it('turns the yaw setpoint by the stick, from the vehicle’s heading, without a jump after a pause', () => {
-    const stickControl = flying('attitude');
-    const turned = stickControl.update(pad([1, 0, 0, 0], true), READABLE, 0.08).setpoint;
+  it('lets the stick turn the yaw setpoint from the vehicle’s heading, without a jump after a pause', () => {
+    const stickControl = flyingControl('attitude');
+    const turned = stickControl.update(pad([1, 0, 0, 0], true), READABLE_INPUTS, 0.08).setpoint;
     expect(turned).toMatchObject({ type: 'attitude' });
     expect((turned as { yaw_ned_rad: number }).yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.04);
-    const afterPause = stickControl.update(pad([1, 0, 0, 0], true), READABLE, 60).setpoint as { yaw_ned_rad: number };
+    const afterPause = stickControl.update(pad([1, 0, 0, 0], true), READABLE_INPUTS, 60).setpoint as { yaw_ned_rad: number };
     expect(afterPause.yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.14);
-    expect(stickControl.update(pad(FORWARD, true), { ...READABLE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP_SETPOINT });
+    expect(stickControl.update(pad(FORWARD, true), { ...READABLE_INPUTS, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP_SETPOINT });
   });
 
   it('sends one stop setpoint when a person ends stick control', () => {
-    const stickControl = flying();
+    const stickControl = flyingControl();
     expect(stickControl.disengage()).toEqual(STOP_SETPOINT);
     expect(stickControl.disengage()).toBeNull();
   });

@@ -16,8 +16,8 @@ describe('the group form', () => {
   });
 
   it('gives no setpoints if a position is not known, and names the vehicles', () => {
-    const stale = { ...vehicle('3', [0, 0, 0]), local: reading({ position_ned_m: [0, 0, 0] }, true) } as unknown as VehicleFacts;
-    expect(setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', null), stale], MOVE)).toEqual({
+    const staleVehicle = { ...vehicle('3', [0, 0, 0]), local: reading({ position_ned_m: [0, 0, 0] }, true) } as unknown as VehicleFacts;
+    expect(setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', null), staleVehicle], MOVE)).toEqual({
       ok: false,
       detail: expect.stringMatching(/^2 Quad and 3 Quad report no local position/) as string,
     });

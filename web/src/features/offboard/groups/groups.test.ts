@@ -84,9 +84,9 @@ describe('a group’s state', () => {
 
   it('distinguishes groups with the same number by their creation time, and shows an ended group only if this page saw it flying', () => {
     const earlier = groupWith({ state: 'ended', created_unix_s: 1, ended: 'x' });
-    const list: ReceivedGroup[] = withGroup([{ group: earlier, receivedAt_s: 0 }], { group: GROUP, receivedAt_s: 1 });
-    expect(list).toHaveLength(2);
-    const ended = withGroup(list, { group: groupWith({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
+    const groups: ReceivedGroup[] = withGroup([{ group: earlier, receivedAt_s: 0 }], { group: GROUP, receivedAt_s: 1 });
+    expect(groups).toHaveLength(2);
+    const ended = withGroup(groups, { group: groupWith({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
     expect(ended).toHaveLength(2);
     expect(newestEnded(ended, new Set([groupKey(GROUP)]))?.ended).toBe('me commanded Hold.');
     expect(newestEnded(ended, new Set())).toBeNull();
@@ -174,22 +174,22 @@ describe('the group controller', () => {
   function setup(): {
     controller: GroupController;
     calls: { call: string; body: unknown }[];
-    world: { now_s: number; visible: boolean; group: Group; status: number; response: Promise<void> };
+    fakes: { now_s: number; visible: boolean; group: Group; status: number; response: Promise<void> };
     stoppedRenewals: string[];
     refused: Refusal[];
     settle: () => Promise<void>;
   } {
     const calls: { call: string; body: unknown }[] = [];
-    const world = { now_s: 0, visible: true, group: GROUP, status: 200, response: Promise.resolve() };
+    const fakes = { now_s: 0, visible: true, group: GROUP, status: 200, response: Promise.resolve() };
     const api = new ApiClient({ name: 'Anna', id: 'tab', key: 'me' }, undefined, (path, init) => {
       calls.push({
         call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`,
         body: init.body === undefined ? null : (JSON.parse(init.body as string) as unknown),
       });
-      const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [world.group] } : world.group;
+      const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [fakes.group] } : fakes.group;
       const reply =
-        world.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: world.status });
-      return init.method === 'POST' ? world.response.then(() => reply) : Promise.resolve(reply);
+        fakes.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: fakes.status });
+      return init.method === 'POST' ? fakes.response.then(() => reply) : Promise.resolve(reply);
     });
     const refused: Refusal[] = [];
     const stoppedRenewals: string[] = [];
@@ -209,17 +209,17 @@ describe('the group controller', () => {
       api,
       new CommandQueue(),
       actions,
-      () => world.now_s,
-      () => world.visible,
+      () => fakes.now_s,
+      () => fakes.visible,
       (id) => `${id} Quad`,
       (id) => stoppedRenewals.push(id),
     );
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
-    return { controller, calls, world, stoppedRenewals, refused, settle };
+    return { controller, calls, fakes, stoppedRenewals, refused, settle };
   }
 
   it('renews each member’s setpoint, except for members that got a setpoint outside the group', async () => {
-    const { controller, calls, world, stoppedRenewals, settle } = setup();
+    const { controller, calls, fakes, stoppedRenewals, settle } = setup();
     expect((await controller.start({ members: MEMBERS }, VALIDITY)).ok).toBe(true);
     expect(stoppedRenewals).toEqual(['1', '2']);
     expect([controller.pageGroup?.group.id, controller.renewedKey, controller.groupWith('2')?.id, controller.groupWith('3')]).toEqual([
@@ -229,27 +229,27 @@ describe('the group controller', () => {
       null,
     ]);
     const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
-    world.now_s = 3;
+    fakes.now_s = 3;
     controller.tick('open');
     await settle();
     controller.onVehicleSetpoint('1');
-    world.now_s = 6;
+    fakes.now_s = 6;
     controller.tick('open');
     await settle();
     expect(renewals()).toEqual([MEMBERS, [MEMBERS[1]]]);
-    world.visible = false;
-    world.now_s = 20;
+    fakes.visible = false;
+    fakes.now_s = 20;
     controller.tick('open');
     await settle();
     expect(renewals()).toHaveLength(2);
   });
 
   it('sends no renewal that could overtake a new setpoint', async () => {
-    const { controller, calls, world, settle } = setup();
+    const { controller, calls, fakes, settle } = setup();
     await controller.start({ members: MEMBERS }, VALIDITY);
     const delayResponse = (): (() => void) => {
       let respond = (): void => undefined;
-      world.response = new Promise((done) => (respond = done));
+      fakes.response = new Promise((done) => (respond = done));
       return respond;
     };
     const posts = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => c.body);
@@ -257,7 +257,7 @@ describe('the group controller', () => {
 
     // New setpoints while the server has not answered a renewal: the request waits for the response to the renewal.
     const respondToRenewal = delayResponse();
-    world.now_s = 3;
+    fakes.now_s = 3;
     controller.tick('open');
     await settle();
     const sending = controller.send(GROUP, newSetpoints, { ...VALIDITY, valid_for_s: 30 });
@@ -269,7 +269,7 @@ describe('the group controller', () => {
     expect(posts().slice(1)).toEqual([{ setpoints: newSetpoints, valid_for_s: 30, on_expiry: VALIDITY.on_expiry }]);
 
     // Until the server has accepted the new setpoints, no renewal is sent; the next renewal sends the new setpoints with their validity.
-    world.now_s = 8;
+    fakes.now_s = 8;
     controller.tick('open');
     await settle();
     respondToSetpoints();
@@ -277,49 +277,49 @@ describe('the group controller', () => {
     controller.tick('open');
     await settle();
     expect(posts()).toHaveLength(2);
-    world.now_s = 17.5;
+    fakes.now_s = 17.5;
     controller.tick('open');
     await settle();
     expect(posts()[2]).toEqual(posts()[1]);
 
     // Without a response it is unknown which setpoints the server accepted, and this page renews none.
-    world.response = Promise.reject(new TypeError('network'));
+    fakes.response = Promise.reject(new TypeError('network'));
     expect((await controller.send(GROUP, MEMBERS, VALIDITY)).ok).toBe(false);
-    world.response = Promise.resolve();
-    world.now_s = 60;
+    fakes.response = Promise.resolve();
+    fakes.now_s = 60;
     controller.tick('open');
     await settle();
     expect([posts().length, controller.renewedKey]).toEqual([4, null]);
   });
 
   it('polls once a second while there is a group and the page is visible, and after each new connection', async () => {
-    const { controller, calls, world, settle } = setup();
-    const getCount = (): number => calls.filter((c) => c.call === 'GET /groups').length;
-    for (; world.now_s < 2.95; world.now_s += 0.1) {
+    const { controller, calls, fakes, settle } = setup();
+    const pollCount = (): number => calls.filter((c) => c.call === 'GET /groups').length;
+    for (; fakes.now_s < 2.95; fakes.now_s += 0.1) {
       controller.tick('open');
       await settle();
     }
-    expect(getCount()).toBe(3);
-    world.group = groupWith({ state: 'ended', ended: 'me commanded Hold.' });
-    controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: world.group });
+    expect(pollCount()).toBe(3);
+    fakes.group = groupWith({ state: 'ended', ended: 'me commanded Hold.' });
+    controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: fakes.group });
     expect([controller.activeGroups.length, controller.lastEndedGroup?.ended, controller.pageGroup]).toEqual([0, 'me commanded Hold.', null]);
-    world.now_s = 60;
+    fakes.now_s = 60;
     controller.tick('open');
     await settle();
-    expect(getCount()).toBe(3);
+    expect(pollCount()).toBe(3);
     controller.tick('another connection');
     await settle();
-    expect(getCount()).toBe(4);
+    expect(pollCount()).toBe(4);
     controller.dismissEnded();
     expect(controller.lastEndedGroup).toBeNull();
   });
 
   it('shows why a renewal was refused, and stops renewing', async () => {
-    const { controller, world, refused, calls, settle } = setup();
+    const { controller, fakes, refused, calls, settle } = setup();
     await controller.start({ members: MEMBERS }, VALIDITY);
-    world.status = 409;
+    fakes.status = 409;
     for (const now_s of [3, 6, 9]) {
-      world.now_s = now_s;
+      fakes.now_s = now_s;
       controller.tick('open');
       await settle();
     }

@@ -65,9 +65,9 @@ describe('forms', () => {
   });
 
   it('allow an uncontrolled axis if another quantity controls it; north and east change together', () => {
-    const mixed = setUncontrolled({ ...formFromCurrentState('trajectory', FACTS, null), omittedFields: ['acceleration_ned_m_s2'] }, 'p1', true);
-    expect(validSetpoint(setUncontrolled(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
-    expect(errorsOf({ ...mixed, omittedFields: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
+    const partialForm = setUncontrolled({ ...formFromCurrentState('trajectory', FACTS, null), omittedFields: ['acceleration_ned_m_s2'] }, 'p1', true);
+    expect(validSetpoint(setUncontrolled(partialForm, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
+    expect(errorsOf({ ...partialForm, omittedFields: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
       p0: expect.stringMatching(/^North is not controlled/) as string,
       p1: expect.any(String) as string,
     });
@@ -82,7 +82,7 @@ describe('forms', () => {
     expect(parseTyped(' 1e400 ')).toBeNull();
   });
 
-  it('require for follow a vehicle and an offset of at least 2 m', () => {
+  it('require a vehicle and an offset of at least 2 m for the type follow', () => {
     const form = formFromCurrentState('follow', FACTS, null);
     expect(errorsOf(form)).toEqual({ followedVehicle: 'Choose the vehicle to follow.' });
     expect(validSetpoint({ ...form, followedVehicle: '2', followYaw: 'face' })).toEqual({
@@ -149,15 +149,15 @@ class FakeSocket implements SocketLike {
   }
 }
 
-describe('the setpoint fakeSocket', () => {
+describe('the setpoint socket', () => {
   function openSocket(): { setpointSocket: SetpointSocket; fakeSocket: FakeSocket; acks: Ack[]; endReasons: (string | null)[]; wait: (s: number) => void } {
     const fakeSocket = new FakeSocket();
     const acks: Ack[] = [];
     const endReasons: (string | null)[] = [];
-    let now = 0;
+    let now_s = 0;
     const setpointSocket = new SetpointSocket(
       'ws://x',
-      () => now,
+      () => now_s,
       (a) => acks.push(a),
       (state, reason) => {
         if (state === 'closed') endReasons.push(reason);
@@ -170,7 +170,7 @@ describe('the setpoint fakeSocket', () => {
       acks,
       endReasons,
       wait: (s) => {
-        now += s;
+        now_s += s;
       },
     };
   }
@@ -216,10 +216,10 @@ describe('the setpoint fakeSocket', () => {
 describe('the log of sent setpoints', () => {
   it('merges the repeated setpoints of a gamepad into one line, and keeps the note that one was limited', () => {
     const log = new SentLog();
-    const first = log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [1, 0, 0] }, 100);
-    log.addResult(first, { note: 'slowed to 2 m/s', refused: false, roundTrip_s: 0.01 });
-    expect(log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [2, 0, 0] }, 100.04)).toBe(first);
-    log.addResult(first, { note: null, refused: false, roundTrip_s: 0.02 });
+    const lineId = log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [1, 0, 0] }, 100);
+    log.addResult(lineId, { note: 'slowed to 2 m/s', refused: false, roundTrip_s: 0.01 });
+    expect(log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [2, 0, 0] }, 100.04)).toBe(lineId);
+    log.addResult(lineId, { note: null, refused: false, roundTrip_s: 0.02 });
     expect(log.lines).toHaveLength(1);
     expect(log.lines[0]).toMatchObject({ count: 2, resultCount: 2, note: 'slowed to 2 m/s', roundTrip_s: 0.02 });
     log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0] }, 102);
