@@ -20,8 +20,8 @@ describe('problems', () => {
   it('names the field of a malformed request', () => {
     const problem = parseProblem(422, { title: 'Invalid request', code: 'invalid_request', detail: 'alt_home_m: too high', field: 'alt_home_m' });
     expect(problem.field).toBe('alt_home_m');
-    const plain = parseProblem(422, { detail: [{ loc: ['body', 'alt_home_m'], msg: 'Input should be less than 120' }] });
-    expect(plain).toMatchObject({ field: 'alt_home_m', detail: 'alt_home_m: Input should be less than 120', code: 'invalid_request' });
+    const validationProblem = parseProblem(422, { detail: [{ loc: ['body', 'alt_home_m'], msg: 'Input should be less than 120' }] });
+    expect(validationProblem).toMatchObject({ field: 'alt_home_m', detail: 'alt_home_m: Input should be less than 120', code: 'invalid_request' });
   });
   it('has a detail even if the body is empty', () => {
     for (const body of [null, 'oops', [], {}]) {
@@ -30,7 +30,7 @@ describe('problems', () => {
   });
 });
 
-describe('file calls', () => {
+describe('requests with files', () => {
   it('send a file unchanged and return the server’s problem', async () => {
     const file = new Blob(['QGC WPL 110']);
     const requests: RequestInit[] = [];
@@ -60,8 +60,8 @@ describe('file calls', () => {
       });
       return client.download('/plans/export', { params: { query: { format: 'yaml' } }, body: { plan: {} as never } }, 'X-Plan-Notes');
     };
-    const written = await download({ 'X-Plan-Notes': '["The geofence is left out."]' });
-    expect(written.ok && [await written.value.file.text(), written.value.notes]).toEqual(['steps:', ['The geofence is left out.']]);
+    const exported = await download({ 'X-Plan-Notes': '["The geofence is left out."]' });
+    expect(exported.ok && [await exported.value.file.text(), exported.value.notes]).toEqual(['steps:', ['The geofence is left out.']]);
     expect(await download({})).toMatchObject({ ok: true, value: { notes: [] } });
     expect(await download({ 'X-Plan-Notes': '{}' })).toMatchObject({ ok: true, value: { notes: [] } });
     expect(await download({ 'X-Plan-Notes': 'no JSON' })).toMatchObject({ ok: false });
@@ -71,20 +71,20 @@ describe('file calls', () => {
 
 describe('client', () => {
   it('sends its name and a JSON body, and returns the response', async () => {
-    let sent: RequestInit = {};
+    let sentRequest: RequestInit = {};
     const client = new ApiClient('page-7', undefined, (_, init) => {
-      sent = init;
+      sentRequest = init;
       return Promise.resolve(new Response('{"ok":true}'));
     });
     expect(await client.post('/vehicles/{v}/takeoff', { ...ofVehicle('1'), body: { alt_home_m: 10 } })).toEqual({ ok: true, value: { ok: true } });
-    expect(headersOf(sent)).toMatchObject({ 'x-client': 'page-7', 'content-type': 'application/json' });
-    expect(sent.body).toBe('{"alt_home_m":10}');
+    expect(headersOf(sentRequest)).toMatchObject({ 'x-client': 'page-7', 'content-type': 'application/json' });
+    expect(sentRequest.body).toBe('{"alt_home_m":10}');
   });
   it('turns a refusal and an unreachable server into problems', async () => {
-    const refused = new ApiClient('p', undefined, () => Promise.resolve(new Response('{"detail":"no","code":"refused"}', { status: 409 })));
-    expect(await refused.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'refused', title: 'Not sent' } });
-    const unreachable = new ApiClient('p', undefined, () => Promise.reject(new TypeError('failed')));
-    expect(await unreachable.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'unreachable', status: 0 } });
+    const refusingClient = new ApiClient('p', undefined, () => Promise.resolve(new Response('{"detail":"no","code":"refused"}', { status: 409 })));
+    expect(await refusingClient.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'refused', title: 'Not sent' } });
+    const unreachableClient = new ApiClient('p', undefined, () => Promise.reject(new TypeError('failed')));
+    expect(await unreachableClient.post('/vehicles/{v}/hold', ofVehicle('1'))).toMatchObject({ ok: false, problem: { code: 'unreachable', status: 0 } });
   });
   it('reports that the server rejects the token', async () => {
     let rejections = 0;

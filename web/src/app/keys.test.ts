@@ -4,7 +4,7 @@ import { characterOf, isControl, isShortcut, takesText, hasTypeAhead, type KeyTa
 import { Shortcuts } from './shortcuts.svelte';
 
 const input = (type?: string, more: object = {}): KeyTarget => ({ tagName: 'INPUT', tabIndex: 0, ...(type === undefined ? {} : { type }), ...more });
-const withRole = (role: string): KeyTarget => ({ tagName: 'DIV', tabIndex: 0, getAttribute: (name) => (name === 'role' ? role : null) });
+const elementWithRole = (role: string): KeyTarget => ({ tagName: 'DIV', tabIndex: 0, getAttribute: (name) => (name === 'role' ? role : null) });
 
 const button = (attributes: Readonly<Record<string, string>>): KeyTarget => ({
   tagName: 'BUTTON',
@@ -36,8 +36,8 @@ describe('a pressed character', () => {
       { tagName: 'TEXTAREA' },
       { tagName: 'DIV', isContentEditable: true },
       { tagName: 'textarea' },
-      withRole('textbox'),
-      withRole('combobox'),
+      elementWithRole('textbox'),
+      elementWithRole('combobox'),
     ]) {
       expect(takesText(target)).toBe(true);
     }
@@ -47,7 +47,7 @@ describe('a pressed character', () => {
       null,
       { tagName: 'BODY' },
       { tagName: 'BUTTON', tabIndex: 0 },
-      withRole('slider'),
+      elementWithRole('slider'),
       menuButton('false'),
       listButton('false'),
       input('text', { readOnly: true }),
@@ -58,8 +58,8 @@ describe('a pressed character', () => {
   });
   it.each<[string, KeyTarget]>([
     ['list', { tagName: 'SELECT', tabIndex: 0 }],
-    ['menu', withRole('menu')],
-    ['menu item', withRole('menuitem')],
+    ['menu', elementWithRole('menu')],
+    ['menu item', elementWithRole('menuitem')],
     ['button whose menu is opening', menuButton('true')],
     ['button whose list is open', listButton('true')],
   ])('selects an entry in a %s, but the keys of Hold, Land now and Stop motors remain shortcuts', (_, target) => {
@@ -74,9 +74,9 @@ describe('a pressed character', () => {
     expect(characterOf({ key: 'r', code: 'KeyP' })).toBe('r'); // another Latin layout: the character of the key counts, not its position
     expect(characterOf({ key: 'Escape', code: 'Escape' })).toBe('Escape');
   });
-  it('is handled by a focused control, not by a focused panel, if it is Space or an arrow', () => {
+  it('is handled by a focused control if it is Space or an arrow, but not by a focused panel', () => {
     expect(isControl({ tagName: 'BUTTON', tabIndex: 0 })).toBe(true);
-    expect(isControl(withRole('application'))).toBe(true);
+    expect(isControl(elementWithRole('application'))).toBe(true);
     for (const target of [null, { tagName: 'BODY', tabIndex: -1 }, { tagName: 'SECTION', tabIndex: -1 }]) expect(isControl(target)).toBe(false);
   });
 });
@@ -126,9 +126,9 @@ describe('single-key shortcuts', () => {
       setItem: (key: string, value: string) => void stored.set(key, value),
       removeItem: (key: string) => void stored.delete(key),
     };
-    const first = new Shortcuts(storage);
-    expect(first.enabled).toBe(true);
-    first.setEnabled(false);
+    const shortcuts = new Shortcuts(storage);
+    expect(shortcuts.enabled).toBe(true);
+    shortcuts.setEnabled(false);
     expect(new Shortcuts(storage).enabled).toBe(false);
     new Shortcuts(storage).setEnabled(true);
     expect(new Shortcuts(storage).enabled).toBe(true);

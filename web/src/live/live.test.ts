@@ -42,7 +42,7 @@ const replay = (vehicles: string[], position_unix_s: number): Replay =>
   }) as unknown as Replay;
 
 describe('age', () => {
-  it('is stale after three measured periods, and after at least 1 s', () => {
+  it('is stale after three measured periods, but not before 1 s', () => {
     expect(staleAfterS('battery', 2)).toBe(6);
     expect(staleAfterS('battery', null)).toBe(6);
     expect(staleAfterS('attitude', 0.02)).toBe(1);

@@ -21,7 +21,7 @@ function setup() {
   const frames: Frame[] = [];
   const states: SocketState[] = [];
   let timers: { due_ms: number; run: () => void }[] = [];
-  let now = 0;
+  let now_ms = 0;
   const server = { hasVehicles: true };
   const socket = new TelemetrySocket(
     'ws://x',
@@ -35,9 +35,9 @@ function setup() {
         sockets.push(opened);
         return opened;
       },
-      nowMs: () => now,
+      nowMs: () => now_ms,
       setTimer: (run, ms) => {
-        const timer = { due_ms: now + ms, run };
+        const timer = { due_ms: now_ms + ms, run };
         timers.push(timer);
         return timer;
       },
@@ -45,10 +45,10 @@ function setup() {
     },
   );
   const passTime = (ms: number): void => {
-    now += ms;
-    const due = timers.filter((t) => t.due_ms <= now);
-    timers = timers.filter((t) => t.due_ms > now);
-    for (const timer of due) timer.run();
+    now_ms += ms;
+    const dueTimers = timers.filter((t) => t.due_ms <= now_ms);
+    timers = timers.filter((t) => t.due_ms > now_ms);
+    for (const timer of dueTimers) timer.run();
   };
   return { socket, sockets, frames, states, passTime, server };
 }
@@ -68,20 +68,20 @@ describe('telemetry socket', () => {
   it('subscribes again if no frames arrive, and closes the connection if there is still no frame', () => {
     const { socket, sockets, passTime } = setup();
     socket.start();
-    const first = sockets[0];
-    first?.onopen?.();
-    first?.onmessage?.({ data: HELLO });
+    const firstSocket = sockets[0];
+    firstSocket?.onopen?.();
+    firstSocket?.onmessage?.({ data: HELLO });
     const passSeconds = (count: number): void => {
       for (let i = 0; i < count; i++) passTime(1000);
     };
     passSeconds(RESUBSCRIBE_AFTER_MS / 1000);
-    expect(first?.sent).toHaveLength(2); // the connection may still be open: a vehicle whose link is lost causes no frames
-    first?.onmessage?.({ data: '{"type":"samples","samples":[]}' });
+    expect(firstSocket?.sent).toHaveLength(2); // the connection may still be open: a vehicle whose link is lost causes no frames
+    firstSocket?.onmessage?.({ data: '{"type":"samples","samples":[]}' });
     passSeconds(RESUBSCRIBE_AFTER_MS / 1000 - 1);
     expect(socket.state.phase).toBe('open');
     passSeconds(RESPONSE_TIMEOUT_MS / 1000 + 1);
     expect(socket.state.phase).toBe('waiting');
-    expect(first?.closed).toBe(true);
+    expect(firstSocket?.closed).toBe(true);
   });
   it('does not subscribe again while the server has no vehicles', () => {
     const { socket, sockets, passTime, server } = setup();

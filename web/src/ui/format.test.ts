@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { duration, durationText, fixed, heading, join, metres, wrap180 } from './format';
 
-describe('numbers', () => {
+describe('the text of a number', () => {
   it('shows unknown values as a dash, never as zero', () => {
     for (const unknown of [null, undefined, NaN, Infinity]) {
       expect(fixed(unknown, 1)).toBe('–');

@@ -28,7 +28,7 @@ const FREE: Control = {
 const REQUEST = { client: 'Bob', key: 'b', reason: null, since_unix_s: 1, answer_left_s: 11.2 };
 const ANNA_CONTROLS: Control = { ...FREE, holder: 'Anna', holder_key: 'a', since_unix_s: 1, can_be_asked: true };
 
-function memory(): Storage {
+function memoryStorage(): Storage {
   const stored = new Map<string, string>();
   return {
     getItem: (k: string) => stored.get(k) ?? null,
@@ -70,34 +70,34 @@ describe('control', () => {
     expect(forceHint({ ...ANNA_CONTROLS, can_be_asked: false }, 'b', false)).toBeNull();
   });
   it('shows who outside this server set the mode', () => {
-    const cause = (source: string, who: string | null = null): Control => ({
+    const controlWithCause = (source: string, who: string | null = null): Control => ({
       ...FREE,
       mode_cause: { source, who, text: '', since_unix_s: 1 } as Control['mode_cause'],
     });
-    expect(externalModeText(cause('pilot'))).toBe('mode set by the RC pilot');
-    expect(externalModeText(cause('station', 'station 245/190'))).toBe('mode set by station 245/190');
-    expect(externalModeText(cause('command', 'Anna'))).toBeNull();
+    expect(externalModeText(controlWithCause('pilot'))).toBe('mode set by the RC pilot');
+    expect(externalModeText(controlWithCause('station', 'station 245/190'))).toBe('mode set by station 245/190');
+    expect(externalModeText(controlWithCause('command', 'Anna'))).toBeNull();
     expect(externalModeText(FREE)).toBeNull();
   });
 });
 
 describe('the page’s identity', () => {
   it('stays the same after a reload, and differs in a duplicated tab', () => {
-    const tab = memory();
-    const browser = memory();
-    const first = loadIdentity(tab, browser);
-    expect(loadIdentity(tab, browser).id).not.toBe(first.id); // a duplicated tab: the original is still open
-    const second = loadIdentity(tab, browser);
-    markUnloaded(tab);
-    expect(loadIdentity(tab, browser).id).toBe(second.id);
+    const tabStorage = memoryStorage();
+    const browserStorage = memoryStorage();
+    const first = loadIdentity(tabStorage, browserStorage);
+    expect(loadIdentity(tabStorage, browserStorage).id).not.toBe(first.id); // a duplicated tab: the original is still open
+    const second = loadIdentity(tabStorage, browserStorage);
+    markUnloaded(tabStorage);
+    expect(loadIdentity(tabStorage, browserStorage).id).toBe(second.id);
   });
   it('stores a person’s name in the browser', () => {
-    const browser = memory();
-    const own = loadIdentity(memory(), browser);
-    expect(own.name).toMatch(/^page-[0-9a-f]{4}$/);
-    setName(own, '  Anna ', browser);
-    expect([own.name, loadIdentity(memory(), browser).name]).toEqual(['Anna', 'Anna']);
-    setName(own, '', browser);
-    expect(own.name).toMatch(/^page-/);
+    const browserStorage = memoryStorage();
+    const identity = loadIdentity(memoryStorage(), browserStorage);
+    expect(identity.name).toMatch(/^page-[0-9a-f]{4}$/);
+    setName(identity, '  Anna ', browserStorage);
+    expect([identity.name, loadIdentity(memoryStorage(), browserStorage).name]).toEqual(['Anna', 'Anna']);
+    setName(identity, '', browserStorage);
+    expect(identity.name).toMatch(/^page-/);
   });
 });

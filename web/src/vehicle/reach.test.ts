@@ -3,35 +3,35 @@ import { isOffered, type Panel } from '../app/registry.svelte';
 import type { VehicleFacts } from './facts';
 import { linkSupports, reachLines, type Reach } from './reach';
 
-const BOTH: Reach = { protocols: ['MAVLink', 'ROS 2'], telemetry: 'MAVLink', commands: 'MAVLink', setpoints: 'ROS 2', missing: [] };
-const ROS_2: Reach = { protocols: ['ROS 2'], telemetry: 'ROS 2', commands: 'ROS 2', setpoints: 'ROS 2', missing: ['parameters', 'files'] };
+const BOTH_PROTOCOLS: Reach = { protocols: ['MAVLink', 'ROS 2'], telemetry: 'MAVLink', commands: 'MAVLink', setpoints: 'ROS 2', missing: [] };
+const ONLY_ROS_2: Reach = { protocols: ['ROS 2'], telemetry: 'ROS 2', commands: 'ROS 2', setpoints: 'ROS 2', missing: ['parameters', 'files'] };
 const facts = (reach: Reach | null): VehicleFacts => ({ reach }) as VehicleFacts;
 
 describe('the protocols of a vehicle', () => {
   it('determine which features are available: some need MAVLink', () => {
-    expect(linkSupports(facts(ROS_2), 'parameters')).toBe(false);
-    expect(linkSupports(facts(ROS_2), 'gimbal')).toBe(true);
-    expect(linkSupports(facts(BOTH), 'parameters')).toBe(true);
+    expect(linkSupports(facts(ONLY_ROS_2), 'parameters')).toBe(false);
+    expect(linkSupports(facts(ONLY_ROS_2), 'gimbal')).toBe(true);
+    expect(linkSupports(facts(BOTH_PROTOCOLS), 'parameters')).toBe(true);
     expect(linkSupports(facts(null), 'parameters')).toBe(true);
   });
   it('are listed separately for telemetry, commands and setpoints if they differ', () => {
     expect(reachLines(null)).toEqual([]);
-    expect(reachLines(BOTH)).toEqual([
+    expect(reachLines(BOTH_PROTOCOLS)).toEqual([
       ['Protocol', 'MAVLink and ROS 2'],
       ['Telemetry', 'MAVLink'],
       ['Commands', 'MAVLink'],
       ['Setpoints', 'ROS 2'],
     ]);
-    expect(reachLines(ROS_2)).toEqual([
+    expect(reachLines(ONLY_ROS_2)).toEqual([
       ['Protocol', 'ROS 2'],
       ['Not available without MAVLink', 'parameters, files'],
     ]);
   });
   it('determine which panels are offered', () => {
     const panel = { needs: 'parameters' } as Panel;
-    expect(isOffered(panel, facts(ROS_2))).toBe(false);
-    expect(isOffered(panel, facts(BOTH))).toBe(true);
+    expect(isOffered(panel, facts(ONLY_ROS_2))).toBe(false);
+    expect(isOffered(panel, facts(BOTH_PROTOCOLS))).toBe(true);
     expect(isOffered(panel, null)).toBe(true);
-    expect(isOffered({} as Panel, facts(ROS_2))).toBe(true);
+    expect(isOffered({} as Panel, facts(ONLY_ROS_2))).toBe(true);
   });
 });

@@ -93,10 +93,10 @@ describe('confirmation', () => {
     confirmation.pressKey(1.5); // the keyboard repeats
     expect(tickFrames(confirmation, 1, 1 + KEY_HOLD_S - 0.01)).toBe('asking');
     expect(tickFrames(confirmation, 1 + KEY_HOLD_S - 0.01, 1 + KEY_HOLD_S)).toBe('confirmed');
-    const kill = new ConfirmationSlider(true, 0);
-    kill.pressKey(0);
-    expect(tickFrames(kill, 0, KEY_HOLD_S)).toBe('asking');
-    expect(tickFrames(kill, KEY_HOLD_S, DANGER_KEY_HOLD_S)).toBe('confirmed');
+    const killConfirmation = new ConfirmationSlider(true, 0);
+    killConfirmation.pressKey(0);
+    expect(tickFrames(killConfirmation, 0, KEY_HOLD_S)).toBe('asking');
+    expect(tickFrames(killConfirmation, KEY_HOLD_S, DANGER_KEY_HOLD_S)).toBe('confirmed');
   });
   it('starts over after an early release, and does not expire while the knob is held', () => {
     const confirmation = new ConfirmationSlider(true, 0);
@@ -105,18 +105,18 @@ describe('confirmation', () => {
     confirmation.releaseKey(5.6);
     expect(confirmation.progress()).toBe(0);
     expect(confirmation.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
-    const releasedLate = new ConfirmationSlider(false, 0);
-    releasedLate.pressKey(0);
-    releasedLate.releaseKey(10);
-    expect(releasedLate.tick(10.1)).toBe('asking');
+    const lateRelease = new ConfirmationSlider(false, 0);
+    lateRelease.pressKey(0);
+    lateRelease.releaseKey(10);
+    expect(lateRelease.tick(10.1)).toBe('asking');
   });
   it('does not count the key as held while the page paints no frames', () => {
-    const kill = new ConfirmationSlider(true, 0);
-    kill.pressKey(0);
-    expect(kill.tick(0.02)).toBe('asking');
-    expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been released meanwhile
-    kill.releaseKey(4.01);
-    expect(tickFrames(kill, 4.02, 6)).toBe('asking');
+    const killConfirmation = new ConfirmationSlider(true, 0);
+    killConfirmation.pressKey(0);
+    expect(killConfirmation.tick(0.02)).toBe('asking');
+    expect(killConfirmation.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been released meanwhile
+    killConfirmation.releaseKey(4.01);
+    expect(tickFrames(killConfirmation, 4.02, 6)).toBe('asking');
   });
   it('counts each arrow key press as a step, and returns to zero when the knob loses the focus', () => {
     const confirmation = new ConfirmationSlider(true, 0);
