@@ -128,7 +128,7 @@ describe('requests to one vehicle', () => {
   it('are sent after the server has answered all earlier requests to the same vehicles', async () => {
     const { commandQueue, sent, respond, request } = setup();
     void request('1 and 2', ['1', '2']);
-    const second = request('2', ['2']);
+    const secondOutcome = request('2', ['2']);
     void request('3', ['3']);
     await settle();
     expect(sent).toEqual(['1 and 2', '3']);
@@ -137,7 +137,7 @@ describe('requests to one vehicle', () => {
     expect(sent).toEqual(['1 and 2', '3', '2']);
     expect([commandQueue.busy(['1']), commandQueue.busy(['1', '2'])]).toEqual([false, true]);
     respond('2');
-    expect(await second).toEqual({ ok: true, value: '2' });
+    expect(await secondOutcome).toEqual({ ok: true, value: '2' });
     await settle();
     expect(commandQueue.busy(['2'])).toBe(false);
   });
@@ -145,17 +145,17 @@ describe('requests to one vehicle', () => {
   it('are not sent if they wait too long, and even then later requests wait for the earlier response', async () => {
     const { commandQueue, sent, respond, request } = setup();
     void request('renewal', ['1']);
-    const late = request('late', ['1']);
+    const lateOutcome = request('late', ['1']);
     await vi.advanceTimersByTimeAsync(3000);
-    expect(await late).toMatchObject({ ok: false, problem: { title: 'Not sent', status: 0 } });
-    const next = request('next', ['1']);
+    expect(await lateOutcome).toMatchObject({ ok: false, problem: { title: 'Not sent', status: 0 } });
+    const nextOutcome = request('next', ['1']);
     await settle();
     expect(sent).toEqual(['renewal']);
     respond('renewal');
     await settle();
     expect(sent).toEqual(['renewal', 'next']);
     respond('next');
-    expect((await next).ok).toBe(true);
+    expect((await nextOutcome).ok).toBe(true);
     await settle();
     expect(commandQueue.busy(['1'])).toBe(false);
   });

@@ -15,9 +15,9 @@ interface Call {
   query: unknown;
 }
 
-const device = (component_id: number, gimbal_device_id: number): Gimbal =>
+const gimbalDevice = (component_id: number, gimbal_device_id: number): Gimbal =>
   ({ component_id, gimbal_device_id, pitch_rad: 0, yaw_lock: false, gimbals: [] }) as unknown as Gimbal;
-const gimbals = [device(1, 1), device(171, 0)];
+const gimbals = [gimbalDevice(1, 1), gimbalDevice(171, 0)];
 
 function vehicle(id: string): VehicleFacts {
   const position = { lat_deg: 47, lon_deg: 8, alt_amsl_m: 510, alt_home_m: 10 };
@@ -69,9 +69,9 @@ describe('a vehicle with two gimbals', () => {
     ['second', 1, { component: 171 }],
   ])('points the %s gimbal at a map point if this gimbal is selected', async (_, index, query) => {
     gimbal.select(facts, gimbalKey(gimbalsOf(facts)[index] ?? facts));
-    for (const act of [() => menu.lookAt(gimbal.withSelectedGimbal(facts)), () => menu.setRoi(gimbal.withSelectedGimbal(facts))]) {
+    for (const sendCommand of [() => menu.lookAt(gimbal.withSelectedGimbal(facts)), () => menu.setRoi(gimbal.withSelectedGimbal(facts))]) {
       menu.open({ lat_deg: 47.001, lon_deg: 8, ground_amsl_m: 500, scenePixel: null }, facts); // the menu closes when the server has accepted the command
-      await act();
+      await sendCommand();
     }
     const posts = calls.filter((call) => !call.path.endsWith('/gimbal'));
     expect(posts).toEqual(['angles', 'roi'].map((command) => ({ path: `/vehicles/{v}/gimbal/${command}`, query })));

@@ -57,10 +57,10 @@ describe('control', () => {
     expect(controlProblem('takeoff', null)).toBeNull();
   });
   it('shows a request only to the controlling client and the requester', () => {
-    const requested = { ...ANNA_CONTROLS, requests: [REQUEST] };
-    expect(requestToAnswer(requested, 'a')).toEqual(REQUEST);
-    expect(requestToAnswer(requested, 'b')).toBeNull();
-    expect(requestOfThisPage(requested, 'b')).toEqual(REQUEST);
+    const withRequest = { ...ANNA_CONTROLS, requests: [REQUEST] };
+    expect(requestToAnswer(withRequest, 'a')).toEqual(REQUEST);
+    expect(requestToAnswer(withRequest, 'b')).toBeNull();
+    expect(requestOfThisPage(withRequest, 'b')).toEqual(REQUEST);
   });
   it('can be taken by force only after a request that was denied or not answered', () => {
     expect(forceHint(ANNA_CONTROLS, 'b', false)).toBe('Anna is connected, so request control first. If Anna does not answer, you can take control by force.');

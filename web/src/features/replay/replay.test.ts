@@ -176,17 +176,17 @@ describe('replay control', () => {
   it('keeps the requested time while earlier frames arrive, until a timeout', async () => {
     const replays = [replay({ position_unix_s: 50, playing: false })];
     const { control, requests, respond } = setup(replays);
-    const now = vi.spyOn(performance, 'now').mockReturnValue(0);
+    const clock = vi.spyOn(performance, 'now').mockReturnValue(0);
     control.seek(130);
     await vi.waitFor(() => expect(requests).toHaveLength(1));
     respond();
     await new Promise((done) => setTimeout(done, 0));
-    now.mockReturnValue(60_000); // the browser was busy for a minute
+    clock.mockReturnValue(60_000); // the browser was busy for a minute
     for (let i = 0; i < 20; i++) control.onTelemetry();
     expect(control.requested_unix_s).toBe(130);
     control.onTelemetry();
     expect(control.requested_unix_s).toBeNull(); // another client may have changed the time, or the connection is lost
-    now.mockRestore();
+    clock.mockRestore();
   });
   it('selects the vehicle of the opened replay', async () => {
     const otherReplay = replay({ name: 'replay-b', vehicles: ['7'] });

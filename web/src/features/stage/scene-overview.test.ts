@@ -64,18 +64,18 @@ describe('the camera of the 3D view, when a plan is opened', () => {
   });
 
   it('returns to its earlier pose when a vehicle is armed or the room is closed', () => {
-    const armed = shownOverview();
-    expect(armed.nextMove(PLAN_POSE, 'chase', false, true)).toEqual(CHASE_POSE);
-    expect([armed.isActive, armed.nextMove(CHASE_POSE, 'chase', false, true)]).toEqual([false, null]);
+    const armedOverview = shownOverview();
+    expect(armedOverview.nextMove(PLAN_POSE, 'chase', false, true)).toEqual(CHASE_POSE);
+    expect([armedOverview.isActive, armedOverview.nextMove(CHASE_POSE, 'chase', false, true)]).toEqual([false, null]);
     expect(shownOverview().end(PLAN_POSE)).toEqual(CHASE_POSE);
     const refitted = shownOverview();
     refitted.refit();
     refitted.nextMove(PLAN_POSE, 'chase', false, false);
     refitted.recordMove(PLAN_POSE, MOVED_BY_PERSON);
     expect(refitted.end(MOVED_BY_PERSON)).toEqual(CHASE_POSE);
-    const cancelled = shownOverview();
-    cancelled.cancel();
-    expect(cancelled.end(PLAN_POSE)).toBeNull();
+    const cancelledOverview = shownOverview();
+    cancelledOverview.cancel();
+    expect(cancelledOverview.end(PLAN_POSE)).toBeNull();
   });
 });
 

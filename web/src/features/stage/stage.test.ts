@@ -190,8 +190,8 @@ describe('offline maps', () => {
   };
   it('are loaded only from this server', () => {
     expect(offlineMap(file, 'http://h').source).toMatchObject({ type: 'raster', url: 'pmtiles://http://h/api/v1/maps/a.pmtiles' });
-    const tiles = offlineMap({ ...file, format: 'mbtiles', tiles: 'vector', url: '/api/v1/maps/b' }, 'http://h').source;
-    expect(tiles).toMatchObject({ type: 'vector', tiles: ['http://h/api/v1/maps/b/{z}/{x}/{y}'], minzoom: 3, maxzoom: 15, bounds: [8, 47, 9, 48] });
+    const tileSource = offlineMap({ ...file, format: 'mbtiles', tiles: 'vector', url: '/api/v1/maps/b' }, 'http://h').source;
+    expect(tileSource).toMatchObject({ type: 'vector', tiles: ['http://h/api/v1/maps/b/{z}/{x}/{y}'], minzoom: 3, maxzoom: 15, bounds: [8, 47, 9, 48] });
   });
   it('show each attribution once, without markup', () => {
     expect(attributionText([file, file, { ...file, attribution: null }])).toBe('© Someone');

@@ -98,9 +98,9 @@ describe('the deadman button', () => {
 
   it('lets the stick turn the yaw setpoint from the vehicle’s heading, without a jump after a pause', () => {
     const stickControl = flyingControl('attitude');
-    const turned = stickControl.update(pad([1, 0, 0, 0], true), READABLE_INPUTS, 0.08).setpoint;
-    expect(turned).toMatchObject({ type: 'attitude' });
-    expect((turned as { yaw_ned_rad: number }).yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.04);
+    const turnedSetpoint = stickControl.update(pad([1, 0, 0, 0], true), READABLE_INPUTS, 0.08).setpoint;
+    expect(turnedSetpoint).toMatchObject({ type: 'attitude' });
+    expect((turnedSetpoint as { yaw_ned_rad: number }).yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.04);
     const afterPause = stickControl.update(pad([1, 0, 0, 0], true), READABLE_INPUTS, 60).setpoint as { yaw_ned_rad: number };
     expect(afterPause.yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.14);
     expect(stickControl.update(pad(FORWARD, true), { ...READABLE_INPUTS, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP_SETPOINT });

@@ -40,7 +40,7 @@ describe('the group form', () => {
 
   it('reports each invalid field, for a flying group only those that can change', () => {
     expect(fieldErrors(MOVE, false)).toEqual({});
-    const invalid: Draft = {
+    const invalidDraft: Draft = {
       ...MOVE,
       members: ['1'],
       axes: { ...MOVE.axes, move: ['far', '0', ''] },
@@ -48,9 +48,9 @@ describe('the group form', () => {
       startIn_s: '1',
       valid_s: { move: '601', velocity: '5' },
     };
-    expect(Object.keys(fieldErrors(invalid, false)).sort()).toEqual(['axis0', 'axis2', 'members', 'separation', 'start', 'valid']);
-    expect(fieldErrors(invalid, false)['start']).toBe('From 3 to 300 s; leave empty to start immediately.');
-    expect(Object.keys(fieldErrors(invalid, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
+    expect(Object.keys(fieldErrors(invalidDraft, false)).sort()).toEqual(['axis0', 'axis2', 'members', 'separation', 'start', 'valid']);
+    expect(fieldErrors(invalidDraft, false)['start']).toBe('From 3 to 300 s; leave empty to start immediately.');
+    expect(Object.keys(fieldErrors(invalidDraft, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
     expect(fieldErrors({ ...MOVE, members: Array.from({ length: 11 }, (_, i) => String(i)) }, false)).toHaveProperty('members');
   });
 

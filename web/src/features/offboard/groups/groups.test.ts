@@ -83,13 +83,13 @@ describe('a group’s state', () => {
   });
 
   it('distinguishes groups with the same number by their creation time, and shows an ended group only if this page saw it flying', () => {
-    const earlier = groupWith({ state: 'ended', created_unix_s: 1, ended: 'x' });
-    const groups: ReceivedGroup[] = withGroup([{ group: earlier, receivedAt_s: 0 }], { group: GROUP, receivedAt_s: 1 });
+    const earlierGroup = groupWith({ state: 'ended', created_unix_s: 1, ended: 'x' });
+    const groups: ReceivedGroup[] = withGroup([{ group: earlierGroup, receivedAt_s: 0 }], { group: GROUP, receivedAt_s: 1 });
     expect(groups).toHaveLength(2);
-    const ended = withGroup(groups, { group: groupWith({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
-    expect(ended).toHaveLength(2);
-    expect(newestEnded(ended, new Set([groupKey(GROUP)]))?.ended).toBe('me commanded Hold.');
-    expect(newestEnded(ended, new Set())).toBeNull();
+    const endedGroups = withGroup(groups, { group: groupWith({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
+    expect(endedGroups).toHaveLength(2);
+    expect(newestEnded(endedGroups, new Set([groupKey(GROUP)]))?.ended).toBe('me commanded Hold.');
+    expect(newestEnded(endedGroups, new Set())).toBeNull();
     expect(newestEnded([{ group: groupWith({ state: 'ended', start_unix_s: null }), receivedAt_s: 0 }], new Set([groupKey(GROUP)]))).toBeNull();
   });
 
@@ -260,7 +260,7 @@ describe('the group controller', () => {
     fakes.now_s = 3;
     controller.tick('open');
     await settle();
-    const sending = controller.send(GROUP, newSetpoints, { ...VALIDITY, valid_for_s: 30 });
+    const sendOutcome = controller.send(GROUP, newSetpoints, { ...VALIDITY, valid_for_s: 30 });
     await settle();
     expect(posts()).toEqual([{ setpoints: MEMBERS, valid_for_s: 10, on_expiry: VALIDITY.on_expiry }]);
     respondToRenewal();
@@ -273,7 +273,7 @@ describe('the group controller', () => {
     controller.tick('open');
     await settle();
     respondToSetpoints();
-    expect((await sending).ok).toBe(true);
+    expect((await sendOutcome).ok).toBe(true);
     controller.tick('open');
     await settle();
     expect(posts()).toHaveLength(2);

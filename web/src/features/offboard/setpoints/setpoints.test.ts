@@ -16,14 +16,14 @@ const FACTS = {
 } as unknown as VehicleFacts;
 
 function validSetpoint(form: Form): Record<string, unknown> {
-  const built = buildSetpoint(form);
-  if (!built.ok) throw new Error(JSON.stringify(built.errors));
-  return { ...built.setpoint };
+  const result = buildSetpoint(form);
+  if (!result.ok) throw new Error(JSON.stringify(result.errors));
+  return { ...result.setpoint };
 }
 
 function errorsOf(form: Form): Readonly<Record<string, string>> {
-  const built = buildSetpoint(form);
-  return built.ok ? {} : built.errors;
+  const result = buildSetpoint(form);
+  return result.ok ? {} : result.errors;
 }
 
 const withField = (form: Form, key: string, text: string, isUncontrolled = false): Form => ({
@@ -47,9 +47,9 @@ describe('forms', () => {
 
   it('build a setpoint of every type from complete numbers', () => {
     for (const { kind, groups } of KINDS.filter((k) => k.groups.length > 0)) {
-      const built = validSetpoint({ ...formFromCurrentState(kind, FACTS, 0.5), followedVehicle: '2' });
-      expect(built['type']).toBe(kind);
-      for (const g of groups) if (!g.optional && g.field !== 'alt') expect(built).toHaveProperty(g.field);
+      const setpoint = validSetpoint({ ...formFromCurrentState(kind, FACTS, 0.5), followedVehicle: '2' });
+      expect(setpoint['type']).toBe(kind);
+      for (const g of groups) if (!g.optional && g.field !== 'alt') expect(setpoint).toHaveProperty(g.field);
     }
     expect(errorsOf(formFromCurrentState('actuators', FACTS, 0.5))).toHaveProperty('kind');
   });
@@ -150,7 +150,7 @@ class FakeSocket implements SocketLike {
 }
 
 describe('the setpoint socket', () => {
-  function openSocket(): { setpointSocket: SetpointSocket; fakeSocket: FakeSocket; acks: Ack[]; endReasons: (string | null)[]; wait: (s: number) => void } {
+  function openSocket(): { setpointSocket: SetpointSocket; fakeSocket: FakeSocket; acks: Ack[]; endReasons: (string | null)[]; passTime: (s: number) => void } {
     const fakeSocket = new FakeSocket();
     const acks: Ack[] = [];
     const endReasons: (string | null)[] = [];
@@ -169,16 +169,16 @@ describe('the setpoint socket', () => {
       fakeSocket,
       acks,
       endReasons,
-      wait: (s) => {
+      passTime: (s) => {
         now_s += s;
       },
     };
   }
 
   it('numbers its setpoints and matches each acknowledgement to its setpoint by seq', () => {
-    const { setpointSocket, fakeSocket, acks, wait } = openSocket();
+    const { setpointSocket, fakeSocket, acks, passTime } = openSocket();
     expect(setpointSocket.send({ type: 'velocity' })).toBe(1);
-    wait(0.02);
+    passTime(0.02);
     fakeSocket.receive({ seq: 1, applied: { type: 'velocity' }, limited: ['slower'] });
     fakeSocket.receive({ seq: 1, applied: {} });
     fakeSocket.receive('{');

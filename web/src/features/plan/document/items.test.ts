@@ -13,9 +13,9 @@ const REFUSED_KINDS = ['set_servo', 'camera_zoom'];
 
 /** The mission items of the API: kind and fields of each schema that has `spare_params`. */
 const API_ITEMS = new Map(
-  schema.split(/\n {8}(?=readonly \w+: \{\n)/).flatMap((part): [string, string[]][] => {
-    const fields = [...part.matchAll(/^ {12}readonly (\w+)\??: /gm)].map((match) => match[1] ?? '');
-    const kind = /^ {12}readonly kind: "(\w+)";/m.exec(part)?.[1];
+  schema.split(/\n {8}(?=readonly \w+: \{\n)/).flatMap((schemaPart): [string, string[]][] => {
+    const fields = [...schemaPart.matchAll(/^ {12}readonly (\w+)\??: /gm)].map((match) => match[1] ?? '');
+    const kind = /^ {12}readonly kind: "(\w+)";/m.exec(schemaPart)?.[1];
     return kind === undefined || !fields.includes('spare_params') ? [] : [[kind, fields]];
   }),
 );
@@ -85,8 +85,8 @@ describe('the fields of an item', () => {
     const row = field({ ...itemOf('roi'), mode: 1 }, 'mode');
     expect(row?.value).toBe('1');
     expect(row?.options?.at(-1)).toEqual({ value: '1', text: 'other (1)' });
-    const empty = field({ ...itemOf('gripper'), action: null }, 'action');
-    expect(empty?.options?.at(-1)).toEqual({ value: 'null', text: 'not set' });
+    const emptyField = field({ ...itemOf('gripper'), action: null }, 'action');
+    expect(emptyField?.options?.at(-1)).toEqual({ value: 'null', text: 'not set' });
     expect(toDocumentValue(itemOf('gripper'), 'action', 'null')).toBeNull();
   });
   it('appear only if they apply', () => {

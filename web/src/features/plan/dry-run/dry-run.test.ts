@@ -98,9 +98,9 @@ describe('a dry run', () => {
   it('draws the path and the corridor of many flights', () => {
     const layer = dryRunLayer(MONTE_CARLO);
     expect(layer.lines[0]?.positions).toHaveLength(3);
-    const [ring] = layer.areas;
-    expect(ring?.ring).toHaveLength(4);
-    expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
+    const [area] = layer.areas;
+    expect(area?.ring).toHaveLength(4);
+    expect(groundDistance_m(area?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
     expect(dryRunLayer(VIEW).areas).toEqual([]);
     expect(dryRunLayer(MONTE_CARLO_TWO_ROLES).areas).toHaveLength(2);
   });

@@ -211,13 +211,13 @@ describe('plans on the server', () => {
     await plans.save();
     plans.store(editor.draft);
     const reloadedEditor = new PlanEditor();
-    const reloaded = new Plans(fakeServer().api, reloadedEditor, storage);
+    const reloadedPlans = new Plans(fakeServer().api, reloadedEditor, storage);
     expect(reloadedEditor.plan).toEqual(editor.plan);
-    expect([reloaded.saved, reloaded.current?.version, reloadedEditor.canUndo]).toEqual([true, 1, false]);
+    expect([reloadedPlans.saved, reloadedPlans.current?.version, reloadedEditor.canUndo]).toEqual([true, 1, false]);
     editor.press(at(40));
     plans.store(editor.draft);
-    const unsaved = new Plans(fakeServer().api, new PlanEditor(), storage);
-    expect([unsaved.saved, unsaved.current?.id]).toEqual([false, 'abc']);
+    const unsavedPlans = new Plans(fakeServer().api, new PlanEditor(), storage);
+    expect([unsavedPlans.saved, unsavedPlans.current?.id]).toEqual([false, 'abc']);
   });
 
   it('need an altitude for imported points without an altitude', async () => {

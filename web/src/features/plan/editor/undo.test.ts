@@ -40,9 +40,9 @@ const MISSION = {
 class Session {
   readonly editor = new PlanEditor();
   private readonly api = new PlanApi(new ApiClient('p', undefined, (url, init) => Promise.resolve(this.respond(url, init.body))));
-  private readonly memory = { getItem: () => null, setItem: () => undefined, removeItem: () => undefined };
-  readonly plans = new Plans(this.api, this.editor, this.memory);
-  private readonly drawing = new PatternDrawing(this.api, this.editor, this.memory);
+  private readonly storage = { getItem: () => null, setItem: () => undefined, removeItem: () => undefined };
+  readonly plans = new Plans(this.api, this.editor, this.storage);
+  private readonly drawing = new PatternDrawing(this.api, this.editor, this.storage);
 
   private respond(url: string, body: unknown): Response {
     const request = (typeof body === 'string' ? JSON.parse(body) : {}) as { plan?: object };

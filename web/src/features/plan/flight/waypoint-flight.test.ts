@@ -26,7 +26,7 @@ const FLIGHT: WaypointFlight = {
   not_compared: null,
   reason: null,
 };
-const UNKNOWN = { planned_by: null, duration_s: null, remaining_s: null, deviation_horizontal_m: null, deviation_vertical_m: null } as const;
+const NO_COMPARISON = { planned_by: null, duration_s: null, remaining_s: null, deviation_horizontal_m: null, deviation_vertical_m: null } as const;
 
 describe('a monitored flight', () => {
   it('shows its remaining time and its deviation in one line', () => {
@@ -34,11 +34,11 @@ describe('a monitored flight', () => {
     const planText = flightText({ ...FLIGHT, planned_by: 'plan', deviation_vertical_m: 0.2 });
     expect(planText).toBe('about 01:00 remaining · 1.2 m beside and 0.2 m above the straight lines of the plan');
     expect(flightText({ ...FLIGHT, deviation_horizontal_m: null, deviation_vertical_m: null })).toBe('01:00 remaining');
-    expect(flightText({ ...FLIGHT, ...UNKNOWN })).toBeNull();
+    expect(flightText({ ...FLIGHT, ...NO_COMPARISON })).toBeNull();
   });
 
   it('shows the elapsed part of the planned time', () => {
-    expect([flightProgress(FLIGHT), flightProgress({ ...FLIGHT, remaining_s: 90 }), flightProgress({ ...FLIGHT, ...UNKNOWN })]).toEqual([0.25, 0, null]);
+    expect([flightProgress(FLIGHT), flightProgress({ ...FLIGHT, remaining_s: 90 }), flightProgress({ ...FLIGHT, ...NO_COMPARISON })]).toEqual([0.25, 0, null]);
   });
 
   it('has a label for each state, and is ended when done or stopped', () => {

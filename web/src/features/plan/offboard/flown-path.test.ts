@@ -146,10 +146,10 @@ describe('map', () => {
   });
 
   it('shows a branch only if it is the longest or was flown', () => {
-    const branch = (flown: FlownPath) =>
+    const pictureWithBranch = (flown: FlownPath) =>
       flownPathLayer({ ...flown, planned_legs: [leg('step 2', [0, 0, 0], [9, 0, 0]), leg('step 3', [9, 9, 0], [9, 0, 0], false)] });
-    expect(branch(FLOWN)?.lines).toHaveLength(3);
-    expect(branch({ ...FLOWN, samples: FLOWN.samples.filter(({ place }) => place !== 'step 3') })?.lines).toHaveLength(2);
+    expect(pictureWithBranch(FLOWN)?.lines).toHaveLength(3);
+    expect(pictureWithBranch({ ...FLOWN, samples: FLOWN.samples.filter(({ place }) => place !== 'step 3') })?.lines).toHaveLength(2);
   });
 
   it('shows nothing while the origin is not known', () => {
@@ -164,8 +164,8 @@ it('a closed card stays closed after a reload, until the next flight', () => {
   expect(cards.isClosed('offboard', '1', 100)).toBe(false);
   cards.close('offboard', '1', 100);
   expect([cards.isClosed('offboard', '1', 100), cards.isClosed('offboard', '2', 100)]).toEqual([true, false]);
-  const reloaded = new ClosedCards(storage);
-  expect([reloaded.isClosed('waypoints', '1', 100), reloaded.isClosed('offboard', '1', 100), reloaded.isClosed('offboard', '1', 200)]).toEqual([
+  const reloadedCards = new ClosedCards(storage);
+  expect([reloadedCards.isClosed('waypoints', '1', 100), reloadedCards.isClosed('offboard', '1', 100), reloadedCards.isClosed('offboard', '1', 200)]).toEqual([
     false,
     true,
     false,

@@ -103,13 +103,13 @@ describe('inserting a stored mission', () => {
   });
 
   it('has no effect when the mission was changed or the form was closed during the request', async () => {
-    const changed = new Session();
-    changed.duringRequest = () => changed.editor.rename('Other');
-    expect(await changed.insertion.insert(TOWER)).toBeNull();
-    expect(changed.insertion.problem).toMatch(/changed during the request/);
-    const closed = new Session();
-    closed.duringRequest = () => closed.insertion.close();
-    expect(await closed.insertion.insert(TOWER)).toBeNull();
-    expect([closed.editor.document, closed.insertion.busy]).toEqual([MISSION, false]);
+    const changedSession = new Session();
+    changedSession.duringRequest = () => changedSession.editor.rename('Other');
+    expect(await changedSession.insertion.insert(TOWER)).toBeNull();
+    expect(changedSession.insertion.problem).toMatch(/changed during the request/);
+    const closedSession = new Session();
+    closedSession.duringRequest = () => closedSession.insertion.close();
+    expect(await closedSession.insertion.insert(TOWER)).toBeNull();
+    expect([closedSession.editor.document, closedSession.insertion.busy]).toEqual([MISSION, false]);
   });
 });

@@ -87,8 +87,8 @@ describe('a mode', () => {
       tone: 'danger',
     });
     expect(modeText(modeWith({ state: 'registering', mode: null }), null).tone).toBe('dim');
-    const compiling = modeWith({ takes_off: true, ready: false, reason: 'The mission is being compiled.' });
-    expect(modeText(compiling, 'external_1')).toEqual({ text: 'Registered, but cannot be started now: The mission is being compiled.', tone: 'caution' });
+    const compilingMode = modeWith({ takes_off: true, ready: false, reason: 'The mission is being compiled.' });
+    expect(modeText(compilingMode, 'external_1')).toEqual({ text: 'Registered, but cannot be started now: The mission is being compiled.', tone: 'caution' });
     expect(modeText(modeWith({ state: 'lost', mode: null, reason: 'PX4 restarted' }), null)).toEqual({
       text: 'Not registered: PX4 restarted',
       tone: 'caution',

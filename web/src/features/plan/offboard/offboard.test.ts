@@ -48,9 +48,9 @@ describe('the steps of a mission', () => {
     const twoRoles: Mission = { ...missionOf(), roles: { lead: role, left: role } };
     expect(placesOf(twoRoles)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
     expect(nodesOf(twoRoles).map((node) => node.listHeading)).toEqual(['Role lead', '', 'Role left', '']);
-    const added = addStep(twoRoles, 'hold', null, [], FRAME);
-    expect(added.mission.steps).toEqual([]);
-    expect(added.mission.roles?.['lead']?.steps.map((step) => step.step)).toEqual(['take_off', 'hold', 'land']);
+    const withHold = addStep(twoRoles, 'hold', null, [], FRAME);
+    expect(withHold.mission.steps).toEqual([]);
+    expect(withHold.mission.roles?.['lead']?.steps.map((step) => step.step)).toEqual(['take_off', 'hold', 'land']);
     const withMeet = addStep(twoRoles, 'meet', null, [stepId('left, step 1')], FRAME);
     expect(withMeet.id).toBe(stepId('left, step 2'));
     expect(assignmentProblem(['lead', 'left'], { lead: '1' })).toBe('Choose a vehicle for the role “left”.');
