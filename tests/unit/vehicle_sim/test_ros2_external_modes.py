@@ -77,7 +77,7 @@ class Component:
         self.select_mode(4.0, 11.0)
         self.run(4.0, POSITION_SETPOINT)
 
-    def command(self, number: int, *parameters: float) -> None:
+    def send_executor_command(self, number: int, *parameters: float) -> None:
         """Sends a command of the mode's executor."""
         self.vehicle.command(
             number, *parameters, topic=EXECUTOR_COMMAND, source_component=1001, from_external=False
@@ -196,13 +196,13 @@ def test_a_mode_that_replaces_return_is_flown_until_it_stops_replying():
 
 def test_an_executor_takes_off_and_stays_in_the_take_off_mode():
     component = Component(register_mode_executor=True)
-    component.command(ARM, 1.0)
+    component.send_executor_command(ARM, 1.0)
     component.run(0.1)
     assert component.vehicle.acks()[-1] == (ARM, 1), "armed although the executor is not in charge"
     component.select_mode(4.0, 11.0)
     component.run(0.1)
-    component.command(ARM, 1.0)
-    component.command(22, *[math.nan] * 7)
+    component.send_executor_command(ARM, 1.0)
+    component.send_executor_command(22, *[math.nan] * 7)
     component.run(12.0)
     status = component.status
     assert (status["nav_state"], status["executor_in_charge"]) == (TAKEOFF, 1)
@@ -216,7 +216,7 @@ def test_the_override_of_auto_disarm_keeps_a_landed_vehicle_armed_until_it_is_wi
     component = Component(register_mode_executor=True)
     component.vehicle.send(CONFIG_OVERRIDES, disable_auto_disarm=True, source_type=1, source_id=1)
     component.fly_external_mode()
-    component.command(SET_NAV_STATE, float(LAND))
+    component.send_executor_command(SET_NAV_STATE, float(LAND))
     component.run(20.0)
     assert component.status["arming_state"] == 2
     component.vehicle.send(CONFIG_OVERRIDES, source_type=1, source_id=1)

@@ -11,7 +11,7 @@ from vehicle_sim.script import script_from_fields
 from vehicle_sim.simulation import ControlLevel, Simulation, row_east
 from vehicle_sim.yaml_fields import parse_yaml
 
-STEPS = 250
+STEPS = 250  # 1 s
 
 
 def climbing_simulation(count: int, first_vehicle: int = 0, seed: int = 3, **options) -> Simulation:

@@ -44,9 +44,9 @@ def test_rays_hit_boxes_and_ground_at_the_calculated_distances():
 def test_rays_hit_rotated_boxes_and_walls_on_their_faces():
     turned_box = Box("turned", 10.0, 0.0, 2.0, 2.0, 3.0, yaw_ned_rad=math.pi / 4)
     assert cast(World(boxes=(turned_box,)), (0, 0, -1), (1, 0, 0))[0] == pytest.approx(10 - math.sqrt(2))
-    fence = wall("fence", (5, -5), (5, 5), height_m=2, thickness_m=0.4)
-    assert cast(World(boxes=(fence,)), (0, 3, -1), (1, 0, 0))[0] == pytest.approx(4.8)
-    assert cast(World(boxes=(fence,)), (0, 5.1, -1), (1, 0, 0))[0] == math.inf
+    thin_wall = wall("fence", (5, -5), (5, 5), height_m=2, thickness_m=0.4)
+    assert cast(World(boxes=(thin_wall,)), (0, 3, -1), (1, 0, 0))[0] == pytest.approx(4.8)
+    assert cast(World(boxes=(thin_wall,)), (0, 5.1, -1), (1, 0, 0))[0] == math.inf
 
 
 L_SHAPED = ((10.0, -5.0), (20.0, -5.0), (20.0, 5.0), (15.0, 5.0), (15.0, 0.0), (10.0, 0.0))
@@ -122,7 +122,7 @@ def test_distant_obstacles_do_not_change_a_flight():
     )
     for sim in (without_obstacle, with_obstacle):
         sim.setpoints.armed[:] = True
-        sim.setpoints.level[:] = 4
+        sim.setpoints.level[:] = 4  # ControlLevel.ATTITUDE
         sim.setpoints.thrust[:] = 0.6
         for _ in range(400):
             sim.step()
@@ -142,7 +142,7 @@ def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
     around_message = station.received("OBSTACLE_DISTANCE", via="api")[-1]
     assert abs(around_message.distances[0] - forward_message.current_distance) < 15
     assert around_message.distances[36] == around_message.max_distance + 1 == 2001, "an obstacle is behind"
-    began_s = station.now_s
+    flight_start_s = station.now_s
 
     def send_velocity_north():
         station.send("SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, coordinate_frame=1,
@@ -151,7 +151,7 @@ def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
     station.run(1.0, send_velocity_north)
     station.command(176, 1, 6)
     station.run_until(lambda: not station.armed, 15, send_velocity_north)
-    assert "Collision with the obstacle box: motors stopped" in station.texts(began_s)
+    assert "Collision with the obstacle box: motors stopped" in station.texts(flight_start_s)
     station.run(4.0)
     position = station.sim.simulation.truth.position_ned_m[0]
     assert station.height_m < 0.1, "the vehicle did not fall"
@@ -222,8 +222,8 @@ def test_a_missing_file_names_the_shipped_worlds():
 
 def test_the_lidars_of_several_vehicles_are_measured_together():
     world = World(boxes=(BOX,), lidars=Lidars(forward=True, around=True, range_m=30))
-    start = np.array([[0.0, 0, -1], [4.0, 0, -1], [0.0, 9, -1]])
-    sim = Simulation(3, world=world, start_ned_m=start)
+    starts_ned_m = np.array([[0.0, 0, -1], [4.0, 0, -1], [0.0, 9, -1]])
+    sim = Simulation(3, world=world, start_ned_m=starts_ned_m)
     assert [sim.distance_forward_m(i) for i in range(3)] == pytest.approx([9.0, 5.0, math.inf])
     sectors = np.array([sim.distances_around_m(i) for i in range(3)])
     assert sectors.shape == (3, 72)
