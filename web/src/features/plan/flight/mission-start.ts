@@ -32,7 +32,7 @@ export function continueButtonText(item: CurrentItem | null): string {
  * @param dryRunId the dry run to compare the flight with; null: none.
  * @param currentItem the vehicle's current item; null: not reported.
  */
-export function startQuestion(
+export function startTexts(
   vehicleName: string,
   inAir: boolean,
   row: number | null,
@@ -97,7 +97,7 @@ function pathText({ item, title, altitude_m, altitude_reference, distance_m }: R
 }
 
 /** @param acceptedTexts texts of the accepted errors. */
-export function resumeQuestion(vehicleName: string, offer: ResumeOffer, acceptedTexts: readonly string[]): ConfirmationTexts {
+export function resumeTexts(vehicleName: string, offer: ResumeOffer, acceptedTexts: readonly string[]): ConfirmationTexts {
   return {
     title: `Resume the mission of ${vehicleName} at item ${offer.item + 1} of ${offer.count}`,
     effect: join(

@@ -7,7 +7,7 @@ import type { Finding } from '../document/fixes';
 import { comparisonText, differenceText, reportedState, vehiclePlanText, type Comparison } from './vehicle-plan';
 import { newItem } from '../document/items';
 import { VehicleMission } from './vehicle-mission.svelte';
-import { continueButtonText, interruptedText, resumeBody, resumeQuestion, resumeButtonText, startBody, startQuestion } from './mission-start';
+import { continueButtonText, interruptedText, resumeBody, resumeTexts, resumeButtonText, startBody, startTexts } from './mission-start';
 
 describe('the plan on the vehicle', () => {
   const operation = (more: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...more });
@@ -200,17 +200,17 @@ describe('the start of the plan on the vehicle', () => {
   });
 
   it('asks for a confirmation that lists the accepted errors and is shown as dangerous', () => {
-    const question = startQuestion('1 Quad', false, null, ['It leaves the fence.']);
+    const question = startTexts('1 Quad', false, null, ['It leaves the fence.']);
     expect(question.effect).toBe(
       'Arms, takes off and flies the mission stored on the vehicle from the first item. You accepted 1 error: It leaves the fence. Hold interrupts the mission; you can resume it.',
     );
-    expect([question.danger, startQuestion('1 Quad', true, 3, []).danger]).toEqual([true, false]);
-    expect(startQuestion('1 Quad', true, 3, [])).toMatchObject({
+    expect([question.danger, startTexts('1 Quad', true, 3, []).danger]).toEqual([true, false]);
+    expect(startTexts('1 Quad', true, 3, [])).toMatchObject({
       title: 'Fly the mission of 1 Quad from item 4',
       effect: expect.stringContaining('flies to item 4'),
     });
-    expect(startQuestion('1 Quad', true, null, [])).toMatchObject({ title: 'Resume the mission of 1 Quad', verb: 'Resume' });
-    expect(startQuestion('1 Quad', true, null, [], null, { current: 2, count: 10 }).effect).toContain('The vehicle flies to item 3 of 10 (current)');
+    expect(startTexts('1 Quad', true, null, [])).toMatchObject({ title: 'Resume the mission of 1 Quad', verb: 'Resume' });
+    expect(startTexts('1 Quad', true, null, [], null, { current: 2, count: 10 }).effect).toContain('The vehicle flies to item 3 of 10 (current)');
     expect(continueButtonText({ current: 2, count: 10 })).toBe('Resume at item 3 of 10…');
   });
 
@@ -243,14 +243,14 @@ describe('an interrupted flight', () => {
   });
 
   it('asks for a confirmation that states the altitude, the distance to the item and all cautions', () => {
-    expect(resumeQuestion('1 Quad', offer, [])).toEqual({
+    expect(resumeTexts('1 Quad', offer, [])).toEqual({
       title: 'Resume the mission of 1 Quad at item 7 of 20',
       effect:
         'Arms, climbs at its current position to 40.0 m above home and flies 212 m straight to item 7 (waypoint). It flies the rest of the mission from there. PX4 does not repeat item 2. Hold interrupts the mission; you can resume it.',
       verb: 'Resume',
       danger: false,
     });
-    const noDistance = resumeQuestion('1 Quad', { ...offer, distance_m: null, altitude_reference: 'amsl', cautions: [] }, ['It leaves the fence.']);
+    const noDistance = resumeTexts('1 Quad', { ...offer, distance_m: null, altitude_reference: 'amsl', cautions: [] }, ['It leaves the fence.']);
     expect(noDistance.effect).toBe(
       'Arms, climbs at its current position to 40.0 m AMSL and flies straight to item 7 (waypoint). It flies the rest of the mission from there. You accepted 1 error: It leaves the fence. Hold interrupts the mission; you can resume it.',
     );

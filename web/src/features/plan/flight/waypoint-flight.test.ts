@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
 import { EMPTY_PLAN } from '../document/document';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
-import { startBody, startQuestion } from './mission-start';
+import { startBody, startTexts } from './mission-start';
 import { dryRunIdFor, flightLabel, flightProgress, flightText, hasEnded, type WaypointFlight } from './waypoint-flight';
 
 const FLIGHT: WaypointFlight = {
@@ -63,8 +63,8 @@ describe('the dry run that a flight is compared with', () => {
   });
 
   it('is mentioned in the question and sent in the request', () => {
-    expect(startQuestion('1 Quad', false, null, [], '4').effect).toContain('The flight is compared with the dry run.');
-    expect(startQuestion('1 Quad', false, null, []).effect).not.toContain('dry run');
+    expect(startTexts('1 Quad', false, null, [], '4').effect).toContain('The flight is compared with the dry run.');
+    expect(startTexts('1 Quad', false, null, []).effect).not.toContain('dry run');
     expect(startBody(EMPTY_PLAN, false, null, [], '4')).toEqual({ item: 0, despite: [], dry_run: '4' });
   });
 });

@@ -9,10 +9,10 @@ import {
   deviationText,
   hasEnded,
   startProblem,
-  commandQuestion,
+  commandTexts,
   availableCommands,
   flightProgress,
-  startQuestion,
+  startTexts,
   lastFlightText,
   stateLabel,
   type MissionFlight,
@@ -116,11 +116,11 @@ describe('an offboard mission in flight', () => {
   });
 
   it('needs a confirmation for commands except pause and continue', () => {
-    expect(commandQuestion('pause', FLIGHT, '1 Quad')).toBeNull();
-    expect(commandQuestion('go_on', FLIGHT, '1 Quad')).toBeNull();
-    expect(commandQuestion('resume', FLIGHT, '1 Quad')?.effect).toContain('“Approach”');
-    expect(commandQuestion('skip', flightWith({ title: null }), '1 Quad')?.title).toBe('Skip the current step');
-    expect(commandQuestion('abort', FLIGHT, '1 Quad')?.verb).toBe('Abort');
+    expect(commandTexts('pause', FLIGHT, '1 Quad')).toBeNull();
+    expect(commandTexts('go_on', FLIGHT, '1 Quad')).toBeNull();
+    expect(commandTexts('resume', FLIGHT, '1 Quad')?.effect).toContain('“Approach”');
+    expect(commandTexts('skip', flightWith({ title: null }), '1 Quad')?.title).toBe('Skip the current step');
+    expect(commandTexts('abort', FLIGHT, '1 Quad')?.verb).toBe('Abort');
   });
 
   it('has texts for progress, position error and state', () => {
@@ -148,16 +148,16 @@ describe('starting an offboard mission', () => {
   });
 
   it('lists the failsafe actions for battery, control, link and server', () => {
-    const { title, effect } = startQuestion(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
+    const { title, effect } = startTexts(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
     expect(title).toBe('Fly “Tower” with 1 Quad');
     expect(effect).toContain('Arms, takes off and flies 2 steps, about 1 min 05 s. The check found 2 warnings.');
     expect(effect).toContain('Low battery: the vehicle lands. If the controlling client is lost: the vehicle holds.');
     expect(effect).toContain(
       'If the server fails or loses the connection to the vehicle: after 1 s the vehicle lands. Once a lost connection is restored: the vehicle holds. Hold interrupts',
     );
-    expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
-    const withErrors = startQuestion(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);
+    expect(startTexts(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
+    const withErrors = startTexts(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);
     expect(withErrors.effect).toContain('You accepted 1 error: step 2: It leaves the fence. Low battery');
-    expect([startQuestion(MISSION, '1 Quad', null, 0, null).danger, withErrors.danger]).toEqual([false, true]);
+    expect([startTexts(MISSION, '1 Quad', null, 0, null).danger, withErrors.danger]).toEqual([false, true]);
   });
 });

@@ -88,7 +88,7 @@ export function flightProgress(flight: MissionFlight): number | null {
 }
 
 /** The confirmation of a command; null: the command needs none. */
-export function commandQuestion(command: FlightCommand, flight: MissionFlight, vehicleName: string): ConfirmationTexts | null {
+export function commandTexts(command: FlightCommand, flight: MissionFlight, vehicleName: string): ConfirmationTexts | null {
   const step = flight.title === null ? 'the current step' : `“${flight.title}”`;
   switch (command) {
     case 'pause':
@@ -135,7 +135,7 @@ export function blockingErrorsText(blockingErrors: readonly Finding[]): string {
 }
 
 /** The confirmation of the start: duration, warnings, failsafe actions. */
-export function startQuestion(
+export function startTexts(
   mission: Mission,
   vehicleName: string,
   time_s: number | null,

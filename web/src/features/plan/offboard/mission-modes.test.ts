@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { canRemove, canSelect, parseDeferral, deferralProblem, modeName, modeText, registerProblem, selectQuestion, type MissionMode } from './mission-modes';
+import { canRemove, canSelect, parseDeferral, deferralProblem, modeName, modeText, registerProblem, selectTexts, type MissionMode } from './mission-modes';
 import type { Finding } from '../document/fixes';
 import type { Mission } from './mission';
 
@@ -110,23 +110,23 @@ describe('a mode', () => {
   });
 
   it('is started after a confirmation that states the failsafe', () => {
-    const question = selectQuestion(MODE, 'Quad 1', true);
+    const question = selectTexts(MODE, 'Quad 1', true);
     expect(question.title).toBe('Start “Short line” with Quad 1');
     expect(question.effect).toContain('“Line” (version 3)');
     expect(question.effect).toContain('(RTL)');
     expect(question.effect).not.toContain('defers');
-    expect(selectQuestion(modeWith({ defer_failsafes_s: 20 }), 'Quad 1', true).effect).toContain('defers these failsafes for up to 20 s');
+    expect(selectTexts(modeWith({ defer_failsafes_s: 20 }), 'Quad 1', true).effect).toContain('defers these failsafes for up to 20 s');
   });
 
   it('is selected on the ground after a confirmation that states the effect of arming', () => {
-    const question = selectQuestion(MODE, 'Quad 1', false);
+    const question = selectTexts(MODE, 'Quad 1', false);
     expect(question.title).toBe('Select “Short line” for Quad 1');
     expect(question.effect).toContain('PX4 does not arm in this mode');
-    expect(selectQuestion(modeWith({ takes_off: true }), 'Quad 1', false).effect).toContain('as soon as somebody arms it in this mode');
+    expect(selectTexts(modeWith({ takes_off: true }), 'Quad 1', false).effect).toContain('as soon as somebody arms it in this mode');
   });
 
   it('with a take-off can only continue a suspended mission in the air', () => {
-    const question = selectQuestion(modeWith({ takes_off: true }), 'Quad 1', true);
+    const question = selectTexts(modeWith({ takes_off: true }), 'Quad 1', true);
     expect(question.effect).toContain('continues the mission “Line” (version 3) if it was suspended');
   });
 });

@@ -103,7 +103,7 @@ function versionText(mode: MissionMode): string {
   return mode.version === null ? '' : ` (version ${mode.version})`;
 }
 
-export function selectQuestion(mode: MissionMode, vehicleName: string, inAir: boolean): ConfirmationTexts {
+export function selectTexts(mode: MissionMode, vehicleName: string, inAir: boolean): ConfirmationTexts {
   const deferralText =
     mode.defer_failsafes_s > 0
       ? ` During the mission, PX4 defers these failsafes for up to ${mode.defer_failsafes_s} s: lost ground station connection, lost manual control, low battery.`
