@@ -177,7 +177,7 @@ def test_a_partial_write_leaves_no_incomplete_line(tmp_path, monkeypatch):
     assert journal.warning is None
 
 
-def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
+def test_the_event_loop_never_waits_for_the_journal_on_disk(tmp_path, monkeypatch):
     disk_ready, real_fsync = threading.Event(), os.fsync
     monkeypatch.setattr(os, "fsync", lambda fd: (disk_ready.wait(5), real_fsync(fd)))
 
