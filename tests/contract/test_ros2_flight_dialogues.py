@@ -25,13 +25,13 @@ ONE_BOOT_PER_GROUP = frozenset({"x_gone_back", "x_exec", "d2_timeout", "x_repl5"
 SHORTEST_BOOT = "x_repl5"
 """The only boot that `make test` replays."""
 IGNORED = frozenset({"pre_flight_checks_pass"})
-"""In flight PX4 reports the checks of a failed mode for one cycle of 12 ms, until PX4 has left the mode."""
-EARLIER_LANDING = "Here the returning vehicle lands and disarms before the next mode is selected."
+"""When a mode fails, PX4 reports its failed checks for one more cycle (12 ms), the simulator does not."""
+EARLIER_LANDING = "The returning simulated vehicle lands and disarms before the next mode is selected."
 EXPLAINED = {
     "lost_rtl_armchk0": EARLIER_LANDING,
     "lost_rtl": EARLIER_LANDING,
     "lost_stop": EARLIER_LANDING,
-    "no_auto_disarm": "PX4 was in Hold before the landing of a failsafe; here it is already landing.",
+    "no_auto_disarm": "PX4 was in Hold before its failsafe landed it; the simulated one lands already.",
 }
 
 USE_ALL_BOOTS = os.environ.get("ALL_DIALOGUES") == "1"

@@ -20,13 +20,13 @@ QUALITIES = (85, 78, 70, 60, 50)  # of WebP, the best first
 THEMES: tuple[Any, ...] = ("dark", "light")
 DESKTOP_SIZE, TABLET_SIZE = (1440, 900), (1024, 768)
 UNCHANGED_FOR_MS = 300
-"""A window that has not changed for this time is complete: software renders 3D view and map slowly."""
+"""A picture is taken when the window has not changed for this long; without a GPU, drawing is slow."""
 WAIT_FOR_ANIMATIONS = """() => Promise.all(document.getAnimations()
   .filter((a) => a.effect?.getComputedTiming().endTime < Infinity)
   .map((a) => a.finished.catch(() => null)))"""
 """Waits for the end of all finite animations."""
 CLIENT_ID = "pictures"
-"""Client id of the page and of the programs: they are one client, which has control of the vehicle."""
+"""Client id of the page and of the scripts: both act as one client, which has control of the vehicle."""
 
 
 @dataclass

@@ -53,8 +53,8 @@ def modes_without_server(port: int, last_mode: int) -> list[int]:
 
 
 def upload_and_start(gcs: Any, drone: Any, link_loss_action: int) -> tuple[str, dict[str, Any]]:
-    """Uploads the plan and starts it. Returns the server's text about a lost link, and the plan that the
-    server reports on the vehicle."""
+    """Uploads the plan and starts it. Returns the server's text about a lost link, and the plan
+    that the vehicle has according to the server."""
     for name, value in (("NAV_DLL_ACT", link_loss_action), ("COM_DL_LOSS_T", 10)):
         drone.request("PUT", f"/params/{name}", {"value": value})
     stored = gcs.request("POST", "/plans", {"name": "North", "plan": PLAN})
@@ -81,7 +81,7 @@ def upload_and_start(gcs: Any, drone: Any, link_loss_action: int) -> tuple[str, 
     ],
     ids=["continues", "returns"],
 )
-def test_after_a_killed_server_px4_acts_as_stated_and_the_next_server_monitors_the_flight_and_sends_nothing(
+def test_px4_acts_as_the_killed_server_stated_and_the_next_server_only_monitors_the_flight(
     tmp_path: Path, link_loss_action: int, stated_action: str, modes: list[int]
 ) -> None:
     port, http_port = free_port(), free_port(socket.SOCK_STREAM)

@@ -17,7 +17,7 @@ PARAMETER_COUNT = 929
 
 
 @pytest.mark.story
-def test_the_api_has_the_reasons_against_offboard_and_the_metadata_of_parameters(station: Station) -> None:
+def test_the_api_says_why_offboard_is_not_possible_and_describes_parameters(station: Station) -> None:
     vehicle_url = f"{station.url}/api/v1/vehicles/101"
     with httpx.Client(base_url=vehicle_url, timeout=30, headers={"X-Client-Id": "e2e"}) as http:
         wait_until(lambda: http.get("/readiness").json()["known"], "the first report, without a request")

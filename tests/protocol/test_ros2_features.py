@@ -34,7 +34,7 @@ def test_requests_has_one_request_for_each_feature() -> None:
     assert set(REQUESTS) == set(FEATURES) == set(NEEDS_MAVLINK)
 
 
-def test_over_ros_2_only_a_request_that_needs_mavlink_is_refused_at_once(run_simulated: Any) -> None:
+def test_a_request_that_needs_mavlink_is_refused_immediately_without_mavlink(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed()
         vehicle = await testbed.ready_to_arm()
@@ -52,7 +52,7 @@ def test_over_ros_2_only_a_request_that_needs_mavlink_is_refused_at_once(run_sim
     run_simulated(run)
 
 
-def test_over_ros_2_only_routes_that_need_mavlink_refuse_and_start_no_operation(run_simulated: Any) -> None:
+def test_routes_that_need_mavlink_refuse_and_start_no_operation_without_mavlink(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed()
         vehicle = await testbed.ready_to_arm()

@@ -20,7 +20,7 @@ events:
 
 
 EARLY_S, END_S = 5.2, 9.0
-"""Times after the take-off command; the second fault occurs at about 7 s."""
+"""Times after the take-off command, before and after the second fault (about 7 s)."""
 
 
 def fly_with_faults(seed: int, until_s: float = END_S, count: int = 2) -> tuple[str, np.ndarray, np.ndarray]:

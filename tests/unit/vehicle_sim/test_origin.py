@@ -70,7 +70,7 @@ def test_a_new_origin_does_not_change_the_global_positions_of_vehicle_and_home()
     assert station.ready, "the vehicle cannot be armed any more"
 
 
-def test_an_origin_is_refused_if_invalid_for_another_vehicle_or_while_armed():
+def test_an_origin_is_refused_while_armed_or_if_it_is_invalid_or_for_another_vehicle():
     station = Station()
     station.run_until(lambda: station.ready, 15)
     station.run(1.5)  # the vehicle has reported its own origin
@@ -92,7 +92,7 @@ def test_an_origin_is_refused_if_invalid_for_another_vehicle_or_while_armed():
     assert station.received("GPS_GLOBAL_ORIGIN", since_s=since_s) == []
 
 
-def test_an_invalid_origin_before_the_first_fix_does_not_stop_the_later_report():
+def test_after_an_invalid_origin_the_vehicle_still_reports_its_own_origin():
     station = Station()
     assert not math.isfinite(station.sim.autopilots[0].view.origin[0])
     set_origin(station, lat=910_000_000)

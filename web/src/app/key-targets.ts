@@ -1,4 +1,4 @@
-/** Decides whether a key is a shortcut of the page or input for the focused control. Pure. */
+/** Decides whether a key is a shortcut of the page or input for the focused control. Pure functions. */
 
 /** The properties read from a key event's target element. */
 export interface KeyTarget {

@@ -1,5 +1,5 @@
 /**
- * Services that features provide to each other. One feature provides each service; the other features get the service by
+ * Services that features provide to each other. Each service is provided by one feature; the other features get it by
  * its name.
  */
 
@@ -21,7 +21,7 @@ export interface Services {
     start: (facts: VehicleFacts, streamStart: StreamStart | null) => Promise<Outcome<unknown>>;
   };
   gimbal: {
-    /** The facts with the gimbal that is selected on the gimbal card; the other functions apply to this gimbal. */
+    /** The vehicle's facts, with the gimbal that is selected on the gimbal card. The other functions need these facts. */
     withSelectedGimbal: (facts: VehicleFacts) => VehicleFacts;
     /** Whether this server controls the gimbal. */
     isServerInControl: (facts: VehicleFacts) => boolean;
@@ -46,7 +46,7 @@ export interface Services {
     showPlan: (positions: readonly GeoPosition[]) => void;
     /** Called when more positions of the shown plan are known. The 3D view fits the plan again, unless a person has moved the camera. */
     refitPlan: () => void;
-    /** The middle of the part of the large view that no panel covers, and the distance from there to the edge of this part; null: the 3D view shows no ground in the middle. */
+    /** Middle of the large view's part that no panel covers, and its distance to the part's edge; null: the 3D view shows no ground there. */
     visibleMiddle: () => { readonly at: GeoPosition; readonly edgeDistance_m: number } | null;
   };
 }
@@ -63,6 +63,6 @@ export function provide<K extends keyof Services>(name: K, service: Services[K])
  */
 export function service<K extends keyof Services>(name: K): Services[K] {
   const found = providedServices[name];
-  if (found === undefined) throw new Error(`No feature provides the service “${name}”: its register.ts calls provide().`);
+  if (found === undefined) throw new Error(`No feature provides the service “${name}”: the feature’s register.ts must call provide().`);
   return found as Services[K];
 }

@@ -1,4 +1,4 @@
-/** Texts about who may command a vehicle, from the topic `control`. Pure. */
+/** Texts about who may command a vehicle, from the topic `control`. Pure functions. */
 
 import type { components } from '../api/schema';
 

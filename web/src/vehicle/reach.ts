@@ -1,4 +1,4 @@
-/** The protocols of a vehicle's links, and the features that the links support. Pure. */
+/** The protocols of a vehicle's links, and the features that the links support. Pure functions. */
 
 import type { components } from '../api/schema';
 

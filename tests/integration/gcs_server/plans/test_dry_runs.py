@@ -141,7 +141,7 @@ def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_descript
 
 
 @pytest.mark.story
-def test_a_plan_that_px4_does_not_store_is_refused_with_its_reason():
+def test_an_empty_plan_is_refused():
     async def scenario():
         plan = short_plan().model_copy(update={"items": ()})
         await DryRuns().run("1", request_for(plan), RUN_INFO, lambda *_: None)

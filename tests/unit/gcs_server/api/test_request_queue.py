@@ -13,7 +13,7 @@ def client(name, address="1.1.1.1"):
 
 
 def serve_requests(callers, in_control=()):
-    """(names of the clients in the order in which they were served, loop iterations between two of them)."""
+    """(clients' names in the order of service, loop iterations between two served requests)."""
     order = []
 
     async def run():
@@ -87,7 +87,7 @@ def test_a_known_client_is_served_before_a_thousand_new_clients():
     async def run():
         request_queue = RequestQueue(lambda _: False)
         await request_queue.wait(client("innocent"))
-        for n in range(1000):  # they must not remove the first client from the known clients
+        for n in range(1000):  # these clients must not push the first client out of the known clients
             await request_queue.wait(client(f"earlier {n}"))
         await asyncio.sleep(KNOWN_AFTER_S + 1)
         hostile = [wait_and_record(request_queue, client(f"hostile {n}")) for n in range(1000)]

@@ -1,4 +1,4 @@
-"""Topics of a vehicle whose version the server does not know."""
+"""A vehicle's topics in versions that the server does not know."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def announce(versions: TopicVersions, *names: str, namespace: str = "px4_1") -> 
         versions.add_topic(wire_name(name, namespace), publishes="/out/" in name)
 
 
-def test_every_topic_that_the_server_uses_has_its_known_version() -> None:
+def test_the_use_of_every_read_and_sent_topic_is_described() -> None:
     assert set(USE_OF_TOPIC) == READ_TOPICS | SENT_TOPICS
 
 
@@ -57,7 +57,7 @@ def test_topics_that_other_programs_subscribe_or_publish_are_ignored() -> None:
     assert versions.problems() == []
 
 
-def test_each_vehicle_has_one_problem_that_counts_further_topics() -> None:
+def test_each_vehicle_has_one_problem_which_states_the_number_of_further_topics() -> None:
     versions = TopicVersions()
     announce(versions, "/fmu/out/vehicle_attitude_v1", namespace="")
     announce(versions, *(f"{topic}_v9" for topic in sorted(SENT_TOPICS)[:5]))

@@ -116,7 +116,7 @@ def test_a_slow_client_gets_the_newest_value_and_no_backlog():
     run_test(scenario)
 
 
-def test_a_topic_from_the_servers_state_is_sent_after_each_subscription_and_change():
+def test_a_topic_of_the_server_is_sent_after_subscribing_and_after_each_change():
     async def scenario(fleet, socket, hub):
         subscription = json.dumps(
             {"type": "subscribe", "topics": ["hud", "identity", "offboard"], "rate_hz": 50}

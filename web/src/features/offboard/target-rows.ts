@@ -1,4 +1,4 @@
-/** The displayed values of a target in the local frame, and the texts of their step buttons. Pure. */
+/** The displayed values of a target in the local frame, and the texts of their step buttons. Pure functions. */
 
 import type { MaybeVector3 } from '../../live/topics';
 import { fixed } from '../../ui/format';

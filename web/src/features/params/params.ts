@@ -1,4 +1,4 @@
-/** The vehicle's parameters as the page shows and edits them. Pure. */
+/** The vehicle's parameters as the page shows and edits them. Pure functions. */
 
 import type { components } from '../../api/schema';
 

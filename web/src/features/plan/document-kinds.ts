@@ -1,4 +1,4 @@
-/** One interface for both kinds of documents: waypoint plans and offboard missions. Pure. */
+/** One interface for both kinds of documents: waypoint plans and offboard missions. Pure functions. */
 
 import type { LayerPicture, LayerPosition } from '../../app/map-layers.svelte';
 import { positionAt, type EastNorth, type GeoPosition } from '../../vehicle/geo';

@@ -1,4 +1,4 @@
-/** Texts and rows about why a vehicle cannot be armed or fly in a mode, from the server's topic `readiness`. Pure. */
+/** Texts and rows about why a vehicle cannot be armed or fly in a mode, from the server's topic `readiness`. Pure functions. */
 
 import type { components } from '../../api/schema';
 import type { SeverityName } from '../../ui/severity';

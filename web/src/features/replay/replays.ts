@@ -1,4 +1,4 @@
-/** Texts about recordings; positions, marks and texts of the time bar. Pure. */
+/** Texts about recordings; positions, marks and texts of the time bar. Pure functions. */
 
 import type { components } from '../../api/schema';
 import type { Replay } from '../../live/wire';

@@ -1,5 +1,5 @@
 /**
- * A point on the map or in the 3D view: why actions are not possible there, camera angles, distances and times. Pure.
+ * A point on the map or in the 3D view: why actions are not possible there, camera angles, distances and times. Pure functions.
  */
 
 import type { VehicleFacts } from '../../vehicle/facts';

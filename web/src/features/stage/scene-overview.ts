@@ -1,4 +1,4 @@
-/** When the camera of the 3D view moves to show an opened plan, and when it returns to its earlier pose. Pure. */
+/** When the camera of the 3D view moves to show an opened plan, and when it returns to its earlier pose. Pure functions. */
 
 import type { LayerPicture, LayerPosition } from '../../app/map-layers.svelte';
 import type { Vector } from './scene-view';

@@ -1,4 +1,4 @@
-/** The faces of solids with vertical sides in the 3D view, in the order in which they are drawn. Pure. */
+/** The faces of solids with vertical sides in the 3D view, in the order in which they are drawn. Pure functions. */
 
 import type { LayerSolid, Tone } from '../../app/map-layers.svelte';
 import type { SceneView, Vector } from './scene-view';

@@ -1,4 +1,4 @@
-/** Converts between positions of a layer and pixels of the 3D view, with the matrices of the camera. Pure. */
+/** Converts between positions of a layer and pixels of the 3D view, with the matrices of the camera. Pure functions. */
 
 import type { LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
 import { eastNorth, positionAt, type GeoPosition, type Pixel } from '../../vehicle/geo';

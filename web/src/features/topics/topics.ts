@@ -1,4 +1,4 @@
-/** Filter and texts of the panel of ROS 2 topics. Pure. */
+/** Filter and texts of the panel of ROS 2 topics. Pure functions. */
 
 import type { components } from '../../api/schema';
 import { ageText } from '../../live/age';

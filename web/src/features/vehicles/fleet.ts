@@ -1,4 +1,4 @@
-/** The list of vehicles: state texts, text search and filters. Pure. */
+/** The list of vehicles: state texts, text search and filters. Pure functions. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 

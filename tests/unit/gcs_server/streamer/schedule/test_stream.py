@@ -202,7 +202,7 @@ def test_on_expiry_the_stream_requests_land_or_stops():
     assert flight.report_codes() == ["expired"]
 
 
-def test_a_stall_of_the_loop_leaves_no_gap_and_a_loop_that_stays_blocked_ends_the_stream():
+def test_setpoints_continue_while_the_event_loop_stalls_and_end_if_it_stays_blocked():
     flight = start_flight(HOVER, valid_for_s=60)
     flight.run(0.1)
     flight.loop_alive = False

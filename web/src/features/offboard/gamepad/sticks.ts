@@ -1,4 +1,4 @@
-/** Maps a gamepad's axes to a setpoint: dead zone, expo, scaling. Pure. */
+/** Maps a gamepad's axes to a setpoint: dead zone, expo, scaling. Pure functions. */
 
 import type { Vector3 } from '../../../live/topics';
 

@@ -1,4 +1,4 @@
-/** The group form: its values, the errors by field, and the API request made from the values. Pure. */
+/** The group form: its values, the errors by field, and the API request made from the values. Pure functions. */
 
 import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';

@@ -1,4 +1,4 @@
-/** Texts and numbers about a group, from the server's data. Pure. */
+/** Texts and numbers about a group, from the server's data. Pure functions. */
 
 import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';

@@ -1,4 +1,4 @@
-/** The setpoint form: its values, the errors by field, and the setpoint made from the values. Pure. */
+/** The setpoint form: its values, the errors by field, and the setpoint made from the values. Pure functions. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { specOf, type Axis, type Group, type SetpointKind } from '../../../vehicle/setpoint-kinds';

@@ -1,4 +1,4 @@
-/** Texts about a vehicle's available setpoint types, limits and failsafe, from the server's data. Pure. */
+/** Texts about a vehicle's available setpoint types, limits and failsafe, from the server's data. Pure functions. */
 
 import type { components } from '../../../api/schema';
 import { fixed } from '../../../ui/format';

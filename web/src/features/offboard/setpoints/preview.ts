@@ -1,4 +1,4 @@
-/** Preview of an unsent setpoint: position, yaw and description. Pure. */
+/** Preview of an unsent setpoint: position, yaw and description. Pure functions. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import type { Vector3 } from '../../../live/topics';

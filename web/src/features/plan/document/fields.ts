@@ -1,4 +1,4 @@
-/** The fields of an item in the editor. The suffix of a field's name gives its unit (`acceptance_radius_m`). Pure. */
+/** The fields of an item in the editor. The suffix of a field's name gives its unit (`acceptance_radius_m`). Pure functions. */
 
 import type { Item } from './document';
 import { optionText, specsOf, type FieldSpec } from './item-fields';

@@ -1,4 +1,4 @@
-/** Fixes that the page can make for a finding: a changed plan, or null if a person has to decide. Pure. */
+/** Fixes that the page can make for a finding: a changed plan, or null if a person has to decide. Pure functions. */
 
 import type { components } from '../../../api/schema';
 import { DEFAULT_ALTITUDE, isPlaced, flownItems, type PlannedHome, type Plan } from './document';

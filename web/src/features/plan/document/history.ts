@@ -1,4 +1,4 @@
-/** Undo and redo. Each state is a complete value; states share their unchanged parts. Pure. */
+/** Undo and redo. Each state is a complete value; states share their unchanged parts. Pure functions. */
 
 const MAX_STATES = 300;
 

@@ -1,6 +1,6 @@
 /**
  * Every field of every mission item: initial value, label, bounds, and texts of enum values. The types require
- * an entry for each field of the API's items. The meanings are those of MAVLink's common message set and PX4 v1.16. Pure.
+ * an entry for each field of the API's items. The meanings are those of MAVLink's common message set and PX4 v1.16. Pure functions.
  */
 
 import type { components } from '../../../api/schema';

@@ -1,4 +1,4 @@
-/** Titles and details of a plan's items, and the kinds that can be added. Pure. */
+/** Titles and details of a plan's items, and the kinds that can be added. Pure functions. */
 
 import { fixed } from '../../../ui/format';
 import type { GeoPosition } from '../../../vehicle/geo';

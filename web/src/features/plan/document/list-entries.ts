@@ -1,4 +1,4 @@
-/** The plan as one list: home, items, geofence, obstacles, rally points. Pure. */
+/** The plan as one list: home, items, geofence, obstacles, rally points. Pure functions. */
 
 import { fixed } from '../../../ui/format';
 import type { IconName } from '../../../ui/icons';

@@ -1,4 +1,4 @@
-/** Wind, mass, battery and similar conditions of a flight, for the dry run and for the estimates. Pure. */
+/** Wind, mass, battery and similar conditions of a flight, for the dry run and for the estimates. Pure functions. */
 
 import type { components } from '../../../api/schema';
 

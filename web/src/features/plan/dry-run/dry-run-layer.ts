@@ -1,6 +1,6 @@
 /**
  * A dry run on the map and as text: the flown path, the corridor of many flights, vehicle and gimbal at one time.
- * Pure.
+ * Pure functions.
  */
 
 import type { LayerPicture } from '../../../app/map-layers.svelte';

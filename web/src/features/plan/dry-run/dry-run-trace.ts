@@ -1,4 +1,4 @@
-/** A quantity of a dry run over time, and its distribution over many flights. Pure. */
+/** A quantity of a dry run over time, and its distribution over many flights. Pure functions. */
 
 import type { DryRunView } from './dry-run.svelte';
 

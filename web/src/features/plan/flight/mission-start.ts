@@ -1,6 +1,6 @@
 /**
  * Texts and request bodies for starts of the mission on a vehicle: at the first, the current or a chosen item, or where
- * the flight was interrupted. Pure.
+ * the flight was interrupted. Pure functions.
  */
 
 import type { components } from '../../../api/schema';

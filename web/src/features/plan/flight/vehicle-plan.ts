@@ -1,4 +1,4 @@
-/** The plan on a vehicle, and its differences from the edited plan, as text. Pure. */
+/** The plan on a vehicle, and its differences from the edited plan, as text. Pure functions. */
 
 import type { components } from '../../../api/schema';
 import type { Status } from '../../../live/topics';

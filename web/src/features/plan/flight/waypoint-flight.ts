@@ -1,4 +1,4 @@
-/** A flight of a waypoint plan, which PX4 flies and the server monitors, as texts and numbers. Pure. */
+/** A flight of a waypoint plan, which PX4 flies and the server monitors, as texts and numbers. Pure functions. */
 
 import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';

@@ -1,4 +1,4 @@
-/** The editor's rows of a step, a trajectory point and a mission. Some fields of a step have several rows. Pure. */
+/** The editor's rows of a step, a trajectory point and a mission. Some fields of a step have several rows. Pure functions. */
 
 import { positionFields } from './position-fields';
 import type { MissionFrame } from './positions';

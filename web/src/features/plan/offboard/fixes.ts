@@ -1,5 +1,5 @@
 /**
- * Fixes that the page can make for a finding of a mission: a changed mission, or null if a person has to decide. Pure.
+ * Fixes that the page can make for a finding of a mission: a changed mission, or null if a person has to decide. Pure functions.
  */
 
 import { removeObstacle } from '../document/edit';

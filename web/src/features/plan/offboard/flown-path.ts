@@ -1,4 +1,4 @@
-/** Compares an ended mission with its plan: figures, plots and map. Pure. */
+/** Compares an ended mission with its plan: figures, plots and map. Pure functions. */
 
 import type { components } from '../../../api/schema';
 import type { LayerLine, LayerPicture } from '../../../app/map-layers.svelte';

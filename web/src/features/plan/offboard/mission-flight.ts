@@ -1,4 +1,4 @@
-/** An offboard mission in flight, as texts and numbers. Pure. */
+/** An offboard mission in flight, as texts and numbers. Pure functions. */
 
 import type { ConfirmationTexts } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';

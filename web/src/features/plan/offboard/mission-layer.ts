@@ -1,4 +1,4 @@
-/** A mission as a map layer and as list entries. Pure. */
+/** A mission as a map layer and as list entries. Pure functions. */
 
 import type { LayerLine, LayerPicture, LayerPosition } from '../../../app/map-layers.svelte';
 import { durationText } from '../../../ui/format';

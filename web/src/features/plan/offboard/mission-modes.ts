@@ -1,4 +1,4 @@
-/** Offboard missions that are registered with PX4 as flight modes, as texts. Pure. */
+/** Offboard missions that are registered with PX4 as flight modes, as texts. Pure functions. */
 
 import type { ConfirmationTexts } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';

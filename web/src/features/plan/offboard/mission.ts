@@ -1,4 +1,4 @@
-/** The document of an offboard mission (`docs/missions.md`), and its steps as a tree. Pure. */
+/** The document of an offboard mission (`docs/missions.md`), and its steps as a tree. Pure functions. */
 
 import type { components } from '../../../api/schema';
 import type { PlannedHome, DocumentAreas } from '../document/document';

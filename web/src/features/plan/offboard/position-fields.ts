@@ -1,4 +1,4 @@
-/** The editor's rows of a position: frame, altitude, coordinates. Pure. */
+/** The editor's rows of a position: frame, altitude, coordinates. Pure functions. */
 
 import type { Field } from './fields';
 import type { MissionPosition } from './mission';

@@ -1,4 +1,4 @@
-/** Converts positions between the map and a mission; each position keeps its frame. Pure. */
+/** Converts positions between the map and a mission; each position keeps its frame. Pure functions. */
 
 import { fixed } from '../../../ui/format';
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';

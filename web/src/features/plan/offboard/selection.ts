@@ -1,4 +1,4 @@
-/** The selected step of a mission. Pure. */
+/** The selected step of a mission. Pure functions. */
 
 import { nodeOf } from './edit';
 import { stepPlaceOf, pointRefOf, type Mission, type PointRef, type StepNode } from './mission';

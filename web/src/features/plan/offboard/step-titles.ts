@@ -1,4 +1,4 @@
-/** Titles and details of a mission's steps, and the default values of new steps. Pure. */
+/** Titles and details of a mission's steps, and the default values of new steps. Pure functions. */
 
 import { fixed } from '../../../ui/format';
 import type { PlannedHome } from '../document/document';

@@ -1,4 +1,4 @@
-/** The tables of a mission: trajectories as CSV text, by name. Pure. */
+/** The tables of a mission: trajectories as CSV text, by name. Pure functions. */
 
 import { setStep } from './edit';
 import type { Mission, Step, StepNode } from './mission';

@@ -1,4 +1,4 @@
-/** The figures of a pattern as texts. Pure. */
+/** The figures of a pattern as texts. Pure functions. */
 
 import { durationText, fixed, metres } from '../../../ui/format';
 import type { GeneratedPattern } from '../api';

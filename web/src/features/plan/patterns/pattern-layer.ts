@@ -1,4 +1,4 @@
-/** Map layer with the drawn shape on the ground and the generated pattern's lines at their altitudes. Pure. */
+/** Map layer with the drawn shape on the ground and the generated pattern's lines at their altitudes. Pure functions. */
 
 import type { LayerLine, LayerPicture, LayerPoint, LayerPosition } from '../../../app/map-layers.svelte';
 import { groundDistance_m } from '../../../vehicle/geo';

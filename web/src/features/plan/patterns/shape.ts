@@ -1,4 +1,4 @@
-/** The drawn shape from which a pattern is generated: an area with holes, a line, or a point. Pure. */
+/** The drawn shape from which a pattern is generated: an area with holes, a line, or a point. Pure functions. */
 
 import type { components } from '../../../api/schema';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';

@@ -1,4 +1,4 @@
-/** The settings of patterns: their rows in the form, and their conversion to the API's format. Pure. */
+/** The settings of patterns: their rows in the form, and their conversion to the API's format. Pure functions. */
 
 import type { GeoPosition } from '../../../vehicle/geo';
 import type { Altitude, AltitudeReference } from '../document/document';

@@ -1,4 +1,4 @@
-/** Obstacles below a path, for the altitude profile. Pure. */
+/** Obstacles below a path, for the altitude profile. Pure functions. */
 
 import { eastNorth, type EastNorth, type GeoPosition } from '../../../vehicle/geo';
 import { alt_home_m, type Obstacle, type PlannedHome } from '../document/document';

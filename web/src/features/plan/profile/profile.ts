@@ -1,4 +1,4 @@
-/** The altitude profile along the path. Pure. */
+/** The altitude profile along the path. Pure functions. */
 
 import { groundDistance_m, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { alt_home_m, obstaclesOf, flownItems, type Plan, type PlannedHome, type DocumentAreas } from '../document/document';
