@@ -278,8 +278,8 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
             "Home distance",
             "Flight time",
             "Heading",
-            "Local position north",
-            "Local position east",
+            "Local north",
+            "Local east",
         ]
         expect(labels).to_have_text(default_labels)
         values.get_by_role("button", name="Choose the values").click()
@@ -303,8 +303,8 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
             "Home distance",
             "Vertical speed",
             "Flight time",
-            "Local position north",
-            "Local position east",
+            "Local north",
+            "Local east",
         ]
         expect(labels).to_have_text(selected_labels)
         # The page was not subscribed to this topic before.

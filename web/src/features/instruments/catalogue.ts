@@ -174,20 +174,20 @@ function rateLabel(topic: string, axis: string): string {
   return label.charAt(0).toUpperCase() + label.slice(1);
 }
 
+const LABEL_PREFIXES: Readonly<Record<string, string>> = { home: 'Home', local_position: 'Local' };
+/** Label of a field that says which of the topics it is from, for example "Home altitude". */
+function labelInTopic(topic: string, kind: string, label: string): string {
+  if (topic === 'wind' && kind === 'vector3') return 'Wind towards';
+  if (topic === 'local_position' && label === 'Position') return 'Local';
+  const prefix = topic.startsWith('target') ? 'Target' : LABEL_PREFIXES[topic];
+  return prefix === undefined ? label : `${prefix} ${label.toLowerCase()}`;
+}
+
 function topicQuantities(topic: string, fields: Readonly<Record<string, string>>): Quantity[] {
   return Object.entries(fields).flatMap(([field, kind]): Quantity[] => {
     if (HIDDEN_FIELDS.test(field)) return [];
     const { label } = fieldFormat(field);
-    const defaultLabel =
-      topic === 'wind' && kind === 'vector3'
-        ? 'Wind towards'
-        : topic.startsWith('target')
-          ? `Target ${label.toLowerCase()}`
-          : topic === 'home'
-            ? `Home ${label.toLowerCase()}`
-            : topic === 'local_position'
-              ? `Local ${label.toLowerCase()}`
-              : label;
+    const defaultLabel = labelInTopic(topic, kind, label);
     if (kind === 'vector3') {
       const axes = field.includes('_frd') ? AXES_FRD : AXES_NED;
       return axes.map((axis, i) => fieldQuantity(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${defaultLabel} ${axis}`));
