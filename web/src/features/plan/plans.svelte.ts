@@ -325,17 +325,22 @@ export class Plans {
   }
 
   private restore(): void {
-    try {
-      const conditions = JSON.parse(this.storage.getItem(CONDITIONS_KEY) ?? '{}') as Conditions;
-      this.conditions = { ...DEFAULT_CONDITIONS, ...conditions };
-      const stored = JSON.parse(this.storage.getItem(DRAFT_KEY) ?? 'null') as StoredDraft | null;
-      if (stored === null || !(isMission(stored.plan) ? Array.isArray(stored.plan.steps) : Array.isArray(stored.plan.items))) return;
+    this.restoreItem<Conditions>(CONDITIONS_KEY, (conditions) => (this.conditions = { ...DEFAULT_CONDITIONS, ...conditions }));
+    this.restoreItem<StoredDraft>(DRAFT_KEY, (stored) => {
+      if (!(isMission(stored.plan) ? Array.isArray(stored.plan.steps) : Array.isArray(stored.plan.items))) return;
       const plan = isMission(stored.plan) ? stored.plan : { ...EMPTY_PLAN, ...stored.plan };
       const documentId = this.editor.load(stored.name, plan);
       if (stored.kept !== null) this.setSaved(documentId, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY_PLAN });
+    });
+  }
+
+  /** Applies a stored value; removes it if it cannot be read. */
+  private restoreItem<T>(key: string, apply: (stored: T) => void): void {
+    try {
+      const stored = JSON.parse(this.storage.getItem(key) ?? 'null') as T | null;
+      if (stored !== null) apply(stored);
     } catch {
-      this.storage.removeItem(DRAFT_KEY);
-      this.storage.removeItem(CONDITIONS_KEY);
+      this.storage.removeItem(key);
     }
   }
 

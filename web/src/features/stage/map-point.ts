@@ -93,8 +93,9 @@ export function whyNotLook(facts: VehicleFacts, mapPoint: GeoPosition, point_hom
   const angles = lookAngles(facts, mapPoint, point_home_m);
   if (angles === null) return 'The vehicle’s heading is not known.';
   const limits = angleLimits(facts.gimbal?.value ?? null);
-  const isOutside = (value: number, min: number, max: number): boolean => limits.isReported && (value < min - 0.05 || value > max + 0.05);
-  if (isOutside(angles.pitch_deg, limits.pitchMin_deg, limits.pitchMax_deg)) return `Outside the gimbal’s range: pitch ${fixed(angles.pitch_deg, 0)}°.`;
+  const isOutside = (value: number, min: number, max: number): boolean => value < min - 0.05 || value > max + 0.05;
+  if (limits.isReported && isOutside(angles.pitch_deg, limits.pitchMin_deg, limits.pitchMax_deg))
+    return `Outside the gimbal’s range: pitch ${fixed(angles.pitch_deg, 0)}°.`;
   if (isOutside(angles.yaw_deg, limits.yawMin_deg, limits.yawMax_deg)) return `Outside the gimbal’s range: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;
   return null;
 }

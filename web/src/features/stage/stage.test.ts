@@ -124,6 +124,8 @@ describe('actions at a map point', () => {
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within the limits
     expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/range: pitch 71°/);
+    const yawLimited = facts({ gimbal: reading({ ...gimbal, pitch_min_rad: null, pitch_max_rad: null, yaw_min_rad: -0.5, yaw_max_rad: 0.5 }) });
+    expect(whyNotLook(yawLimited, positionAt(HERE, { east_m: 0, north_m: 30 }), 0, true)).toMatch(/range: −90° from the nose/);
     for (const [more, word] of [
       [{ replayed: true }, /replayed/],
       [{ lost: true }, /No connection/],

@@ -220,6 +220,21 @@ describe('plans on the server', () => {
     expect([unsavedPlans.saved, unsavedPlans.current?.id]).toEqual([false, 'abc']);
   });
 
+  it('are restored although the stored conditions cannot be read, and the other way round', () => {
+    const storage = memoryStorage();
+    const editor = editorWithWaypoints();
+    const plans = new Plans(fakeServer().api, editor, storage);
+    plans.store(editor.draft);
+    storage.setItem('gcs.plan-conditions', '{');
+    const reloadedEditor = new PlanEditor();
+    expect(new Plans(fakeServer().api, reloadedEditor, storage).conditions).toEqual(DEFAULT_CONDITIONS);
+    expect(reloadedEditor.plan).toEqual(editor.plan);
+    plans.setConditions({ ...DEFAULT_CONDITIONS, battery_wh: 100 });
+    storage.setItem('gcs.plan-draft', '{}');
+    expect(new Plans(fakeServer().api, new PlanEditor(), storage).conditions.battery_wh).toBe(100);
+    expect([storage.getItem('gcs.plan-draft'), storage.getItem('gcs.plan-conditions')]).toEqual([null, expect.stringContaining('100')]);
+  });
+
   it('need an altitude for imported points without an altitude', async () => {
     const refusal = { code: 'invalid_request', detail: 'point 1: it has no altitude.', remedy: 'Give an altitude with its reference for the import.' };
     const { api, requests } = fakeServer([422, refusal], [200, { plan: { ...EMPTY_PLAN, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
