@@ -72,17 +72,18 @@ def test_ctrl_c_ends_a_sync_program_and_puts_the_vehicle_into_hold(url_and_drone
     check_ends_in_hold(drone)
 
 
+@pytest.mark.parametrize("delay_s", [0.01, 0.1, 0.3])
 def test_ctrl_c_during_the_start_ends_a_sync_program_and_puts_the_vehicle_into_hold(
-    url_and_drone: Any,
+    url_and_drone: Any, delay_s: float
 ) -> None:
     url, drone = url_and_drone
-    code = PROGRAM.format(before='print("starting", flush=True)', inside="pass").replace("valid_for_s=60", "")
-    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with running([sys.executable, "-c", code, url], **options) as program:
+    before = 'print("starting", flush=True)'
+    with start_program(PROGRAM, url, before=before, inside="time.sleep(60)") as program:
         assert program.stdout.readline() == b"starting\n"
-        time.sleep(0.6)
+        time.sleep(delay_s)
         program.send_signal(signal.SIGINT)
-        program.communicate(timeout=60)
+        _, stderr = program.communicate(timeout=30)
+    assert b"KeyboardInterrupt" in stderr
     check_ends_in_hold(drone)
 
 

@@ -345,7 +345,9 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_a
 
 # ArduPilot; PX4 in a fixed wing and in a rover.
 @pytest.mark.parametrize(("autopilot_type", "vehicle_type"), [(3, 2), (12, 1), (12, 10)])
-def test_commands_to_unverified_vehicles_are_refused(run_simulated, autopilot_type, vehicle_type):
+def test_unverified_vehicles_are_shown_and_commands_to_them_are_refused(
+    run_simulated, autopilot_type, vehicle_type
+):
     async def scenario(testbed, vehicle, autopilot):
         autopilot.autopilot_type, autopilot.vehicle_type = autopilot_type, vehicle_type
         await asyncio.sleep(2)
@@ -354,5 +356,7 @@ def test_commands_to_unverified_vehicles_are_refused(run_simulated, autopilot_ty
             with pytest.raises(NotVerified):
                 await call()
         assert len(autopilot.commands(ARM_DISARM)) == count
+        (shown,) = testbed.fleet.all()
+        assert (shown.identity.autopilot, shown.identity.vehicle_type) == (autopilot_type, vehicle_type)
 
     run_scenario(run_simulated, scenario)
