@@ -95,26 +95,17 @@ def test_an_operation_is_cancelled_by_the_client_in_control_and_not_by_another_c
     run_with_rig(run_simulated, scenario)
 
 
-def test_an_operation_is_cancelled_by_any_client_if_no_client_has_control(run_simulated):
+@pytest.mark.parametrize(("in_control", "cancelled_by"), [(None, BOB), (BOB, ANNA)])
+def test_an_operation_is_cancelled_without_control_of_others_or_by_the_client_that_started_it(
+    run_simulated, in_control, cancelled_by
+):
     async def scenario(rig):
         reading = asyncio.ensure_future(refresh(rig, ANNA, WAIT_FOR_END))
         await asyncio.sleep(0.01)
         started = await newest_operation(rig)
-        ended = json_of(await operation_routes.cancel_operation(started["id"], rig.station, BOB))
-        assert ended["state"] == "cancelled"
-        with pytest.raises(Exception, match="was cancelled"):
-            await reading
-
-    run_with_rig(run_simulated, scenario)
-
-
-def test_an_operation_is_cancelled_by_its_client_although_another_client_has_control(run_simulated):
-    async def scenario(rig):
-        reading = asyncio.ensure_future(refresh(rig, ANNA, WAIT_FOR_END))
-        await asyncio.sleep(0.01)
-        started = await newest_operation(rig)
-        await control_routes.take("1", rig.station, BOB)
-        ended = json_of(await operation_routes.cancel_operation(started["id"], rig.station, ANNA))
+        if in_control is not None:
+            await control_routes.take("1", rig.station, in_control)
+        ended = json_of(await operation_routes.cancel_operation(started["id"], rig.station, cancelled_by))
         assert ended["state"] == "cancelled"
         with pytest.raises(Exception, match="was cancelled"):
             await reading
