@@ -35,7 +35,7 @@ def test_a_command_needs_control_which_is_requested_granted_and_taken_by_force(u
     with chromium() as browser, open_page(browser, url, scene=False, client_id="anna's tab") as anna:
         with open_page(browser, url, scene=False, client_id="bob's tab") as bob:
             for page, name in ((anna, "Anna"), (bob, "Bob")):
-                expect(page.get_by_text("Nobody has control")).to_be_visible()
+                expect(page.get_by_text("Control: nobody")).to_be_visible()
                 set_name(page, name)
             anna.keyboard.press("c")
             anna.get_by_role("button", name="Take control").click()

@@ -46,7 +46,7 @@ describe('control', () => {
     expect([chipText(ANNA_CONTROLS, 'a'), chipText(ANNA_CONTROLS, 'b'), chipText(FREE, 'a')]).toEqual([
       'You have control',
       'Anna has control',
-      'Nobody has control',
+      'Control: nobody',
     ]);
     expect(otherControlHolder(ANNA_CONTROLS, 'a')).toBeNull();
     expect(readControl({ holder: 'x' })).toBeNull();

@@ -35,7 +35,7 @@ export function chipText(control: Control | null, key: string | null): string {
     case 'other_client':
       return `${control?.holder ?? 'Another client'} has control`;
     case 'free':
-      return 'Nobody has control';
+      return 'Control: nobody';
     case 'unknown':
       return 'Control: not known';
   }
