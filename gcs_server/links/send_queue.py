@@ -86,6 +86,9 @@ class SendQueue:
     def __len__(self) -> int:
         return sum(map(len, self._waiting))
 
+    def __bool__(self) -> bool:
+        return any(self._waiting)
+
     def put(self, packet: Packet, now_s: float) -> bool:
         """Queues a packet; False if it was dropped because the queue is full."""
         if packet.group is not None:

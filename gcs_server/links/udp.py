@@ -96,8 +96,8 @@ class UdpLink(HostLink):
         return super()._explain(error)
 
     def _read_available(self) -> int:
-        sock, count, now_s = self._socket, 0, self._loop.time()
-        by_address, last_received_s, received = self._by_address, self._last_received_s, self._received
+        sock, count, size, now_s = self._socket, 0, 0, self._loop.time()
+        by_address, last_received_s, on_bytes = self._by_address, self._last_received_s, self._on_bytes
         end_s = now_s + MAX_READ_S
         for _ in range(DATAGRAMS_PER_WAKE):
             if sock is None or self._socket is not sock:  # the handler of a datagram closed the link
@@ -118,7 +118,12 @@ class UdpLink(HostLink):
             if peer is None:
                 continue
             last_received_s[peer.name] = now_s
-            received(data, peer, now_s)
+            size += len(data)
+            try:  # like `_received`, without a call for each datagram
+                on_bytes(data, peer, now_s)
+            except Exception as error:
+                self.faults.add(error, "handling received bytes")
+        self._bytes_received += size
         return count
 
     def _add_peer(self, address: Address, now_s: float) -> Peer | None:

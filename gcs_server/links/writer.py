@@ -72,9 +72,15 @@ class LinkWriter:
                 return False
             now_s = self._now_s()
             self._lost = None
-            queued = self._queue.put(packet, now_s)
-            self._write_waiting(now_s)
-            return queued and not self._was_lost(packet)
+            if not self._may_write_now(packet, now_s):
+                queued = self._queue.put(packet, now_s)
+                self._write_waiting(now_s)
+                return queued and not self._was_lost(packet)
+            if not self._write_packet(packet, now_s):
+                self._write_waiting(now_s, RECHECK_PERIOD_S)
+            elif self._partial is not None:
+                self._write_waiting(now_s)
+            return not self._was_lost(packet)
 
     def close(self) -> None:
         """Drops waiting packets and writes nothing more. Call before the descriptor is closed."""
@@ -87,9 +93,9 @@ class LinkWriter:
 
     # --- with the lock held -----------------------------------------------------------------------
 
-    def _write_waiting(self, now_s: float) -> None:
-        wait_s = 0.0
-        while not self._closed and wait_s <= 0 and (self._partial is not None or len(self._queue)):
+    def _write_waiting(self, now_s: float, wait_s: float = 0.0) -> None:
+        """Writes what waits, after `wait_s`, as the pacer allows."""
+        while not self._closed and wait_s <= 0 and (self._partial is not None or self._queue):
             wait_s = self._pacer.wait_s(now_s)
             if wait_s <= 0 and not self._write_one(now_s):
                 wait_s = RECHECK_PERIOD_S
@@ -97,27 +103,38 @@ class LinkWriter:
             if now_s >= self._next_purge_s:
                 self._next_purge_s = now_s + PURGE_EVERY_S
                 self._queue.purge(now_s)
-            if self._partial is not None or len(self._queue):
+            if self._partial is not None or self._queue:
                 self._wake_in(wait_s)
+
+    def _may_write_now(self, packet: Packet, now_s: float) -> bool:
+        """Whether the packet need not be queued, because no other packet waits."""
+        if self._partial is not None or self._queue or packet.expires_s < now_s:
+            return False
+        return self._pacer.wait_s(now_s) <= 0
 
     def _write_one(self, now_s: float) -> bool:
         """Writes the rest of a frame, or the next one; False if the descriptor is blocked."""
-        partial = self._partial
-        if partial is not None:
-            packet, data = partial
-            if packet.expires_s < now_s:
-                data = data[:-1] + bytes([data[-1] ^ 0xFF])
-                packet.expires_s = math.inf  # the checksum is changed only once
-        else:
+        if self._partial is None:
             packet = self._queue.take(now_s)
-            if packet is None:
-                return True
-            try:
-                data = packet.finish()
-            except Exception as error:  # only this packet is lost
-                self._faults.add(error, "finishing a frame")
-                self._drop(packet)
-                return True
+            return packet is None or self._write_packet(packet, now_s)
+        packet, data = self._partial
+        if packet.expires_s < now_s:
+            data = data[:-1] + bytes([data[-1] ^ 0xFF])
+            packet.expires_s = math.inf  # the checksum is changed only once
+        return self._write_bytes(packet, data, now_s)
+
+    def _write_packet(self, packet: Packet, now_s: float) -> bool:
+        """Completes and writes a packet; False if the descriptor is blocked, and the packet waits."""
+        try:
+            data = packet.finish()
+        except Exception as error:  # only this packet is lost
+            self._faults.add(error, "finishing a frame")
+            self._drop(packet)
+            return True
+        return self._write_bytes(packet, data, now_s)
+
+    def _write_bytes(self, packet: Packet, data: bytes, now_s: float) -> bool:
+        partial = self._partial
         try:
             written = self._write(data, packet.peer)
         except (BlockingIOError, InterruptedError):

@@ -143,12 +143,7 @@ class FrameParser:
     ) -> Frame | None:
         """The frame that begins at `data[start]`; None if its checksum is wrong. A signature is between
         `checksum_end` and `frame_end`."""
-        if header == HEADER_V2:
-            msg_id = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
-            seq, system_id, component_id = data[start + 4], data[start + 5], data[start + 6]
-        else:
-            msg_id = data[start + 5]
-            seq, system_id, component_id = data[start + 2], data[start + 3], data[start + 4]
+        msg_id, system_id, component_id, seq = _header_fields(data, start, header)
         extra = CRC_EXTRA.get(msg_id)
         if extra is None:
             if frame_end < len(data) and data[frame_end] not in (STX_V1, STX_V2):
@@ -183,10 +178,24 @@ class FrameParser:
             self.lost[sender] = self.lost.get(sender, 0) + gap
 
 
+def _header_fields(data: bytes, start: int, header: int) -> tuple[int, int, int, int]:
+    """(message id, system id, component id, sequence number) from the header at `data[start]`."""
+    if header == HEADER_V2:
+        msg_id = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
+        return msg_id, data[start + 5], data[start + 6], data[start + 4]
+    return data[start + 5], data[start + 3], data[start + 4], data[start + 2]
+
+
 def _next_start(data: bytes, position: int, size: int) -> int:
     v2 = data.find(STX_V2, position)
     v1 = data.find(STX_V1, position, v2 if v2 >= 0 else size)
     return v1 if v1 >= 0 else v2 if v2 >= 0 else size
+
+
+def known_frame(raw: bytes, received_monotonic_s: float) -> Frame:
+    """The frame of bytes that a parser has already checked."""
+    header = HEADER_V2 if raw[0] == STX_V2 else HEADER_V1
+    return Frame(*_header_fields(raw, 0, header), raw, received_monotonic_s)
 
 
 def full_payload(frame: Frame) -> bytes:
@@ -231,13 +240,10 @@ def decode(frame: Frame) -> MAVLink_message | None:
 def encode_payload(message: MAVLink_message) -> bytes:
     """A message's payload in wire order, in full length."""
     layout = LAYOUTS[message.get_msgId()]
-    values: list[Any] = []
-    for name, length in zip(layout.attributes, layout.lengths, strict=True):
-        value = getattr(message, name)
-        if length == 1:
-            values.append(value)
-        else:
-            values.extend(value)
+    values = layout.values_of(message)
+    if layout.has_arrays:
+        fields = zip(values, layout.lengths, strict=True)
+        values = [element for value, length in fields for element in (value if length > 1 else (value,))]
     return layout.unpacker.pack(*values)
 
 

@@ -237,13 +237,12 @@ class Connection:
                 self.link.faults.add(error, "handling a new peer")
         if self.signing is not None:
             frames = [frame for frame in frames if self.signing.accepts(frame)]
-        if self._recording is not None:
-            if received_s != self._stamped_s:  # many datagrams are read at once
-                self._stamped_s, self._stamp = received_s, stamp(int(self._clock.unix_s() * 1e6))
-            for frame in frames:
-                self._recording.append(self._stamp, frame.raw)
-        on_frame = self._on_frame
+        recording, on_frame = self._recording, self._on_frame
+        if recording is not None and received_s != self._stamped_s:  # many datagrams are read at once
+            self._stamped_s, self._stamp = received_s, stamp(int(self._clock.unix_s() * 1e6))
         for frame in frames:
+            if recording is not None:
+                recording.append(self._stamp, frame.raw)
             try:  # a fault affects this frame only
                 on_frame(frame, self, peer)
             except Exception as error:

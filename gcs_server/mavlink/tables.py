@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 from gcs_server.mavlink.dialect import MAVLink_message, mavlink_map
@@ -20,14 +22,15 @@ class Layout:
     """CRC_EXTRA of the message, one byte."""
     fields: tuple[str, ...]
     """Field names in wire order."""
-    attributes: tuple[str, ...]
-    """Attribute names in the dialect's message object, in wire order."""
+    values_of: Callable[[MAVLink_message], tuple[Any, ...]]
+    """Returns the values of a message's fields in wire order; the value of an array is a list."""
     lengths: tuple[int, ...]
     """Number of elements per field, in wire order; 1 for scalars and texts."""
     unpacker: struct.Struct
     order: tuple[int, ...]
     """For each argument of the message class's constructor, its position in wire order."""
     message_class: type[MAVLink_message]
+    has_arrays: bool
 
 
 def _layout(msg_id: int, cls: Any) -> Layout:
@@ -39,12 +42,18 @@ def _layout(msg_id: int, cls: Any) -> Layout:
         name=cls.msgname,
         crc_extra=bytes([cls.crc_extra]),
         fields=tuple(cls.ordered_fieldnames),
-        attributes=tuple(f"_{n}_raw" if n in texts else n for n in cls.ordered_fieldnames),
+        values_of=_values_of(tuple(f"_{n}_raw" if n in texts else n for n in cls.ordered_fieldnames)),
         lengths=tuple(cls.lengths),
         unpacker=cls.unpacker,
         order=tuple(cls.orders),
         message_class=cls,
+        has_arrays=any(length > 1 for length in cls.lengths),
     )
+
+
+def _values_of(attributes: tuple[str, ...]) -> Callable[[MAVLink_message], tuple[Any, ...]]:
+    getter = attrgetter(*attributes)
+    return getter if len(attributes) > 1 else lambda message: (getter(message),)
 
 
 RENAMED = frozenset({296})

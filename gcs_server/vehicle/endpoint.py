@@ -61,6 +61,11 @@ RECEIVED_WITHIN_S = 1.5
 of all links [s]."""
 
 
+STAY_ON_LINK_S = 0.4
+"""The server changes the link when the newest message of another link is newer by this time [s]. The time is
+much shorter than PX4's timeout of a setpoint stream (COM_OF_LOSS_T, 1 s)."""
+
+
 class SameVehicle(enum.Enum):
     """Result of the decision whether an endpoint belongs to a vehicle."""
 
@@ -147,6 +152,20 @@ def preferred_endpoints(endpoints: Sequence[Endpoint], protocol: str) -> Sequenc
         return endpoints
     newest_s = max(endpoint.received_s for endpoint in endpoints)
     return [e for e in matching if newest_s - e.received_s < RECEIVED_WITHIN_S] or endpoints
+
+
+def endpoint_to_use(endpoints: Sequence[Endpoint], in_use: Endpoint | None) -> Endpoint | None:
+    """The endpoint on which to send now: the one in use until another one is newer by `STAY_ON_LINK_S`. None
+    if there is no endpoint."""
+    newest = _newest(endpoints)
+    if (
+        newest is not None
+        and in_use is not None
+        and in_use in endpoints
+        and newest.received_s - in_use.received_s < STAY_ON_LINK_S
+    ):
+        return in_use
+    return newest
 
 
 def protocol_in_use(endpoints: Sequence[Endpoint], preferred_protocol: str) -> str:

@@ -11,13 +11,15 @@ import itertools
 from collections import deque
 from collections.abc import Iterable, Iterator
 
-from gcs_server.mavlink.codec import Frame
-from gcs_server.vehicle.instances import ID_MASK, message_of
+from gcs_server.mavlink.codec import Frame, known_frame
+from gcs_server.vehicle.instances import ID_MASK
 
 HISTORY_S = 300.0
+PURGE_EVERY_S = 10.0
+"""Period at which old frames are dropped [s]; looking for them at each call would cost as much as storing."""
 
-_StoredFrame = tuple[float, int, float, int, int, int, bytes]
-"""(stored_s, key, received_s, system, component, sequence number, raw); keys: `instances.py`."""
+_StoredFrame = tuple[float, int, float, bytes]
+"""(stored_s, key, received_s, raw); keys: `instances.py`."""
 
 
 class History:
@@ -30,36 +32,29 @@ class History:
     def __init__(self, msg_ids: Iterable[int]) -> None:
         self._msg_ids = frozenset(msg_ids)
         self._stored: dict[int, deque[_StoredFrame]] = {}
-        self._last: dict[int, Frame] = {}
+        self._next_purge_s = float("-inf")
 
     def store(self, latest: dict[int, Frame], now_s: float) -> None:
-        """Stores new frames, and drops frames older than `HISTORY_S`.
+        """Stores new frames, and every `PURGE_EVERY_S` drops frames older than `HISTORY_S`.
 
         One older frame of each message stays stored, because it is the newest at the start of the history.
-        The history of a message that is no longer received is dropped only when the message is received
-        again.
         """
-        before_s, stored, last = now_s - HISTORY_S, self._stored, self._last
+        stored = self._stored
         for key, frame in latest.items():
-            if frame is last.get(key):
-                continue
-            last[key] = frame
             frames = stored.get(key)
             if frames is None:
                 if key & ID_MASK not in self._msg_ids:
                     continue
                 frames = stored[key] = deque()
-            frames.append(
-                (
-                    now_s,
-                    key,
-                    frame.received_monotonic_s,
-                    frame.system_id,
-                    frame.component_id,
-                    frame.seq,
-                    frame.raw,
-                )
-            )
+            elif frames[-1][3] is frame.raw:
+                continue
+            frames.append((now_s, key, frame.received_monotonic_s, frame.raw))
+        if now_s >= self._next_purge_s:
+            self._next_purge_s = now_s + PURGE_EVERY_S
+            self._purge(now_s - HISTORY_S)
+
+    def _purge(self, before_s: float) -> None:
+        for frames in self._stored.values():
             while len(frames) > 1 and frames[1][0] < before_s:
                 frames.popleft()
 
@@ -68,6 +63,6 @@ class History:
         newest: dict[int, Frame] = {}
         stored = heapq.merge(*(self._stored.get(key, ()) for key in dict.fromkeys(keys)))
         for stored_s, simultaneous in itertools.groupby(stored, key=lambda item: item[0]):
-            for _, key, received_s, system_id, component_id, seq, raw in simultaneous:
-                newest[key] = Frame(message_of(key), system_id, component_id, seq, raw, received_s)
+            for _, key, received_s, raw in simultaneous:
+                newest[key] = known_frame(raw, received_s)
             yield stored_s, tuple(map(newest.get, keys))

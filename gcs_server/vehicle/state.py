@@ -55,6 +55,8 @@ KEEPS_LAST_VALUE = frozenset({"home"})
 """Topics whose last valid value stays stored: limits refer to home, and one invalid message must not remove
 the limits."""
 Frames = tuple[Frame | None, ...]
+_StoredStatus = tuple[float, FlightState, float | None]
+"""(time of storing, flight state, time at which the connection was lost; None: it was not lost) [s]."""
 
 
 class VehicleState:
@@ -85,8 +87,8 @@ class VehicleState:
         self._received_s = float("-inf")
         """Time of the last heartbeat, or of the last message after it, if no gap was longer than
         `LINK_LOST_AFTER_S`."""
-        self._statuses: deque[tuple[float, FlightState, bool, Sample]] = deque()
-        """(time, flight state, whether the connection is lost, sample) of the last minutes."""
+        self._statuses: deque[_StoredStatus] = deque()
+        """The statuses of the last minutes."""
 
     def take(self, frame: Frame) -> bool:
         """Stores a frame; returns False if the frame is ignored, because another component sent it."""
@@ -142,7 +144,9 @@ class VehicleState:
 
     def status(self) -> Status:
         """Current status of the vehicle."""
-        flight_state = self.flight_state
+        return self._status(self._clock.monotonic_s(), self.flight_state, self._lost_since_s())
+
+    def _status(self, at_s: float, flight_state: FlightState, lost_since_s: float | None) -> Status:
         name, label = self._mode_names.name_and_label(flight_state.custom_mode, flight_state.autopilot)
         return Status(
             armed=flight_state.armed,
@@ -152,13 +156,19 @@ class VehicleState:
             intended_custom_mode=flight_state.intended_custom_mode,
             landed_state=flight_state.landed_state,
             system_status=flight_state.system_status,
-            link_lost=self.link_lost,
+            link_lost=lost_since_s is not None,
             last_heartbeat_age_s=(
                 None
                 if flight_state.heartbeat_s == float("-inf")
-                else max(0.0, self._clock.monotonic_s() - flight_state.heartbeat_s)
+                else max(0.0, at_s - flight_state.heartbeat_s)
             ),
         )
+
+    def _status_sample(
+        self, at_s: float, flight_state: FlightState, lost_since_s: float | None
+    ) -> Sample | None:
+        status = self._status(at_s, flight_state, lost_since_s)
+        return self._sample("status", status, None, _changed_s(flight_state, lost_since_s))
 
     def topic(self, name: str) -> Sample | None:
         """The newest sample of a topic; None: no sample, or the newest message is unusable.
@@ -169,7 +179,7 @@ class VehicleState:
         if name in self._decoded:
             return self._cache[name]
         if name == "status":
-            return self._sample(name, self.status(), None, self._status_since_s())
+            return self._status_sample(self._clock.monotonic_s(), self.flight_state, self._lost_since_s())
         keys = self._instances.keys(INPUT_MESSAGES[name])
         frames = tuple(map(self.latest.get, keys))
         self.unusable.pop(name, None)
@@ -217,7 +227,7 @@ class VehicleState:
         the status this is much faster than `topic`, which creates a new sample at each call.
         """
         if name == "status":
-            changed_s = self._status_since_s()
+            changed_s = _changed_s(self.flight_state, self._lost_since_s())
             return None if changed_s == float("-inf") else changed_s
         sample = self._cache[name] if name in self._decoded else self.topic(name)
         return None if sample is None else sample.received_monotonic_s
@@ -226,13 +236,11 @@ class VehicleState:
         """Stores new frames for `history`, without decoding; called at up to 4 Hz."""
         now_s = self._clock.monotonic_s()
         self._history.store(self.latest, now_s)
-        statuses, lost = self._statuses, self.link_lost
-        if not statuses or statuses[-1][1] is not self.flight_state or statuses[-1][2] != lost:
-            sample = self.topic("status")
-            if sample is not None:
-                statuses.append((now_s, self.flight_state, lost, sample))
-        while statuses and statuses[0][0] < now_s - HISTORY_S:
-            statuses.popleft()
+        statuses, lost_since_s = self._statuses, self._lost_since_s()
+        if not statuses or statuses[-1][1] is not self.flight_state or statuses[-1][2] != lost_since_s:
+            statuses.append((now_s, self.flight_state, lost_since_s))
+            while statuses[0][0] < now_s - HISTORY_S:
+                statuses.popleft()
 
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]:
         """Samples not older than `since_unix_s`, oldest first."""
@@ -241,7 +249,7 @@ class VehicleState:
         samples: list[Sample] = []
         for name in topics:
             if name == "status":
-                past_samples = [sample for *_, sample in self._statuses]
+                past_samples = [self._status_sample(*stored) for stored in self._statuses]
             else:
                 keys = self._instances.keys(INPUT_MESSAGES[name])
                 history = self._history.frames(keys)
@@ -251,11 +259,9 @@ class VehicleState:
             samples += [s for s in past_samples if s is not None and s.received_monotonic_s >= since_s]
         return sorted(samples, key=lambda sample: sample.received_monotonic_s)
 
-    def _status_since_s(self) -> float:
-        """Time at which the status last changed, by a message or a lost connection."""
-        flight_state = self.flight_state
-        lost_s = self._lost_from_s() if self.link_lost else float("-inf")
-        return max(flight_state.heartbeat_s, flight_state.mode_s, flight_state.landed_s, lost_s)
+    def _lost_since_s(self) -> float | None:
+        """Time at which the connection was lost [s, monotonic]; None: it is not lost."""
+        return self._lost_from_s() if self.link_lost else None
 
     def _decode_past(self, name: str, keys: tuple[int, ...], frames: Frames) -> Sample | None:
         """A sample of the history; None if it cannot be decoded."""
@@ -335,3 +341,9 @@ class VehicleState:
             return None
         unix_s = self._clock.unix_s() - (self._clock.monotonic_s() - received_s)
         return Sample(name, time_boot_s, unix_s, received_s, value)
+
+
+def _changed_s(flight_state: FlightState, lost_since_s: float | None) -> float:
+    """Time at which the status last changed, by a message or a lost connection."""
+    message_s = max(flight_state.heartbeat_s, flight_state.mode_s, flight_state.landed_s)
+    return message_s if lost_since_s is None else max(message_s, lost_since_s)

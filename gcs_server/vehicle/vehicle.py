@@ -18,7 +18,7 @@ from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.attached import AttachedControl, AttachedFlight, AttachedMission, AttachedStream
 from gcs_server.vehicle.components import Components
-from gcs_server.vehicle.endpoint import MAVLINK, ROS2, Endpoint, preferred_endpoints
+from gcs_server.vehicle.endpoint import MAVLINK, ROS2, Endpoint, endpoint_to_use, preferred_endpoints
 from gcs_server.vehicle.event_logger import EventLogger
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.external_control import ExternalControl
@@ -41,10 +41,6 @@ from gcs_server.vehicle.state import TOPIC_MESSAGES, VehicleState
 
 log = logging.getLogger(__name__)
 
-STAY_ON_LINK_S = 0.4
-"""The server changes the link when the newest message of another link is newer by this time [s]. The time is
-much shorter than PX4's timeout of a setpoint stream (COM_OF_LOSS_T, 1 s)."""
-
 
 class Vehicle:
     """One vehicle; only the fleet changes its state.
@@ -54,6 +50,15 @@ class Vehicle:
         own_ids: this server's (system id, component id).
         supervisor: runs the vehicle's background tasks.
     """
+
+    # Beyond 30 attributes, instances without slots no longer share their keys, so each access is slower.
+    __slots__ = (
+        "__weakref__", "_endpoint_in_use", "_endpoints", "_event_logger", "_external_control",
+        "_handled_ids", "_handlers", "_identity", "_known_links", "_lost", "_state", "_supervisor",
+        "camera", "clock", "command", "components", "control", "events", "ftp", "gimbal", "gimbals",
+        "health", "id", "isolation", "mailbox", "metadata", "mission", "mode_list", "mode_names",
+        "offboard", "offboard_mission", "own_ids", "params", "waypoint_flight",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -371,11 +376,14 @@ class Vehicle:
     def _heartbeat(self) -> None:
         identity, state = self._identity, self._state.flight_state
         simulated = True if state.hil else identity.simulated
-        reported = replace(
-            identity, vehicle_type=state.vehicle_type, autopilot=state.autopilot, simulated=simulated
-        )
-        if reported != identity:
-            self._identity = reported
+        if (state.vehicle_type, state.autopilot, simulated) != (
+            identity.vehicle_type,
+            identity.autopilot,
+            identity.simulated,
+        ):
+            self._identity = replace(
+                identity, vehicle_type=state.vehicle_type, autopilot=state.autopilot, simulated=simulated
+            )
         if self._lost:
             self._lost = False
             self.gimbals.link_restored()
@@ -386,14 +394,5 @@ class Vehicle:
             )
 
     def _choose_endpoint(self, endpoints: Sequence[Endpoint]) -> Endpoint | None:
-        in_use = self._endpoint_in_use
-        newest = max(endpoints, key=lambda e: e.received_s, default=None)
-        if (
-            newest is not None
-            and in_use is not None
-            and in_use in endpoints
-            and newest.received_s - in_use.received_s < STAY_ON_LINK_S
-        ):
-            return in_use
-        self._endpoint_in_use = newest
-        return newest
+        self._endpoint_in_use = endpoint_to_use(endpoints, self._endpoint_in_use)
+        return self._endpoint_in_use
