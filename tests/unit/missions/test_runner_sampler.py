@@ -114,6 +114,21 @@ def test_a_wait_holds_until_a_script_change_ends_the_wait():
     assert sampler.progress.index == 3
 
 
+def test_a_wait_that_ends_during_a_pause_moves_the_vehicle_only_after_the_pause():
+    script = script_of_steps(LEGS, "step: wait, until: person, timeout_s: 60", ORBIT)
+    sampler = ScriptSampler(script, 0.0)
+    waiting_ned_m = sample_setpoints(sampler, 0.0, 60.0)[-1][1].position_ned_m
+    sampler.change_script(ScriptChange(paused=True))
+    sample_setpoints(sampler, 60.0, 3.0)
+    sampler.change_script(ScriptChange(paused=True, first_open_wait=2))
+    paused = sample_setpoints(sampler, 63.0, 5.0)
+    assert not sampler.progress.waiting
+    assert {setpoint.position_ned_m for _, setpoint in paused} == {waiting_ned_m}
+    sampler.change_script(ScriptChange(first_open_wait=2))
+    resumed = sample_setpoints(sampler, 68.0, 5.0)
+    assert math.dist(resumed[-1][1].position_ned_m, waiting_ned_m) > 1.0
+
+
 def test_segments_can_be_appended_while_the_vehicle_waits_at_the_end():
     segments = script_of_steps(LEGS, ORBIT).segments
     sampler = ScriptSampler(Script("Test", segments[:1]), 0.0)

@@ -99,6 +99,7 @@ def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> No
     station.sim.simulation.truth.q_ned_frd[0] = (math.cos(0.2), 0.0, 0.0, math.sin(0.2))
     station.run(4)
     assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=1.5)
+    assert math.degrees(gimbal.actual.yaw_rad) < 80, "the vehicle has turned"
     assert station.last["GIMBAL_MANAGER_STATUS"].gimbal_device_id == 154
 
 
