@@ -96,7 +96,7 @@ class UdpLink(HostLink):
         return super()._explain(error)
 
     def _read_available(self) -> int:
-        sock, count, size, now_s = self._socket, 0, 0, self._loop.time()
+        sock, count, size_bytes, now_s = self._socket, 0, 0, self._loop.time()
         by_address, last_received_s, on_bytes = self._by_address, self._last_received_s, self._on_bytes
         end_s = now_s + MAX_READ_S
         for _ in range(DATAGRAMS_PER_WAKE):
@@ -118,12 +118,12 @@ class UdpLink(HostLink):
             if peer is None:
                 continue
             last_received_s[peer.name] = now_s
-            size += len(data)
+            size_bytes += len(data)
             try:  # like `_received`, without a call for each datagram
                 on_bytes(data, peer, now_s)
             except Exception as error:
                 self.faults.add(error, "handling received bytes")
-        self._bytes_received += size
+        self._bytes_received += size_bytes
         return count
 
     def _add_peer(self, address: Address, now_s: float) -> Peer | None:

@@ -59,8 +59,6 @@ MAVLINK, ROS2 = "MAVLink", "ROS 2"
 RECEIVED_WITHIN_S = 1.5
 """The preferred protocol is used while its newest message is at most this much older than the newest message
 of all links [s]."""
-
-
 STAY_ON_LINK_S = 0.4
 """The server changes the link when the newest message of another link is newer by this time [s]. The time is
 much shorter than PX4's timeout of a setpoint stream (COM_OF_LOSS_T, 1 s)."""
