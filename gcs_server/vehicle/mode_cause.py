@@ -94,12 +94,7 @@ def cause_of(
         who = f"station {foreign.system}/{foreign.component}"
         return ModeCause("station", who, f"another ground station commanded it ({who})", unix_s)
     old, new = (_name(flight_state.custom_mode) for flight_state in (before, after))
-    # HEARTBEAT has no intended mode: after a HEARTBEAT, the stored intended mode may be outdated
-    has_intended_mode = after.heartbeat_s == before.heartbeat_s
-    if (has_intended_mode and is_overruled(after)) or after.system_status in (
-        d.MAV_STATE_CRITICAL,
-        d.MAV_STATE_EMERGENCY,
-    ):
+    if is_overruled(after) or after.system_status in (d.MAV_STATE_CRITICAL, d.MAV_STATE_EMERGENCY):
         return ModeCause("failsafe", None, "the failsafe", unix_s)
     if not after.armed or (new == "hold" and old in ENDS_IN_HOLD):
         return ModeCause("vehicle", None, "the vehicle itself", unix_s)

@@ -32,12 +32,18 @@ class FlightState:
 
 
 def heartbeat(flight_state: FlightState, payload: bytes, now_s: float) -> FlightState:
-    """Applies a HEARTBEAT of the autopilot."""
+    """Applies a HEARTBEAT of the autopilot.
+
+    A HEARTBEAT has no intended mode. If it reports another mode, the intended mode is unknown until the next
+    CURRENT_MODE: the stored one was that of the mode before.
+    """
     custom_mode, vehicle_type, autopilot, base_mode, system_status, _version = _heartbeat.unpack(payload)
+    is_same_mode = custom_mode == flight_state.custom_mode
     return replace(
         flight_state,
         armed=bool(base_mode & d.MAV_MODE_FLAG_SAFETY_ARMED),
         custom_mode=custom_mode,
+        intended_custom_mode=flight_state.intended_custom_mode if is_same_mode else None,
         system_status=system_status,
         vehicle_type=vehicle_type,
         autopilot=autopilot,

@@ -237,7 +237,8 @@ class Status:
     """Label for the display: Hold, Take off, Return, …"""
     custom_mode: int
     intended_custom_mode: int | None
-    """Intended mode of CURRENT_MODE: the requested mode, also while a failsafe flies another mode."""
+    """Intended mode of CURRENT_MODE: the requested mode, also while a failsafe flies another mode. null: the
+    vehicle has not reported it since the last change of the mode."""
     landed_state: str
     """unknown, on_ground, in_air, taking_off, landing."""
     system_status: int

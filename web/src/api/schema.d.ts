@@ -12008,7 +12008,8 @@ export interface components {
             readonly custom_mode: number;
             /**
              * Intended Custom Mode
-             * @description Intended mode of CURRENT_MODE: the requested mode, also while a failsafe flies another mode.
+             * @description Intended mode of CURRENT_MODE: the requested mode, also while a failsafe flies another mode. null: the
+             *     vehicle has not reported it since the last change of the mode.
              */
             readonly intended_custom_mode: number | null;
             /**

@@ -74,9 +74,13 @@ function seconds(age_s: number): string {
   return `${Math.round(age_s)} s`;
 }
 
-/** Whether the vehicle is in another mode than the requested mode, because of a failsafe. */
+/** MAV_STATE_CRITICAL and MAV_STATE_EMERGENCY: PX4 reports them in each heartbeat during a failsafe. */
+const FAILSAFE_STATES: readonly number[] = [5, 6];
+
+/** Whether a failsafe has chosen the mode. The intended mode tells it too, but arrives later than the heartbeat. */
 function isFailsafe(status: Status): boolean {
-  return status.armed && status.intended_custom_mode !== null && status.intended_custom_mode !== 0 && status.intended_custom_mode !== status.custom_mode;
+  const isOverruled = status.intended_custom_mode !== null && status.intended_custom_mode !== 0 && status.intended_custom_mode !== status.custom_mode;
+  return status.armed && (isOverruled || FAILSAFE_STATES.includes(status.system_status));
 }
 
 export function statusLabel(facts: StatusFacts): StatusLabel {

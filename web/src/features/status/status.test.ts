@@ -45,6 +45,11 @@ describe('the status label', () => {
     expect(label({ replayed: true }).title).toBe('Replay');
     expect(label({ status: status({ mode: 'land', custom_mode: 2, intended_custom_mode: 9 }) }).title).toBe('Failsafe: Landing');
   });
+  it('shows a failsafe before the intended mode is known, and none only because it is not known', () => {
+    const critical = status({ mode: 'land', custom_mode: 2, intended_custom_mode: null, system_status: 5 });
+    expect(label({ status: critical })).toMatchObject({ title: 'Failsafe: Landing', tone: 'danger' });
+    expect(label({ status: { ...critical, system_status: 4 } }).title).toBe('Landing');
+  });
 });
 
 it('an indicator shows a severity with a word, and unknown values as unknown', () => {
