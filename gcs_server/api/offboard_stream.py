@@ -108,7 +108,9 @@ class SetpointSocket:
         next_s = 0.0
         while True:
             await self._received.wait()
-            await self._clock.sleep(next_s - self._clock.monotonic_s())
+            wait_s = next_s - self._clock.monotonic_s()
+            if wait_s > 0.0:
+                await self._clock.sleep(wait_s)
             self._received.clear()
             applied = False
             while self._backlog:  # newest first; an invalid setpoint must not replace a valid one

@@ -8,7 +8,7 @@ import json
 import sys
 from typing import Any
 
-from fastapi import APIRouter, Depends, FastAPI, Response
+from fastapi import Depends, FastAPI, Response
 from starlette.routing import BaseRoute
 
 from gcs_server.api import (
@@ -42,35 +42,49 @@ from gcs_server.api.station import renew_control
 from gcs_server.control.commands import API, BY_CALL
 from gcs_server.version import __version__
 
-
-def api_router() -> APIRouter:
-    """The router of all routes under /api/v1."""
-    router = APIRouter(prefix=API, dependencies=[Depends(renew_control)])
-    for part in (
-        station_routes,
-        vehicle_routes,
-        hold_routes,
-        control_routes,
-        offboard_routes,
-        group_routes,
-        gimbal_routes,
-        camera_routes,
-        param_routes,
-        readiness_routes,
-        ros2_routes,
-        map_routes,
-        recording_routes,
-        operation_routes,
-        plan_routes,
-        elevation_routes,
-        dry_run_routes,
-        mission_routes,
-        mission_mode_routes,
-        offboard_mission_routes,
-        joint_mission_routes,
-    ):
-        router.include_router(part.router)
-    return router
+PARTS = (
+    offboard_routes,
+    station_routes,
+    vehicle_routes,
+    hold_routes,
+    control_routes,
+    group_routes,
+    gimbal_routes,
+    camera_routes,
+    param_routes,
+    readiness_routes,
+    ros2_routes,
+    map_routes,
+    recording_routes,
+    operation_routes,
+    plan_routes,
+    elevation_routes,
+    dry_run_routes,
+    mission_routes,
+    mission_mode_routes,
+    offboard_mission_routes,
+    joint_mission_routes,
+)
+"""The modules with the routes under /api/v1. FastAPI compares a request with all routes in this order, so the
+setpoints, which are the most frequent requests, come first."""
+TAGS = (
+    "station",
+    "vehicles",
+    "commands",
+    "control",
+    "offboard",
+    "groups",
+    "gimbal",
+    "camera",
+    "parameters",
+    "recordings",
+    "operations",
+    "plans",
+    "dry runs",
+    "mission",
+    "offboard mission",
+)
+"""Order of the sections of the API reference."""
 
 
 class _DocumentedApp(FastAPI):
@@ -107,7 +121,8 @@ def _routes() -> tuple[BaseRoute, ...]:
     `dependency_overrides` of an application have no effect on them.
     """
     app = FastAPI(dependencies=PERMISSION_CHECK, openapi_url=None, docs_url=None, redoc_url=None)
-    app.include_router(api_router())
+    for part in PARTS:  # directly into the application, because each nested router costs time per request
+        app.include_router(part.router, prefix=API, dependencies=[Depends(renew_control)])
     app.include_router(reference_page.router)
     return tuple(app.routes)
 
@@ -128,6 +143,7 @@ def bare_app() -> FastAPI:
             "`Authorization: Bearer …`; without the token the response is 401."
         ),
         separate_input_output_schemas=False,  # requests and responses use the same type for a plan
+        openapi_tags=[{"name": tag} for tag in TAGS],
         openapi_url=None,  # FastAPI would encode it again for each request
         docs_url=None,
         redoc_url=None,

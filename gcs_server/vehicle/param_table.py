@@ -6,6 +6,7 @@ import json
 import math
 import re
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from gcs_server.mavlink import dialect as d
@@ -85,6 +86,10 @@ class ParamTable:
     def get(self, name: str) -> Param | None:
         """A parameter; None if not received."""
         return self._values.get(name)
+
+    def get_each(self, names: Iterable[str]) -> tuple[Param | None, ...]:
+        """The parameters with these names; None for each that was not received."""
+        return tuple(map(self._values.get, names))
 
     def all(self) -> list[Param]:
         """All parameters, sorted by name."""

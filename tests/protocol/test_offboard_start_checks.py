@@ -1,13 +1,13 @@
 """Checks before the start of a stream: available setpoints, limits, and the vehicle's own failsafe."""
 
 import itertools
-from types import SimpleNamespace
 
 import pytest
 
 from gcs_server.errors import InvalidRequest, Refused, Rejected
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
+from gcs_server.vehicle.param_table import Param
 from missions.fence import CircleFence
 from missions.setpoints import (
     KINDS,
@@ -240,7 +240,8 @@ def test_a_limit_changed_in_flight_applies_at_once(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(9.0, 0.0, 0.0)))
         values = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
-        vehicle.params.known = lambda name: SimpleNamespace(value=values[name]) if name in values else None
+        known = {name: Param(name, value, is_integer=False) for name, value in values.items()}
+        vehicle.params.known_each = lambda names: tuple(map(known.get, names))
         await seconds(0.3)
         assert autopilot.setpoints[-1][1].vx == pytest.approx(3.0)
         assert vehicle.offboard.failsafe().action == "land"

@@ -128,7 +128,8 @@ async function show() {
     }
   }
   const main = document.getElementById('operations');
-  for (const [tag, shown] of byTag) main.append(element('section', {}, element('h2', {}, tag), ...shown));
+  const tags = new Set([...(api.tags ?? []).map(({ name }) => name), ...byTag.keys()]);
+  for (const tag of tags) main.append(element('section', {}, element('h2', {}, tag), ...(byTag.get(tag) ?? [])));
   document.getElementById('find').addEventListener('input', (event) => {
     const wanted = event.target.value.trim().toLowerCase();
     for (const section of main.children) {

@@ -17,7 +17,7 @@ class Member(Protocol):
         """The vehicle of the stream."""
         ...
 
-    def check(self, request: StreamRequest) -> None:
+    def check(self, request: StreamRequest) -> object:
         """Raises Refused if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""
         ...
 

@@ -8,6 +8,7 @@ way. For these, `stop_reason` says why the stream must take over.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, fields, replace
 from typing import TypeVar
@@ -88,12 +89,17 @@ def apply_limits(
 
 def is_finite(setpoint: DirectSetpoint) -> bool:
     """Whether all numbers of the setpoint are finite."""
-    for field in fields(setpoint):
-        value = getattr(setpoint, field.name)
+    for name in _field_names(type(setpoint)):
+        value = getattr(setpoint, name)
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, float) and not math.isfinite(number):
                 return False
     return True
+
+
+@functools.cache
+def _field_names(kind: type[DirectSetpoint]) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
 
 
 class _Limiter:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply
@@ -17,6 +18,7 @@ PARAMETERS_TIMEOUT_S = 3.0
 REQUEST_PERIOD_S = 10.0
 """Minimum time between two requests for the parameters [s]."""
 FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
+PARAMETERS = (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS)
 
 
 class OffboardConfiguration:
@@ -32,8 +34,12 @@ class OffboardConfiguration:
         self._clock = clock
         self._vehicle = vehicle
         self._estimates = estimates
-        self._read_values: dict[str, float] = {}
+        self._read_values: Mapping[str, float] = {}
         """Values from the last call of `read`, by name."""
+        self._values: Mapping[str, float] = {}
+        """Result of the last call of `parameters`."""
+        self._values_sources: tuple[object, ...] = ()
+        """The values from which it was computed."""
         self._read_s: float | None = None
         """Time of the last call of `read` [s, monotonic]; None: not called yet."""
 
@@ -55,7 +61,7 @@ class OffboardConfiguration:
 
         try:
             async with asyncio.timeout(PARAMETERS_TIMEOUT_S), asyncio.TaskGroup() as group:
-                for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
+                for name in PARAMETERS:
                     group.create_task(read_one(name))
         except TimeoutError:
             pass  # the values that arrived in time are used
@@ -77,27 +83,30 @@ class OffboardConfiguration:
             except GcsError:
                 pass  # the vehicle is replayed, lost or not PX4, as shown in its status
 
-    def parameters(self) -> dict[str, float]:
+    def parameters(self) -> Mapping[str, float]:
         """The newest values from the vehicle, so that a changed parameter applies immediately. Values that
         are not finite, and limits below zero, count as unknown.
         """
-        values = dict(self._read_values)
-        for name in (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS):
-            param = self._vehicle.params.known(name)
-            if param is not None:
-                values[name] = param.value
-        return {
-            name: value
-            for name, value in values.items()
-            if number(value) is not None and (value >= 0.0 or name in FAILSAFE_PARAMETERS)
-        }
+        known = self._vehicle.params.known_each(PARAMETERS)
+        sources = (known, self._read_values)
+        if sources != self._values_sources:
+            newest = {param.name: param.value for param in known if param is not None}
+            self._values_sources, self._values = (
+                sources,
+                {
+                    name: value
+                    for name, value in {**self._read_values, **newest}.items()
+                    if number(value) is not None and (value >= 0.0 or name in FAILSAFE_PARAMETERS)
+                },
+            )
+        return self._values
 
     def failsafe(self) -> Failsafe | None:
         """The vehicle's action when the stream stops; None before the parameters were read."""
         parameters = self.parameters()
         return self._failsafe_of(parameters) if parameters or self._read_s is not None else None
 
-    def _failsafe_of(self, parameters: dict[str, float]) -> Failsafe:
+    def _failsafe_of(self, parameters: Mapping[str, float]) -> Failsafe:
         action = parameters.get("COM_OBL_RC_ACT")
         return Failsafe(
             parameters.get("COM_OF_LOSS_T"),

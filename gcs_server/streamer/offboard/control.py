@@ -223,9 +223,9 @@ class OffboardControl:
                 f"Vehicle {self.vehicle.id} is already in a group.",
                 remedy="Send the setpoint to the group (groups/{g}/setpoints), or hold the group first.",
             )
-        self.check(request)
+        snapshot = self.check(request)
         try:
-            accepted = await self._streams.change(self.vehicle.id, request, self.snapshot(request))
+            accepted = await self._streams.change(self.vehicle.id, request, snapshot)
         except ValueError as error:
             raise _cannot_fly(error) from error
         if not accepted:
@@ -348,26 +348,25 @@ class OffboardControl:
     def _protocol(self) -> str:
         return protocol_in_use(self.vehicle.endpoints, ROS2)
 
-    def check(self, request: StreamRequest) -> None:
-        """Raises Refused if the setpoint cannot be flown now, InvalidRequest if it can never be flown."""
+    def check(self, request: StreamRequest) -> Snapshot:
+        """Raises Refused if the setpoint cannot be flown now, InvalidRequest if it can never be flown.
+        Returns the vehicle's state that was checked.
+        """
         setpoint = request.setpoint
         if isinstance(setpoint, Script):
             self._availability.require_estimates(setpoint.type, setpoint.needs)
             segments = [s for s in (setpoint.approach, *setpoint.segments) if s is not None]
             self.check_segments(segments, request.mode)
-            return
+            return self.snapshot(request)
         problem = problem_of(setpoint)
         if problem is not None:
             raise InvalidRequest("setpoint", problem)
         self._availability.require(setpoint, in_offboard=request.mode == OFFBOARD)
         if isinstance(setpoint, Follow):
             self._check_leader(setpoint)
-        check_target(
-            setpoint,
-            self._clock.monotonic_s(),
-            self.snapshot(request),
-            has_position_limits=self.operator_limits.limits.needs_position,
-        )
+        snapshot, limited = self.snapshot(request), self.operator_limits.limits.needs_position
+        check_target(setpoint, self._clock.monotonic_s(), snapshot, has_position_limits=limited)
+        return snapshot
 
     def check_segments(self, segments: Sequence[Segment], mode: str) -> None:
         """Raises Refused if segments leave the position limits, or need a topic in an unknown version."""

@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 MAX_WAITING_BYTES = 8_000_000
 """Maximum number of unread bytes; above it, the process counts as dead and is killed."""
 END_TIMEOUT_S = 1.0
-MAX_REPORT_BYTES = 1 << 20
+MAX_REPORT_BYTES = 1 << 16
 LATE_REPORT_SOCKETS = 20
 """Number of released sockets that are remembered for late reports of sent frames."""
 

@@ -16,6 +16,7 @@ from typing import Generic, Protocol, TypeVar
 
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import Registration
+from gcs_server.streamer.process.message_pipe import pickled
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
@@ -138,7 +139,7 @@ class SnapshotUpdate(Post):
         packed: dict[str, bytes] = {}
         for vehicle_id, snapshot in snapshots.items():
             try:
-                packed[vehicle_id] = pickle.dumps(snapshot, pickle.HIGHEST_PROTOCOL)
+                packed[vehicle_id] = pickled(snapshot)
             except Exception:
                 log.exception("the snapshot of vehicle %s cannot be sent", vehicle_id)
         return SnapshotUpdate(packed)

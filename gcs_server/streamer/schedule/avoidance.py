@@ -33,7 +33,7 @@ class AvoidanceStage:
         return self._avoidance.is_on_detour
 
     def reset(self) -> None:
-        """Resets avoidance: a new stream begins, or the accepted setpoint is no longer flown."""
+        """Resets avoidance: it is off, a new stream begins, or the accepted setpoint is no longer flown."""
         self._avoidance.reset()
 
     def take_reports(self) -> list[StreamEvent]:
@@ -47,7 +47,7 @@ class AvoidanceStage:
         snapshot: Snapshot,
         requested: DirectSetpoint,
         later: SetpointAt | None,
-        way: AvoidanceWay | None,
+        way: AvoidanceWay,
         fence: FenceArea | None = None,
     ) -> DirectSetpoint:
         """The setpoint to send instead of the requested one.
@@ -57,7 +57,7 @@ class AvoidanceStage:
             snapshot: the vehicle, with its sensors' scans.
             requested: the currently requested setpoint.
             later: returns the requested setpoint at later times; None: the setpoint does not change.
-            way: what avoidance tries first (over or around); None: avoidance is off.
+            way: what avoidance tries first (over or around).
             fence: geofence of the mission being flown.
         """
 

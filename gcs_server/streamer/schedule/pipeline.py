@@ -53,6 +53,8 @@ class SetpointPipeline:
         self._keeps_yaw = False
         self._unlimited: DirectSetpoint | None = None
         self._bounds: Bounds = UNBOUNDED
+        self._bounds_of_snapshot: Bounds = UNBOUNDED
+        """Bounds of the newest snapshot: equal to `_bounds`, but received again."""
         self._limited_s = 0.0
         """Time when `_unlimited` was last limited by `_bounds` [s, monotonic]."""
         self._reported_s: dict[str, float] = {}
@@ -177,14 +179,17 @@ class SetpointPipeline:
     def _avoid(
         self, now_s: float, snapshot: Snapshot, requested: DirectSetpoint, *, waiting: bool
     ) -> DirectSetpoint:
-        resolved = self._resolved
+        resolved, way = self._resolved, self._way(snapshot)
+        if way is None:
+            self._avoidance.reset()
+            return requested
 
         def later(at_s: float) -> DirectSetpoint | None:
             return None if resolved is None else resolved.later(now_s, at_s, snapshot)
 
         sampler = None if resolved is None else resolved.sampler
         return self._avoidance.apply(
-            now_s, snapshot, requested, None if waiting else later, self._way(snapshot),
+            now_s, snapshot, requested, None if waiting else later, way,
             None if sampler is None else sampler.fence,
         )  # fmt: skip
 
@@ -200,7 +205,12 @@ class SetpointPipeline:
         return self._avoidance.way if self._avoidance.is_on_detour else sampler.avoidance
 
     def _limit_and_load(self, now_s: float, snapshot: Snapshot, requested: DirectSetpoint) -> LimitResult:
-        bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
+        bounds = self._bounds
+        if snapshot.bounds is not self._bounds_of_snapshot:  # each snapshot has its own, mostly equal bounds
+            if snapshot.bounds == bounds:
+                self._bounds_of_snapshot = snapshot.bounds
+            else:
+                bounds = snapshot.bounds
         surroundings = self._surroundings(now_s, snapshot, bounds)
         if surroundings is None:
             self._brake_memory.track_point_ne_m = None
@@ -210,7 +220,8 @@ class SetpointPipeline:
             return LimitResult(self.sent, self.limited)
         dt_s = max(0.0, now_s - self._limited_s)
         result = apply_limits(requested, bounds, _motion(now_s, snapshot), self.sent, dt_s, surroundings)
-        self._unlimited, self._bounds, self._limited_s, self._braked = requested, bounds, now_s, result.braked
+        self._unlimited, self._limited_s, self._braked = requested, now_s, result.braked
+        self._bounds, self._bounds_of_snapshot = bounds, snapshot.bounds
         self.limited, self._brake_memory.track_point_ne_m = result.notes, result.track_point_ne_m
         for note in result.notes:
             if now_s - self._reported_s.get(note, -math.inf) > REPORT_PERIOD_S:
@@ -226,7 +237,8 @@ class SetpointPipeline:
         """The surroundings for the brake. None if the brake is off, or no sensor sends measurements.
         While avoidance is on, the brake is on, too.
         """
-        if not bounds.obstacle_brake and self._way(snapshot) is None:
+        has_never_measured = not snapshot.scans and not self._brake_has_scans
+        if has_never_measured or (not bounds.obstacle_brake and self._way(snapshot) is None):
             return None
         has_scans = any(measures_outwards(scan) for scan in recent_scans(snapshot.scans, now_s, SCAN_VALID_S))
         position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)

@@ -36,8 +36,8 @@ FRAME_LOCAL_NED = 1
 FRAME_GLOBAL_AMSL = 5
 FRAME_BODY_NED = 8
 
-IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_ACCELERATION = 1, 8, 64
-"""Bit of the first axis; the other two axes have the next bits."""
+IGNORE_AXES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
+"""Bits of the axes of position, velocity and acceleration."""
 IGNORE_YAW, IGNORE_YAW_RATE = 1024, 2048
 ATTITUDE_IGNORE_RATES = 7
 ATTITUDE_IGNORE_ROLL_AND_PITCH_RATE = 3
@@ -58,15 +58,11 @@ def type_mask(
     position: Partial3, velocity: Partial3, acceleration: Partial3, yaw: float | None, yaw_rate: float | None
 ) -> int:
     """POSITION_TARGET_TYPEMASK: 2552 for a position with yaw, 1479 for a velocity with yaw rate, …"""
-    mask = 0
-    for first_bit, vector in (
-        (IGNORE_POSITION, position),
-        (IGNORE_VELOCITY, velocity),
-        (IGNORE_ACCELERATION, acceleration),
-    ):
-        mask |= sum(first_bit << axis for axis, value in enumerate(vector) if value is None)
-    mask |= IGNORE_YAW if yaw is None else 0
-    return mask | (IGNORE_YAW_RATE if yaw_rate is None else 0)
+    mask = (IGNORE_YAW if yaw is None else 0) | (IGNORE_YAW_RATE if yaw_rate is None else 0)
+    for bit, value in zip(IGNORE_AXES, (*position, *velocity, *acceleration), strict=True):
+        if value is None:
+            mask |= bit
+    return mask
 
 
 def _wrap_yaw(yaw: float | None) -> float:

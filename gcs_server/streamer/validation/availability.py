@@ -88,14 +88,9 @@ class Availability:
             "home": lambda: estimates.home() is not None,
         }
 
-    def for_type(self, setpoint_type: str, needs: tuple[Estimate, ...] | None = None) -> Available:
-        """Availability of a setpoint type.
-
-        Args:
-            setpoint_type: the type.
-            needs: estimates that one setpoint of this type needs; None: the estimates that the type needs.
-        """
-        needs = KINDS[setpoint_type].needs if needs is None else needs
+    def for_type(self, setpoint_type: str) -> Available:
+        """Availability of a setpoint type."""
+        needs = KINDS[setpoint_type].needs
         why_not = (
             why_not_carried(setpoint_type, self._protocol())
             or self._unusable({setpoint_type}, in_offboard=True)
@@ -142,6 +137,4 @@ class Availability:
         if why_not is not None:
             raise Refused(why_not, remedy="This type needs a ROS 2 link: add ros2://DOMAIN.")
         self.require_topics([setpoint.type], in_offboard=in_offboard)
-        available = self.for_type(setpoint.type, needs_of(setpoint))
-        if available.why_not is not None:
-            raise Refused(available.why_not, remedy=WAIT_REMEDY)
+        self.require_estimates(setpoint.type, needs_of(setpoint))

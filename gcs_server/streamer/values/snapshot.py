@@ -76,7 +76,7 @@ class Snapshot:
         """A copy in which implausible numbers are unknown."""
         position, velocity, leader = self.position_ned_m, self.velocity_ned_m_s, self.leader
         scalars = (self.yaw_ned_rad, self.hover_thrust, self.home_alt_amsl_m, self.accuracy_m)
-        numbers = (*scalars, *(self.q_ned_frd or ()))
+        numbers = [number for number in (*scalars, *(self.q_ned_frd or ())) if number is not None]
         velocity_valid = velocity is None or _within(velocity, MAX_SPEED_M_S)
         position_valid = position is None or (velocity_valid and _within(position, MAX_DISTANCE_M))
         leader_valid = leader is None or (
@@ -84,9 +84,9 @@ class Snapshot:
             and _within(leader.velocity_ned_m_s, MAX_SPEED_M_S)
             and (leader.yaw_ned_rad is None or math.isfinite(leader.yaw_ned_rad))
         )
-        scans = tuple(scan for scan in self.scans if scan.plausible)
+        scans = tuple([scan for scan in self.scans if scan.plausible])
         all_valid = velocity_valid and position_valid and leader_valid and len(scans) == len(self.scans)
-        if all_valid and all(number is None or math.isfinite(number) for number in numbers):
+        if all_valid and all(map(math.isfinite, numbers)):
             return self
         return replace(
             self,
@@ -113,7 +113,10 @@ class Snapshot:
 
 def _within(values: tuple[float, ...], limit: float) -> bool:
     """Whether all numbers are finite and at most this large."""
-    return all(-limit <= value <= limit for value in values)
+    for value in values:  # a loop takes half the time of `all` with a generator  # noqa: SIM110
+        if not -limit <= value <= limit:
+            return False
+    return True
 
 
 def _finite(value: float | None) -> float | None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import asyncio
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -121,6 +121,10 @@ class ParamService:
     def known(self, name: str) -> Param | None:
         """Newest known value of a parameter; None: not read yet."""
         return self._table.get(name)
+
+    def known_each(self, names: Iterable[str]) -> tuple[Param | None, ...]:
+        """Newest known values of these parameters; None for each that was not read yet."""
+        return self._table.get_each(names)
 
     def metadata_of(self, name: str) -> ParamMetadata | None:
         """Metadata of a parameter; None: no metadata."""

@@ -73,8 +73,8 @@ class Vehicle:
             else None
         )
 
-    def known(self, name):
-        return None
+    def known_each(self, names):
+        return tuple(None for _ in names)
 
     async def get(self, name):
         if name not in PARAMS:
