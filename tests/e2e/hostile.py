@@ -264,8 +264,6 @@ ATTACKS: list[Callable[[Target], None]] = [
 class Effects:
     """Effects of an attack on another client and on the server's memory."""
 
-    longest_response_s: float = 0.0
-    """Longest response time of a request on a new connection."""
     longest_loop_delay_s: float = 0.0
     """Longest response time of a request on the connection that stays open, which shows the longest delay of
     the server's event loop."""
@@ -287,7 +285,6 @@ def running_attack(target: Target, attack: str, headers: bytes = b"") -> Generat
 
     def measure_new_connections() -> None:
         while not stopped.is_set():
-            began_s = time.monotonic()
             with (
                 contextlib.suppress(OSError),
                 socket.create_connection((HOST, target.port), timeout=20) as connection,
@@ -299,7 +296,6 @@ def running_attack(target: Target, attack: str, headers: bytes = b"") -> Generat
                 else:
                     effects.failures.append(response[:60].decode(errors="replace"))
                 connection.close()
-            effects.longest_response_s = max(effects.longest_response_s, time.monotonic() - began_s)
             stopped.wait(0.02)
 
     def measure_open_connection() -> None:
