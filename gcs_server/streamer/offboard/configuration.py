@@ -91,14 +91,12 @@ class OffboardConfiguration:
         sources = (known, self._read_values)
         if sources != self._values_sources:
             newest = {param.name: param.value for param in known if param is not None}
-            self._values_sources, self._values = (
-                sources,
-                {
-                    name: value
-                    for name, value in {**self._read_values, **newest}.items()
-                    if number(value) is not None and (value >= 0.0 or name in FAILSAFE_PARAMETERS)
-                },
-            )
+            self._values_sources = sources
+            self._values = {
+                name: value
+                for name, value in {**self._read_values, **newest}.items()
+                if number(value) is not None and (value >= 0.0 or name in FAILSAFE_PARAMETERS)
+            }
         return self._values
 
     def failsafe(self) -> Failsafe | None:

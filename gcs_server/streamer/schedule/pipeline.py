@@ -237,8 +237,8 @@ class SetpointPipeline:
         """The surroundings for the brake. None if the brake is off, or no sensor sends measurements.
         While avoidance is on, the brake is on, too.
         """
-        has_never_measured = not snapshot.scans and not self._brake_has_scans
-        if has_never_measured or (not bounds.obstacle_brake and self._way(snapshot) is None):
+        measures_nothing = not snapshot.scans and not self._brake_has_scans
+        if measures_nothing or (not bounds.obstacle_brake and self._way(snapshot) is None):
             return None
         has_scans = any(measures_outwards(scan) for scan in recent_scans(snapshot.scans, now_s, SCAN_VALID_S))
         position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
