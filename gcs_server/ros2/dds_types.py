@@ -3,6 +3,7 @@ encodes and decodes the bytes, because Cyclone's own Python encoder takes 30 to 
 
 from __future__ import annotations
 
+import threading
 from functools import cache
 from typing import Any, Self
 
@@ -66,9 +67,20 @@ def _nested(message: MessageType) -> type[IdlStruct]:
 
 
 @cache
-def idl_type(message: MessageType) -> type[Sample]:
-    """The sample class for topics of this message type."""
+def _sample_class(message: MessageType) -> type[Sample]:
     sample_class: Any = make_idl_struct(
         message.name, _type_name(message), _fields(message), dataclassify=False, bases=(Sample,)
     )  # fmt: skip
+    sample_class.__idl__.fill_type_data()
     return sample_class
+
+
+_lock = threading.Lock()
+"""Held while a type is created and described: links have their own threads, and if a second thread uses a
+type that Cyclone still describes, Cyclone refuses the topic."""
+
+
+def idl_type(message: MessageType) -> type[Sample]:
+    """The sample class for topics of this message type. Any thread may call it."""
+    with _lock:
+        return _sample_class(message)
