@@ -52,6 +52,12 @@ CLEAR_FOR_S = 0.5
 """The direct path must be clear for this long before the vehicle returns to it."""
 RETURNED_WITHIN_M = 1.0
 """The detour ends when the vehicle is this close to the wanted position, horizontally."""
+LEVEL_WITHIN_M, LEVEL_WITHIN_M_S = 0.2, 0.1
+"""Height above or below the path, and vertical speed relative to it, at which the vehicle has reached the
+path's altitude. Before, its sensors measure above the obstacles that reach the path."""
+LEAVE_M_S = 1.0
+"""Speed at which the vehicle leaves an obstacle that no longer blocks the path, before it descends: wind must
+not move it back over the obstacle."""
 MEASURED_WITHIN_S = 0.5
 """Above an obstacle the vehicle moves only if the last measurement is younger than this [s], because the
 obstacle may be higher ahead."""
@@ -86,6 +92,8 @@ class Avoider:
         self._detour_up_m = 0.0
         """Altitude at which the vehicle flies around the obstacle."""
         self._hold_position: Vector3 | None = None
+        self._reached_level = False
+        """Whether the vehicle has reached the path's altitude during its return to the path."""
         self._track = Track()
 
     def adjust(
@@ -111,6 +119,8 @@ class Avoider:
             self._hold_position = None
         if adjusted.state not in ("over", "back"):
             self._track.end()
+        if adjusted.state != "back":
+            self._reached_level = False
         return adjusted
 
     def _choose_motion(
@@ -200,7 +210,8 @@ class Avoider:
             if not is_flying_around:
                 self._detour_up_m = up_m
             return self._fly_around(now_s, current, wanted, scans, limits, blocking.clearance_m)
-        climb = _limited_climb(max(required_up_m, min(goal_up_m, max_up_m)) - up_m, limits)
+        # No descent over obstacles: the tops of those ahead may be higher than measured from below.
+        climb = _limited_climb(max(required_up_m, min(max(up_m, goal_up_m), max_up_m)) - up_m, limits)
         heading = _heading(current, wanted)
         measured_m = None if heading is None else sensor_range_m(scans, heading)
         outdated = all(now_s - scan.measured_s > MEASURED_WITHIN_S for scan in scans if measures_level(scan))
@@ -255,27 +266,33 @@ class Avoider:
         """Returns to the path: descends if nothing is below, then flies level to the wanted position."""
         assert self._clear_since_s is not None
         descent_m = wanted.position_ned_m[2] - current.position_ned_m[2]
+        path_descent_m_s = wanted.velocity_ned_m_s[2]
         must_wait = now_s - self._clear_since_s < CLEAR_FOR_S
+        is_above = descent_m > LEVEL_WITHIN_M
+        vertical_m_s = abs(current.velocity_ned_m_s[2] - path_descent_m_s)
+        if abs(descent_m) < LEVEL_WITHIN_M and vertical_m_s < LEVEL_WITHIN_M_S:
+            self._reached_level = True
+        elif descent_m > BLOCKING_BELOW_M:
+            self._reached_level = False
+        is_level = self._reached_level
         goal_moves = math.hypot(*wanted.velocity_ned_m_s) > MIN_MOTION_M_S
-        if (
-            abs(descent_m) < BLOCKING_BELOW_M
-            and not must_wait
-            and (not goal_moves or _distance(current, wanted) < RETURNED_WITHIN_M)
-        ):
+        if is_level and not must_wait and (not goal_moves or _distance(current, wanted) < RETURNED_WITHIN_M):
             return AdjustedMotion("clear", yaw_ned_rad=yaw)
         below_unmeasured = not any(measures_down(scan) for scan in scans)
         text = "The way is clear: returning to the path."
-        climb = _limited_climb(-descent_m, limits)
-        if descent_m > BLOCKING_BELOW_M:
+        climb = _limited_climb(-descent_m - path_descent_m_s, limits)
+        if is_above:
             text = "Descending to the path."
             if below_unmeasured:
                 text = "No sensor measures below: the vehicle stays above the path."
         if must_wait or below_unmeasured:
             climb = max(climb, 0.0)
         n, e = self._velocity_to_track(now_s, current, wanted)
-        if descent_m <= BLOCKING_BELOW_M or below_unmeasured:
+        if must_wait or is_level or descent_m < 0.0 or below_unmeasured:
             n, e, _ = wanted.velocity_ned_m_s
             approach_m_s, heading = min(DETOUR_M_S, _distance(current, wanted)), _heading(current, wanted)
+            if must_wait and is_above:
+                n, e, approach_m_s = 0.0, 0.0, min(approach_m_s, LEAVE_M_S)
             if heading is not None:
                 n, e = n + approach_m_s * math.cos(heading), e + approach_m_s * math.sin(heading)
         speed = min(math.hypot(n, e), limits.speed_m_s)
