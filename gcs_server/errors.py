@@ -201,14 +201,14 @@ class NotInControl(Refused):
 
     def __init__(self, vehicle_id: str, *, holder: str, holder_key: str, can_be_asked: bool) -> None:
         advice = (
-            "Request control (control/request); the holder may grant it."
+            "Request control (control/request); the client in control may grant it."
             if can_be_asked
-            else "The holder cannot be asked (it receives no telemetry): wait until it releases control, "
-            "or take control by force (control/take with force)."
+            else "The client in control cannot be asked (it receives no telemetry): wait until it releases "
+            "control, or take control by force (control/take with force)."
         )
         super().__init__(
             f"{holder} has control of vehicle {vehicle_id}, not you: nothing was sent.",
-            remedy=f"{advice} Hold, Land now and Kill need no control.",
+            remedy=f"{advice} Hold, Land now and Stop motors need no control.",
         )
         self.holder = holder
         self.holder_key = holder_key

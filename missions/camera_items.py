@@ -8,7 +8,7 @@ from missions.items import Item, NumberOrNone
 
 
 class TriggerDistance(Item):
-    """Take a picture every `distance_m`; 0 stops the trigger. `at_once` 1: take the first picture
+    """Take a photo every `distance_m`; 0 stops the trigger. `at_once` 1: take the first photo
     immediately."""
 
     COMMAND = 206
@@ -21,7 +21,7 @@ class TriggerDistance(Item):
 
 
 class TriggerInterval(Item):
-    """Set the minimum time between two pictures, in milliseconds."""
+    """Set the minimum time between two photos, in milliseconds."""
 
     COMMAND = 214
     SLOTS = ("interval_ms", "shutter_ms", "camera", 0.0, 0.0, 0.0, 0.0)
@@ -44,7 +44,7 @@ class TriggerControl(Item):
 
 
 class PhotoStart(Item):
-    """Take `count` pictures (0: until stopped), `interval_s` apart."""
+    """Take `count` photos (0: until stopped), `interval_s` apart."""
 
     COMMAND = 2000
     SLOTS = ("camera", "interval_s", "count", "sequence", 0.0, 0.0, None)
@@ -56,7 +56,7 @@ class PhotoStart(Item):
 
 
 class PhotoStop(Item):
-    """Stop taking pictures."""
+    """Stop taking photos."""
 
     COMMAND = 2001
     SLOTS = ("camera", None, None, None, 0.0, 0.0, None)
@@ -86,7 +86,7 @@ class VideoStop(Item):
 
 
 class CameraMode(Item):
-    """Set the camera mode: 0 pictures, 1 video, 2 survey pictures."""
+    """Set the camera mode: 0 photos, 1 video, 2 survey photos."""
 
     COMMAND = 530
     SLOTS = ("camera", "mode", None, None, 0.0, 0.0, None)
@@ -131,7 +131,7 @@ class ControlVideo(Item):
 
 
 class Digicam(Item):
-    """Deprecated command to take a picture (`shoot` 1)."""
+    """Deprecated command to take a photo (`shoot` 1)."""
 
     COMMAND = 203
     SLOTS = ("session", "zoom", "zoom_step", "focus_lock", "shoot", "command_id", "shot_id")
@@ -146,7 +146,7 @@ class Digicam(Item):
 
 
 class ObliqueSurvey(Item):
-    """Take a picture every `distance_m` while the camera rolls from side to side; angles in whole degrees."""
+    """Take a photo every `distance_m` while the camera rolls from side to side; angles in whole degrees."""
 
     COMMAND = 260
     SLOTS = ("distance_m", "shutter_ms", "interval_ms", "positions", "roll_deg", "pitch_deg", 0.0)

@@ -72,7 +72,8 @@ def _refused_items(context: Context) -> Iterator[Finding]:
             yield Finding("command_refused", message, row, fix=fix)
         elif isinstance(item, SetHome) and item.use_current != 1.0:
             message = f"{item_name(row, item)} names a position; PX4 accepts only the vehicle's own position."
-            yield Finding("set_home_place", message, row, fix="Set use_current to 1.")
+            fix = "Set home to the vehicle's position (use_current 1)."
+            yield Finding("set_home_place", message, row, fix=fix)
         elif (
             isinstance(item, PlacedItem)
             and item.altitude.reference == "terrain"
@@ -179,7 +180,7 @@ def _speeds(context: Context) -> Iterator[Finding]:
         if speed is None or (speed <= 0.0 and speed not in (-1.0, -2.0)):
             message = f"{item_name(row, item)} requests {speed} m/s."
             yield Finding(
-                "speed_invalid", message, row, fix="Set a speed above 0, or -2 for the vehicle's default."
+                "speed_invalid", message, row, fix="Set a speed above 0, or -2 (the vehicle's default speed)."
             )
         elif item.speed_type in GROUND_SPEED_TYPES and speed > max_m_s:
             message = (
@@ -205,7 +206,7 @@ def _altitudes(context: Context) -> Iterator[Finding]:
             continue
         if fence_m > 0.0 and above_home_m > fence_m:
             subject = item_name(row, item)
-            message = f"{subject} is {above_home_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
+            message = f"{subject} is {above_home_m:.0f} m above home; the geofence limit is {fence_m:.0f} m."
             fix = f"Lower the altitude to {fence_m:.0f} m or less."
             yield Finding("altitude_fence", message, row, fix=fix, limit=fence_m)
         elif max_m is not None and above_home_m > max_m:

@@ -49,7 +49,7 @@ def _from_home(context: Context, lat_deg: float, lon_deg: float) -> Iterator[Fin
             yield Finding("first_waypoint_far", message, row, fix="Check that this is the right plan.")
         if 0.0 < fence_m < away_m:
             message = (
-                f"{item_name(row, item)} is {away_m:.0f} m from home; the fence limit is {fence_m:.0f} m."
+                f"{item_name(row, item)} is {away_m:.0f} m from home; the geofence limit is {fence_m:.0f} m."
             )
             yield Finding("radius_exceeded", message, row, fix="Move it nearer to home.")
 
@@ -62,8 +62,8 @@ def _fence(context: Context) -> Iterator[Finding]:
     if home is not None and not area.covers(
         ShapelyPoint(_north_east_of(context, home.lat_deg, home.lon_deg))
     ):
-        message = "Home is outside the geofence: PX4 rejects this geofence."
-        yield Finding("fence_home_outside", message, fix="Move the home or the fence.")
+        message = "Home is outside the geofence: PX4 refuses this geofence."
+        yield Finding("fence_home_outside", message, fix="Move the home or the geofence.")
     # the previous position, and whether the previous position is inside the geofence
     previous: tuple[NorthEast, bool] | None = None
     if home is not None:
@@ -79,7 +79,7 @@ def _fence(context: Context) -> Iterator[Finding]:
         if not inside and ("point", step.seq) not in reported:
             reported.add(("point", step.seq))
             message = f"{item_name(step.row, item)} is outside the geofence."
-            yield Finding("fence_violation", message, step.row, fix="Move it inside, or change the fence.")
+            yield Finding("fence_violation", message, step.row, fix="Move it inside, or change the geofence.")
         # a path is checked only if both its ends are inside
         start = previous[0] if inside and previous is not None and previous[1] else position
         if ("path", step.seq) not in reported and inside and not area.covers(LineString([start, position])):
@@ -98,7 +98,7 @@ def _zones(context: Context) -> Iterator[Finding]:
         if isinstance(zone, FencePolygon) and context.origin is not None:
             shape = Polygon([_north_east_of(context, point.lat_deg, point.lon_deg) for point in zone.polygon])
             if not shape.is_valid or shape.area <= 0.0:
-                message = f"The sides of fence zone {index + 1} cross, or it has no area."
+                message = f"The sides of geofence zone {index + 1} cross, or it has no area."
                 yield Finding("fence_invalid", message, zone=index, fix="Draw the zone again.")
     for index, rally in enumerate(context.plan.rally_points):
         if rally.altitude.reference == "terrain" and rally.altitude.resolved_amsl_m is None:

@@ -26,7 +26,7 @@ class PlanError(Exception):
         self.fix = fix
 
 
-_NOUNS = {"items": "item", "fence": "fence zone", "rally_points": "rally point", "obstacles": "obstacle"}
+_NOUNS = {"items": "item", "fence": "geofence zone", "rally_points": "rally point", "obstacles": "obstacle"}
 
 
 def place_of(location: tuple[int | str, ...]) -> str:

@@ -1,4 +1,4 @@
-"""Length, time, pictures and energy of a plan.
+"""Length, time, photos and energy of a plan.
 
 The time of a leg is the longer of its horizontal and its vertical part. Horizontally the vehicle accelerates
 and brakes with `acceleration_m_s2` and stops at every waypoint (trapezoidal speed profile). PX4 flies gentle
@@ -31,7 +31,7 @@ class Estimate:
     climb_m: float
     """Sum of all climbs."""
     photos: int
-    """Number of pictures; an endless series counts as one."""
+    """Number of photos; an endless series counts as one."""
     energy_wh: float | None
     """None without a power model."""
     endless: bool

@@ -29,7 +29,7 @@ Component = Annotated[
 async def picture(
     v: str, station: StationDep, principal: PrincipalDep, component: Component = None
 ) -> Response:
-    """Takes one picture; answers once the camera has acknowledged it."""
+    """Takes one photo; answers once the camera has acknowledged it."""
     return await run_command(
         station,
         principal,

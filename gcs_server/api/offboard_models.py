@@ -58,7 +58,7 @@ class LimitsRequest(StrictBody):
     height_max_m: float | None = _limit("Maximum altitude above home [m].", -1000, 10_000)
     distance_max_m: float | None = _limit("Maximum horizontal distance from home [m].", 5, 10_000)
     fence: AnyFence | None = Field(
-        default=None, description="Stay inside this fence, in addition to the vehicle's own fence."
+        default=None, description="Stay inside this geofence, in addition to the vehicle's own geofence."
     )
     slew_velocity_m_s2: float | None = _limit("Maximum rate of change of the sent velocity [m/s²].", 0.1, 20)
     slew_attitude_rad_s: float | None = _limit(

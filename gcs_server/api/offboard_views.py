@@ -70,9 +70,9 @@ OffboardModel = model_of(
 
 
 class FenceView(ResponseBody):
-    """The operator's fence: a polygon's corners, or a circle's centre and radius."""
+    """The operator's geofence: a polygon's corners, or a circle's centre and radius."""
 
-    kind: Literal["polygon", "circle"] = Field(description="Kind of the fence.")
+    kind: Literal["polygon", "circle"] = Field(description="Kind of the geofence.")
     points_deg: tuple[tuple[float, float], ...] | None = Field(
         default=None, description="Latitude and longitude of each corner [deg]."
     )

@@ -238,7 +238,7 @@ class PlanCheck(ResponseBody):
 
 
 class ImportedArea(ResponseBody):
-    """An area in a file; the user decides whether it becomes a survey or a fence."""
+    """An area in a file; the user decides whether it becomes a survey or a geofence."""
 
     name: str = Field(description="Name in the file.")
     outer: list[Point] = Field(description="Corners of the outer boundary.")
@@ -300,16 +300,16 @@ class ElevationFiles(ResponseBody):
 
 
 class PatternFigures(ResponseBody):
-    """Lengths, number of pictures and flight time of a pattern."""
+    """Lengths, number of photos and flight time of a pattern."""
 
-    lines_length_m: float = Field(description="Total length of the lines with pictures [m].")
+    lines_length_m: float = Field(description="Total length of the lines with photos [m].")
     lower_bound_m: float = Field(description="Smallest possible length of lines with this spacing [m].")
-    photos: int = Field(description="Number of pictures.")
+    photos: int = Field(description="Number of photos.")
     spacing_m: float = Field(description="Distance between neighbouring lines [m]; 0: no lines.")
-    trigger_m: float = Field(description="Distance between two pictures on a line [m]; 0: no pictures.")
+    trigger_m: float = Field(description="Distance between two photos on a line [m]; 0: no photos.")
     resolution_m_px: float | None = Field(description="Ground sampling distance [m per pixel].")
     heading_deg: float | None = Field(description="Direction of the lines, clockwise from north [deg].")
-    area_m2: float | None = Field(description="Area that the pictures show [m²]; null: no pictures.")
+    area_m2: float | None = Field(description="Area that the photos show [m²]; null: no photos.")
     length_m: float = Field(description="Length of the path with all turns [m].")
     time_s: float = Field(description="Estimated flight time without wind, as for a waypoint plan [s].")
 
@@ -331,7 +331,7 @@ class PatternPlan(ResponseBody):
         description="A waypoint plan with the items of the pattern, or an offboard mission with its steps. "
         "The steps begin in the air: insert them after a take-off."
     )
-    lines: list[tuple[Point, Point]] = Field(description="The lines on which pictures are taken.")
+    lines: list[tuple[Point, Point]] = Field(description="The lines on which photos are taken.")
     path: list[PatternPosition] = Field(description="The positions that the vehicle flies to, in order.")
-    figures: PatternFigures = Field(description="Lengths, number of pictures and flight time.")
+    figures: PatternFigures = Field(description="Lengths, number of photos and flight time.")
     notes: list[str] = Field(description="What could not be computed; sentences.")

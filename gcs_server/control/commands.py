@@ -210,7 +210,9 @@ ALL: tuple[Command, ...] = (
     # allowed to all clients: anyone who sees a danger may stop a vehicle
     _stop("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
     _stop("land_now", "Land now", "POST /vehicles/{v}/land_now", confirm_text="vehicle {vehicle} lands now"),
-    _stop("kill", "Kill", "POST /vehicles/{v}/kill", confirm_text="motors stop, vehicle {vehicle} falls"),
+    _stop(
+        "kill", "Stop motors", "POST /vehicles/{v}/kill", confirm_text="motors stop, vehicle {vehicle} falls"
+    ),
     # payload
     *(_gimbal(action) for action in ("take", "release", "angles", "rates", "roi", "roi/clear")),
     Command("camera/picture", "payload", ("POST /vehicles/{v}/camera/picture",), "lease", "the vehicle"),

@@ -379,14 +379,14 @@ class Lease:
             raise Refused(
                 f"{active.client} has control of vehicle {self.vehicle_id} and has not been asked for it.",
                 remedy="Request control first (control/request); a denial, or "
-                f"{self.times.answer_s:g} s without an answer, lets you force it. Hold, Land now and Kill "
-                "need no control.",
+                f"{self.times.answer_s:g} s without an answer, lets you force it. Hold, Land now and Stop "
+                "motors need no control.",
             )
         left_s = self._answer_left_s(pending)
         if not pending.denied and left_s > 0:
             raise Refused(
                 f"{active.client} has {left_s:.0f} s left to answer.",
-                remedy="Wait for the answer. Hold, Land now and Kill need no control.",
+                remedy="Wait for the answer. Hold, Land now and Stop motors need no control.",
             )
 
     def _not_in_control(self, active: _ActiveLease) -> NotInControl:

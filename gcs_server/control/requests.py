@@ -46,7 +46,7 @@ def remove_oldest_denied(pending: dict[str, PendingRequest], client: Principal, 
         raise Refused(
             f"{len(counted)} clients{location_text} already request control of vehicle {vehicle_id}.",
             remedy="Wait until the client in control has answered some of them (control/grant, "
-            f"control/deny); a request expires after {REQUEST_LIFETIME_S:g} s. Hold, Land now and Kill need "
-            "no control.",
+            f"control/deny); a request expires after {REQUEST_LIFETIME_S:g} s. Hold, Land now and Stop "
+            "motors need no control.",
         )
     del pending[denied.client.key]

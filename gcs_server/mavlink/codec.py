@@ -25,8 +25,8 @@ SIGNED = 0x01
 
 _crc = fastcrc.crc16.mcrf4xx
 _header_v2 = struct.Struct("<BBBBBBBHB")
-_header_v2_tail = struct.Struct("<xBBBBBBHB").unpack_from
-"""The header after its first byte."""
+_sender_and_id = struct.Struct("<4xBBBHB").unpack_from
+"""Sequence number, system, component, and the message id's low and high part, from a MAVLink 2 frame."""
 _checksum = struct.Struct("<H")
 
 
@@ -88,7 +88,7 @@ class FrameParser:
         # fast path: nearly every datagram is one valid unsigned frame
         size = len(data)
         if size > MIN_V2_BYTES and data[0] == STX_V2 and data[1] + MIN_V2_BYTES == size and not data[2]:
-            _, _, _, seq, system_id, component_id, low, high = _header_v2_tail(data)
+            seq, system_id, component_id, low, high = _sender_and_id(data)
             msg_id = low | high << 16
             extra = CRC_EXTRA.get(msg_id)
             if extra is not None and _crc(data[1:-2] + extra) == data[-2] | data[-1] << 8:

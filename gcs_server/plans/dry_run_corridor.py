@@ -39,7 +39,7 @@ def corridor_of(
     if dry_run["kind"] != "offboard_mission" or corridor is None:
         raise Refused(
             f"Dry run {dry_run['id']} has no corridor of {_subject(role)}.",
-            remedy="Fly the mission in simulation with `flights` of 10 or more, and name that dry run.",
+            remedy="Make a dry run with 10 or more varied flights (`flights`), and name that dry run.",
         )
     first_n, first_e, first_d = corridor["position_ned_m"][0]
     dry_run_origin_ned_m = (
@@ -77,7 +77,7 @@ def path_of(
     if not nominal["finished"] or nominal["path"] is None:
         raise Refused(
             f"Dry run {dry_run['id']} has not flown the whole plan.",
-            remedy="Correct the plan, then fly it in simulation again.",
+            remedy="Correct the plan, then make a new dry run.",
         )
     home = nominal["origin"]
     north, east, _ = origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
@@ -96,7 +96,7 @@ def _require_same_start(
     if distance_m > MAX_START_DISTANCE_M:
         raise Refused(
             f"Dry run {dry_run['id']} began {distance_m:.0f} m from the vehicle's position.",
-            remedy="Fly it in simulation again, with this vehicle's id.",
+            remedy="Make a new dry run with this vehicle's id.",
         )
 
 

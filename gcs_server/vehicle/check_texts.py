@@ -80,13 +80,13 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     17443695: Check(
         "check_failure_detector_motor", "a motor failed", "Repair the motor before the next flight."
     ),
-    32570390: Check("check_failure_detector_arm_esc", "a motor controller did not arm", WIRING),
+    32570390: Check("check_failure_detector_arm_esc", "an ESC did not arm", WIRING),
     21654568: Check(
         "check_failure_detector_imbalanced_prop", "a propeller is out of balance", "Change the propeller."
     ),
     21826980: Check("check_battery_low", "the battery is low", CHARGE),
     19404811: Check("check_battery_critical", "the battery level is critical", CHARGE),
-    28121863: Check("check_battery_emergency", "the battery level is an emergency", CHARGE),
+    28121863: Check("check_battery_emergency", "the battery level is below the emergency threshold", CHARGE),
     19005802: Check("check_battery_rem_flight_time_low", "the remaining flight time is too short", CHARGE),
     27095490: Check("check_battery_missing", "a battery is missing", "Connect all batteries."),
     25576769: Check("check_battery_disconnected", "a battery is disconnected", "Connect all batteries."),
@@ -148,9 +148,9 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     25321862: Check("check_distance_sensor_invalid", "a distance sensor gives no data", WIRING),
     25569984: Check("check_optical_sensor_missing", "the optical flow sensor is missing", WIRING),
     27903148: Check("check_optical_flow_sensor_invalid", "the optical flow sensor gives no data", WIRING),
-    31343262: Check("check_escs_offline", "a motor controller does not answer", WIRING),
-    25968665: Check("check_escs_telem_missing", "a motor controller sends no reports", WIRING),
-    23725705: Check("check_escs_fault", "a motor controller reports a fault", "Check the motor."),
+    31343262: Check("check_escs_offline", "an ESC does not answer", WIRING),
+    25968665: Check("check_escs_telem_missing", "an ESC sends no reports", WIRING),
+    23725705: Check("check_escs_fault", "an ESC reports a fault", "Check the motor."),
     24685549: Check("check_avionics_power_missing", "the power module is not connected", WIRING),
     18447583: Check("check_avionics_power_low", "the avionics supply voltage is too low", POWER),
     32067059: Check("check_avionics_power_high", "the avionics supply voltage is too high", POWER),

@@ -92,7 +92,7 @@ def cause_of(
         return ModeCause("command", client, f"{client or 'this server'} commanded {command}", unix_s)
     if foreign is not None and now_s - foreign.received_s <= FOREIGN_ACK_S:
         who = f"station {foreign.system}/{foreign.component}"
-        return ModeCause("station", who, f"another ground station commanded it ({who})", unix_s)
+        return ModeCause("station", who, f"another ground station ({who})", unix_s)
     old, new = (_name(flight_state.custom_mode) for flight_state in (before, after))
     if is_overruled(after) or after.system_status in (d.MAV_STATE_CRITICAL, d.MAV_STATE_EMERGENCY):
         return ModeCause("failsafe", None, "the failsafe", unix_s)

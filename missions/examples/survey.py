@@ -61,7 +61,7 @@ async def make_plan(gcs: Gcs, drone: Vehicle) -> dict[str, Any]:
         altitude=altitude,
     )
     figures = pattern["figures"]
-    print(f"{figures['photos']} pictures on {figures['lines_length_m']:.0f} m.")
+    print(f"{figures['photos']} photos on {figures['lines_length_m']:.0f} m.")
     home_position = {"lat_deg": lat, "lon_deg": lon}
     takeoff = {"kind": "takeoff", **home_position, "altitude": altitude}
     landing = {"kind": "land", **home_position, "altitude": {"value_m": 0.0, "reference": "home"}}

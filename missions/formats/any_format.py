@@ -118,7 +118,7 @@ def _read_json(data: bytes) -> Imported:
 
 def _read_yaml(data: bytes) -> Imported:
     comments = any(line.lstrip().startswith(b"#") for line in data.splitlines())
-    notes = ("The comments of the file are not kept.",) if comments else ()
+    notes = ("The file's comments are not kept in the plan.",) if comments else ()
     return Imported(mission_reader.read(data), notes=notes)
 
 

@@ -146,7 +146,7 @@ def _check_counts(
     limits = (MAX_ITEMS, MAX_FENCE_ZONES, MAX_RALLY_POINTS, MAX_OBSTACLES)
     if any(number > limit for number, limit in zip(counts, limits, strict=True)):
         reason = (
-            f"it has more than {MAX_ITEMS} items, {MAX_FENCE_ZONES} fence zones, "
+            f"it has more than {MAX_ITEMS} items, {MAX_FENCE_ZONES} geofence zones, "
             f"{MAX_RALLY_POINTS} rally points or {MAX_OBSTACLES} obstacles"
         )
         raise PlanError("the file", reason, "Split the plan into smaller ones.")

@@ -307,13 +307,13 @@ def fence_from_wire(items: Sequence[WireItem]) -> tuple[FenceZone, ...]:
 
 
 def _corners(items: Sequence[WireItem], first: int) -> tuple[Point, ...]:
-    start, place = items[first], f"fence item {first + 1}"
+    start, place = items[first], f"geofence item {first + 1}"
     if start.command not in (
         MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
         MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
     ):
         raise PlanError(
-            place, f"command {start.command} is not a geofence command", "Upload the fence again."
+            place, f"command {start.command} is not a geofence command", "Upload the geofence again."
         )
     count = int(start.param1) if math.isfinite(start.param1) and 3 <= start.param1 <= len(items) else 0
     corners = items[first : first + count]
@@ -321,7 +321,7 @@ def _corners(items: Sequence[WireItem], first: int) -> tuple[Point, ...]:
         raise PlanError(
             place,
             f"its polygon does not have {start.param1:g} corners as stated",
-            "Upload the fence again.",
+            "Upload the geofence again.",
         )
     return tuple(_position(each) for each in corners)
 

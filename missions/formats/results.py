@@ -11,7 +11,7 @@ from missions.values import Altitude, Point
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """An area in a file of another program; the user decides whether it becomes a survey or a fence."""
+    """An area in a file of another program; the user decides whether it becomes a survey or a geofence."""
 
     name: str
     outer: tuple[Point, ...]

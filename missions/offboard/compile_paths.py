@@ -1,4 +1,4 @@
-"""Compiles path steps to segments: the approach to the start, the turn, the path and its pictures."""
+"""Compiles path steps to segments: the approach to the start, the turn, the path and its photos."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from missions.trajectory.solve import Heading, curve_along_path, curve_through_p
 MIN_TURN_RAD = math.radians(1.0)
 """Smaller heading changes get no separate turn."""
 MAX_PHOTOS = 10_000
-"""Maximum number of pictures of one segment."""
+"""Maximum number of photos of one segment."""
 
 
 def compile_hold(state: State, step: Hold) -> None:
@@ -67,7 +67,7 @@ def hold_position(
 
 
 def compile_photo(state: State, step: Photo) -> None:
-    """Adds a hold of the position with the pictures."""
+    """Adds a hold of the position with the photos."""
     events = tuple(Event(k * step.interval_s, "photo", step.component) for k in range(step.count))
     hold_position(state, (step.count - 1) * step.interval_s, events)
 
@@ -99,9 +99,9 @@ def add_curve(state: State, curve: TimedCurve, title: str, photo_every_m: float 
 
 
 def _photos(curve: TimedCurve, every_m: float) -> tuple[Event, ...]:
-    """A picture event at the start and after every `every_m` metres."""
+    """A photo event at the start and after every `every_m` metres."""
     if curve.length_m / every_m > MAX_PHOTOS:
-        reason = f"{curve.length_m / every_m:.0f} pictures, the maximum is {MAX_PHOTOS}"
+        reason = f"{curve.length_m / every_m:.0f} photos, the maximum is {MAX_PHOTOS}"
         raise PlanError("field photo_every_m", reason, "Give a larger distance.")
     times = np.linspace(0.0, curve.duration_s, 20 * (10 + int(curve.duration_s)))
     positions_ned_m = curve.sample(times).position_ned_m

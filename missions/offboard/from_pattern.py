@@ -1,7 +1,7 @@
 """Converts a pattern to the steps of an offboard mission: the same lines, flown by setpoints.
 
 The steps are placed in a mission after its take-off. As in a waypoint plan, the heading is along the path, or
-towards the position that the camera looks at. The pictures then have the orientation that the pattern
+towards the position that the camera looks at. The photos then have the orientation that the pattern
 assumes.
 """
 
@@ -97,8 +97,8 @@ def _position(point: Point, altitude: Altitude) -> MissionPosition:
 
 
 def _named(steps: Sequence[s.MissionStep], title: str) -> tuple[s.MissionStep, ...]:
-    """The steps with headings and names. If the pattern takes pictures, each name contains the number of a
-    line with pictures."""
+    """The steps with headings and names. If the pattern takes photos, each name contains the number of a
+    line with photos."""
     takes_pictures = any(isinstance(step, s.Fly) and step.photo_every_m is not None for step in steps)
     line_number, target, named = 0, None, list[s.MissionStep]()
     for step in steps:

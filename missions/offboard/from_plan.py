@@ -107,7 +107,7 @@ def from_plan(plan: Plan, name: str, vehicle: VehicleModel | None = None) -> Con
     if plan.rally_points:
         builder.notes.append("Rally points are omitted, because the vehicle stores them.")
     if len(plan.fence) > 100:
-        builder.notes.append("Only the first 100 fence zones are kept.")
+        builder.notes.append("Only the first 100 geofence zones are kept.")
     return ConvertedPlan(mission, tuple(dict.fromkeys(builder.notes)))
 
 
@@ -165,7 +165,7 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
         count = max(1, int(item.count or 0))
         if not item.count:
             builder.notes.append(
-                f"{description.capitalize()} takes pictures until stopped; the mission takes one picture."
+                f"{description.capitalize()} takes photos until stopped; the mission takes one photo."
             )
         builder.add(
             s.Photo(count=min(count, 10_000), interval_s=min(3600.0, max(0.1, item.interval_s or 1.0)))

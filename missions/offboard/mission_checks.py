@@ -70,7 +70,7 @@ def _check_positions(segment: Segment, path: Array, compilation: Compilation) ->
         yield MissionFinding("altitude_too_high", message, segment.place, "Lower the altitude.", max_m)
     if 0.0 < fence_m < highest_m:
         message = (
-            f"{segment.title} climbs to {highest_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
+            f"{segment.title} climbs to {highest_m:.0f} m above home; the geofence limit is {fence_m:.0f} m."
         )
         yield MissionFinding("altitude_fence", message, segment.place, "Lower the altitude.", fence_m)
     if (
@@ -90,7 +90,7 @@ def _check_positions(segment: Segment, path: Array, compilation: Compilation) ->
     if 0.0 < radius_m < distance_m:
         message = (
             f"{segment.title} is up to {distance_m:.0f} m from the start; "
-            f"the fence limit is {radius_m:.0f} m."
+            f"the geofence limit is {radius_m:.0f} m."
         )
         yield MissionFinding("radius_exceeded", message, segment.place, "Move the path nearer to the start.")
     for excess, limit_m in _beyond_operator_limits(path, highest_m, distance_m, compilation):
@@ -115,10 +115,10 @@ def _beyond_operator_limits(
         )
         yield text, None
     if operator.fence is not None and start.origin is not None:
-        outside = operator.fence.region(start.origin, "your fence").are_outside(path[:, :2])
+        outside = operator.fence.region(start.origin, "your geofence").are_outside(path[:, :2])
         if outside.any():
             north, east, _ = path[int(outside.argmax())]
-            yield f"leaves your fence near north {north:.0f} m, east {east:.0f} m", None
+            yield f"leaves your geofence near north {north:.0f} m, east {east:.0f} m", None
 
 
 def _check_fence(
@@ -131,7 +131,7 @@ def _check_fence(
     first = path[int(outside.argmax())]
     message = f"{segment.title} leaves the geofence near north {first[0]:.0f} m, east {first[1]:.0f} m."
     yield MissionFinding(
-        "fence_crossed", message, segment.place, "Move the path inside, or change the fence."
+        "fence_crossed", message, segment.place, "Move the path inside, or change the geofence."
     )
 
 

@@ -25,7 +25,7 @@ class Event:
     """Time since the start of the segment."""
     kind: Literal["photo", "gimbal"]
     component: int | None = None
-    """Component id of the camera that takes the picture; None: the connected camera with the lowest id."""
+    """Component id of the camera that takes the photo; None: the connected camera with the lowest id."""
 
 
 @dataclass(frozen=True, slots=True)

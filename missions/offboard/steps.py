@@ -74,7 +74,7 @@ class Hold(Step):
 
 
 class PathStep(Step):
-    """Base class of all steps along a path: speed, heading, pictures.
+    """Base class of all steps along a path: speed, heading, photos.
 
     The heading is a fixed yaw, along the path, towards a position, or unchanged.
     """
@@ -222,7 +222,7 @@ class Gimbal(Step):
 
 
 class Photo(Step):
-    """Take pictures while holding the position."""
+    """Take photos while holding the position."""
 
     step: Literal["photo"] = "photo"
     count: Annotated[int, Field(ge=1, le=10_000)] = 1

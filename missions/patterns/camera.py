@@ -1,4 +1,4 @@
-"""Footprint of a picture: a pinhole camera that points perpendicularly at a flat surface."""
+"""Footprint of a photo: a pinhole camera that points perpendicularly at a flat surface."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Camera:
     image_width_px: int
     image_height_px: int
     landscape: bool = True
-    """Whether the picture's width is across the line of flight."""
+    """Whether the photo's width is across the line of flight."""
 
     def footprint_m(self, distance_m: float) -> tuple[float, float]:
         """Size of the footprint across and along the line of flight [m]: sensor · distance / focal length."""
@@ -34,13 +34,13 @@ class Camera:
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Spacing of lines and pictures, from the overlaps and the distance to the surface."""
+    """Spacing of lines and photos, from the overlaps and the distance to the surface."""
 
     camera: Camera
     distance_m: float
     """Distance from the camera to the surface."""
     front_overlap: float = 0.75
-    """Overlap of successive pictures on a line: 0 to 0.95 of the footprint."""
+    """Overlap of successive photos on a line: 0 to 0.95 of the footprint."""
     side_overlap: float = 0.65
     """Overlap of neighbouring lines."""
 
@@ -62,10 +62,10 @@ class Coverage:
 
     @property
     def trigger_m(self) -> float:
-        """Distance between two pictures on a line [m]: footprint · (1 − front overlap)."""
+        """Distance between two photos on a line [m]: footprint · (1 − front overlap)."""
         return self.camera.footprint_m(self.distance_m)[1] * (1.0 - self.front_overlap)
 
     @property
     def lead_out_m(self) -> float:
-        """Extra length of a line [m], so that the last picture shows the end of the line."""
+        """Extra length of a line [m], so that the last photo shows the end of the line."""
         return max(0.0, self.trigger_m - self.camera.footprint_m(self.distance_m)[1] / 2.0)

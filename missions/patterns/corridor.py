@@ -31,7 +31,7 @@ def corridor(
     """Parallel lines over a corridor of this width, flown in alternating directions.
 
     The lines are evenly spaced around the centre line, at most `spacing_m` apart. In a bend of angle θ, the
-    pictures show the outer corner if footprint / 2 - trigger distance ≥ spacing / 2 · tan(θ / 2), with the
+    photos show the outer corner if footprint / 2 - trigger distance ≥ spacing / 2 · tan(θ / 2), with the
     footprint along the line. With the usual overlaps, bends of 30 degrees and more are possible.
 
     Raises:

@@ -31,19 +31,19 @@ class CameraModel(Model):
     image_width_px: Pixels
     image_height_px: Pixels
     landscape: bool = True
-    """Whether the picture's width is across the line of flight."""
+    """Whether the photo's width is across the line of flight."""
 
 
 class PhotoCoverage(Model):
-    """Overlaps of the pictures, and distance of the camera to the surface."""
+    """Overlaps of the photos, and distance of the camera to the surface."""
 
     camera: CameraModel
     distance_m: Size
     """Distance from the camera to the ground, or to the structure's sides."""
     front_overlap: Overlap = 0.75
-    """Overlap of successive pictures, as a fraction of the picture."""
+    """Overlap of successive photos, as a fraction of the photo."""
     side_overlap: Overlap = 0.65
-    """Overlap of neighbouring lines, as a fraction of the picture."""
+    """Overlap of neighbouring lines, as a fraction of the photo."""
 
     def to_coverage(self) -> Coverage:
         """The values that the pattern generators use."""
@@ -52,7 +52,7 @@ class PhotoCoverage(Model):
 
 
 class SurveyPattern(Model):
-    """Parallel lines over an area, with pictures."""
+    """Parallel lines over an area, with photos."""
 
     kind: Literal["survey"]
     outer: Points
@@ -67,7 +67,7 @@ class SurveyPattern(Model):
 
 
 class CorridorPattern(Model):
-    """Parallel lines along a road, a river or a power line, with pictures."""
+    """Parallel lines along a road, a river or a power line, with photos."""
 
     kind: Literal["corridor"]
     points: Points
@@ -103,7 +103,7 @@ class OrbitPattern(Model):
 
 
 class StructurePattern(Model):
-    """Rounds around a structure at several heights, with pictures of the sides of the structure."""
+    """Rounds around a structure at several heights, with photos of the sides of the structure."""
 
     kind: Literal["structure"]
     outline: Points

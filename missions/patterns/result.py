@@ -20,7 +20,7 @@ class Pattern:
 
     items: tuple[SimpleItem, ...]
     lines: tuple[tuple[Point, Point], ...] = ()
-    """Lines on which pictures are taken, without approach and turns."""
+    """Lines on which photos are taken, without approach and turns."""
     lines_length_m: float = 0.0
     lower_bound_m: float = 0.0
     """Smallest possible length of lines with this spacing: area / spacing."""
@@ -32,7 +32,7 @@ class Pattern:
     heading_deg: float | None = None
     """Direction of the lines, clockwise from north."""
     area_m2: float | None = None
-    """Area that the pictures show; None: the pattern takes no pictures."""
+    """Area that the photos show; None: the pattern takes no photos."""
 
 
 def photo_path_items(
@@ -42,7 +42,7 @@ def photo_path_items(
     coverage: Coverage,
     turnaround_m: float = 0.0,
 ) -> list[SimpleItem]:
-    """Items that fly a path and take pictures; the path is extended straight by `turnaround_m` at both
+    """Items that fly a path and take photos; the path is extended straight by `turnaround_m` at both
     ends."""
     start, end = path[0], path[-1]
     last = _beyond(path[-2], end, coverage.lead_out_m)
@@ -59,7 +59,7 @@ def photo_path_items(
 
 
 def photo_count(length_m: float, coverage: Coverage) -> int:
-    """Number of pictures on a line: one at the start, then one for each trigger distance."""
+    """Number of photos on a line: one at the start, then one for each trigger distance."""
     return 1 + int((length_m + coverage.lead_out_m) / coverage.trigger_m + 1e-9)
 
 

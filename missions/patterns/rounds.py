@@ -106,8 +106,8 @@ class StructureScan:
 def structure(scan: StructureScan) -> Pattern:
     """Clockwise rounds around a structure at several heights, with the nose and the camera towards the sides.
 
-    Rounds are at most `footprint · (1 − side overlap)` apart; the pictures of the highest round show the top.
-    The picture's width is along the path.
+    Rounds are at most `footprint · (1 − side overlap)` apart; the photos of the highest round show the top.
+    The photo's width is along the path.
 
     Raises:
         PlanError: The outline or a height is invalid.
@@ -147,7 +147,7 @@ def structure(scan: StructureScan) -> Pattern:
 
 
 def round_heights(scan: StructureScan) -> list[float]:
-    """Height of each round above the base [m], from the lowest to the highest; evenly spaced. The pictures of
+    """Height of each round above the base [m], from the lowest to the highest; evenly spaced. The photos of
     the highest round show the top."""
     coverage = _sideways_coverage(scan.coverage)
     footprint_m, spacing_m = coverage.camera.footprint_m(coverage.distance_m)[0], coverage.spacing_m
@@ -165,7 +165,7 @@ def round_heights(scan: StructureScan) -> list[float]:
 
 
 def _sideways_coverage(coverage: Coverage) -> Coverage:
-    """The coverage for sideways flight: the picture's width is along the path."""
+    """The coverage for sideways flight: the photo's width is along the path."""
     return replace(coverage, camera=replace(coverage.camera, landscape=False))
 
 

@@ -1,4 +1,4 @@
-"""Survey of an area: parallel lines with overlapping pictures."""
+"""Survey of an area: parallel lines with overlapping photos."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Survey:
     altitude: Altitude
     """Altitude of the flight; `coverage.distance_m` is the camera's distance to the ground."""
     holes: Sequence[Sequence[Point]] = ()
-    """Areas that need no pictures; the vehicle may fly over them."""
+    """Areas that need no photos; the vehicle may fly over them."""
     heading_deg: float | None = None
     """Direction of the lines, clockwise from north; None: the direction with the shortest path."""
     turnaround_m: float = 0.0

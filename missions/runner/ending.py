@@ -47,7 +47,7 @@ class Ending:
         self._requests.append(Notify(code, text, warning))
 
     def _payload_failed(self, request: Request, text: str) -> None:
-        failure = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
+        failure = "A photo was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
         if failure not in self._reported_payload_failures:
             self._reported_payload_failures.add(failure)
             self._notify("payload", f"{failure}: {text}. The mission continues.", warning=True)

@@ -1,4 +1,4 @@
-"""Picture and gimbal requests during the flight."""
+"""Photo and gimbal requests during the flight."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from missions.runner.script import ScriptProgress
 from missions.setpoints import Position
 
 LEAD_S = 0.05
-"""Half of the update period: with this lead, pictures are early as often as late."""
+"""Half of the update period: with this lead, photos are early as often as late."""
 UNCHANGED_RAD = math.radians(0.2)
 """A gimbal direction that differs less from the last request counts as unchanged."""
 REPEAT_S = 1.0
@@ -19,7 +19,7 @@ REPEAT_S = 1.0
 
 
 def photos_due(flight: Flight) -> list[Request]:
-    """Requests for the pictures that are due at the current mission time and not yet taken."""
+    """Requests for the photos that are due at the current mission time and not yet taken."""
     requests: list[Request] = []
     segments = flight.course.segments
     while flight.photo_index < len(segments) and flight.photo_index <= flight.index:

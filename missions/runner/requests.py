@@ -49,7 +49,7 @@ class StopStream:
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """Take one picture now."""
+    """Take one photo now."""
 
     component: int | None = None
     """Component id of the camera; None: the connected camera with the lowest id."""

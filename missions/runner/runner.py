@@ -367,10 +367,10 @@ class Runner(Ending):
         if not is_in_own_mode or reading.on_ground:
             self._suspend_after_takeover(reading)
         elif action == "continue":
-            self._notify("link_back", "The link was lost and is back: continuing.")
+            self._notify("link_back", "Connection lost and restored: continuing.")
             self._begin_part(now_s, reading)
         else:
-            self._execute_action(action, "The link was lost and is back", reading)
+            self._execute_action(action, "Connection lost and restored", reading)
         return True
 
     # --- inside: actions --------------------------------------------------------------------------

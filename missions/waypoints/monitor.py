@@ -29,7 +29,7 @@ class WaypointMonitor:
         planned: the planned flight; None: the flight is not compared with its plan.
         reason_not_compared: why the flight is not compared, as a sentence.
         corridor: corridor of the dry run; None: no corridor is monitored.
-        from_start: whether the monitor existed before the vehicle took off.
+        from_start: whether the monitor has observed the flight since its take-off.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class WaypointMonitor:
 
     @property
     def place(self) -> str | None:
-        """Name of the current item: "item 3"."""
+        """Where the vehicle is in the plan, for messages: "item 3"."""
         current = None if self._progress is None else self._progress.current
         if current is not None and self.item in current.items:
             return current.leg.place
@@ -101,7 +101,7 @@ class WaypointMonitor:
 
     @property
     def horizontal_m(self) -> float | None:
-        """Horizontal distance from the planned path."""
+        """Horizontal distance from the planned path [m]."""
         return None if self._match is None else self._match.horizontal_m
 
     @property

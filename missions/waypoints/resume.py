@@ -39,7 +39,7 @@ NOT_REPEATED: dict[str, tuple[str, str]] = {
     "camera_zoom": ("zoom", "the zoom"),
     "camera_focus": ("focus", "the focus"),
     "trigger_interval": ("interval", "the interval of the camera trigger"),
-    "oblique_survey": ("oblique", "the oblique survey pictures"),
+    "oblique_survey": ("oblique", "the oblique survey photos"),
     "set_servo": ("servo", "the servo output"),
     "set_actuator": ("actuator", "the actuator output"),
     "gripper": ("gripper", "the gripper"),

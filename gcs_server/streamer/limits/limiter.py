@@ -172,7 +172,7 @@ class _Limiter:
             n, e, d = self._limit_speed(s.velocity_frd_m_s)
             if self._bounds.region.is_limited_horizontally or self._bounds.region.is_limited_vertically:
                 self.notes.append(
-                    "velocity set to zero: no valid position and heading estimate, and a fence is set"
+                    "velocity set to zero: no valid position and heading estimate, and a geofence is set"
                 )
                 n = e = d = 0.0
             return replace(s, velocity_frd_m_s=(n, e, d))

@@ -1,6 +1,6 @@
 """Limits positions to the allowed region, and velocities so that the vehicle stops before the region's edge.
 Setpoints without position or velocity cannot be limited in this way. For these, `check_stoppable` decides
-when the stream must take over.
+when the stream must stop the vehicle instead of sending the setpoint.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class RegionLimiter:
         self._motion = motion
         self._notes = notes
         self.stop_reason: str | None = None
-        """Why the stream must take over instead of sending the setpoint; None: the setpoint may be sent."""
+        """Why the stream must stop the vehicle instead of sending the setpoint; None: it may be sent."""
 
     def limit_position_ne(self, target: NorthEast) -> NorthEast:
         """Moves the target to the last allowed position on the way to the requested one."""
@@ -63,10 +63,10 @@ class RegionLimiter:
             position_ned = self._motion.position_ned_m
             inside = region.last_position_inside((position_ned[0], position_ned[1]), target)
         if inside is None:
-            self.stop_reason = "No way back inside the fence was found"
+            self.stop_reason = "No way back inside the geofence was found"
             return target
         if inside != target:
-            breach = region.breach(target) or "the fence on the way"
+            breach = region.breach(target) or "the geofence on the way"
             self._notes.append(f"position limited to stay inside {breach}")
         return inside
 
@@ -84,7 +84,7 @@ class RegionLimiter:
         if not region.is_limited_horizontally or speed == 0.0:
             return (n, e)
         if self._motion is None:
-            self._notes.append("velocity set to zero: no valid position estimate, and a fence is set")
+            self._notes.append("velocity set to zero: no valid position estimate, and a geofence is set")
             return (0.0, 0.0)
         position_ne = (self._motion.position_ned_m[0], self._motion.position_ned_m[1])
         breach = region.breach(position_ne)
@@ -92,7 +92,7 @@ class RegionLimiter:
             inside = region.position_inside(position_ne)
             if inside is not None and n * (inside[0] - position_ne[0]) + e * (inside[1] - position_ne[1]) > 0:
                 return (n, e)
-            self._notes.append(f"outside {breach}: only a velocity back inside is flown")
+            self._notes.append(f"outside {breach}: only velocities that lead back inside are sent")
             return (0.0, 0.0)
         to_edge_m = region.distance_to_edge_m(position_ne, (n / speed, e / speed)) - MARGIN_M
         max_m_s = braking_speed(to_edge_m, BRAKE_M_S2, BRAKE_DELAY_S)
@@ -100,7 +100,7 @@ class RegionLimiter:
             max_m_s = 0.0
         if speed <= max_m_s:
             return (n, e)
-        self._notes.append("speed reduced to stop before the fence")
+        self._notes.append("speed reduced to stop before the geofence")
         return (n * max_m_s / speed, e * max_m_s / speed)
 
     def keep_margin(self, velocity: NorthEast) -> NorthEast:
@@ -109,19 +109,19 @@ class RegionLimiter:
         if self._motion is None or not region.is_limited_horizontally:
             return velocity
         n, e = velocity
-        for inside_m, outward in region.edges(
+        for to_edge_m, outward in region.edges(
             (self._motion.position_ned_m[0], self._motion.position_ned_m[1])
         ):
-            if inside_m >= MARGIN_M:
+            if to_edge_m >= MARGIN_M:
                 continue
-            max_m_s = -min(BACK_PER_S * (MARGIN_M - inside_m), MAX_BACK_M_S, self._bounds.speed_m_s)
+            max_m_s = -min(BACK_PER_S * (MARGIN_M - to_edge_m), MAX_BACK_M_S, self._bounds.speed_m_s)
             excess = n * outward[0] + e * outward[1] - max_m_s
             if excess > 0.0:
                 n, e = n - excess * outward[0], e - excess * outward[1]
         if (n, e) != velocity:
-            self._notes.append("moved back from the fence")
-            size = math.hypot(n, e)
-            scale = min(1.0, self._bounds.speed_m_s / size) if size > 0 else 1.0
+            self._notes.append("moved back from the geofence")
+            speed = math.hypot(n, e)
+            scale = min(1.0, self._bounds.speed_m_s / speed) if speed > 0 else 1.0
             n, e = n * scale, e * scale
         return (n, e)
 
@@ -137,10 +137,10 @@ class RegionLimiter:
             )
             return 0.0
         down_m = self._motion.position_ned_m[2]
-        below_m = region.down_max_m - down_m - MARGIN_VERTICAL_M
-        above_m = down_m - region.down_min_m - MARGIN_VERTICAL_M
-        max_down_m_s = _max_vertical_speed(below_m, self._bounds.climb_m_s if keep_margin else 0.0)
-        max_up_m_s = _max_vertical_speed(above_m, self._bounds.descent_m_s if keep_margin else 0.0)
+        to_lowest_m = region.down_max_m - down_m - MARGIN_VERTICAL_M
+        to_highest_m = down_m - region.down_min_m - MARGIN_VERTICAL_M
+        max_down_m_s = _max_vertical_speed(to_lowest_m, self._bounds.climb_m_s if keep_margin else 0.0)
+        max_up_m_s = _max_vertical_speed(to_highest_m, self._bounds.descent_m_s if keep_margin else 0.0)
         limited = max(min(velocity_down_m_s, max_down_m_s), -max_up_m_s)
         if limited != velocity_down_m_s:
             self._notes.append("climb or descent reduced to stay inside the altitude limits")
@@ -154,13 +154,13 @@ class RegionLimiter:
         ):
             return
         if self._motion is None:
-            self.stop_reason = "No valid position estimate, and a fence or altitude limit is set"
+            self.stop_reason = "No valid position estimate, and a geofence or altitude limit is set"
             return
         n, e, d = self._motion.position_ned_m
         if horizontal and region.is_limited_horizontally:
             breach = region.breach((n, e))
             if breach is not None or self._cannot_stop_inside((n, e)):
-                self.stop_reason = f"The vehicle would leave {breach or 'the fence'}"
+                self.stop_reason = f"The vehicle would leave {breach or 'the geofence'}"
         velocity_down_m_s = self._motion.velocity_ned_m_s[2]
         remaining_m = (region.down_max_m - d) if velocity_down_m_s > 0 else (d - region.down_min_m)
         if vertical and (
@@ -184,8 +184,10 @@ class RegionLimiter:
 
 
 def _max_vertical_speed(remaining_m: float, max_back_m_s: float) -> float:
-    """Maximum speed towards an altitude limit from which the vehicle stops in time; negative: the minimum
-    speed away from the limit."""
+    """Maximum speed towards an altitude limit at which the vehicle can still stop before the limit.
+
+    Negative if the limit is nearer than the margin: the vehicle must move away from it at least this fast.
+    """
     if remaining_m >= 0.0:
         return braking_speed(remaining_m, BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S)
     return max(BACK_PER_S * remaining_m, -MAX_BACK_M_S, -max_back_m_s)

@@ -371,7 +371,7 @@ class MissionFlight:
             finally:
                 self._pictures -= 1
 
-        self._spawn("mission picture", self._report_failure(request, take_picture))
+        self._spawn("mission photo", self._report_failure(request, take_picture))
 
     def _point_gimbal(self, request: PointGimbal) -> None:
         if self._controls_gimbal:

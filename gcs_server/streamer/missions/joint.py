@@ -109,7 +109,7 @@ class JointMission:
         if then == "return":
             raise Refused(
                 "The vehicles of one mission cannot return at the same time: their paths home may cross.",
-                remedy="Abort with hold, then command Return of one after the other; or abort with land.",
+                remedy="Abort with hold, then command Return for one vehicle at a time; or abort with land.",
             )
         self._execute(call_runner(self._runner.abort, self._readings(), by, then))
 

@@ -24,7 +24,7 @@ MIN_INTERVAL_S: Final = 1.0
 """Minimum time between two compilations of a mission [s]."""
 RETRY_S: Final = 5.0
 """Time after which a failed compilation is repeated [s]."""
-COMPILING: Final = "The mission is being compiled for the vehicle's present position and settings."
+COMPILING: Final = "The mission is being compiled for the vehicle's current position and settings."
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,15 +15,15 @@ ACTION_MODES = ("position", "altitude", "stabilized", "rtl", "land", "hold", "te
 _ACTIONS: dict[int, tuple[str, str]] = {
     0: (
         "is flown by the RC pilot in Position mode",
-        "descends and lands at its current position, in Position mode",
+        "descends and lands at its current position; it reports Position mode",
     ),
     1: (
         "is flown by the RC pilot in Altitude mode",
-        "drifts and descends without control, in Altitude mode",
+        "drifts and descends without control; it reports Altitude mode",
     ),
     2: (
         "is flown by the RC pilot in Stabilized mode",
-        "drifts and descends without control, in Stabilized mode",
+        "drifts and descends without control; it reports Stabilized mode",
     ),
     3: ("returns to launch and lands there", "returns to launch and lands there"),
     4: ("lands at its current position", "lands at its current position"),

@@ -59,8 +59,8 @@ def why_not_carried(setpoint_type: str, protocol: str) -> str | None:
         return None
     carried = ", ".join(sorted(TYPES_BY_PROTOCOL.get(protocol, frozenset()))) or "none"
     return (
-        f"A {protocol} link carries no {setpoint_type} setpoints: there is no message for them that PX4 "
-        f"follows. This link carries {carried}."
+        f"A {protocol} link carries no {setpoint_type} setpoints, because PX4 follows no {protocol} message "
+        f"for them. This link carries {carried}."
     )
 
 

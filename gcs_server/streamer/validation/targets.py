@@ -32,7 +32,7 @@ PATH_CHECK_PERIOD_S = 0.2
 """Time between two checked positions of a path [s]."""
 SPEED_TOLERANCE = 1.05
 """Factor by which a curve may exceed the speed limit between its points."""
-LIMITS_REMEDY = "Wait for GPS and the estimator, or remove the limits of altitude, distance and fence."
+LIMITS_REMEDY = "Wait for GPS and the estimator, or remove the limits of altitude, distance and geofence."
 LOCAL_FRAME_HINT = "Coordinates are metres north, east, down of the vehicle's local origin."
 
 
@@ -144,7 +144,7 @@ def _check_inside(target: Vector3, position_now: Vector3, bounds: Bounds) -> Non
     direction = ((end[0] - start[0]) / distance_m, (end[1] - start[1]) / distance_m)
     if region.distance_to_edge_m(start, direction) < distance_m:
         raise Refused(
-            "The straight line to the target leaves the fence.",
+            "The straight line to the target leaves the geofence.",
             remedy="Fly around the corner: with a position in between, or with a path.",
         )
 

@@ -138,11 +138,11 @@ def _region(
     fence = operator.fence
     if fence is not None:
         if origin is None:
-            enforcement_problem = "there is no valid global position, which a fence needs"
+            enforcement_problem = "there is no valid global position, which a geofence needs"
         elif isinstance(fence, CircleFence):
-            circles.append(fence.to_local(origin, "the operator's fence"))
+            circles.append(fence.to_local(origin, "the operator's geofence"))
         else:
-            polygons.append(fence.to_local(origin, "the operator's fence"))
+            polygons.append(fence.to_local(origin, "the operator's geofence"))
     return Region(down_min_m, down_max_m, tuple(circles), tuple(polygons)), enforcement_problem
 
 

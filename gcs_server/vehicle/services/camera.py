@@ -1,4 +1,4 @@
-"""Takes pictures with the vehicle's cameras (MAVLink camera protocol version 2)."""
+"""Takes photos with the vehicle's cameras (MAVLink camera protocol version 2)."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ ACK_TIMEOUT_S = 0.7
 
 
 class CameraService:
-    """Takes pictures, one at a time, with a connected camera."""
+    """Takes photos, one at a time, with a connected camera."""
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
         self._sequence = 0
 
     async def take_picture(self, component: int | None = None) -> None:
-        """Takes one picture; returns once the camera has acknowledged it.
+        """Takes one photo; returns once the camera has acknowledged it.
 
         All attempts have the same sequence number, so that a camera that receives two of them takes only one
-        picture.
+        photo.
 
         Args:
             component: MAVLink component id of the camera; None: the connected camera with the lowest id.
@@ -61,7 +61,7 @@ class CameraService:
                 if ack.result == d.MAV_RESULT_ACCEPTED:
                     return
                 reason = RESULT_TEXT.get(ack.result, f"result {ack.result}")
-                raise Rejected(f"The camera of vehicle {vehicle.id} took no picture: {reason}.")
+                raise Rejected(f"The camera of vehicle {vehicle.id} took no photo: {reason}.")
         raise NoReply(
             f"No camera of vehicle {vehicle.id} answered within {ATTEMPTS * ACK_TIMEOUT_S:.1f} s.",
             deadline_s=ATTEMPTS * ACK_TIMEOUT_S,
