@@ -48,6 +48,6 @@ function notSentProblem(): Problem {
   return {
     ...unreachableProblem(),
     title: 'Not sent',
-    detail: 'The server has not answered an earlierRequests request to this vehicle, so this request was not sent.',
+    detail: 'The server has not answered an earlier request to this vehicle, so this request was not sent.',
   };
 }

@@ -1025,7 +1025,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Picture
-         * @description Takes one picture; answers once the camera has acknowledged it.
+         * @description Takes one photo; answers once the camera has acknowledged it.
          */
         readonly post: operations["picture_api_v1_vehicles__v__camera_picture_post"];
         readonly delete?: never;
@@ -2827,7 +2827,7 @@ export interface components {
         };
         /**
          * CameraMode
-         * @description Set the camera mode: 0 pictures, 1 video, 2 survey pictures.
+         * @description Set the camera mode: 0 photos, 1 video, 2 survey photos.
          */
         readonly CameraMode: {
             /**
@@ -2900,7 +2900,7 @@ export interface components {
             readonly image_height_px: number;
             /**
              * Landscape
-             * @description Whether the picture's width is across the line of flight.
+             * @description Whether the photo's width is across the line of flight.
              */
             readonly landscape?: boolean;
         };
@@ -3448,7 +3448,7 @@ export interface components {
         };
         /**
          * CorridorPattern
-         * @description Parallel lines along a road, a river or a power line, with pictures.
+         * @description Parallel lines along a road, a river or a power line, with photos.
          */
         readonly CorridorPattern: {
             /**
@@ -3550,7 +3550,7 @@ export interface components {
         };
         /**
          * Digicam
-         * @description Deprecated command to take a picture (`shoot` 1).
+         * @description Deprecated command to take a photo (`shoot` 1).
          */
         readonly Digicam: {
             /**
@@ -4722,12 +4722,12 @@ export interface components {
         };
         /**
          * FenceView
-         * @description The operator's fence: a polygon's corners, or a circle's centre and radius.
+         * @description The operator's geofence: a polygon's corners, or a circle's centre and radius.
          */
         readonly FenceView: {
             /**
              * Kind
-             * @description Kind of the fence.
+             * @description Kind of the geofence.
              * @enum {string}
              */
             readonly kind: "polygon" | "circle";
@@ -6637,7 +6637,7 @@ export interface components {
         };
         /**
          * ImportedArea
-         * @description An area in a file; the user decides whether it becomes a survey or a fence.
+         * @description An area in a file; the user decides whether it becomes a survey or a geofence.
          */
         readonly ImportedArea: {
             /**
@@ -7112,7 +7112,7 @@ export interface components {
             readonly distance_max_m?: number | null;
             /**
              * Fence
-             * @description Stay inside this fence, in addition to the vehicle's own fence.
+             * @description Stay inside this geofence, in addition to the vehicle's own geofence.
              */
             readonly fence?: (components["schemas"]["PolygonFenceBody"] | components["schemas"]["CircleFenceBody"]) | null;
             /**
@@ -8342,7 +8342,7 @@ export interface components {
         };
         /**
          * ObliqueSurvey
-         * @description Take a picture every `distance_m` while the camera rolls from side to side; angles in whole degrees.
+         * @description Take a photo every `distance_m` while the camera rolls from side to side; angles in whole degrees.
          */
         readonly ObliqueSurvey: {
             /**
@@ -9696,12 +9696,12 @@ export interface components {
         };
         /**
          * PatternFigures
-         * @description Lengths, number of pictures and flight time of a pattern.
+         * @description Lengths, number of photos and flight time of a pattern.
          */
         readonly PatternFigures: {
             /**
              * Lines Length M
-             * @description Total length of the lines with pictures [m].
+             * @description Total length of the lines with photos [m].
              */
             readonly lines_length_m: number;
             /**
@@ -9711,7 +9711,7 @@ export interface components {
             readonly lower_bound_m: number;
             /**
              * Photos
-             * @description Number of pictures.
+             * @description Number of photos.
              */
             readonly photos: number;
             /**
@@ -9721,7 +9721,7 @@ export interface components {
             readonly spacing_m: number;
             /**
              * Trigger M
-             * @description Distance between two pictures on a line [m]; 0: no pictures.
+             * @description Distance between two photos on a line [m]; 0: no photos.
              */
             readonly trigger_m: number;
             /**
@@ -9736,7 +9736,7 @@ export interface components {
             readonly heading_deg: number | null;
             /**
              * Area M2
-             * @description Area that the pictures show [m²]; null: no pictures.
+             * @description Area that the photos show [m²]; null: no photos.
              */
             readonly area_m2: number | null;
             /**
@@ -9762,7 +9762,7 @@ export interface components {
             readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
              * Lines
-             * @description The lines on which pictures are taken.
+             * @description The lines on which photos are taken.
              */
             readonly lines: readonly (readonly [
                 components["schemas"]["Point"],
@@ -9773,7 +9773,7 @@ export interface components {
              * @description The positions that the vehicle flies to, in order.
              */
             readonly path: readonly components["schemas"]["PatternPosition"][];
-            /** @description Lengths, number of pictures and flight time. */
+            /** @description Lengths, number of photos and flight time. */
             readonly figures: components["schemas"]["PatternFigures"];
             /**
              * Notes
@@ -9828,7 +9828,7 @@ export interface components {
         };
         /**
          * Photo
-         * @description Take pictures while holding the position.
+         * @description Take photos while holding the position.
          */
         readonly Photo: {
             /**
@@ -9861,7 +9861,7 @@ export interface components {
         };
         /**
          * PhotoCoverage
-         * @description Overlaps of the pictures, and distance of the camera to the surface.
+         * @description Overlaps of the photos, and distance of the camera to the surface.
          */
         readonly PhotoCoverage: {
             readonly camera: components["schemas"]["CameraModel"];
@@ -9872,18 +9872,18 @@ export interface components {
             readonly distance_m: number;
             /**
              * Front Overlap
-             * @description Overlap of successive pictures, as a fraction of the picture.
+             * @description Overlap of successive photos, as a fraction of the photo.
              */
             readonly front_overlap?: number;
             /**
              * Side Overlap
-             * @description Overlap of neighbouring lines, as a fraction of the picture.
+             * @description Overlap of neighbouring lines, as a fraction of the photo.
              */
             readonly side_overlap?: number;
         };
         /**
          * PhotoStart
-         * @description Take `count` pictures (0: until stopped), `interval_s` apart.
+         * @description Take `count` photos (0: until stopped), `interval_s` apart.
          */
         readonly PhotoStart: {
             /**
@@ -9939,7 +9939,7 @@ export interface components {
         };
         /**
          * PhotoStop
-         * @description Stop taking pictures.
+         * @description Stop taking photos.
          */
         readonly PhotoStop: {
             /**
@@ -10132,7 +10132,7 @@ export interface components {
             readonly climb_m: number;
             /**
              * Photos
-             * @description Number of pictures; an endless series counts as one.
+             * @description Number of photos; an endless series counts as one.
              */
             readonly photos: number;
             /**
@@ -12219,7 +12219,7 @@ export interface components {
         };
         /**
          * StructurePattern
-         * @description Rounds around a structure at several heights, with pictures of the sides of the structure.
+         * @description Rounds around a structure at several heights, with photos of the sides of the structure.
          */
         readonly StructurePattern: {
             /**
@@ -12257,7 +12257,7 @@ export interface components {
         };
         /**
          * SurveyPattern
-         * @description Parallel lines over an area, with pictures.
+         * @description Parallel lines over an area, with photos.
          */
         readonly SurveyPattern: {
             /**
@@ -12755,7 +12755,7 @@ export interface components {
         };
         /**
          * TriggerDistance
-         * @description Take a picture every `distance_m`; 0 stops the trigger. `at_once` 1: take the first picture
+         * @description Take a photo every `distance_m`; 0 stops the trigger. `at_once` 1: take the first photo
          *     immediately.
          */
         readonly TriggerDistance: {
@@ -12811,7 +12811,7 @@ export interface components {
         };
         /**
          * TriggerInterval
-         * @description Set the minimum time between two pictures, in milliseconds.
+         * @description Set the minimum time between two photos, in milliseconds.
          */
         readonly TriggerInterval: {
             /**

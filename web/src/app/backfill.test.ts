@@ -10,7 +10,7 @@ describe('the fleet from the server', () => {
   it('never replaces samples from the socket', async () => {
     const store = new TelemetryStore(() => 100);
     store.apply({ type: 'samples', samples: [identity('1.16.0')] });
-    expect(await loadFleet(apiReturning([{ id: '1', identity: { firmware: null } }]), store)).toEqual({ ids: ['1'], hasRemoved: false });
+    expect(await loadFleet(apiReturning([{ id: '1', identity: { firmware: null } }]), store)).toEqual({ ids: ['1'], removedAny: false });
     expect(store.vehicle('1').identity.firmware).toBe('1.16.0');
   });
 
@@ -25,6 +25,6 @@ describe('the fleet from the server', () => {
   it('reports that a vehicle was removed', async () => {
     const store = new TelemetryStore(() => 100);
     store.vehicle('2');
-    expect(await loadFleet(apiReturning([{ id: '1' }]), store)).toEqual({ ids: ['1'], hasRemoved: true });
+    expect(await loadFleet(apiReturning([{ id: '1' }]), store)).toEqual({ ids: ['1'], removedAny: true });
   });
 });

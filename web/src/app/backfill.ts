@@ -17,21 +17,21 @@ function objectsOf(body: unknown, field: string): JsonObject[] {
 
 /**
  * Loads the fleet into the store.
- * @returns the ids, and whether vehicles were removed from the store (`hasRemoved`). If a removed vehicle reappeared during
- * the request, the data that the socket sent for this vehicle during the request is also removed.
+ * @returns the ids, and whether vehicles were removed from the store (`removedAny`). The data that the socket sent during the
+ * request for such a vehicle is then removed too, although the vehicle may be connected again.
  */
-export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; hasRemoved: boolean }> {
+export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; removedAny: boolean }> {
   const storedBefore = new Map(store.vehicles);
   const response = await api.get('/vehicles');
-  if (!response.ok) return { ids: store.ids(), hasRemoved: false };
+  if (!response.ok) return { ids: store.ids(), removedAny: false };
   const vehicles = objectsOf(response.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
   // A replay may have jumped to another time during the request. The store then has a new vehicle with the same id, and
   // the response is outdated for the new vehicle.
   const unchangedVehicles = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === storedBefore.get(v['id'] as string));
-  const hasRemoved = store.keepOnly(ids);
+  const removedAny = store.keepOnly(ids);
   store.apply({ type: 'samples', samples: unchangedVehicles.flatMap(vehicleSamples) });
-  return { ids, hasRemoved };
+  return { ids, removedAny };
 }
 
 function vehicleSamples(vehicle: JsonObject): WireSample[] {
@@ -39,7 +39,7 @@ function vehicleSamples(vehicle: JsonObject): WireSample[] {
   const samples: WireSample[] = [];
   const add = (topic: string, value: unknown, reported_unix_s: unknown): void => {
     if (typeof value !== 'object' || value === null) return;
-    // 0: a value without a time must not replace a sample from the socket, because the socket sends some values only once.
+    // The time 0, because a value without a time must not replace a sample from the socket, because the socket sends some values only once.
     const received_unix_s = typeof reported_unix_s === 'number' ? reported_unix_s : 0;
     samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s, value });
   };

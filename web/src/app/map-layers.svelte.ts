@@ -52,7 +52,7 @@ export interface LayerSolid {
 }
 
 /** What a layer shows. */
-export interface LayerPicture {
+export interface LayerContent {
   readonly points: readonly LayerPoint[];
   readonly lines: readonly LayerLine[];
   readonly areas: readonly LayerArea[];
@@ -84,8 +84,8 @@ export interface LayerEditor {
 
 export interface MapLayer {
   readonly id: string;
-  /** The layer's present picture, read reactively; null: the layer shows nothing now. */
-  readonly picture: () => LayerPicture | null;
+  /** The layer's present content, read reactively; null: the layer shows nothing now. */
+  readonly content: () => LayerContent | null;
   /** Missing: the layer cannot be edited. */
   readonly editor?: LayerEditor;
 }
@@ -99,13 +99,13 @@ class MapLayers {
     return () => (this.layers = this.layers.filter((other) => other !== layer));
   }
 
-  readonly pictures: readonly LayerPicture[] = $derived(this.layers.flatMap((layer) => layer.picture() ?? []));
+  readonly contents: readonly LayerContent[] = $derived(this.layers.flatMap((layer) => layer.content() ?? []));
 
-  /** Picture and editor of the topmost editable layer. This editor handles the gestures. */
-  readonly edited: { readonly picture: LayerPicture; readonly editor: LayerEditor } | null = $derived.by(() => {
+  /** Content and editor of the topmost editable layer. This editor handles the gestures. */
+  readonly editedLayer: { readonly content: LayerContent; readonly editor: LayerEditor } | null = $derived.by(() => {
     for (const layer of [...this.layers].reverse()) {
-      const picture = layer.editor === undefined ? null : layer.picture();
-      if (picture !== null && layer.editor !== undefined) return { picture, editor: layer.editor };
+      const content = layer.editor === undefined ? null : layer.content();
+      if (content !== null && layer.editor !== undefined) return { content, editor: layer.editor };
     }
     return null;
   });

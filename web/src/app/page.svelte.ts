@@ -1,6 +1,6 @@
 /**
- * The page's state: selected vehicle, connection, repaint counters. Telemetry is not reactive (`live/`). Instead, `tick`
- * changes at most once per animation frame, and Svelte then repaints the components that read `facts`.
+ * The page's state: selected vehicle, connection, repaint counters. Telemetry is not reactive (`live/`). Instead,
+ * `repaintCount` changes at most once per animation frame, and Svelte then repaints the components that read `facts`.
  */
 
 import { ApiClient } from '../api/client';
@@ -39,25 +39,25 @@ class Page {
   private sentSubscriptions = '';
   /** Vehicles whose history has been requested. */
   private readonly historyRequested = new Set<string>();
-  tick = $state(0);
-  /** Repaint counter of views that show all vehicles: like `tick` for a small fleet, slower for a large fleet. */
-  fleetTick = $state(0);
+  repaintCount = $state(0);
+  /** Repaint counter of views that show all vehicles: like `repaintCount` for a small fleet, slower for a large fleet. */
+  private fleetRepaintCount = $state(0);
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
   /** The vehicle that the person chose; null: the first vehicle. */
   private chosenId = $state<string | null>(null);
   /** Called for each message from the telemetry sockets, also in a hidden tab. */
-  readonly onTelemetry: (() => void)[] = [];
+  readonly telemetryListeners: (() => void)[] = [];
   /** Called for each event of any vehicle. */
-  readonly onEvent: ((event: WireEvent) => void)[] = [];
-  /** Topics of the values on the grid, in addition to the topics that the page always reads. */
-  private gridTopics: readonly string[] = [];
+  readonly eventListeners: ((event: WireEvent) => void)[] = [];
+  /** Topics of the values that the person chose to see, in addition to the topics that the page always reads. */
+  private chosenTopics: readonly string[] = [];
   /**
-   * Vehicles, besides the selected vehicle, of which a feature needs all topics; for example vehicles whose setpoints this
-   * page renews.
+   * Each function returns the ids of vehicles whose topics a feature needs although they are not selected; for example
+   * vehicles whose setpoints this page renews.
    */
   readonly neededVehicles: (() => Iterable<string>)[] = [];
   /** Called once per painted animation frame. */
-  readonly onPaint: (() => void)[] = [];
+  readonly paintListeners: (() => void)[] = [];
 
   constructor() {
     this.socket = new TelemetrySocket(
@@ -68,8 +68,8 @@ class Page {
         if (frame.type === 'hello') void this.backfill();
         if (frame.type === 'hello') void this.loadKey();
         if (frame.type === 'event' && frame.event.kind === 'vehicle_added') void this.backfill(frame.event.vehicle);
-        if (frame.type === 'event') for (const callback of this.onEvent) callback(frame.event);
-        for (const callback of this.onTelemetry) callback();
+        if (frame.type === 'event') for (const listener of this.eventListeners) listener(frame.event);
+        for (const listener of this.telemetryListeners) listener();
       },
       (state) => {
         this.connection = state;
@@ -85,7 +85,7 @@ class Page {
       (frame) => {
         if (frame.type !== 'samples') return;
         this.store.apply(frame);
-        for (const callback of this.onTelemetry) callback();
+        for (const listener of this.telemetryListeners) listener();
       },
       () => undefined,
       () => this.store.vehicles.size > 0,
@@ -125,24 +125,36 @@ class Page {
       if (this.store.revision !== paintedRevision || now_ms - paintedAt_ms > QUIET_REPAINT_MS) {
         paintedRevision = this.store.revision;
         paintedAt_ms = now_ms;
-        this.tick += 1;
+        this.repaintCount += 1;
         if (!isLarge(this.store.vehicles.size) || now_ms - fleetPaintedAt_ms > FLEET_REPAINT_MS) {
           fleetPaintedAt_ms = now_ms;
-          this.fleetTick += 1;
+          this.fleetRepaintCount += 1;
         }
         this.updateSubscription();
       }
-      for (const callback of this.onPaint) callback();
+      for (const listener of this.paintListeners) listener();
       requestAnimationFrame(onAnimationFrame);
     };
     requestAnimationFrame(onAnimationFrame);
   }
 
+  /**
+   * Reads telemetry or the time, which are not reactive. A `$derived` value or a component that calls this function is
+   * computed again at each repaint.
+   */
+  eachRepaint<T>(read: () => T): T {
+    void this.repaintCount;
+    return read();
+  }
+
+  /** Like `eachRepaint`, for views that show all vehicles. */
+  eachFleetRepaint<T>(read: () => T): T {
+    void this.fleetRepaintCount;
+    return read();
+  }
+
   /** Sorted ids of all vehicles; the same array until a vehicle appears or disappears. */
-  readonly ids = $derived.by(() => {
-    void this.tick;
-    return this.store.ids();
-  });
+  readonly ids = $derived(this.eachRepaint(() => this.store.ids()));
 
   readonly selectedId = $derived(this.chosenId !== null && this.ids.includes(this.chosenId) ? this.chosenId : (this.ids[0] ?? null));
 
@@ -152,24 +164,22 @@ class Page {
     this.loadHistory();
   }
 
-  /** The selected vehicle's stored state, for lists that are too long to be copied in each animation frame. */
+  /** The selected vehicle's stored state, not reactive. For lists that are too long to be part of `facts`. */
   get vehicle(): VehicleState | null {
     return this.selectedId === null ? null : (this.store.vehicles.get(this.selectedId) ?? null);
   }
 
   /** The facts of the selected vehicle in this animation frame; read reactively. */
-  readonly facts: VehicleFacts | null = $derived.by(() => {
-    void this.tick;
-    return this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS(this.selectedId), this.store.connected);
-  });
+  readonly facts: VehicleFacts | null = $derived(
+    this.eachRepaint(() => (this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS(this.selectedId), this.store.connected))),
+  );
 
   /** The facts of any vehicle in this animation frame; read reactively. */
   factsOf(id: string): VehicleFacts | null {
-    void this.tick;
-    return this.factsNow(id);
+    return this.eachRepaint(() => this.factsNow(id));
   }
 
-  /** The present facts of any vehicle; not reactive. For views of all vehicles: `fleetTick` repaints these views. */
+  /** The present facts of any vehicle; not reactive. For views of all vehicles, which `eachFleetRepaint` repaints. */
   factsNow(id: string): VehicleFacts | null {
     const vehicle = this.store.vehicles.get(id);
     return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);
@@ -180,19 +190,19 @@ class Page {
     return readOffboard(this.store.vehicles.get(id)?.newestSample('offboard')?.value)?.streaming ?? false;
   }
 
-  /** Sets the topics of the values on the grid, and subscribes to them. */
+  /** Sets the topics of the values that the person chose to see, and subscribes to them. */
   subscribeTopics(topics: readonly string[]): void {
-    this.gridTopics = topics;
+    this.chosenTopics = topics;
     this.updateSubscription();
   }
 
   private fleetSubscription(): Subscription {
-    return fleetSubscription(this.store.vehicles.size, this.gridTopics, this.store.isArmed(this.store.ids()));
+    return fleetSubscription(this.store.vehicles.size, this.chosenTopics, this.store.isArmed(this.store.ids()));
   }
 
   private detailSubscription(): Subscription | null {
     const ids = [...(this.selectedId === null ? [] : [this.selectedId]), ...this.neededVehicles.flatMap((read) => [...read()])];
-    return detailSubscription(this.store.vehicles.size, ids, this.gridTopics, this.store.isArmed(ids));
+    return detailSubscription(this.store.vehicles.size, ids, this.chosenTopics, this.store.isArmed(ids));
   }
 
   /** Sends the subscriptions that have changed. */
@@ -215,9 +225,9 @@ class Page {
 
   /** Loads the fleet and its history. @param addedId load only the history of this vehicle, which has just appeared; null: of all vehicles. */
   private async backfill(addedId: string | null = null): Promise<void> {
-    const { ids, hasRemoved } = await loadFleet(this.api, this.store);
-    if (hasRemoved) this.socket.resubscribe();
-    if (hasRemoved && this.isDetailSocketOpen) this.detailSocket.resubscribe();
+    const { ids, removedAny } = await loadFleet(this.api, this.store);
+    if (removedAny) this.socket.resubscribe();
+    if (removedAny && this.isDetailSocketOpen) this.detailSocket.resubscribe();
     if (addedId === null) this.historyRequested.clear();
     const historyIds = isLarge(ids.length) ? [] : ids.filter((id) => addedId === null || id === addedId);
     for (const id of historyIds) this.historyRequested.add(id);

@@ -29,7 +29,7 @@ export interface SceneDryRun {
   follow: boolean;
 }
 
-class Preview {
+class StagePreview {
   /** The setpoint on the map; null: none. Not reactive, because the map reads this value once per animation frame. */
   map: MapPreview | null = null;
   /** The setpoint in the 3D view; null: none. Each change is sent to the 3D view. */
@@ -47,4 +47,4 @@ class Preview {
   }
 }
 
-export const preview = new Preview();
+export const preview = new StagePreview();

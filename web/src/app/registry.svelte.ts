@@ -7,7 +7,7 @@
 import type { Component } from 'svelte';
 import type { IconName } from '../ui/icons';
 import type { VehicleFacts } from '../vehicle/facts';
-import { linkSupports, type Feature } from '../vehicle/reach';
+import { hasProtocol, linkSupports, type Feature, type Protocol } from '../vehicle/protocols';
 
 export interface VehicleProps {
   facts: VehicleFacts;
@@ -53,7 +53,7 @@ export interface Panel extends Part {
   /** The panel is offered only while the selected vehicle's links carry this feature. */
   needs?: Feature;
   /** The panel is offered only while the selected vehicle is connected over this protocol. */
-  protocol?: 'MAVLink' | 'ROS 2';
+  protocol?: Protocol;
   isOpen: () => boolean;
   toggle: () => void;
   close: () => void;
@@ -61,7 +61,7 @@ export interface Panel extends Part {
 
 /** Whether a panel is offered for the selected vehicle. */
 export function isOffered(panel: Panel, facts: VehicleFacts | null): boolean {
-  if (panel.protocol !== undefined && facts?.reach?.protocols.includes(panel.protocol) !== true) return false;
+  if (panel.protocol !== undefined && (facts === null || !hasProtocol(facts, panel.protocol))) return false;
   return panel.needs === undefined || facts === null || linkSupports(facts, panel.needs);
 }
 

@@ -31,10 +31,10 @@ export interface Services {
     /** Reads from the server who controls the gimbal, and the gimbal's ROI. */
     fetchControlAndRoi: (facts: VehicleFacts) => Promise<void>;
   };
+  /** The stage: the map and the 3D view, one of them large and the other an inset. */
   stage: {
     readonly sceneAvailable: boolean;
-    /** The large view: the map or the 3D view. */
-    readonly main: 'map' | 'scene';
+    readonly largeView: 'map' | 'scene';
     camera: Camera;
     /** Swaps map and 3D view. */
     swap: () => void;

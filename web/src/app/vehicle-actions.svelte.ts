@@ -19,7 +19,7 @@ export const actions = new ActionController(
   (id) => page.factsOf(id),
 );
 
-registry.addCloser({ order: 0, isOpen: () => actions.pending !== null, close: () => actions.cancelConfirmation() });
-registry.addCloser({ order: 100, isOpen: () => true, close: () => actions.dismissRefusal('bar') });
-page.onEvent.push((event) => actions.onEvent(event));
-page.onPaint.push(() => actions.onFrame(page.selectedId));
+registry.addCloser({ order: 0, isOpen: () => actions.confirmation !== null, close: () => actions.cancelConfirmation() });
+registry.addCloser({ order: 100, isOpen: () => true, close: () => actions.dismissRefusal('actionBar') });
+page.eventListeners.push((event) => actions.handleEvent(event));
+page.paintListeners.push(() => actions.onFrame(page.selectedId));

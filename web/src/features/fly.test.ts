@@ -20,8 +20,8 @@ function source(topics: Record<string, Record<string, unknown>>, stale = false):
   const unknownReadings = {
     status: null,
     attitude: null,
-    local: null,
-    global: null,
+    localPosition: null,
+    globalPosition: null,
     hud: null,
     gps: null,
     battery: null,
@@ -33,7 +33,7 @@ function source(topics: Record<string, Record<string, unknown>>, stale = false):
   };
   const facts: VehicleFacts = {
     id: '1',
-    name: '1 Quad',
+    name: 'Quad 1',
     now_unix_s: 100,
     lost: false,
     offline: false,
@@ -42,7 +42,7 @@ function source(topics: Record<string, Record<string, unknown>>, stale = false):
     inAir: true,
     homeDistance_m: null,
     components: [],
-    reach: null,
+    protocols: null,
     ...unknownReadings,
   };
   return { facts, flight: undefined, topic: (name) => (topics[name] === undefined ? null : reading(topics[name], stale)) };
@@ -130,9 +130,9 @@ describe('the link', () => {
   it('counts recent packet loss and shows a weak link', () => {
     expect(lossPercent({ received: 100, lost: 50 }, { received: 190, lost: 60 })).toBe(10);
     expect(lossPercent({ received: 100, lost: 0 }, { received: 100, lost: 0 })).toBeNull();
-    expect(linkIndicator(0.2, false, [], '5 kB/s', 10)).toMatchObject({ word: 'weak', severity: 'caution' });
-    expect(linkIndicator(0.2, false, [], '5 kB/s', null)).toMatchObject({ word: '', severity: 'none' });
-    expect(linkIndicator(9, true, [], '5 kB/s', 10)).toMatchObject({ text: 'lost 9 s ago', word: '', severity: 'danger' });
+    expect(linkIndicator(0.2, false, [], '5 kB/s', 10)).toMatchObject({ problem: 'weak', severity: 'caution' });
+    expect(linkIndicator(0.2, false, [], '5 kB/s', null)).toMatchObject({ problem: '', severity: 'none' });
+    expect(linkIndicator(9, true, [], '5 kB/s', 10)).toMatchObject({ text: 'lost 9 s ago', problem: '', severity: 'danger' });
   });
   it('lists the vehicle’s other components, and whether they are connected', () => {
     const camera = { component_id: 100, kind: 'camera', mav_type: 30, lost: false, last_heard_unix_s: null };
@@ -170,7 +170,7 @@ describe('the battery', () => {
 
 const actionFacts: ActionFacts = {
   vehicleId: '1',
-  vehicleName: '1 Quad',
+  vehicleName: 'Quad 1',
   armed: true,
   inAir: true,
   alt_home_m: 12,
@@ -194,11 +194,11 @@ describe('a confirmation', () => {
     confirmation.blocked = true;
     confirmation.pressKey(0);
     confirmation.slide(1, 0.5);
-    expect(confirmation.tick(2)).toBe('asking');
+    expect(confirmation.updatePhase(2)).toBe('asking');
     expect(confirmation.remaining_s(2)).toBe(3.5); // an attempt to confirm restarts the timeout
     confirmation.blocked = false;
     confirmation.slide(1, 2);
-    expect(confirmation.tick(2)).toBe('confirmed');
+    expect(confirmation.updatePhase(2)).toBe('confirmed');
   });
   it('shows the progress only on the page that sent the command', async () => {
     let respond: (outcome: Outcome<unknown>) => void = () => undefined;
@@ -215,7 +215,7 @@ describe('a confirmation', () => {
       () => facts,
     );
     actions.request('hold', facts);
-    expect(actions.running.map((r) => [r.action, r.progressText])).toEqual([['hold', null]]);
+    expect(actions.runningCommands.map((r) => [r.action, r.progressText])).toEqual([['hold', null]]);
     const progress = {
       kind: 'progress',
       vehicle: '1',
@@ -225,14 +225,14 @@ describe('a confirmation', () => {
       command: 'hold',
       fraction: 0.5,
     };
-    actions.onEvent({ ...progress, client: 'Anna', client_key: 'k8' }); // another tab with the same name
-    expect(actions.running[0]?.progressText).toBeNull();
-    actions.onEvent({ ...progress, client: 'Anna', client_key: 'k7' });
-    expect(actions.running[0]).toMatchObject({ progressText: progress.text, fraction: 0.5 });
+    actions.handleEvent({ ...progress, client: 'Anna', client_key: 'k8' }); // another tab with the same name
+    expect(actions.runningCommands[0]?.progressText).toBeNull();
+    actions.handleEvent({ ...progress, client: 'Anna', client_key: 'k7' });
+    expect(actions.runningCommands[0]).toMatchObject({ progressText: progress.text, fraction: 0.5 });
     await Promise.resolve();
     respond({ ok: true, value: null });
     await new Promise((r) => setTimeout(r));
-    expect(actions.running).toEqual([]);
+    expect(actions.runningCommands).toEqual([]);
   });
   it('rejects an altitude that the server would refuse', () => {
     const { facts } = source({});
@@ -246,11 +246,11 @@ describe('a confirmation', () => {
     for (const invalid of [NaN, 0, 121]) {
       actions.enterTakeoffAltitude(invalid);
       expect(actions.takeoffProblem).toContain('from 1 to 120 m');
-      expect(actions.pending?.slider.blocked).toBe(true);
+      expect(actions.confirmation?.slider.blocked).toBe(true);
     }
     actions.enterTakeoffAltitude(25);
     expect(actions.takeoffProblem).toBeNull();
-    expect(actions.pending?.slider.blocked).toBe(false);
+    expect(actions.confirmation?.slider.blocked).toBe(false);
     actions.stepTakeoffAltitude(1000);
     expect(actions.takeoffAlt_home_m).toBe(120);
   });
@@ -279,12 +279,12 @@ describe('the gimbal', () => {
     );
     for (const pitch_deg of [-70, -80, -90]) gimbal.point(facts, { pitch_deg, yaw_deg: 0 });
     await vi.advanceTimersByTimeAsync(300);
-    expect(gimbal.limitTextOf(facts)).toBeNull();
+    expect(gimbal.limitNoticeOf(facts)).toBeNull();
     await vi.advanceTimersByTimeAsync(200);
     expect(requests.at(-1)).toEqual({ path: 'angles', wait: true });
-    expect(gimbal.limitTextOf(facts)).toContain('pitch -45°');
+    expect(gimbal.limitNoticeOf(facts)).toContain('pitch -45°');
     gimbal.turn(facts, 1, 0);
-    expect(gimbal.limitTextOf(facts)).toBeNull();
+    expect(gimbal.limitNoticeOf(facts)).toBeNull();
     await vi.advanceTimersByTimeAsync(1000);
     expect(requests.filter((request) => request.wait === true)).toHaveLength(1);
     gimbal.point(facts, { pitch_deg: -90, yaw_deg: 0 });
@@ -292,7 +292,7 @@ describe('the gimbal', () => {
     gimbal.stop(); // the arrow was released: the stop does not wait for the response to the angles
     await vi.advanceTimersByTimeAsync(1000);
     expect(requests.at(-1)).toEqual({ path: 'rates' });
-    expect(gimbal.limitTextOf(facts)).toBeNull();
+    expect(gimbal.limitNoticeOf(facts)).toBeNull();
     vi.useRealTimers();
   });
 });

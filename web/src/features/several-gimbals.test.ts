@@ -27,7 +27,7 @@ function vehicle(id: string): VehicleFacts {
     lost: false,
     replayed: true,
     gimbal: { value: { ...gimbals[0], gimbals } },
-    global: { value: position },
+    globalPosition: { value: position },
     home: { value: { ...position, alt_amsl_m: 500 } },
     attitude: { value: { yaw_ned_rad: 0 } },
   } as unknown as VehicleFacts;

@@ -17,8 +17,8 @@ export function updatedPeriod(period_s: number | null, gap_s: number): number | 
 
 /** The age [s] from which a topic's value is stale. */
 export function staleAfterS(topic: string, period_s: number | null): number {
-  const nominal = NOMINAL_PERIOD_S[topic] ?? 1;
-  return Math.max(MIN_STALE_AGE_S, STALE_PERIODS * Math.max(period_s ?? nominal, 0));
+  const nominalPeriod_s = NOMINAL_PERIOD_S[topic] ?? 1;
+  return Math.max(MIN_STALE_AGE_S, STALE_PERIODS * Math.max(period_s ?? nominalPeriod_s, 0));
 }
 
 /** An age as text without decimals, at least 1 s, for small labels. */

@@ -46,8 +46,14 @@ export function updatedClock(clock: FlightClock, status: Status, unix_s: number)
     return { ...next, airborneSince_unix_s: unix_s, exact: clock.wasOnGround };
   }
   if (!inFlight) {
-    const since = clock.airborneSince_unix_s;
-    return { ...next, airborneSince_unix_s: null, exact: true, wasOnGround: true, lastFlight_s: since === null ? clock.lastFlight_s : unix_s - since };
+    const airborneSince_unix_s = clock.airborneSince_unix_s;
+    return {
+      ...next,
+      airborneSince_unix_s: null,
+      exact: true,
+      wasOnGround: true,
+      lastFlight_s: airborneSince_unix_s === null ? clock.lastFlight_s : unix_s - airborneSince_unix_s,
+    };
   }
   return next;
 }

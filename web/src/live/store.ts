@@ -76,12 +76,12 @@ export class TelemetryStore {
    * @returns whether a vehicle was removed.
    */
   keepOnly(ids: readonly string[]): boolean {
-    const removed = [...this.vehicles.keys()].filter((id) => !ids.includes(id));
-    for (const id of removed) this.vehicles.delete(id);
+    const removedIds = [...this.vehicles.keys()].filter((id) => !ids.includes(id));
+    for (const id of removedIds) this.vehicles.delete(id);
     this.sortedIds = null;
     for (const id of ids) this.vehicle(id);
     this.revision += 1;
-    return removed.length > 0;
+    return removedIds.length > 0;
   }
 
   private applySample(sample: WireSample): void {

@@ -35,14 +35,14 @@ export class Trail {
 
   /** Inserts older points, oldest first, before the present points. */
   prepend(points: readonly TrailPoint[]): void {
-    const present = this.points.splice(0);
-    for (const point of [...points, ...present]) this.add(point);
+    const presentPoints = this.points.splice(0);
+    for (const point of [...points, ...presentPoints]) this.add(point);
   }
 
   private thin(): void {
     const half = this.points.length >> 1;
-    const kept = this.points.filter((_, i) => i >= half || i % 2 === 0);
-    this.points.splice(0, this.points.length, ...kept);
+    const keptPoints = this.points.filter((_, i) => i >= half || i % 2 === 0);
+    this.points.splice(0, this.points.length, ...keptPoints);
   }
 }
 

@@ -72,13 +72,13 @@ export class VehicleState {
 
   /** Stores a sample unless the stored sample of its topic is newer. @returns whether it was stored. */
   apply(sample: WireSample): boolean {
-    const previous = this.samples.get(sample.topic);
-    if (previous !== undefined && sample.received_unix_s < previous.received_unix_s) return false;
-    const gap = previous === undefined ? 0 : sample.received_unix_s - previous.received_unix_s;
+    const previousSample = this.samples.get(sample.topic);
+    if (previousSample !== undefined && sample.received_unix_s < previousSample.received_unix_s) return false;
+    const gap = previousSample === undefined ? 0 : sample.received_unix_s - previousSample.received_unix_s;
     this.samples.set(sample.topic, {
       value: sample.value,
       received_unix_s: sample.received_unix_s,
-      period_s: updatedPeriod(previous?.period_s ?? null, gap),
+      period_s: updatedPeriod(previousSample?.period_s ?? null, gap),
     });
     if (sample.topic === 'identity') this.identity = toIdentity(sample.value);
     if (sample.topic === 'status') this.flight = updatedClock(this.flight, sample.value as Status, sample.received_unix_s);
@@ -121,10 +121,10 @@ export class VehicleState {
   }
 
   readAs<T>(topic: string, now_unix_s: number): Reading<T> | null {
-    const stored = this.samples.get(topic);
-    if (stored === undefined || stored.value === null) return null;
-    const age_s = Math.max(0, now_unix_s - stored.received_unix_s);
-    return { value: stored.value as T, age_s, stale: age_s > staleAfterS(topic, stored.period_s) };
+    const sample = this.samples.get(topic);
+    if (sample === undefined || sample.value === null) return null;
+    const age_s = Math.max(0, now_unix_s - sample.received_unix_s);
+    return { value: sample.value as T, age_s, stale: age_s > staleAfterS(topic, sample.period_s) };
   }
 
   get armed(): boolean {

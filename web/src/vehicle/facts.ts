@@ -7,7 +7,7 @@ import type { Attitude, Battery, Component, Gimbal, GlobalPosition, Gps, Health,
 import type { Reading, VehicleState } from '../live/vehicle-state';
 import { readControl, type Control } from './control';
 import { vehicleName } from './names';
-import type { Reach } from './reach';
+import type { Protocols } from './protocols';
 
 export interface VehicleFacts {
   id: string;
@@ -24,8 +24,8 @@ export interface VehicleFacts {
   inAir: boolean;
   status: Reading<Status> | null;
   attitude: Reading<Attitude> | null;
-  local: Reading<LocalPosition> | null;
-  global: Reading<GlobalPosition> | null;
+  localPosition: Reading<LocalPosition> | null;
+  globalPosition: Reading<GlobalPosition> | null;
   hud: Reading<Hud> | null;
   gps: Reading<Gps> | null;
   battery: Reading<Battery> | null;
@@ -39,17 +39,17 @@ export interface VehicleFacts {
   homeDistance_m: number | null;
   /** Components that have sent a heartbeat: autopilot, gimbals, cameras, companion computers. */
   components: readonly Component[];
-  /** Protocols of the vehicle's links; null before the server has sent them. */
-  reach: Reach | null;
+  /** Protocols of the vehicle's links, and features that need another protocol; null before the server has sent them. */
+  protocols: Protocols | null;
 }
 
 /** The facts of a vehicle at `now_unix_s`. @param connected whether the page is connected to the server. */
 export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connected: boolean): VehicleFacts {
   const status = vehicle.read('status', now_unix_s);
-  const global = vehicle.read('global_position', now_unix_s);
+  const globalPosition = vehicle.read('global_position', now_unix_s);
   const home = vehicle.read('home', now_unix_s);
-  const stream = vehicle.readAs<unknown>('offboard', now_unix_s);
-  const offboard = stream === null ? null : readOffboard(stream.value);
+  const offboardReading = vehicle.readAs<unknown>('offboard', now_unix_s);
+  const offboard = offboardReading === null ? null : readOffboard(offboardReading.value);
   return {
     id: vehicle.id,
     name: vehicleName(vehicle.id, vehicle.identity),
@@ -60,19 +60,19 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connecte
     replayed: vehicle.identity.replayed,
     inAir: status !== null && isAirborne(status.value.landed_state),
     status,
-    global,
+    globalPosition,
     home,
     attitude: vehicle.read('attitude', now_unix_s),
-    local: vehicle.read('local_position', now_unix_s),
+    localPosition: vehicle.read('local_position', now_unix_s),
     hud: vehicle.read('hud', now_unix_s),
     gps: vehicle.read('gps', now_unix_s),
     battery: vehicle.read('battery', now_unix_s),
     health: vehicle.read('health', now_unix_s),
     gimbal: vehicle.read('gimbal', now_unix_s),
-    offboard: offboard === null || stream === null ? null : { ...offboard, age_s: stream.age_s },
+    offboard: offboard === null || offboardReading === null ? null : { ...offboard, age_s: offboardReading.age_s },
     control: readControl(vehicle.newestSample('control')?.value),
     components: vehicle.readAs<readonly Component[]>('components', now_unix_s)?.value ?? [],
-    reach: vehicle.readAs<Reach>('reach', now_unix_s)?.value ?? null,
-    homeDistance_m: global === null || home === null ? null : groundDistance_m(home.value, global.value),
+    protocols: vehicle.readAs<Protocols>('reach', now_unix_s)?.value ?? null,
+    homeDistance_m: globalPosition === null || home === null ? null : groundDistance_m(home.value, globalPosition.value),
   };
 }

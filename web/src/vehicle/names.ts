@@ -23,11 +23,11 @@ const TYPES: Readonly<Record<number, string>> = {
 /** MAV_AUTOPILOT of ArduPilot. */
 const ARDUPILOT = 3;
 
-/** Name of a vehicle: id and type, for example "1 Quad". */
+/** Name of a vehicle: type and id, for example "Quad 1". */
 export function vehicleName(id: string, identity: Identity): string {
   const type = identity.vehicle_type === null ? undefined : TYPES[identity.vehicle_type];
   const typeText = identity.autopilot === ARDUPILOT ? `ArduPilot ${type ?? ''}`.trim() : type;
-  return typeText === undefined ? `Vehicle ${id}` : `${id} ${typeText}`;
+  return typeText === undefined ? `Vehicle ${id}` : `${typeText} ${id}`;
 }
 
 /** Four identity colours of vehicles; from the fifth vehicle on they repeat. */

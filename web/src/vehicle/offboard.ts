@@ -44,7 +44,7 @@ export interface OffboardStatus {
   /** Origin of the operator's limits; null if an older server does not send it. */
   limitsOrigin: LimitsOrigin | null;
   /** Texts about the limits that change the setpoint now. */
-  limitTexts: readonly string[];
+  appliedLimitTexts: readonly string[];
   /** Why the last stream ended, as text. */
   endReason: string | null;
   avoidance: Avoidance;
@@ -112,7 +112,7 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     clientKey: readText(raw, 'client_key'),
     inGroup: raw['owner'] === 'group',
     limitsOrigin: toObject(raw['limits_origin']) as LimitsOrigin | null,
-    limitTexts: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
+    appliedLimitTexts: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
     endReason: readText(raw, 'ended'),
     avoidance: readAvoidance(toObject(raw['avoidance'])),
   };

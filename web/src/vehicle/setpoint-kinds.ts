@@ -30,7 +30,7 @@ export interface Axis {
 }
 
 /** A quantity of a setpoint, such as the velocity, with its axes. */
-export interface Group {
+export interface SetpointQuantity {
   /** Name in the API. */
   field: string;
   title: string;
@@ -55,7 +55,7 @@ export interface KindSpec {
   frame: string;
   /** Warning about motion that this setpoint type does not control. */
   warning: string | null;
-  groups: readonly Group[];
+  quantities: readonly SetpointQuantity[];
   yaw: YawInput;
 }
 
@@ -77,28 +77,28 @@ const FRU: readonly [string, string, string] = ['Forward', 'Right', 'Up'];
 /** Scales of the axes: the form's third axis is up, the API's is down. */
 const UP_TO_DOWN: readonly [number, number, number] = [1, 1, -1];
 
-function group(field: string, title: string, groupAxes: readonly Axis[], options: Partial<Group> = {}): Group {
-  return { field, title, axes: groupAxes, nullable: false, optional: false, ...options };
+function quantity(field: string, title: string, quantityAxes: readonly Axis[], options: Partial<SetpointQuantity> = {}): SetpointQuantity {
+  return { field, title, axes: quantityAxes, nullable: false, optional: false, ...options };
 }
 
-const THRUST = group('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust (0 to 1)', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });
+const THRUST = quantity('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust (0 to 1)', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });
 
-const POSITION = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP_TO_DOWN));
-const VELOCITY = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP_TO_DOWN));
-const ACCELERATION = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP_TO_DOWN));
+const POSITION = quantity('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP_TO_DOWN));
+const VELOCITY = quantity('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP_TO_DOWN));
+const ACCELERATION = quantity('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP_TO_DOWN));
 
 export const KINDS: readonly KindSpec[] = [
-  { kind: 'position', name: 'Position', frame: 'local frame, from the origin', warning: null, groups: [POSITION], yaw: 'angle_or_rate' },
+  { kind: 'position', name: 'Position', frame: 'local frame, from the origin', warning: null, quantities: [POSITION], yaw: 'angle_or_rate' },
   {
     kind: 'position_global',
     name: 'Global position',
     frame: 'WGS 84',
     warning: null,
     yaw: 'angle_or_rate',
-    groups: [
-      group('lat_deg', 'Latitude', [{ key: 'lat', label: 'Latitude', unit: '°', scale: 1, min: -90, max: 90, step: 0.00001 }], { scalar: true }),
-      group('lon_deg', 'Longitude', [{ key: 'lon', label: 'Longitude', unit: '°', scale: 1, min: -180, max: 180, step: 0.00001 }], { scalar: true }),
-      group('alt', 'Altitude', [{ key: 'alt', label: 'Altitude', unit: 'm', scale: 1, step: 0.5 }], { scalar: true }),
+    quantities: [
+      quantity('lat_deg', 'Latitude', [{ key: 'lat', label: 'Latitude', unit: '°', scale: 1, min: -90, max: 90, step: 0.00001 }], { scalar: true }),
+      quantity('lon_deg', 'Longitude', [{ key: 'lon', label: 'Longitude', unit: '°', scale: 1, min: -180, max: 180, step: 0.00001 }], { scalar: true }),
+      quantity('alt', 'Altitude', [{ key: 'alt', label: 'Altitude', unit: 'm', scale: 1, step: 0.5 }], { scalar: true }),
     ],
   },
   {
@@ -106,7 +106,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Offset',
     frame: 'from the current position, along the heading',
     warning: null,
-    groups: [group('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP_TO_DOWN))],
+    quantities: [quantity('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP_TO_DOWN))],
     yaw: 'offset',
   },
   {
@@ -114,7 +114,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Velocity',
     frame: 'local frame: north, east, up',
     warning: 'The vehicle keeps moving until the setpoint changes or expires.',
-    groups: [VELOCITY],
+    quantities: [VELOCITY],
     yaw: 'angle_or_rate',
   },
   {
@@ -122,7 +122,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Velocity along heading',
     frame: 'forward, right, up',
     warning: 'The vehicle keeps moving until the setpoint changes or expires.',
-    groups: [group('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP_TO_DOWN))],
+    quantities: [quantity('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP_TO_DOWN))],
     yaw: 'angle_or_rate',
   },
   {
@@ -130,7 +130,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Acceleration',
     frame: 'local frame: north, east, up',
     warning: 'The speed grows for as long as the setpoint is valid.',
-    groups: [ACCELERATION],
+    quantities: [ACCELERATION],
     yaw: 'angle_or_rate',
   },
   {
@@ -139,7 +139,7 @@ export const KINDS: readonly KindSpec[] = [
     frame: 'local frame, from the origin: position, velocity, acceleration',
     warning: null,
     yaw: 'angle_or_rate',
-    groups: [
+    quantities: [
       { ...POSITION, nullable: true },
       { ...VELOCITY, title: 'Velocity (feed-forward if a position is given)', nullable: true, optional: true },
       { ...ACCELERATION, title: 'Acceleration (feed-forward if a position or velocity is given)', nullable: true, optional: true },
@@ -151,12 +151,12 @@ export const KINDS: readonly KindSpec[] = [
     frame: 'relative to the horizon',
     warning: NOT_CONTROLLED,
     yaw: 'none',
-    groups: [
-      group('roll_rad', 'Roll', [{ key: 'roll', label: 'Roll (+ right)', unit: '°', scale: RAD, min: -180, max: 180, step: 1 }], { scalar: true }),
-      group('pitch_rad', 'Pitch', [{ key: 'pitch', label: 'Pitch (+ up)', unit: '°', scale: RAD, min: -90, max: 90, step: 1 }], { scalar: true }),
-      group('yaw_ned_rad', 'Yaw', [{ key: 'yaw', label: 'Yaw, from north', unit: '°', scale: RAD, min: -360, max: 360, step: 5 }], { scalar: true }),
+    quantities: [
+      quantity('roll_rad', 'Roll', [{ key: 'roll', label: 'Roll (+ right)', unit: '°', scale: RAD, min: -180, max: 180, step: 1 }], { scalar: true }),
+      quantity('pitch_rad', 'Pitch', [{ key: 'pitch', label: 'Pitch (+ up)', unit: '°', scale: RAD, min: -90, max: 90, step: 1 }], { scalar: true }),
+      quantity('yaw_ned_rad', 'Yaw', [{ key: 'yaw', label: 'Yaw, from north', unit: '°', scale: RAD, min: -360, max: 360, step: 5 }], { scalar: true }),
       THRUST,
-      group('yaw_rate_ned_rad_s', 'Yaw rate', [{ key: 'rate', label: 'Yaw rate', unit: '°/s', scale: RAD, step: 5 }], { scalar: true, optional: true }),
+      quantity('yaw_rate_ned_rad_s', 'Yaw rate', [{ key: 'rate', label: 'Yaw rate', unit: '°/s', scale: RAD, step: 5 }], { scalar: true, optional: true }),
     ],
   },
   {
@@ -165,8 +165,8 @@ export const KINDS: readonly KindSpec[] = [
     frame: 'about the body axes',
     warning: 'The vehicle is not levelled: it keeps rotating. ' + NOT_CONTROLLED,
     yaw: 'none',
-    groups: [
-      group('rates_frd_rad_s', 'Rates', [
+    quantities: [
+      quantity('rates_frd_rad_s', 'Rates', [
         { key: 'r0', label: 'Roll (+ right)', unit: '°/s', scale: RAD, step: 5 },
         { key: 'r1', label: 'Pitch (+ up)', unit: '°/s', scale: RAD, step: 5 },
         { key: 'r2', label: 'Yaw (+ clockwise)', unit: '°/s', scale: RAD, step: 5 },
@@ -179,7 +179,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Follow a vehicle',
     frame: 'at an offset along the other vehicle’s heading',
     warning: null,
-    groups: [group('offset_frd_m', 'Offset from the other vehicle', axes('o', FRU, 'm', 0.5, UP_TO_DOWN))],
+    quantities: [quantity('offset_frd_m', 'Offset from the other vehicle', axes('o', FRU, 'm', 0.5, UP_TO_DOWN))],
     yaw: 'follow',
   },
   {
@@ -188,20 +188,20 @@ export const KINDS: readonly KindSpec[] = [
     frame: 'body axes, −1 to 1',
     warning: NOT_CONTROLLED,
     yaw: 'none',
-    groups: [
-      group(
+    quantities: [
+      quantity(
         'thrust_frd',
         'Thrust',
         axes('f', FRU, '', 0.01, UP_TO_DOWN).map((a) => ({ ...a, min: -1, max: 1 })),
       ),
-      group(
+      quantity(
         'torque_frd',
         'Torque',
         axes('t', ['Roll', 'Pitch', 'Yaw'], '', 0.01).map((a) => ({ ...a, min: -1, max: 1 })),
       ),
     ],
   },
-  { kind: 'actuators', name: 'Motors and servos', frame: 'each output individually', warning: NOT_CONTROLLED, groups: [], yaw: 'none' },
+  { kind: 'actuators', name: 'Motors and servos', frame: 'each output individually', warning: NOT_CONTROLLED, quantities: [], yaw: 'none' },
 ];
 
 export function specOf(kind: SetpointKind): KindSpec {

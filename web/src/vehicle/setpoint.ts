@@ -12,7 +12,7 @@ export interface PositionSetpoint {
   yaw_ned_rad: number;
 }
 
-export type Axis = 'north' | 'east' | 'up' | 'yaw';
+export type NudgeAxis = 'north' | 'east' | 'up' | 'yaw';
 
 /** The distance and the turn of one nudge. */
 export interface NudgeSize {
@@ -64,10 +64,10 @@ function wrapPi(angle_rad: number): number {
 }
 
 /** The setpoint one step further along an axis; `sign` is +1 or −1. */
-export function nudge(setpoint: PositionSetpoint, axis: Axis, sign: 1 | -1, size: NudgeSize): PositionSetpoint {
+export function nudge(setpoint: PositionSetpoint, axis: NudgeAxis, sign: 1 | -1, size: NudgeSize): PositionSetpoint {
   const [n, e, d] = setpoint.position_ned_m;
   const step_m = sign * size.metres;
   if (axis === 'yaw') return { ...setpoint, yaw_ned_rad: wrapPi(setpoint.yaw_ned_rad + (sign * size.yaw_deg * Math.PI) / 180) };
-  const moved: Record<Exclude<Axis, 'yaw'>, Vector3> = { north: [n + step_m, e, d], east: [n, e + step_m, d], up: [n, e, d - step_m] };
-  return { ...setpoint, position_ned_m: moved[axis] };
+  const positions: Record<Exclude<NudgeAxis, 'yaw'>, Vector3> = { north: [n + step_m, e, d], east: [n, e + step_m, d], up: [n, e, d - step_m] };
+  return { ...setpoint, position_ned_m: positions[axis] };
 }

@@ -6,7 +6,7 @@ import { ConfirmationSlider, EXPIRES_AFTER_S, DANGER_KEY_HOLD_S, KEY_HOLD_S, KNO
 
 const facts: ActionFacts = {
   vehicleId: '1',
-  vehicleName: '1 Quad',
+  vehicleName: 'Quad 1',
   armed: true,
   inAir: true,
   alt_home_m: 12.44,
@@ -19,7 +19,7 @@ const facts: ActionFacts = {
 
 describe('actions', () => {
   it('name vehicle, action and effect with numbers', () => {
-    expect(confirmationTexts('rtl', facts)).toMatchObject({ title: 'Return 1 Quad', effect: expect.stringContaining('48.2 m back') });
+    expect(confirmationTexts('rtl', facts)).toMatchObject({ title: 'Return: Quad 1', effect: expect.stringContaining('48.2 m back') });
     expect(confirmationTexts('rtl', facts)?.effect).toContain('Offboard ends.');
     expect(confirmationTexts('takeoff', { ...facts, armed: false })?.effect).toBe('Arms, climbs to 10.0 m above home and holds there. Battery 82 %.');
     expect(confirmationTexts('land', { ...facts, homeDistance_m: null })?.effect).toContain('an unknown distance');
@@ -60,10 +60,11 @@ describe('actions', () => {
       expect(effect({ inAir: true })).not.toMatch(/take off|armed/);
     }
   });
-  it('send Hold without confirmation, and keep Hold and Stop motors available even if the link is lost', () => {
+  it('send Hold without confirmation, and keep Hold, Land now and Stop motors available even if the link is lost', () => {
     expect(confirmationTexts('hold', facts)).toBeNull();
     const linkLost = { ...facts, lost: true, replayed: false };
-    for (const action of ['hold', 'kill'] as ActionName[]) expect(reasonUnavailable(action, linkLost)).toBeNull();
+    for (const action of ['hold', 'kill', 'land_now'] as ActionName[]) expect(reasonUnavailable(action, linkLost)).toBeNull();
+    expect(reasonUnavailable('land_now', { ...linkLost, armed: false, inAir: false })).toBe('The vehicle is on the ground.');
     expect(reasonUnavailable('land', linkLost)).not.toBeNull();
     expect(reasonUnavailable('takeoff', { ...facts, lost: false, replayed: false })).toBe('The vehicle is in the air.');
   });
@@ -75,17 +76,17 @@ describe('actions', () => {
   });
 });
 
-/** Calls `tick` once per frame, as the page does. */
+/** Calls `updatePhase` once per frame, as the page does. */
 function tickFrames(confirmation: ConfirmationSlider, from_s: number, to_s: number): ConfirmationSlider['phase'] {
-  for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) confirmation.tick(at_s);
-  return confirmation.tick(to_s);
+  for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) confirmation.updatePhase(at_s);
+  return confirmation.updatePhase(to_s);
 }
 
 describe('confirmation', () => {
   it('expires five seconds after the last input', () => {
     const confirmation = new ConfirmationSlider(false, 100);
-    expect(confirmation.tick(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
-    expect(confirmation.tick(100 + EXPIRES_AFTER_S)).toBe('expired');
+    expect(confirmation.updatePhase(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
+    expect(confirmation.updatePhase(100 + EXPIRES_AFTER_S)).toBe('expired');
   });
   it('needs the key held for the whole time, longer for dangerous actions', () => {
     const confirmation = new ConfirmationSlider(false, 0);
@@ -104,24 +105,24 @@ describe('confirmation', () => {
     expect(tickFrames(confirmation, 4.5, 5.5)).toBe('asking');
     confirmation.releaseKey(5.6);
     expect(confirmation.progress()).toBe(0);
-    expect(confirmation.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
+    expect(confirmation.updatePhase(5.6 + EXPIRES_AFTER_S)).toBe('expired');
     const lateRelease = new ConfirmationSlider(false, 0);
     lateRelease.pressKey(0);
     lateRelease.releaseKey(10);
-    expect(lateRelease.tick(10.1)).toBe('asking');
+    expect(lateRelease.updatePhase(10.1)).toBe('asking');
   });
   it('does not count the key as held while the page paints no frames', () => {
     const killConfirmation = new ConfirmationSlider(true, 0);
     killConfirmation.pressKey(0);
-    expect(killConfirmation.tick(0.02)).toBe('asking');
-    expect(killConfirmation.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been released meanwhile
+    expect(killConfirmation.updatePhase(0.02)).toBe('asking');
+    expect(killConfirmation.updatePhase(4)).toBe('asking'); // four seconds without a frame: the key may have been released meanwhile
     killConfirmation.releaseKey(4.01);
     expect(tickFrames(killConfirmation, 4.02, 6)).toBe('asking');
   });
   it('counts each arrow key press as a step, and returns to zero when the knob loses the focus', () => {
     const confirmation = new ConfirmationSlider(true, 0);
     for (let i = 1; i < KNOB_STEPS; i++) confirmation.step(1, i * 0.2);
-    expect([confirmation.tick(2), confirmation.progress()]).toEqual(['asking', 0.9]);
+    expect([confirmation.updatePhase(2), confirmation.progress()]).toEqual(['asking', 0.9]);
     confirmation.step(-1, 2);
     expect(confirmation.progress()).toBe(0.8);
     confirmation.releaseKey(2.1);
@@ -130,19 +131,19 @@ describe('confirmation', () => {
     confirmation.step(-Infinity, 3);
     expect(confirmation.progress()).toBe(0);
     for (let i = 0; i < KNOB_STEPS; i++) confirmation.step(1, 4);
-    expect(confirmation.tick(4)).toBe('confirmed');
+    expect(confirmation.updatePhase(4)).toBe('confirmed');
     const halfway = new ConfirmationSlider(true, 0);
     halfway.step(1, 1);
-    expect(halfway.tick(1 + EXPIRES_AFTER_S)).toBe('expired');
+    expect(halfway.updatePhase(1 + EXPIRES_AFTER_S)).toBe('expired');
   });
   it('needs the knob at the end of its track', () => {
     const confirmation = new ConfirmationSlider(false, 0);
     confirmation.slide(0.98, 1);
     confirmation.releasePointer(1.1);
-    expect(confirmation.tick(1.2)).toBe('asking');
+    expect(confirmation.updatePhase(1.2)).toBe('asking');
     expect(confirmation.progress()).toBe(0);
     confirmation.slide(1.2, 2);
-    expect(confirmation.tick(2)).toBe('confirmed');
+    expect(confirmation.updatePhase(2)).toBe('confirmed');
     confirmation.cancel();
     expect(confirmation.phase).toBe('confirmed');
   });

@@ -123,7 +123,7 @@ export function confirmationTexts(
       };
     case 'takeoff':
       return {
-        title: `Take off ${name}`,
+        title: `Take off: ${name}`,
         effect: `${facts.armed ? 'Climbs' : 'Arms, climbs'} to ${fixed(facts.takeoffAlt_home_m, 1)} m above home and holds there.${facts.battery_percent === null ? '' : ` Battery ${facts.battery_percent} %.`}`,
         verb: 'Take off',
         danger: false,
@@ -136,7 +136,7 @@ export function confirmationTexts(
         danger: false,
       };
     case 'rtl':
-      return { title: `Return ${name}`, effect: `${returnText(facts)} and lands.${offboardEnds}`, verb: 'Return', danger: false };
+      return { title: `Return: ${name}`, effect: `${returnText(facts)} and lands.${offboardEnds}`, verb: 'Return', danger: false };
     case 'goto':
       return target === null
         ? null
@@ -156,7 +156,7 @@ export function confirmationTexts(
         };
       return {
         title: `Start Offboard: ${name}`,
-        effect: `The server streams the vehicle’s present position as the setpoint${facts.inAir ? ': the vehicle holds this position' : ''}. You can move the setpoint in steps in the Offboard card.${streamOnGroundText(facts)} Hold ends the stream.`,
+        effect: `The server streams the vehicle’s current position as the setpoint${facts.inAir ? ': the vehicle holds this position' : ''}. You can move the setpoint in steps in the Offboard card.${streamOnGroundText(facts)} Hold ends the stream.`,
         verb: 'Start',
         danger: false,
       };
@@ -214,11 +214,15 @@ export function sendAction(
   }
 }
 
-/** Why an action is not possible now; null if it is possible. Hold, Stop motors and `force_control` are possible in every state of a vehicle that is not replayed. */
+/**
+ * Why an action is not possible now; null if it is possible. Hold, Stop motors and `force_control` are possible in every
+ * state of a vehicle that is not replayed. Land now is possible while the page takes the connection for lost: the server
+ * decides, and says if nothing was sent.
+ */
 export function reasonUnavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
   if (facts.replayed) return 'A replayed vehicle accepts no commands.';
   if (action === 'hold' || action === 'kill' || action === 'force_control') return null;
-  if (facts.lost) return 'No connection to the vehicle.';
+  if (facts.lost && action !== 'land_now') return 'No connection to the vehicle.';
   if (action === 'takeoff' && facts.inAir) return 'The vehicle is in the air.';
   if (action === 'goto' && !facts.inAir) return 'The vehicle is on the ground: take off first.';
   if ((action === 'land' || action === 'land_now' || action === 'rtl') && !facts.inAir && !facts.armed) return 'The vehicle is on the ground.';
@@ -248,7 +252,7 @@ export function actionFacts(facts: VehicleFacts, takeoffAlt_home_m: number): Act
     armed: facts.status?.value.armed ?? false,
     inAir: facts.inAir,
     onGround: facts.status?.value.landed_state === 'on_ground',
-    alt_home_m: facts.global?.value.alt_home_m ?? null,
+    alt_home_m: facts.globalPosition?.value.alt_home_m ?? null,
     homeDistance_m: facts.homeDistance_m,
     mode: facts.status?.value.mode ?? '',
     streaming: facts.offboard?.streaming ?? false,

@@ -11,10 +11,10 @@ export const DANGER_KEY_HOLD_S = 1.5;
 /** Number of arrow key presses from one end of the track to the other. */
 export const KNOB_STEPS = 10;
 /**
- * Longest interval between two calls of `tick` that counts as holding [s]: during a longer pause the key may have been
+ * Longest interval between two calls of `updatePhase` that counts as holding [s]: during a longer pause the key may have been
  * released.
  */
-const MAX_TICK_S = 0.25;
+const MAX_UPDATE_INTERVAL_S = 0.25;
 
 export type Phase = 'asking' | 'confirmed' | 'expired' | 'cancelled';
 
@@ -23,8 +23,8 @@ export class ConfirmationSlider {
   /** Set while the typed value is not valid. */
   blocked = false;
   private deadline_s: number;
-  /** Time of the last call of `tick` while a key is held; null if no key is held. */
-  private lastTick_s: number | null = null;
+  /** Time of the last call of `updatePhase` while a key is held; null if no key is held. */
+  private lastUpdate_s: number | null = null;
   private held_s = 0;
   /** Position of the knob, 0–1, set by a pointer or by arrow keys. */
   private knobPosition = 0;
@@ -39,7 +39,7 @@ export class ConfirmationSlider {
 
   /** Progress of holding or sliding, 0–1. */
   progress(): number {
-    return this.lastTick_s === null ? this.knobPosition : Math.min(1, this.held_s / this.holdTime_s());
+    return this.lastUpdate_s === null ? this.knobPosition : Math.min(1, this.held_s / this.holdTime_s());
   }
 
   /** Time until the confirmation expires; the full time while a pointer holds the knob or a key is held. */
@@ -50,15 +50,15 @@ export class ConfirmationSlider {
   /** Space or Enter was pressed on the knob; the keyboard's repeats have no effect. */
   pressKey(now_s: number): void {
     if (this.blocked) this.restartExpiry(now_s);
-    else if (this.phase === 'asking' && this.lastTick_s === null && !this.isSliding) {
-      this.lastTick_s = now_s;
+    else if (this.phase === 'asking' && this.lastUpdate_s === null && !this.isSliding) {
+      this.lastUpdate_s = now_s;
       this.held_s = 0;
     }
   }
 
   /** The key was released before the confirmation, or the knob lost the focus: the progress returns to zero. */
   releaseKey(now_s: number): void {
-    this.lastTick_s = null;
+    this.lastUpdate_s = null;
     this.held_s = 0;
     this.releasePointer(now_s);
   }
@@ -66,7 +66,7 @@ export class ConfirmationSlider {
   /** An arrow key moved the knob by this many steps. The knob stays there until it is moved again or loses the focus. */
   step(steps: number, now_s: number): void {
     this.restartExpiry(now_s);
-    if (this.phase !== 'asking' || this.blocked || this.isSliding || this.lastTick_s !== null) return;
+    if (this.phase !== 'asking' || this.blocked || this.isSliding || this.lastUpdate_s !== null) return;
     this.knobPosition = Math.min(1, Math.max(0, Math.round(this.knobPosition * KNOB_STEPS + steps) / KNOB_STEPS));
     if (this.knobPosition >= 1) this.phase = 'confirmed';
   }
@@ -74,7 +74,7 @@ export class ConfirmationSlider {
   /** A pointer holds the knob at `fraction` of the track; the end of the track confirms. */
   slide(fraction: number, now_s: number): void {
     if (this.blocked) this.restartExpiry(now_s);
-    if (this.phase !== 'asking' || this.blocked || this.lastTick_s !== null) return;
+    if (this.phase !== 'asking' || this.blocked || this.lastUpdate_s !== null) return;
     this.isSliding = true;
     this.knobPosition = Math.min(1, Math.max(0, fraction));
     if (this.knobPosition >= 1) this.phase = 'confirmed';
@@ -98,18 +98,18 @@ export class ConfirmationSlider {
   }
 
   /** Called once per painted frame. @returns the present phase. */
-  tick(now_s: number): Phase {
+  updatePhase(now_s: number): Phase {
     if (this.phase !== 'asking') return this.phase;
-    if (this.lastTick_s !== null) {
-      this.held_s += Math.min(MAX_TICK_S, Math.max(0, now_s - this.lastTick_s));
-      this.lastTick_s = now_s;
+    if (this.lastUpdate_s !== null) {
+      this.held_s += Math.min(MAX_UPDATE_INTERVAL_S, Math.max(0, now_s - this.lastUpdate_s));
+      this.lastUpdate_s = now_s;
       if (this.held_s >= this.holdTime_s() - 1e-9) this.phase = 'confirmed';
     } else if (!this.isHeld() && now_s >= this.deadline_s) this.phase = 'expired';
     return this.phase;
   }
 
   private isHeld(): boolean {
-    return this.lastTick_s !== null || this.isSliding;
+    return this.lastUpdate_s !== null || this.isSliding;
   }
 
   private holdTime_s(): number {

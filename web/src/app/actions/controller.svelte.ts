@@ -19,22 +19,21 @@ import {
 import type { StreamStart } from '../../vehicle/setpoint';
 import { ConfirmationSlider } from './confirmation';
 
-/** The part of the page that contains the pressed button and shows the refusal. `stage`: map and 3D view; `panel`: the offboard room. */
-export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'camera' | 'stage' | 'control' | 'panel';
+/** The part of the page that contains the pressed button and shows the refusal. `stage`: map and 3D view; `offboard`: the offboard card. */
+export type PagePart = 'actionBar' | 'offboard' | 'offboardRoom' | 'gimbal' | 'camera' | 'stage' | 'control';
 
-/** A confirmation whose texts and command the caller provides, for example for a group or a mission. */
-export interface GroupConfirmation {
-  /** The command's name. */
+/** A command whose request and confirmation texts the caller provides, for example for a group or a mission. */
+export interface CommandToConfirm {
   commandName: string;
-  /** Names of the vehicles, for the result. */
+  /** Name of the vehicle, or names of several vehicles as one text. */
   vehicleNames: string;
   /** Returns the present texts of the confirmation. */
   texts: () => ConfirmationTexts;
   /** Sends the command after the confirmation. */
-  run: () => Promise<Outcome<unknown>>;
+  send: () => Promise<Outcome<unknown>>;
 }
 
-/** Used as the vehicle id of the command of a `GroupConfirmation`, which may be for several vehicles. */
+/** Used as the vehicle id of a `CommandToConfirm`, which may be for several vehicles. */
 export const SEVERAL_VEHICLES = 'several';
 
 export interface PendingConfirmation {
@@ -44,8 +43,8 @@ export interface PendingConfirmation {
   target: GotoTarget | null;
   /** The stream's first setpoint; null: hold the vehicle's position. */
   streamStart: StreamStart | null;
-  /** Null: texts and command are those of `action`. */
-  group: GroupConfirmation | null;
+  /** Null: the command and its texts are those of `action`. */
+  command: CommandToConfirm | null;
   /** The texts when the confirmation was opened. */
   initialTexts: ConfirmationTexts;
   slider: ConfirmationSlider;
@@ -85,8 +84,8 @@ function notPossibleNow(detail: string): Problem {
 }
 
 export class ActionController {
-  pending = $state.raw<PendingConfirmation | null>(null);
-  running = $state.raw<RunningCommand[]>([]);
+  confirmation = $state.raw<PendingConfirmation | null>(null);
+  runningCommands = $state.raw<RunningCommand[]>([]);
   refusals = $state.raw<Partial<Record<PagePart, Refusal>>>({});
   takeoffAlt_home_m = $state(DEFAULT_TAKEOFF_ALT_HOME_M);
   /** Error of the typed altitude; null if it is valid. */
@@ -111,16 +110,18 @@ export class ActionController {
   ) {}
 
   /** The confirmation's texts with the vehicle's present altitude. */
-  textsFor(pending: PendingConfirmation): ConfirmationTexts {
-    const { action, facts, target, streamStart } = pending;
-    return pending.group?.texts() ?? confirmationTexts(action, this.actionFactsOf(this.currentFacts(facts)), target, streamStart) ?? pending.initialTexts;
+  textsFor(confirmation: PendingConfirmation): ConfirmationTexts {
+    const { action, facts, target, streamStart } = confirmation;
+    return (
+      confirmation.command?.texts() ?? confirmationTexts(action, this.actionFactsOf(this.currentFacts(facts)), target, streamStart) ?? confirmation.initialTexts
+    );
   }
 
   /** Handles a button or key: opens the confirmation, sends an action without confirmation immediately, or shows why the action is not possible. */
   request(
     action: ActionName,
     facts: VehicleFacts | null,
-    pagePart: PagePart = 'bar',
+    pagePart: PagePart = 'actionBar',
     target: GotoTarget | null = null,
     streamStart: StreamStart | null = null,
   ): void {
@@ -128,13 +129,13 @@ export class ActionController {
     this.dismissRefusal(pagePart);
     const reason = reasonUnavailable(action, { ...this.actionFactsOf(facts), lost: facts.lost, replayed: facts.replayed });
     if (reason !== null) {
-      this.pending = null;
+      this.confirmation = null;
       this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem: notPossibleNow(reason) } };
       return;
     }
     const controlRefusal = controlProblem(action, this.actionFactsOf(facts).controlHolder ?? null);
     if (controlRefusal !== null) {
-      this.pending = null;
+      this.confirmation = null;
       const problem: Problem = {
         ...notPossibleNow(controlRefusal.detail),
         title: 'Another client has control',
@@ -146,32 +147,32 @@ export class ActionController {
     }
     const texts = confirmationTexts(action, this.actionFactsOf(facts), target, streamStart);
     if (texts === null) {
-      this.pending = null;
+      this.confirmation = null;
       void this.run(action, facts, pagePart);
       return;
     }
-    this.pending = {
+    this.confirmation = {
       action,
       pagePart,
       facts,
       target,
       streamStart,
-      group: null,
+      command: null,
       initialTexts: texts,
       slider: new ConfirmationSlider(texts.danger, this.nowS()),
     };
     this.sliderProgress = 0;
-    this.remaining_s = this.pending.slider.remaining_s(this.nowS());
+    this.remaining_s = this.confirmation.slider.remaining_s(this.nowS());
     this.takeoffProblem = null;
     if (action === 'rtl') void this.loadReturnAltitude(facts.id);
   }
 
-  /** Opens a confirmation whose texts and command the caller provides; `facts` is the selected vehicle. */
-  requestForGroup(group: GroupConfirmation, facts: VehicleFacts, pagePart: PagePart): void {
+  /** Opens the confirmation of a command. @param facts the selected vehicle. */
+  requestCommand(command: CommandToConfirm, facts: VehicleFacts, pagePart: PagePart): void {
     this.dismissRefusal(pagePart);
-    const texts = group.texts();
+    const texts = command.texts();
     const slider = new ConfirmationSlider(texts.danger, this.nowS());
-    this.pending = { action: 'offboard_start', pagePart, facts, target: null, streamStart: null, group, initialTexts: texts, slider };
+    this.confirmation = { action: 'offboard_start', pagePart, facts, target: null, streamStart: null, command, initialTexts: texts, slider };
     this.sliderProgress = 0;
     this.remaining_s = slider.remaining_s(this.nowS());
   }
@@ -185,9 +186,9 @@ export class ActionController {
     const isValid = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
     this.takeoffProblem = isValid ? null : `Enter an altitude from ${min} to ${max} m above home.`;
     if (isValid) this.takeoffAlt_home_m = alt_home_m;
-    if (this.pending === null) return;
-    this.pending.slider.blocked = !isValid;
-    this.pending.slider.restartExpiry(this.nowS());
+    if (this.confirmation === null) return;
+    this.confirmation.slider.blocked = !isValid;
+    this.confirmation.slider.restartExpiry(this.nowS());
   }
 
   /** Changes the take-off altitude by `by_m`, within the API's limits. */
@@ -196,15 +197,17 @@ export class ActionController {
   }
 
   /** Handles the server's progress event of a running command; events of other clients' commands are ignored. */
-  onEvent(event: WireEvent): void {
+  handleEvent(event: WireEvent): void {
     if (event.kind !== 'progress' || this.api.key === null || event['client_key'] !== this.api.key) return;
     const fraction = typeof event['fraction'] === 'number' ? event['fraction'] : null;
-    this.running = this.running.map((r) => (r.vehicle === event.vehicle && r.action === event['command'] ? { ...r, progressText: event.text, fraction } : r));
+    this.runningCommands = this.runningCommands.map((r) =>
+      r.vehicle === event.vehicle && r.action === event['command'] ? { ...r, progressText: event.text, fraction } : r,
+    );
   }
 
   /** Closes the open confirmation without sending the command. */
   cancelConfirmation(): void {
-    this.pending = null;
+    this.confirmation = null;
   }
 
   /** Whether a confirmation closed a moment ago because it expired or another vehicle was selected. */
@@ -219,17 +222,18 @@ export class ActionController {
 
   /** Once per animation frame: sends a confirmed command, and closes a confirmation that expired or whose vehicle is no longer selected. */
   onFrame(selectedId: string | null): void {
-    const pending = this.pending;
-    if (pending === null) return;
+    const confirmation = this.confirmation;
+    if (confirmation === null) return;
     const now = this.nowS();
-    const phase = pending.group !== null || pending.facts.id === selectedId ? pending.slider.tick(now) : 'cancelled';
-    this.sliderProgress = pending.slider.progress();
-    this.remaining_s = pending.slider.remaining_s(now);
+    const phase = confirmation.command !== null || confirmation.facts.id === selectedId ? confirmation.slider.updatePhase(now) : 'cancelled';
+    this.sliderProgress = confirmation.slider.progress();
+    this.remaining_s = confirmation.slider.remaining_s(now);
     if (phase === 'asking') return;
-    this.pending = null;
+    this.confirmation = null;
     if (phase !== 'confirmed') this.closedWithoutKey_s = now;
-    if (phase === 'confirmed' && pending.group !== null) void this.runForGroup(pending.group, pending.pagePart);
-    else if (phase === 'confirmed') void this.run(pending.action, pending.facts, pending.pagePart, pending.target, pending.streamStart);
+    if (phase === 'confirmed' && confirmation.command !== null) void this.runCommand(confirmation.command, confirmation.pagePart);
+    else if (phase === 'confirmed')
+      void this.run(confirmation.action, confirmation.facts, confirmation.pagePart, confirmation.target, confirmation.streamStart);
   }
 
   /** Shows a problem that was not caused by a button, as a refusal in `pagePart`. */
@@ -255,7 +259,7 @@ export class ActionController {
     target: GotoTarget | null = null,
     streamStart: StreamStart | null = null,
   ): Promise<void> {
-    const command: RunningCommand = {
+    const runningCommand: RunningCommand = {
       id: this.nextId++,
       action,
       commandName: ACTION_NAMES[action],
@@ -265,15 +269,15 @@ export class ActionController {
       progressText: null,
       fraction: null,
     };
-    this.running = [...this.running, command];
+    this.runningCommands = [...this.runningCommands, runningCommand];
     const current = this.currentFacts(facts);
-    const accepted = await this.attempt(command.commandName, current, pagePart, () => this.sendOrStartStream(action, current, target, streamStart));
-    this.running = this.running.filter((r) => r.id !== command.id);
+    const accepted = await this.attempt(runningCommand.commandName, current, pagePart, () => this.sendOrStartStream(action, current, target, streamStart));
+    this.runningCommands = this.runningCommands.filter((r) => r.id !== runningCommand.id);
     target?.onResult?.(accepted);
   }
 
-  private async runForGroup({ commandName, vehicleNames, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
-    const command: RunningCommand = {
+  private async runCommand({ commandName, vehicleNames, send }: CommandToConfirm, pagePart: PagePart): Promise<void> {
+    const runningCommand: RunningCommand = {
       id: this.nextId++,
       action: 'offboard_start',
       commandName,
@@ -283,9 +287,9 @@ export class ActionController {
       progressText: null,
       fraction: null,
     };
-    this.running = [...this.running, command];
-    await this.attempt(commandName, { name: vehicleNames }, pagePart, run);
-    this.running = this.running.filter((r) => r.id !== command.id);
+    this.runningCommands = [...this.runningCommands, runningCommand];
+    await this.attempt(commandName, { name: vehicleNames }, pagePart, send);
+    this.runningCommands = this.runningCommands.filter((r) => r.id !== runningCommand.id);
   }
 
   private sendOrStartStream(action: ActionName, facts: VehicleFacts, target: GotoTarget | null, streamStart: StreamStart | null): Promise<Outcome<unknown>> {
@@ -309,6 +313,6 @@ export class ActionController {
     const response = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name: RETURN_ALT_PARAM } } });
     if (!response.ok || typeof response.value.value !== 'number') return;
     this.returnAlts_home_m.set(id, response.value.value);
-    if (this.pending?.action === 'rtl') this.pending = { ...this.pending };
+    if (this.confirmation?.action === 'rtl') this.confirmation = { ...this.confirmation };
   }
 }

@@ -64,7 +64,7 @@ export class ControlController {
   }
 
   /** Handles control events: stores a denial of this page's request until the controlling client changes. */
-  onEvent(event: WireEvent): void {
+  handleEvent(event: WireEvent): void {
     if (event.kind !== 'control' || event.vehicle === null) return;
     if (event['action'] === 'denied' && event['to_key'] === this.api.key) this.denials[event.vehicle] = true;
     if (event['previous_key'] !== null && event['previous_key'] !== undefined) this.denials[event.vehicle] = false;

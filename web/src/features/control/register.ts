@@ -6,7 +6,7 @@ import { control } from './controllers';
 
 const isNotReplayed = (): boolean => page.facts !== null && !page.facts.replayed;
 
-page.onEvent.push((event) => control.onEvent(event));
+page.eventListeners.push((event) => control.handleEvent(event));
 registry.addTo('indicators', { order: 20, vehicleComponent: ControlChip, applies: isNotReplayed });
 registry.addTo('notices', { order: 20, vehicleComponent: ControlPrompt });
 registry.addCloser({ order: 50, isOpen: () => control.open, close: () => (control.open = false) });

@@ -37,7 +37,7 @@ export class GimbalControl {
   /** Number of commands sent so far; shows whether a newer command was sent during a request. */
   private sentCount = 0;
   /** The server's latest response for each gimbal: whether the server was in control of the gimbal (`isServerInControl`), and the ROI. */
-  private responses = $state.raw<Readonly<Record<string, { holderKey: string; isServerInControl: boolean; roi: Roi | null }>>>({});
+  private responses = $state.raw<Readonly<Record<string, { gimbalAndHolder: string; isServerInControl: boolean; roi: Roi | null }>>>({});
   private readonly sender: LatestSender<QueuedCommand>;
   /** The gimbal that a held arrow button turns. This gimbal stops when the button is released, even if the card then shows another gimbal. */
   private turnedGimbal: VehicleFacts | null = null;
@@ -52,15 +52,18 @@ export class GimbalControl {
   /** Whether this server controls the gimbal; false until the server has confirmed that. */
   isServerInControl(facts: VehicleFacts): boolean {
     const response = this.responses[gimbalKey(facts)];
-    return response !== undefined && response.isServerInControl && response.holderKey === holderKey(facts);
+    return response !== undefined && response.isServerInControl && response.gimbalAndHolder === gimbalAndHolderKey(facts);
   }
 
   /** Reads from the server whether the server controls the gimbal, and the ROI. Called periodically, and when the gimbal reports another controller. */
   async fetchControlAndRoi(facts: VehicleFacts): Promise<void> {
-    const [gimbal, requestedHolderKey] = [gimbalKey(facts), holderKey(facts)];
+    const [gimbal, requestedGimbalAndHolder] = [gimbalKey(facts), gimbalAndHolderKey(facts)];
     const response = await this.api.get('/vehicles/{v}/gimbal', gimbalParams(facts));
     if (!response.ok) return;
-    this.responses = { ...this.responses, [gimbal]: { holderKey: requestedHolderKey, isServerInControl: response.value.in_control, roi: response.value.roi } };
+    this.responses = {
+      ...this.responses,
+      [gimbal]: { gimbalAndHolder: requestedGimbalAndHolder, isServerInControl: response.value.in_control, roi: response.value.roi },
+    };
   }
 
   /** The ROI that this server has set, until another command ends the ROI; null: no ROI, or not known. */
@@ -105,7 +108,7 @@ export class GimbalControl {
   }
 
   /** Text about the limit that stopped the camera before its target; null: no limit stopped the camera. */
-  limitTextOf(facts: VehicleFacts): string | null {
+  limitNoticeOf(facts: VehicleFacts): string | null {
     return this.limitNotice?.gimbal === gimbalKey(facts) ? this.limitNotice.text : null;
   }
 
@@ -163,7 +166,7 @@ export class GimbalControl {
 }
 
 /** A key that changes with the vehicle, the gimbal or the component that controls the gimbal. */
-export function holderKey(facts: VehicleFacts): string {
+export function gimbalAndHolderKey(facts: VehicleFacts): string {
   return `${gimbalKey(facts)}/${facts.gimbal?.value.primary_control?.join('.') ?? 'nobody'}`;
 }
 

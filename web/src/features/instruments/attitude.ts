@@ -14,8 +14,8 @@ export function horizonTransform(roll_rad: number, pitch_rad: number, cx: number
 }
 
 /** Heading [deg] from the attitude message; if there is none, from the position message. */
-export function headingDeg(facts: Pick<VehicleFacts, 'attitude' | 'global'>): number | null {
-  return toDeg(facts.attitude?.value.yaw_ned_rad ?? null) ?? facts.global?.value.heading_deg ?? null;
+export function headingDeg(facts: Pick<VehicleFacts, 'attitude' | 'globalPosition'>): number | null {
+  return toDeg(facts.attitude?.value.yaw_ned_rad ?? null) ?? facts.globalPosition?.value.heading_deg ?? null;
 }
 
 export interface Tick {

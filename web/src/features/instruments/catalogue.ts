@@ -215,11 +215,11 @@ const DERIVED_QUANTITIES: readonly Quantity[] = [
   },
   {
     id: 'flown.from_home',
-    label: 'Home distance',
+    label: 'From home',
     group: 'In flight',
     unit: 'm',
     topic: null,
-    read: ({ facts }) => ({ ...metres(facts.homeDistance_m), stale: facts.global?.stale ?? false, age_s: facts.global?.age_s ?? null }),
+    read: ({ facts }) => ({ ...metres(facts.homeDistance_m), stale: facts.globalPosition?.stale ?? false, age_s: facts.globalPosition?.age_s ?? null }),
   },
   {
     id: 'flown.time',
@@ -261,8 +261,8 @@ export function readChoice(stored: string | null): string[] {
   try {
     const raw: unknown = JSON.parse(stored ?? 'null');
     if (!Array.isArray(raw)) return [...DEFAULT_IDS];
-    const known = raw.filter((id): id is string => typeof id === 'string' && QUANTITIES_BY_ID.has(id));
-    return [...new Set(known)];
+    const knownIds = raw.filter((id): id is string => typeof id === 'string' && QUANTITIES_BY_ID.has(id));
+    return [...new Set(knownIds)];
   } catch {
     return [...DEFAULT_IDS];
   }
@@ -272,9 +272,9 @@ export function readChoice(stored: string | null): string[] {
 export function moveItem(ids: readonly string[], from: number, to: number): string[] {
   const id = ids[from];
   if (id === undefined) return [...ids];
-  const rest = ids.filter((_, i) => i !== from);
-  rest.splice(Math.min(Math.max(0, to), rest.length), 0, id);
-  return rest;
+  const otherIds = ids.filter((_, i) => i !== from);
+  otherIds.splice(Math.min(Math.max(0, to), otherIds.length), 0, id);
+  return otherIds;
 }
 
 /** Values that are not on the grid yet and match the typed text by name, unit or group. */

@@ -44,4 +44,4 @@ class ValueChoice {
   }
 }
 
-export const choice = new ValueChoice();
+export const valueChoice = new ValueChoice();

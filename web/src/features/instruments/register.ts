@@ -1,11 +1,11 @@
 import { registry } from '../../app/registry.svelte';
-import { choice } from './choice.svelte';
+import { valueChoice } from './choice.svelte';
 import Instrument from './Instrument.svelte';
 import ValueGrid from './ValueGrid.svelte';
 
 registry.addTo('cards', { order: 10, vehicleComponent: Instrument, inEveryRoom: true });
 registry.addTo('cards', { order: 20, vehicleComponent: ValueGrid });
-registry.addCloser({ order: 60, isOpen: () => choice.editing, close: () => (choice.editing = false) });
+registry.addCloser({ order: 60, isOpen: () => valueChoice.editing, close: () => (valueChoice.editing = false) });
 registry.addKeys([
-  { order: 180, keys: 'V', description: 'Choose the values shown', inScene: true, handlers: { v: () => void (choice.editing = !choice.editing) } },
+  { order: 180, keys: 'V', description: 'Choose the values shown', inScene: true, handlers: { v: () => void (valueChoice.editing = !valueChoice.editing) } },
 ]);

@@ -11,9 +11,9 @@ export interface VerticalSpeed {
 }
 
 /** Vertical speed (up is positive) from the HUD message; if there is none, from the global position. */
-export function verticalSpeed(facts: Pick<VehicleFacts, 'hud' | 'global'>): VerticalSpeed {
-  const source = facts.hud ?? facts.global;
-  const speed_m_s = facts.hud?.value.climb_m_s ?? (facts.global === null ? null : -facts.global.value.velocity_ned_m_s[2]);
+export function verticalSpeed(facts: Pick<VehicleFacts, 'hud' | 'globalPosition'>): VerticalSpeed {
+  const source = facts.hud ?? facts.globalPosition;
+  const speed_m_s = facts.hud?.value.climb_m_s ?? (facts.globalPosition === null ? null : -facts.globalPosition.value.velocity_ned_m_s[2]);
   return { speed_m_s, stale: source?.stale ?? false, age_s: source?.age_s ?? null };
 }
 

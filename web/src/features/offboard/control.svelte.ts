@@ -12,7 +12,7 @@ import {
   nudge,
   NUDGE_SIZES,
   type AnySetpoint,
-  type Axis,
+  type NudgeAxis,
   type Validity,
   type PositionSetpoint,
   type StreamStart,
@@ -21,8 +21,8 @@ import {
 import { nudgeBase } from '../../vehicle/offboard';
 
 /** A refusal by the page without a request to the server: the vehicle's position or heading is not known. */
-function positionUnknownRefusal({ local, attitude }: VehicleFacts): Outcome<never> {
-  const [name, reading] = local === null || local.stale ? ['local position', local] : ['heading', attitude];
+function positionUnknownRefusal({ localPosition, attitude }: VehicleFacts): Outcome<never> {
+  const [name, reading] = localPosition === null || localPosition.stale ? ['local position', localPosition] : ['heading', attitude];
   return {
     ok: false,
     problem: {
@@ -61,12 +61,11 @@ export class OffboardControl {
       streamStart.onOutcome?.(outcome);
       return outcome;
     }
-    const local = facts.local;
-    const attitude = facts.attitude;
-    if (local === null || attitude === null || local.stale || attitude.stale) return positionUnknownRefusal(facts);
+    const { localPosition, attitude } = facts;
+    if (localPosition === null || attitude === null || localPosition.stale || attitude.stale) return positionUnknownRefusal(facts);
     const setpoint: PositionSetpoint = {
       type: 'position',
-      position_ned_m: local.value.position_ned_m,
+      position_ned_m: localPosition.value.position_ned_m,
       yaw_ned_rad: attitude.value.yaw_ned_rad,
     };
     return this.postStart(facts.id, { ...setpoint }, DEFAULT_VALIDITY);
@@ -110,12 +109,12 @@ export class OffboardControl {
   }
 
   /** Moves the streamed setpoint by one step along an axis. */
-  async nudge(facts: VehicleFacts, axis: Axis, sign: 1 | -1): Promise<Outcome<unknown>> {
+  async nudge(facts: VehicleFacts, axis: NudgeAxis, sign: 1 | -1): Promise<Outcome<unknown>> {
     const renewer = this.renewer(facts.id);
     const stream = facts.offboard;
     const base =
       nudgeablePosition(renewer.setpoint) ??
-      (stream === null ? null : nudgeBase(stream, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
+      (stream === null ? null : nudgeBase(stream, facts.localPosition?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
     if (base === null) return positionUnknownRefusal(facts);
     return this.send(facts.id, { ...nudge(base, axis, sign, this.nudgeSize) }, DEFAULT_VALIDITY);
   }
@@ -131,8 +130,8 @@ export class OffboardControl {
   }
 
   /** Called when telemetry arrives. @param isStreaming whether the server streams to a vehicle. */
-  tick(isStreaming: (id: string) => boolean): void {
-    for (const [id, renewer] of this.renewers) renewer.tick(this.nowS(), isStreaming(id));
+  onTelemetry(isStreaming: (id: string) => boolean): void {
+    for (const [id, renewer] of this.renewers) renewer.renewIfDue(this.nowS(), isStreaming(id));
   }
 
   private postSetpoint(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Validity): Promise<Outcome<unknown>> {

@@ -19,5 +19,5 @@ export const groups = new GroupController(
 
 offboard.onVehicleSetpoint = (id) => groups.onVehicleSetpoint(id);
 offboard.onRenewalRefused = (id, problem) => {
-  for (const pagePart of ['offboard', 'panel'] as const) actions.showProblem('Renewing the setpoint', nameOf(id), pagePart, problem);
+  for (const pagePart of ['offboard', 'offboardRoom'] as const) actions.showProblem('Renewing the setpoint', nameOf(id), pagePart, problem);
 };

@@ -86,21 +86,21 @@ describe('offboard', () => {
     });
     const setpoint: PositionSetpoint = { type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 };
     renewer.start({ ...setpoint }, DEFAULT_VALIDITY, 0);
-    renewer.tick(2.9, true);
+    renewer.renewIfDue(2.9, true);
     expect(sent).toHaveLength(0);
-    renewer.tick(3, true);
-    renewer.tick(3.1, true);
+    renewer.renewIfDue(3, true);
+    renewer.renewIfDue(3.1, true);
     expect(sent).toHaveLength(1);
     await Promise.resolve();
     result = 'refused';
-    renewer.tick(6.1, true);
+    renewer.renewIfDue(6.1, true);
     await Promise.resolve();
     expect(renewer.setpoint).toBeNull();
     renewer.start({ ...setpoint }, DEFAULT_VALIDITY, 10);
-    renewer.tick(14, false);
+    renewer.renewIfDue(14, false);
     expect(renewer.setpoint).toBeNull();
     renewer.start({ ...setpoint }, { ...DEFAULT_VALIDITY, renew: false }, 20);
-    renewer.tick(24, true);
+    renewer.renewIfDue(24, true);
     expect(renewer.setpoint).toBeNull();
     expect(sent).toHaveLength(2);
   });
@@ -115,7 +115,7 @@ describe('offboard', () => {
     renewer.start({ type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 }, DEFAULT_VALIDITY, now_s);
     const tickUntil = async (end_s: number): Promise<void> => {
       for (; now_s < end_s; now_s += 1) {
-        renewer.tick(now_s, true);
+        renewer.renewIfDue(now_s, true);
         await Promise.resolve();
       }
     };
@@ -148,7 +148,7 @@ describe('offboard', () => {
     await control.send('1', positionAt(2), DEFAULT_VALIDITY);
     respond = () => Response.json({});
     now_s = 3.1;
-    control.tick(() => true);
+    control.onTelemetry(() => true);
     await settle();
     expect(sentPositions).toEqual([
       [1, 0, -5],
@@ -161,7 +161,7 @@ describe('offboard', () => {
     await control.send('1', positionAt(3), DEFAULT_VALIDITY);
     respond = () => Response.json({});
     now_s = 20;
-    control.tick(() => true);
+    control.onTelemetry(() => true);
     await settle();
     expect(sentPositions).toHaveLength(4);
   });
@@ -176,7 +176,7 @@ describe('offboard', () => {
     await control.send('1', { type: 'position', position_ned_m: [1, 0, -5], yaw_ned_rad: 0 }, DEFAULT_VALIDITY);
     respond = () => Response.json({ detail: 'somebody else has control', code: 'not_in_control' }, { status: 409 });
     for (now_s of [4, 8, 12]) {
-      control.tick(() => true);
+      control.onTelemetry(() => true);
       await settle();
     }
     expect(reported).toEqual(['1: somebody else has control']);

@@ -9,9 +9,9 @@ import { ROOM_ID } from './room.svelte';
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
 page.neededVehicles.push(() => offboard.renewedVehicles());
 page.neededVehicles.push(() => groups.activeGroups.flatMap(({ group }) => (groups.isOwn(group) ? group.members.map((member) => member.vehicle) : [])));
-page.onTelemetry.push(() => offboard.tick((id) => page.isStreaming(id)));
-page.onTelemetry.push(() => groups.tick(page.connection));
-page.onEvent.push((event) => groups.onEvent(event));
+page.telemetryListeners.push(() => offboard.onTelemetry((id) => page.isStreaming(id)));
+page.telemetryListeners.push(() => groups.onTelemetry(page.connection));
+page.eventListeners.push((event) => groups.handleEvent(event));
 
 registry.addRoom({
   id: ROOM_ID,

@@ -1,6 +1,6 @@
 /**
  * Renews a setpoint before it expires, as long as this page is open and connected. If the page is closed, the
- * setpoint expires and the server executes `on_expiry`. Arriving telemetry calls `tick`, also in a hidden tab. The
+ * setpoint expires and the server executes `on_expiry`. Arriving telemetry calls `renewIfDue`, also in a hidden tab. The
  * renewer never sends an expired setpoint again: only a person may do that.
  */
 
@@ -51,7 +51,7 @@ export class SetpointRenewer {
   }
 
   /** @param isStreaming whether the server still streams to the vehicle. */
-  tick(now_s: number, isStreaming: boolean): void {
+  renewIfDue(now_s: number, isStreaming: boolean): void {
     const current = this.current;
     if (current === null || this.busy || now_s - this.sentAt_s < RENEWAL_FRACTION * current.validity.valid_for_s) return;
     if (!isStreaming || !current.validity.renew || now_s - this.acceptedAt_s >= current.validity.valid_for_s) {

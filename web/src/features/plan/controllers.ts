@@ -24,7 +24,7 @@ export const insertion = new MissionInsertion(planApi, editor);
 export const vehicleMission = new VehicleMission(page.api);
 export const dryRun = new DryRun(page.api);
 // Registered for the whole page, because a dry run continues while another room is open.
-page.onEvent.push((event) => void dryRun.onEvent(event));
+page.eventListeners.push((event) => void dryRun.handleEvent(event));
 export const acceptedErrors = new AcceptedErrors();
 export const roleAssignment = new RoleAssignment();
 

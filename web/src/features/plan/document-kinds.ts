@@ -1,6 +1,6 @@
 /** One interface for both kinds of documents: waypoint plans and offboard missions. Pure functions. */
 
-import type { LayerPicture, LayerPosition } from '../../app/map-layers.svelte';
+import type { LayerContent, LayerPosition } from '../../app/map-layers.svelte';
 import { positionAt, type EastNorth, type GeoPosition } from '../../vehicle/geo';
 import { altitudeForNewItem, positionOf, allPositions, partRefOf, areaPositionOf, areaPositions, type PlannedHome, type Plan } from './document/document';
 import * as planEdit from './document/edit';
@@ -140,7 +140,7 @@ export function layerOf(
   sketch: Sketch | null,
   frame: MissionFrame,
   compiled: CompiledMission,
-): LayerPicture {
+): LayerContent {
   if (!isMission(document)) return planLayer(document, selected, sketch, startOf(document, frame));
   return missionLayer(document, selected, sketch, frame, compiled.flight, compiled.isCurrent);
 }

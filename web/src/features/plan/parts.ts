@@ -8,5 +8,5 @@ import PlanRoom from './PlanRoom.svelte';
 export const parts: RoomParts = { roomWithoutVehicle: PlanRoom, cards: [{ component: PlanCard }] };
 
 registry.addCloser({ order: 76, isOpen: () => rooms.openId === 'plan' && insertion.isOpen, close: () => insertion.close() });
-registry.addCloser({ order: 75, isOpen: () => rooms.openId === 'plan' && editor.placing !== null, close: () => editor.stopPlacing() });
+registry.addCloser({ order: 75, isOpen: () => rooms.openId === 'plan' && editor.partToPlace !== null, close: () => editor.stopPlacing() });
 registry.addCloser({ order: 76, isOpen: () => rooms.openId === 'plan' && drawing.kind !== null, close: () => drawing.cancel() });

@@ -76,14 +76,15 @@ export class Plans {
     this.restore();
   }
 
-  readonly current: SavedPlan | null = $derived.by(() => this.savedPlans[this.editor.draft.documentId] ?? null);
+  /** Null: the server does not have the open plan. */
+  readonly savedPlan: SavedPlan | null = $derived.by(() => this.savedPlans[this.editor.draft.documentId] ?? null);
   /** The edited plan has no unsaved changes; also true for a new plan without content. */
   readonly saved: boolean = $derived.by(() => {
     const { plan, name } = this.editor.draft;
-    if (this.current === null && isMission(plan)) return plan.steps.length === 0 && roleNames(plan).length === 0;
-    if (this.current === null && !isMission(plan)) return plan.items.length === 0 && plan.fence.length === 0 && plan.rally_points.length === 0;
-    if (this.current === null) return false;
-    return this.current.plan === plan && this.current.name === name;
+    if (this.savedPlan === null && isMission(plan)) return plan.steps.length === 0 && roleNames(plan).length === 0;
+    if (this.savedPlan === null && !isMission(plan)) return plan.items.length === 0 && plan.fence.length === 0 && plan.rally_points.length === 0;
+    if (this.savedPlan === null) return false;
+    return this.savedPlan.plan === plan && this.savedPlan.name === name;
   });
   /** Result of the newest check of the open plan; while `isChecked` is false, the server checked an earlier state of the plan. */
   readonly check: Check | null = $derived.by(() => (this.checkedDocumentId === this.editor.draft.documentId ? this.checkResult : null));
@@ -164,7 +165,7 @@ export class Plans {
   /** Saves the edited plan. @param asNewPlan true: saves a new plan, not a new version. */
   async save(asNewPlan = false): Promise<void> {
     const draft = this.editor.draft;
-    const base = asNewPlan ? null : this.current;
+    const base = asNewPlan ? null : this.savedPlan;
     const name = nameOrDefault(draft.name);
     const response = await this.whileBusy(base === null ? this.api.create(name, draft.plan) : this.api.save(base.id, name, draft.plan, base.version));
     if (!response.ok) {
@@ -209,10 +210,10 @@ export class Plans {
       this.showProblem(failure, response.problem);
       return false;
     }
-    const changed = mission === null || this.editor.draft !== draft;
-    const next = changed ? null : withTable(mission, node, response.value);
+    const hasChanged = mission === null || this.editor.draft !== draft;
+    const next = hasChanged ? null : withTable(mission, node, response.value);
     if (next === null) {
-      const why = changed ? 'The plan was changed during the request. Try again.' : `A mission has at most ${MAX_TABLES} tables. Split the mission.`;
+      const why = hasChanged ? 'The plan was changed during the request. Try again.' : `A mission has at most ${MAX_TABLES} tables. Split the mission.`;
       this.notice = { tone: 'caution', text: `${failure} ${why}` };
       return false;
     }
@@ -289,19 +290,19 @@ export class Plans {
   }
 
   /** Passes the compiled path and the frame of the mission to the editor for the map, from the newest check. */
-  compile(vehicleHome: PlannedHome | null): void {
+  showCompiledPath(vehicleHome: PlannedHome | null): void {
     const flight = this.check?.flight ?? null;
     this.editor.compiled = { flight, isCurrent: this.isChecked };
     this.editor.frame = missionFrameOf(this.editor.mission, vehicleHome ?? homeOf(this.editor.document), flight?.origin ?? null);
   }
 
   /** Handles the event that a client saved or deleted a plan. */
-  onEvent(event: WireEvent, ownClientKey: string | null): void {
+  handleEvent(event: WireEvent, ownClientKey: string | null): void {
     if (event.kind !== 'plan_changed') return;
     if (this.list !== null) void this.refresh();
     const plan = event['plan'] as PlanVersion | undefined;
     const isOwn = event['client_key'] === ownClientKey;
-    if (isOwn || plan === undefined || plan.id !== this.current?.id) return;
+    if (isOwn || plan === undefined || plan.id !== this.savedPlan?.id) return;
     const client = String(event['client']);
     if (event['action'] === 'deleted') {
       this.removeSaved(this.editor.draft.documentId);
@@ -309,14 +310,14 @@ export class Plans {
     } else
       this.notice = {
         tone: 'caution',
-        text: `${client} saved version ${plan.version} of this plan. Your version is based on version ${this.current.version}.`,
+        text: `${client} saved version ${plan.version} of this plan. Your version is based on version ${this.savedPlan.version}.`,
         conflict: true,
       };
   }
 
   /** Stores the draft for the next load of the page. */
   store(draft: Draft): void {
-    const stored: StoredDraft = { name: draft.name, plan: draft.plan, kept: this.current, saved: this.saved };
+    const stored: StoredDraft = { name: draft.name, plan: draft.plan, kept: this.savedPlan, saved: this.saved };
     try {
       this.storage.setItem(DRAFT_KEY, JSON.stringify({ ...stored, kept: stored.kept === null ? null : { id: stored.kept.id, version: stored.kept.version } }));
     } catch {

@@ -51,18 +51,18 @@ export function headline(readiness: Readiness | null, mode: string | null, armed
   if (readiness === null || !readiness.known) return { text: 'Readiness not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
   const current = readiness.modes.find((m) => m.mode === mode);
   if (current === undefined) return { text: 'Readiness not known', detail: 'The vehicle’s checks do not cover the current mode.', tone: 'neutral' };
-  const blocked = armed ? !current.can_run : !current.can_arm;
-  if (!blocked) return { text: armed ? `${current.label} mode is available` : `Ready to arm in ${current.label}`, detail: '', tone: 'ok' };
+  const isBlocked = armed ? !current.can_run : !current.can_arm;
+  if (!isBlocked) return { text: armed ? `${current.label} mode is available` : `Ready to arm in ${current.label}`, detail: '', tone: 'ok' };
   const causes = (armed ? current.running : current.arming).map((c) => c.cause).join(' ');
   return { text: armed ? `${current.label} mode is not available` : `Cannot arm in ${current.label}`, detail: causes, tone: 'caution' };
 }
 
 /** All findings: first the findings that block a mode, then the others; each part sorted by severity. */
 export function findings(readiness: Readiness): FindingRow[] {
-  const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, blocked: modesBlockedBy(readiness, cause) }));
+  const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, modes: modesBlockedBy(readiness, cause) }));
   const rank = { error: 0, warning: 1, info: 2 } as Readonly<Record<string, number>>;
-  rows.sort((a, b) => Number(b.blocked.length > 0) - Number(a.blocked.length > 0) || (rank[a.cause.severity] ?? 3) - (rank[b.cause.severity] ?? 3));
-  return rows.map(({ cause, severity, blocked }) => ({ cause, severity, blockedModes: namesOf(blocked, readiness.modes.length) }));
+  rows.sort((a, b) => Number(b.modes.length > 0) - Number(a.modes.length > 0) || (rank[a.cause.severity] ?? 3) - (rank[b.cause.severity] ?? 3));
+  return rows.map(({ cause, severity, modes }) => ({ cause, severity, blockedModes: namesOf(modes, readiness.modes.length) }));
 }
 
 function modesBlockedBy(readiness: Readiness, cause: Cause): ModeReadiness[] {

@@ -5,10 +5,7 @@ import { ReplayControl } from './replay.svelte';
 
 export const replay = new ReplayControl({
   api: page.api,
-  replays: () => {
-    void page.tick;
-    return page.store.replays;
-  },
+  replays: () => page.eachRepaint(() => page.store.replays),
   selectedId: () => page.selectedId,
   select: (id) => page.select(id),
 });

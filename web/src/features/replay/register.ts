@@ -7,7 +7,7 @@ import ReplayBar from './ReplayBar.svelte';
 
 const close = (): void => void (replay.listOpen = false);
 
-page.onTelemetry.push(() => replay.onTelemetry());
+page.telemetryListeners.push(() => replay.onTelemetry());
 registry.addPanel({
   id: 'recordings',
   order: 40,

@@ -93,18 +93,18 @@ export class ReplayControl {
   onTelemetry(): void {
     this.checkSeek();
     const replays = this.deps.replays();
-    const expected = replays.find((r) => r.name === this.expectedName);
-    const selected = this.deps.selectedId();
-    const first = expected?.vehicles[0];
-    if (expected !== undefined && first === undefined) this.waitsForVehicle = true;
-    if (expected !== undefined && first !== undefined) {
-      if (selected === null || (this.waitsForVehicle && !expected.vehicles.includes(selected))) this.deps.select(first);
-      else if (!this.waitsForVehicle && selected !== null && !expected.vehicles.includes(selected)) this.expectedName = null; // another vehicle was selected
+    const expectedReplay = replays.find((r) => r.name === this.expectedName);
+    const selectedId = this.deps.selectedId();
+    const firstVehicle = expectedReplay?.vehicles[0];
+    if (expectedReplay !== undefined && firstVehicle === undefined) this.waitsForVehicle = true;
+    if (expectedReplay !== undefined && firstVehicle !== undefined) {
+      if (selectedId === null || (this.waitsForVehicle && !expectedReplay.vehicles.includes(selectedId))) this.deps.select(firstVehicle);
+      else if (!this.waitsForVehicle && selectedId !== null && !expectedReplay.vehicles.includes(selectedId)) this.expectedName = null; // another vehicle was selected
       this.waitsForVehicle = false;
     }
-    const shown = this.shownReplay;
-    if (shown !== null) this.expectedName = shown.name;
-    const name = shown === null || replayBounds(shown) === null ? null : shown.name;
+    const shownReplay = this.shownReplay;
+    if (shownReplay !== null) this.expectedName = shownReplay.name;
+    const name = shownReplay === null || replayBounds(shownReplay) === null ? null : shownReplay.name;
     if (name !== this.indexedName) void this.readIndex(name);
   }
 
@@ -148,11 +148,11 @@ export class ReplayControl {
    */
   private checkSeek(): void {
     if (this.requested_unix_s === null || this.isSending) return;
-    const shown = this.shownReplay;
-    const arrived = shown !== null && hasArrived(shown, this.requested_unix_s);
+    const shownReplay = this.shownReplay;
+    const isAtRequestedTime = shownReplay !== null && hasArrived(shownReplay, this.requested_unix_s);
     this.framesSinceResponse += 1;
     const hasTimedOut = this.framesSinceResponse > SEEK_TIMEOUT_FRAMES && performance.now() - this.respondedAt_ms > SEEK_TIMEOUT_MS;
-    if (arrived || hasTimedOut) this.requested_unix_s = null;
+    if (isAtRequestedTime || hasTimedOut) this.requested_unix_s = null;
   }
 
   private async readIndex(name: string | null): Promise<void> {

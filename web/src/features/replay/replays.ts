@@ -80,22 +80,22 @@ function messageText(message: MessageMark): string {
 
 /** Mode and arming state at a time, and the most severe message up to `range_s` before or after this time. Empty texts: none. */
 export function stateAt(marks: VehicleMarks | null, unix_s: number, range_s: number): { mode: string; armed: boolean; message: string } {
-  const within = (span: { begin_unix_s: number; end_unix_s: number }): boolean => span.begin_unix_s <= unix_s && unix_s <= span.end_unix_s;
-  const mode = marks?.modes.filter(within).at(-1)?.mode_label ?? '';
-  const nearby = (marks?.messages ?? []).filter((m) => Math.abs(m.unix_s - unix_s) <= range_s);
-  const mostSevere = nearby.reduce<MessageMark | null>((worst, m) => (worst === null || m.severity < worst.severity ? m : worst), null);
-  return { mode, armed: marks?.armed.some(within) ?? false, message: mostSevere === null ? '' : messageText(mostSevere) };
+  const isWithin = (span: { begin_unix_s: number; end_unix_s: number }): boolean => span.begin_unix_s <= unix_s && unix_s <= span.end_unix_s;
+  const mode = marks?.modes.filter(isWithin).at(-1)?.mode_label ?? '';
+  const nearbyMessages = (marks?.messages ?? []).filter((m) => Math.abs(m.unix_s - unix_s) <= range_s);
+  const mostSevere = nearbyMessages.reduce<MessageMark | null>((worst, m) => (worst === null || m.severity < worst.severity ? m : worst), null);
+  return { mode, armed: marks?.armed.some(isWithin) ?? false, message: mostSevere === null ? '' : messageText(mostSevere) };
 }
 
 /** Times of the marks to which a person can step: changes of mode and of the arming state, warnings and errors. */
 export function markTimes(marks: VehicleMarks | null): number[] {
   if (marks === null) return [];
-  const all = [
+  const times = [
     ...marks.modes.map((m) => m.begin_unix_s),
     ...marks.armed.flatMap((a) => [a.begin_unix_s, a.end_unix_s]),
     ...marks.messages.filter((m) => m.severity <= WARNING).map((m) => m.unix_s),
   ];
-  return [...new Set(all)].sort((a, b) => a - b);
+  return [...new Set(times)].sort((a, b) => a - b);
 }
 
 /** The time of the first mark after `unix_s` (1) or of the last mark before `unix_s` (−1); null if there is none. */

@@ -5,7 +5,7 @@
 
 import type { Feature, FeatureCollection, Geometry } from 'geojson';
 import type { GeoJSONSource, LayerSpecification, Map as MapLibre } from 'maplibre-gl';
-import type { LayerPicture, LayerPoint, Tone } from '../../app/map-layers.svelte';
+import type { LayerContent, LayerPoint, Tone } from '../../app/map-layers.svelte';
 import type { GeoPosition } from '../../vehicle/geo';
 import type { Palette } from './map-draw';
 
@@ -36,9 +36,9 @@ export function iconName(point: LayerPoint): string {
 }
 
 /** All editable layers as GeoJSON; selected points come last, so that they are drawn on top. */
-export function toGeoJson(pictures: readonly LayerPicture[]): FeatureCollection {
+export function toGeoJson(contents: readonly LayerContent[]): FeatureCollection {
   const features: LayerFeature[] = [];
-  for (const { areas, lines, points } of pictures) {
+  for (const { areas, lines, points } of contents) {
     for (const { ring, tone } of areas) {
       const closed = [...coordinates(ring), ...coordinates(ring.slice(0, 1))];
       features.push({ type: 'Feature', properties: { kind: 'area', tone }, geometry: { type: 'Polygon', coordinates: [closed] } });
@@ -166,7 +166,7 @@ function drawDisc(ctx: CanvasRenderingContext2D, radius: number, fill: string | 
 
 /** Paints the layers of one map above its tiles. */
 export class LayerPainter {
-  private pictures: readonly LayerPicture[] = [];
+  private contents: readonly LayerContent[] = [];
   private palette: Palette | null = null;
 
   constructor(private readonly map: MapLibre) {
@@ -176,9 +176,9 @@ export class LayerPainter {
     });
   }
 
-  show(pictures: readonly LayerPicture[]): void {
-    this.pictures = pictures;
-    (this.map.getSource(SOURCE_ID) as GeoJSONSource | undefined)?.setData(toGeoJson(pictures));
+  show(contents: readonly LayerContent[]): void {
+    this.contents = contents;
+    (this.map.getSource(SOURCE_ID) as GeoJSONSource | undefined)?.setData(toGeoJson(contents));
   }
 
   /** Adds all layers again, after the map's style was loaded or the palette changed. */
@@ -189,7 +189,7 @@ export class LayerPainter {
     for (const name of map.listImages()) if (name.startsWith(ID_PREFIX)) map.removeImage(name);
     if (map.getSource(SOURCE_ID) === undefined) {
       // MapLibre cuts the data into tiles up to zoom 20; at this and all higher zooms, coordinates have a resolution of a centimetre.
-      map.addSource(SOURCE_ID, { type: 'geojson', data: toGeoJson(this.pictures), maxzoom: 20, tolerance: 0, buffer: 64 });
+      map.addSource(SOURCE_ID, { type: 'geojson', data: toGeoJson(this.contents), maxzoom: 20, tolerance: 0, buffer: 64 });
     }
     for (const layer of mapLibreLayers(palette)) map.addLayer(layer);
   }

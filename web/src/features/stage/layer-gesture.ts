@@ -71,38 +71,38 @@ interface GrabbedPoint extends GrabTarget {
 }
 
 export class LayerGesture {
-  private grabbed: GrabbedPoint | null = null;
+  private grabbedPoint: GrabbedPoint | null = null;
 
   constructor(private readonly editor: LayerEditor) {}
 
   /** Whether a point is being moved. */
   get isMoving(): boolean {
-    return this.grabbed?.movedId != null;
+    return this.grabbedPoint?.movedId != null;
   }
 
   start(view: LayerView, at: Pixel, { point, part }: GrabTarget, addsToSelection: boolean): void {
     const pixel = view.pixelOf(point) ?? at;
-    this.grabbed = { point, part, startPixel: at, offset: { x: pixel.x - at.x, y: pixel.y - at.y }, addsToSelection, movedId: null, isFixed: false };
+    this.grabbedPoint = { point, part, startPixel: at, offset: { x: pixel.x - at.x, y: pixel.y - at.y }, addsToSelection, movedId: null, isFixed: false };
   }
 
   /** Starts a move by keyboard. @returns false: the point cannot move. */
   grabByKeyboard(view: LayerView, point: LayerPoint): boolean {
     this.start(view, view.pixelOf(point) ?? { x: 0, y: 0 }, { point, part: 'point' }, false);
     this.beginMove();
-    if (this.grabbed?.movedId === null) this.grabbed = null;
-    return this.grabbed !== null;
+    if (this.grabbedPoint?.movedId === null) this.grabbedPoint = null;
+    return this.grabbedPoint !== null;
   }
 
   move(view: LayerView, at: Pixel): void {
-    const grabbed = this.grabbed;
-    if (grabbed === null || grabbed.isFixed) return;
-    if (grabbed.movedId === null && Math.hypot(at.x - grabbed.startPixel.x, at.y - grabbed.startPixel.y) < CLICK_TOLERANCE_PX) return;
-    if (grabbed.movedId === null) this.beginMove();
-    if (grabbed.movedId === null) return;
-    if (grabbed.part === 'handle') this.moveHandle(view, at, grabbed);
+    const grabbedPoint = this.grabbedPoint;
+    if (grabbedPoint === null || grabbedPoint.isFixed) return;
+    if (grabbedPoint.movedId === null && Math.hypot(at.x - grabbedPoint.startPixel.x, at.y - grabbedPoint.startPixel.y) < CLICK_TOLERANCE_PX) return;
+    if (grabbedPoint.movedId === null) this.beginMove();
+    if (grabbedPoint.movedId === null) return;
+    if (grabbedPoint.part === 'handle') this.moveHandle(view, at, grabbedPoint);
     else {
-      const to = view.positionAt({ x: at.x + grabbed.offset.x, y: at.y + grabbed.offset.y }, grabbed.point);
-      if (to !== null) this.editor.drag(grabbed.movedId, to);
+      const to = view.positionAt({ x: at.x + grabbedPoint.offset.x, y: at.y + grabbedPoint.offset.y }, grabbedPoint.point);
+      if (to !== null) this.editor.drag(grabbedPoint.movedId, to);
     }
   }
 
@@ -111,25 +111,25 @@ export class LayerGesture {
    * has no effect.
    */
   end(): void {
-    const grabbed = this.grabbed;
-    this.grabbed = null;
-    if (grabbed === null) return;
-    if (grabbed.movedId !== null)
+    const grabbedPoint = this.grabbedPoint;
+    this.grabbedPoint = null;
+    if (grabbedPoint === null) return;
+    if (grabbedPoint.movedId !== null)
       this.editor.drop(true); // keeps the new positions
-    else if (grabbed.part === 'point') this.editor.pick(grabbed.point.id, grabbed.addsToSelection);
+    else if (grabbedPoint.part === 'point') this.editor.pick(grabbedPoint.point.id, grabbedPoint.addsToSelection);
   }
 
   /** Ends the gesture (Escape, or a cancelled pointer) and moves all points back. */
   cancel(): void {
-    const moved = this.isMoving;
-    this.grabbed = null;
-    if (moved) this.editor.drop(false); // restores the old positions
+    const wasMoving = this.isMoving;
+    this.grabbedPoint = null;
+    if (wasMoving) this.editor.drop(false); // restores the old positions
   }
 
   private beginMove(): void {
-    if (this.grabbed === null) return;
-    this.grabbed.movedId = this.editor.grab(this.grabbed.point.id);
-    this.grabbed.isFixed = this.grabbed.movedId === null;
+    if (this.grabbedPoint === null) return;
+    this.grabbedPoint.movedId = this.editor.grab(this.grabbedPoint.point.id);
+    this.grabbedPoint.isFixed = this.grabbedPoint.movedId === null;
   }
 
   private moveHandle(view: LayerView, at: Pixel, { point, startPixel }: GrabbedPoint): void {

@@ -82,12 +82,12 @@ export class LayerInput {
       this.gesture?.end();
       return true;
     }
-    const [view, edited] = [this.view(), mapLayers.edited];
+    const [view, editedLayer] = [this.view(), mapLayers.editedLayer];
     // The crosshair moves in steps, so it needs the larger distance.
-    const target = view === null || edited === null ? null : targetAt(view, at, edited.picture.points, TOUCH_GRAB_DISTANCE_PX);
-    if (view === null || edited === null || target === null) return false;
-    if (target.point.mark !== 'midpoint') edited.editor.pick(target.point.id, addsToSelection);
-    this.gesture = new LayerGesture(edited.editor);
+    const target = view === null || editedLayer === null ? null : targetAt(view, at, editedLayer.content.points, TOUCH_GRAB_DISTANCE_PX);
+    if (view === null || editedLayer === null || target === null) return false;
+    if (target.point.mark !== 'midpoint') editedLayer.editor.pick(target.point.id, addsToSelection);
+    this.gesture = new LayerGesture(editedLayer.editor);
     this.movesByKeys = !addsToSelection && this.gesture.grabByKeyboard(view, target.point);
     return true;
   }
@@ -110,7 +110,7 @@ export class LayerInput {
   }
 
   private targetOf(view: LayerView, event: PointerEvent): GrabTarget | null {
-    const points = mapLayers.edited?.picture.points ?? [];
+    const points = mapLayers.editedLayer?.content.points ?? [];
     return targetAt(view, this.pixelOf(event), points, event.pointerType === 'touch' ? TOUCH_GRAB_DISTANCE_PX : GRAB_DISTANCE_PX);
   }
 
@@ -118,14 +118,14 @@ export class LayerInput {
     if (this.pointerId !== null) return; // a second finger has no effect
     this.pressedOnPoint = false;
     if (this.movesByKeys) this.cancel();
-    const [view, edited] = [this.view(), mapLayers.edited];
-    if (view === null || edited === null || event.button !== 0) return;
+    const [view, editedLayer] = [this.view(), mapLayers.editedLayer];
+    if (view === null || editedLayer === null || event.button !== 0) return;
     const target = this.targetOf(view, event);
     if (target === null) return;
     this.pressedOnPoint = true;
     this.pointerId = event.pointerId;
     this.element.setPointerCapture(event.pointerId);
-    this.gesture = new LayerGesture(edited.editor);
+    this.gesture = new LayerGesture(editedLayer.editor);
     this.gesture.start(view, this.pixelOf(event), target, event.shiftKey || event.ctrlKey || event.metaKey);
   };
 

@@ -4,6 +4,7 @@ import type { MapTarget, MapVehicle } from './map-model';
 import type { LayerPoint } from '../../app/map-layers.svelte';
 import { POINT_RADIUS_PX } from './layer-draw';
 import type { EdgeLabel, Grid, GridLine } from './grid';
+import { TAG_HEIGHT_PX, tagBox, type TagBox } from './tags';
 import { toPixel, type MapView, type Pixel, type GeoPosition } from '../../vehicle/geo';
 
 /** The page's colours for the canvas and the map's style. */
@@ -53,17 +54,16 @@ export function drawMap(ctx: Ctx, view: MapView, content: MapContent, palette: P
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
   for (const v of vehicles) drawObstacles(ctx, view, v, palette);
   for (const home of distinctHomes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
+  const tags: TagBox[] = [];
   for (const v of vehicles) {
     const at = toPixel(view, v);
     if (v.camera_yaw_rad !== null && !v.lost && !v.stale)
       drawCameraDirection(ctx, at, v.camera_yaw_rad - view.up_rad, palette.colour(v.colour), inset ? 44 : 90);
-    for (const target of v.targets) drawTarget(ctx, view, at, target, palette, inset);
+    for (const target of v.targets) drawTarget(ctx, view, at, target, palette, inset ? null : tags);
   }
-  for (const v of vehicles) {
-    const at = toPixel(view, v);
-    drawVehicle(ctx, at, v, view.up_rad, palette, inset ? 0.7 : v.selected ? 1 : 0.85);
-    if (!inset) drawTag(ctx, at, v.label, colourOf(v, palette), palette);
-  }
+  for (const v of vehicles) drawVehicle(ctx, toPixel(view, v), v, view.up_rad, palette, inset ? 0.7 : v.selected ? 1 : 0.85);
+  const selectedFirst = [...vehicles].sort((a, b) => Number(b.selected) - Number(a.selected));
+  if (!inset) for (const v of selectedFirst) drawTag(ctx, toPixel(view, v), v.label, colourOf(v, palette), palette, tags);
   if (content.mapPoint !== null) drawMapPoint(ctx, toPixel(view, content.mapPoint), palette);
 }
 
@@ -178,7 +178,8 @@ function drawCameraDirection(ctx: Ctx, { x, y }: Pixel, camera_yaw_rad: number, 
   ctx.restore();
 }
 
-function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, palette: Palette, inset: boolean): void {
+/** @param tags the tags that are already drawn; null on the small map, which has no tags. */
+function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, palette: Palette, tags: TagBox[] | null): void {
   const at = toPixel(view, target);
   const isCameraTarget = target.kind !== 'go';
   ctx.strokeStyle = palette.target;
@@ -192,7 +193,7 @@ function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, pal
   ctx.setLineDash([]);
   ctx.save();
   ctx.translate(at.x, at.y);
-  if (inset) ctx.scale(0.7, 0.7);
+  if (tags === null) ctx.scale(0.7, 0.7);
   if (target.kind === 'roi') {
     drawDisc(ctx, 3, palette.target, null, 0);
     drawDisc(ctx, 10, null, palette.target, 1.6);
@@ -211,7 +212,7 @@ function drawTarget(ctx: Ctx, view: MapView, from: Pixel, target: MapTarget, pal
     ctx.stroke(new Path2D('M0-6v12M-6 0h12'));
   }
   ctx.restore();
-  if (!inset && Math.hypot(at.x - from.x, at.y - from.y) > 60) drawTag(ctx, at, target.label, palette.target, palette);
+  if (tags !== null && Math.hypot(at.x - from.x, at.y - from.y) > 60) drawTag(ctx, at, target.label, palette.target, palette, tags);
 }
 
 function drawVehicle(ctx: Ctx, { x, y }: Pixel, v: MapVehicle, up_rad: number, palette: Palette, scale: number): void {
@@ -261,12 +262,13 @@ function drawMapPoint(ctx: Ctx, { x, y }: Pixel, palette: Palette): void {
   ctx.restore();
 }
 
-function drawTag(ctx: Ctx, at: Pixel, text: string, colour: string, palette: Palette): void {
+/** Draws a tag beside a symbol where it covers none of `tags`, and adds it to them. */
+function drawTag(ctx: Ctx, at: Pixel, text: string, colour: string, palette: Palette, tags: TagBox[]): void {
   ctx.font = '600 11.5px Inter, system-ui, sans-serif';
-  const width = ctx.measureText(text).width + 16;
-  const [x, y] = [at.x + 24, at.y + 10];
+  const box = tagBox(at, ctx.measureText(text).width + 16, tags);
+  tags.push(box);
   ctx.beginPath();
-  ctx.roundRect(x, y, width, 20, 10);
+  ctx.roundRect(box.x, box.y, box.width, TAG_HEIGHT_PX, TAG_HEIGHT_PX / 2);
   ctx.fillStyle = palette.panel;
   ctx.fill();
   ctx.strokeStyle = colour;
@@ -274,7 +276,7 @@ function drawTag(ctx: Ctx, at: Pixel, text: string, colour: string, palette: Pal
   ctx.stroke();
   ctx.fillStyle = palette.text;
   ctx.textBaseline = 'middle';
-  ctx.fillText(text, x + 8, y + 10.5);
+  ctx.fillText(text, box.x + 8, box.y + TAG_HEIGHT_PX / 2 + 0.5);
 }
 
 function drawDisc(ctx: Ctx, radius: number, fill: string | null, stroke: string | null, width: number): void {

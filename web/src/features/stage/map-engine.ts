@@ -8,7 +8,7 @@ import workerUrl from 'maplibre-gl/dist/maplibre-gl-worker.mjs?url';
 import { Protocol } from 'pmtiles';
 import { mercator, type MapView, type Pixel, type GeoPosition } from '../../vehicle/geo';
 import idleUrl from './idle-worker.js?url';
-import type { LayerPicture } from '../../app/map-layers.svelte';
+import type { LayerContent } from '../../app/map-layers.svelte';
 import { LayerPainter } from './layer-draw';
 import type { Palette } from './map-draw';
 import { BACKGROUND_ID, mapStyle } from './map-style';
@@ -124,7 +124,7 @@ export class MapEngine {
     });
   }
 
-  /** The position in the middle of the uncovered area. */
+  /** The position in the middle of the free area. */
   centre(): GeoPosition {
     const { lat, lng } = this.map.getCenter();
     return { lat_deg: lat, lon_deg: lng };
@@ -146,7 +146,7 @@ export class MapEngine {
     this.map.easeTo({ bearing: 0, duration: 120 });
   }
 
-  /** Fits all positions into the uncovered area, with a zoom of at most `max_zoom`. */
+  /** Fits all positions into the free area, with a zoom of at most `max_zoom`. */
   fit(positions: readonly GeoPosition[], max_zoom: number): void {
     const [first] = positions;
     if (first === undefined) return;
@@ -156,8 +156,8 @@ export class MapEngine {
   }
 
   /** Shows the editable layers; only on an `editable` map. */
-  showLayers(pictures: readonly LayerPicture[]): void {
-    this.layers?.show(pictures);
+  showLayers(contents: readonly LayerContent[]): void {
+    this.layers?.show(contents);
   }
 
   resize(): void {

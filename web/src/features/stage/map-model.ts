@@ -58,7 +58,7 @@ export interface DistanceReference extends GeoPosition {
 export function distanceReference(facts: VehicleFacts | null, firstPoint: GeoPosition | null): DistanceReference | null {
   if (facts === null) return firstPoint === null ? null : { ...firstPoint, name: 'first point' };
   if (facts.home !== null) return { ...facts.home.value, name: 'home' };
-  return facts.global === null ? null : { ...facts.global.value, name: 'vehicle' };
+  return facts.globalPosition === null ? null : { ...facts.globalPosition.value, name: 'vehicle' };
 }
 
 /**
@@ -67,7 +67,7 @@ export function distanceReference(facts: VehicleFacts | null, firstPoint: GeoPos
  */
 function streamedSetpoint(facts: VehicleFacts, position: GeoPosition): MapTarget | null {
   const stream = facts.offboard;
-  const local_ned_m = facts.local?.value.position_ned_m;
+  const local_ned_m = facts.localPosition?.value.position_ned_m;
   if (stream?.streaming !== true || stream.position_ned_m === null || local_ned_m === undefined) return null;
   const [north, east, down] = stream.position_ned_m;
   if (north === null || east === null) return null;
@@ -79,14 +79,14 @@ function previewTarget(id: string, preview: MapPreview | null): MapTarget | null
   return preview?.vehicle === id ? { ...preview.position, kind: 'preview', label: preview.label, yaw_rad: preview.yaw_ned_rad } : null;
 }
 
-function requestedTarget(kind: MapTarget['kind'], name: string, requested: RequestedTarget | null): MapTarget | null {
-  return requested === null
+function requestedTarget(kind: MapTarget['kind'], name: string, target: RequestedTarget | null): MapTarget | null {
+  return target === null
     ? null
     : {
         kind,
-        lat_deg: requested.lat_deg,
-        lon_deg: requested.lon_deg,
-        label: requested.alt_home_m === null ? name : `${name} ${fixed(requested.alt_home_m, 1)} m above home`,
+        lat_deg: target.lat_deg,
+        lon_deg: target.lon_deg,
+        label: target.alt_home_m === null ? name : `${name} ${fixed(target.alt_home_m, 1)} m above home`,
       };
 }
 
@@ -111,7 +111,7 @@ function detectedObstacles(vehicle: VehicleState, facts: VehicleFacts, position:
 }
 
 function vehicleLabel(facts: VehicleFacts): string {
-  const position = facts.global;
+  const position = facts.globalPosition;
   if (position === null) return facts.id;
   const warning = facts.lost ? ' · connection lost' : position.stale ? ` · ${ageText(position.age_s)} old` : '';
   return `${facts.id} · ${fixed(position.value.alt_home_m, 1)} m above home${warning}`;
@@ -129,18 +129,22 @@ export function mapVehicles(
     const vehicle = store.vehicles.get(id);
     if (vehicle === undefined) return;
     const facts = vehicleFacts(vehicle, store.nowUnixS(id), store.connected);
-    if (facts.global === null) return;
-    const { lat_deg, lon_deg } = facts.global.value;
+    if (facts.globalPosition === null) return;
+    const { lat_deg, lon_deg } = facts.globalPosition.value;
     const position = { lat_deg, lon_deg };
-    const requested = targetsOf(facts);
-    const streamed = streamedSetpoint(facts, position);
-    const targets = [streamed ?? requestedTarget('go', 'go-to target', requested.go), requestedTarget('roi', 'ROI', requested.roi), previewTarget(id, preview)];
+    const requestedTargets = targetsOf(facts);
+    const setpointTarget = streamedSetpoint(facts, position);
+    const targets = [
+      setpointTarget ?? requestedTarget('go', 'go-to target', requestedTargets.go),
+      requestedTarget('roi', 'ROI', requestedTargets.roi),
+      previewTarget(id, preview),
+    ];
     vehicles.push({
       ...position,
       id,
       selected: id === selectedId,
       lost: facts.lost,
-      stale: !facts.lost && facts.global.stale && !facts.replayed,
+      stale: !facts.lost && facts.globalPosition.stale && !facts.replayed,
       colour: identityColour(index),
       yaw_rad: facts.attitude?.value.yaw_ned_rad ?? null,
       label: vehicleLabel(facts),
@@ -163,10 +167,10 @@ const START_TIMEOUT_S = 5;
  * Whether the vehicle is still flying to a target: it is armed, is in Hold mode and has not reached the target. In the first
  * seconds after the request the result is true.
  */
-export function isTargetActive(requested: RequestedTarget & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
+export function isTargetActive(target: RequestedTarget & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
   const mode = facts.status?.value.mode ?? '';
-  if (now_s - requested.since_s < START_TIMEOUT_S) return true;
-  if (facts.status?.value.armed !== true || mode !== 'hold' || facts.global === null) return false;
-  const altitudeDifference_m = requested.alt_home_m === null ? 0 : Math.abs(facts.global.value.alt_home_m - requested.alt_home_m);
-  return groundDistance_m(requested, facts.global.value) > REACHED_M || altitudeDifference_m > REACHED_M;
+  if (now_s - target.since_s < START_TIMEOUT_S) return true;
+  if (facts.status?.value.armed !== true || mode !== 'hold' || facts.globalPosition === null) return false;
+  const altitudeDifference_m = target.alt_home_m === null ? 0 : Math.abs(facts.globalPosition.value.alt_home_m - target.alt_home_m);
+  return groundDistance_m(target, facts.globalPosition.value) > REACHED_M || altitudeDifference_m > REACHED_M;
 }

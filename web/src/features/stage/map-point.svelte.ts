@@ -40,10 +40,10 @@ export class MapPointMenu {
   open(mapPoint: MapPoint, facts: VehicleFacts | null): void {
     if (facts === null) return;
     const home = homeAmsl_m(facts);
-    if (this.mapPoint === null || this.vehicle !== facts.id) this.goto_home_m = roundToTenth(facts.global?.value.alt_home_m ?? 0);
+    if (this.mapPoint === null || this.vehicle !== facts.id) this.goto_home_m = roundToTenth(facts.globalPosition?.value.alt_home_m ?? 0);
     this.point_home_m = mapPoint.ground_amsl_m === null || home === null ? 0 : roundToTenth(mapPoint.ground_amsl_m - home);
     this.actions.dismissRefusal('stage');
-    if (this.actions.pending?.pagePart === 'stage') this.actions.cancelConfirmation();
+    if (this.actions.confirmation?.pagePart === 'stage') this.actions.cancelConfirmation();
     this.mapPoint = mapPoint;
     this.vehicle = facts.id;
     if (!facts.replayed && !facts.lost) void this.loadSpeeds(facts.id);
@@ -131,13 +131,13 @@ export class MapPointMenu {
   private async loadSpeeds(id: string): Promise<void> {
     if (id in this.speeds) return;
     this.speeds = { ...this.speeds, [id]: NO_SPEEDS };
-    const read = async (name: string): Promise<number | null> => {
+    const readParameter = async (name: string): Promise<number | null> => {
       const response = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name } } });
       return response.ok && typeof response.value.value === 'number' ? response.value.value : null;
     };
-    const horizontal_m_s = await read(SPEED_PARAMETERS.horizontal_m_s);
-    const up_m_s = await read(SPEED_PARAMETERS.up_m_s);
-    const down_m_s = await read(SPEED_PARAMETERS.down_m_s);
+    const horizontal_m_s = await readParameter(SPEED_PARAMETERS.horizontal_m_s);
+    const up_m_s = await readParameter(SPEED_PARAMETERS.up_m_s);
+    const down_m_s = await readParameter(SPEED_PARAMETERS.down_m_s);
     if (horizontal_m_s === null) {
       const { [id]: _failed, ...otherSpeeds } = this.speeds;
       this.speeds = otherSpeeds; // when the menu opens again, the page requests the parameters again

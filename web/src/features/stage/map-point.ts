@@ -36,18 +36,18 @@ export const NO_SPEEDS: Speeds = { horizontal_m_s: null, up_m_s: null, down_m_s:
 /** Altitude of home AMSL [m]: reported, or else the difference of the vehicle's altitudes AMSL and above home. */
 export function homeAmsl_m(facts: VehicleFacts): number | null {
   if (facts.home !== null) return facts.home.value.alt_amsl_m;
-  return facts.global === null ? null : facts.global.value.alt_amsl_m - facts.global.value.alt_home_m;
+  return facts.globalPosition === null ? null : facts.globalPosition.value.alt_amsl_m - facts.globalPosition.value.alt_home_m;
 }
 
 export function distance_m(facts: VehicleFacts, mapPoint: GeoPosition): number | null {
-  return facts.global === null ? null : groundDistance_m(facts.global.value, mapPoint);
+  return facts.globalPosition === null ? null : groundDistance_m(facts.globalPosition.value, mapPoint);
 }
 
 /** Flight time [s]: the longer time of horizontal flight and climb or descent; null if a required speed is not known. */
 export function flightTime_s(facts: VehicleFacts, mapPoint: GeoPosition, alt_home_m: number, speeds: Speeds): number | null {
   const toPoint_m = distance_m(facts, mapPoint);
-  if (toPoint_m === null || facts.global === null || speeds.horizontal_m_s === null || speeds.horizontal_m_s <= 0) return null;
-  const climb_m = alt_home_m - facts.global.value.alt_home_m;
+  if (toPoint_m === null || facts.globalPosition === null || speeds.horizontal_m_s === null || speeds.horizontal_m_s <= 0) return null;
+  const climb_m = alt_home_m - facts.globalPosition.value.alt_home_m;
   const verticalSpeed_m_s = climb_m > 0 ? speeds.up_m_s : speeds.down_m_s;
   if (Math.abs(climb_m) > 0.5 && (verticalSpeed_m_s === null || verticalSpeed_m_s <= 0)) return null;
   return Math.max(toPoint_m / speeds.horizontal_m_s, verticalSpeed_m_s === null ? 0 : Math.abs(climb_m) / verticalSpeed_m_s);
@@ -58,7 +58,7 @@ export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | n
   if (facts.replayed) return IS_REPLAY;
   if (facts.lost) return NO_CONNECTION;
   const toPoint_m = distance_m(facts, mapPoint);
-  if (toPoint_m === null || facts.global?.stale === true) return NO_POSITION;
+  if (toPoint_m === null || facts.globalPosition?.stale === true) return NO_POSITION;
   if (facts.home === null) return NO_HOME;
   if (!facts.inAir) return 'The vehicle is on the ground: take off first.';
   const { text, unit } = metres(toPoint_m);
@@ -71,10 +71,10 @@ export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | n
  */
 export function lookAngles(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
   const yaw_deg = toDeg(facts.attitude?.value.yaw_ned_rad);
-  if (facts.global === null || yaw_deg === null) return null;
-  const toPoint_m = groundDistance_m(facts.global.value, mapPoint);
-  const down_m = facts.global.value.alt_home_m - point_home_m;
-  const yaw_ned_deg = wrap180((bearing_rad(facts.global.value, mapPoint) * 180) / Math.PI);
+  if (facts.globalPosition === null || yaw_deg === null) return null;
+  const toPoint_m = groundDistance_m(facts.globalPosition.value, mapPoint);
+  const down_m = facts.globalPosition.value.alt_home_m - point_home_m;
+  const yaw_ned_deg = wrap180((bearing_rad(facts.globalPosition.value, mapPoint) * 180) / Math.PI);
   return { pitch_deg: (-Math.atan2(down_m, toPoint_m) * 180) / Math.PI, yaw_deg: wrap180(yaw_ned_deg - yaw_deg), yaw_ned_deg };
 }
 
@@ -82,14 +82,14 @@ function whyNoCamera(facts: VehicleFacts): string | null {
   if (facts.replayed) return IS_REPLAY;
   if (facts.lost) return NO_CONNECTION;
   if (facts.gimbal === null) return 'The vehicle reports no gimbal.';
-  return facts.global === null || facts.global.stale ? NO_POSITION : null;
+  return facts.globalPosition === null || facts.globalPosition.stale ? NO_POSITION : null;
 }
 
 /** Why "Look here" is not possible now; null: it is possible. */
 export function whyNotLook(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number, hasGimbalControl: boolean): string | null {
   const why = whyNoCamera(facts);
   if (why !== null) return why;
-  if (!hasGimbalControl) return 'First take control on the gimbal card.';
+  if (!hasGimbalControl) return 'Take control of the gimbal first, on the gimbal card.';
   const angles = lookAngles(facts, mapPoint, point_home_m);
   if (angles === null) return 'The vehicle’s heading is not known.';
   const limits = angleLimits(facts.gimbal?.value ?? null);

@@ -8,11 +8,11 @@ import { maps } from './maps.svelte';
 import { stage } from './stage.svelte';
 import Stage from './Stage.svelte';
 
-page.onEvent.push((event) => {
+page.eventListeners.push((event) => {
   // While a layer is edited, a click must not open the menu with commands.
-  if (mapLayers.edited === null) mapPointMenu.onSceneClick(event, stage.viewId, stage.size, page.facts);
+  if (mapLayers.editedLayer === null) mapPointMenu.onSceneClick(event, stage.viewId, stage.size, page.facts);
 });
-page.onEvent.push((event) => {
+page.eventListeners.push((event) => {
   if (event.kind === 'scene_gizmo' && event['view'] === stage.viewId) preview.onDrag?.(event);
 });
 provide('stage', stage);

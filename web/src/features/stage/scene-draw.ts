@@ -3,7 +3,7 @@
  * the ground, and handles to change altitudes. Depends only on a canvas, not on the page.
  */
 
-import type { LayerLine, LayerPicture, LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
+import type { LayerLine, LayerContent, LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
 import type { Pixel } from '../../vehicle/geo';
 import { drawIcon, ICON_HALF_PX, iconName, TONES } from './layer-draw';
 import { withHandles } from './layer-gesture';
@@ -79,11 +79,11 @@ export class ScenePainter {
     private readonly inset: boolean,
   ) {}
 
-  draw(view: SceneView, pictures: readonly LayerPicture[]): void {
+  draw(view: SceneView, contents: readonly LayerContent[]): void {
     this.ctx.clearRect(0, 0, view.width, view.height);
     this.ctx.lineCap = this.ctx.lineJoin = 'round';
     const opacity = this.palette.dark ? 0.1 : 0.13;
-    for (const { areas } of pictures)
+    for (const { areas } of contents)
       for (const { ring, tone } of areas)
         this.fillArea(
           view,
@@ -93,13 +93,13 @@ export class ScenePainter {
         );
     for (const face of facesOf(
       view,
-      pictures.flatMap(({ solids }) => solids ?? []),
+      contents.flatMap(({ solids }) => solids ?? []),
     ))
       this.drawFace(view, face);
-    for (const { lines } of pictures) for (const line of lines) this.drawShadow(view, line);
-    for (const { points } of pictures) this.drawGroundLines(view, points);
-    for (const { lines } of pictures) for (const line of lines) this.drawLine(view, line);
-    for (const { points } of pictures) {
+    for (const { lines } of contents) for (const line of lines) this.drawShadow(view, line);
+    for (const { points } of contents) this.drawGroundLines(view, points);
+    for (const { lines } of contents) for (const line of lines) this.drawLine(view, line);
+    for (const { points } of contents) {
       for (const { point, at } of drawnPoints(view, points)) this.drawPoint(point, at);
       if (!this.inset) for (const point of withHandles(points)) this.drawHandle(view, point);
     }

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import type { LayerPicture, LayerPoint } from '../../app/map-layers.svelte';
+import type { LayerContent, LayerPoint } from '../../app/map-layers.svelte';
 import { scenePositions, SceneOverview, type CameraPose } from './scene-overview';
 
 const CHASE_POSE: CameraPose = { eye: [-3.1, 0, 1.25], target: [0.35, 0, -0.05] };
@@ -81,7 +81,7 @@ describe('the camera of the 3D view, when a plan is opened', () => {
 
 it('the extent contains points, lines and tops of the layers with a ground', () => {
   const [point, end] = [{ id: 'a', lat_deg: 47.4, lon_deg: 8.5 } as LayerPoint, { lat_deg: 47.5, lon_deg: 8.5, alt_amsl_m: 500 }];
-  const layer: LayerPicture = { points: [point], lines: [{ positions: [end], tone: 'target', style: 'solid' }], areas: [] };
+  const layer: LayerContent = { points: [point], lines: [{ positions: [end], tone: 'target', style: 'solid' }], areas: [] };
   expect(scenePositions([layer])).toEqual([]);
   expect(scenePositions([{ ...layer, ground: end }])).toEqual([point, end]);
   const solids = [{ ring: [{ lat_deg: 47.6, lon_deg: 8.5 }], top_amsl_m: 520, tone: 'danger' as const }];

@@ -1,6 +1,6 @@
 /** When the camera of the 3D view moves to show an opened plan, and when it returns to its earlier pose. Pure functions. */
 
-import type { LayerPicture, LayerPosition } from '../../app/map-layers.svelte';
+import type { LayerContent, LayerPosition } from '../../app/map-layers.svelte';
 import type { Vector } from './scene-view';
 
 /** Position of the camera, and the point that the camera looks at, in the coordinates of viser's scene. */
@@ -13,8 +13,8 @@ export interface CameraPose {
 const SAME_FRACTION = 0.001;
 
 /** All positions of the layers that the 3D view shows. */
-export function scenePositions(pictures: readonly LayerPicture[]): LayerPosition[] {
-  return pictures.flatMap(({ ground, points, lines, solids = [] }) => {
+export function scenePositions(contents: readonly LayerContent[]): LayerPosition[] {
+  return contents.flatMap(({ ground, points, lines, solids = [] }) => {
     if (ground === undefined) return [];
     const tops = solids.flatMap(({ ring, top_amsl_m }) => ring.map((at) => ({ ...at, alt_amsl_m: top_amsl_m })));
     return [...points, ...lines.flatMap(({ positions }) => positions), ...tops];

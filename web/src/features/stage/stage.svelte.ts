@@ -25,9 +25,9 @@ export interface MapCommands {
   toggleFollow: () => void;
   zoomToVehicle: () => void;
   northUp: () => void;
-  /** Fits positions into the uncovered area. */
+  /** Fits positions into the free area. */
   fit: (positions: readonly GeoPosition[]) => void;
-  /** The middle of the uncovered area and the distance to its edge; null: the map is not drawn, or is the inset. */
+  /** The middle of the free area and the distance to its edge; null: the map is not drawn, or is the inset. */
   visibleMiddle: () => { at: GeoPosition; edgeDistance_m: number } | null;
 }
 
@@ -44,7 +44,7 @@ class StageState {
   /** Pixel on the stage of the map point whose menu is open; it changes when the map moves. */
   mapPointPixel = $state.raw({ x: 0, y: 0 });
   /**
-   * Offset of the middle of the uncovered area from the stage's middle, right and down [px]. Map and 3D view show the
+   * Offset of the middle of the free area from the stage's middle, right and down [px]. Map and 3D view show the
    * followed vehicle there.
    */
   readonly middleOffset = $derived(freeAreaOffset(this.size, covered()));
@@ -57,7 +57,7 @@ class StageState {
   visibleSceneMiddle: MapCommands['visibleMiddle'] | null = null;
   private pendingRequest: SceneRequest | null = null;
   private isMapChosen = $state(false);
-  readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'available' && !this.isMapChosen ? 'scene' : 'map');
+  readonly largeView: 'map' | 'scene' = $derived(this.scene.phase === 'available' && !this.isMapChosen ? 'scene' : 'map');
 
   get sceneAvailable(): boolean {
     return this.scene.phase === 'available';
@@ -74,7 +74,7 @@ class StageState {
 
   showPositions(positions: readonly GeoPosition[]): void {
     this.map?.fit(positions);
-    if (this.main === 'scene') this.fitScene?.(positions);
+    if (this.largeView === 'scene') this.fitScene?.(positions);
   }
 
   /** Shows an opened plan on the map now, and in the 3D view when the 3D view is next large. */
@@ -89,7 +89,7 @@ class StageState {
   }
 
   visibleMiddle(): { at: GeoPosition; edgeDistance_m: number } | null {
-    return this.main === 'scene' ? (this.visibleSceneMiddle?.() ?? null) : (this.map?.visibleMiddle() ?? null);
+    return this.largeView === 'scene' ? (this.visibleSceneMiddle?.() ?? null) : (this.map?.visibleMiddle() ?? null);
   }
 
   /** Sets the pixel of the menu's point, only if it has changed, because each assignment lays out the menu again. */

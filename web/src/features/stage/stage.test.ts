@@ -21,8 +21,8 @@ import { flightTime_s, altitudeInRange, lookAngles, menuCorner, distanceText, wh
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const view = (px_per_m: number, more: Partial<MapView> = {}): MapView => {
-  const unscaled = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
-  return { ...unscaled, world_px: px_per_m / pixelsPerMetre(unscaled), ...more };
+  const baseView = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
+  return { ...baseView, world_px: px_per_m / pixelsPerMetre(baseView), ...more };
 };
 
 describe('positions', () => {
@@ -95,12 +95,12 @@ const gimbal = { pitch_min_rad: -1.58, pitch_max_rad: 0.5, yaw_min_rad: -3.1, ya
 function facts(more: Record<string, unknown> = {}): VehicleFacts {
   return {
     id: '1',
-    name: '1 Quad',
+    name: 'Quad 1',
     lost: false,
     offline: false,
     replayed: false,
     inAir: true,
-    global: reading({ ...HERE, alt_amsl_m: 500, alt_home_m: 12 }),
+    globalPosition: reading({ ...HERE, alt_amsl_m: 500, alt_home_m: 12 }),
     home: reading({ ...HERE, alt_amsl_m: 488 }),
     attitude: reading({ yaw_ned_rad: Math.PI / 2 }),
     gimbal: reading(gimbal),
@@ -120,7 +120,7 @@ describe('actions at a map point', () => {
     expect(whyNotGo(facts({ inAir: false }), EAST_30)).toMatch(/take off first/);
     expect(whyNotGo(facts({ home: null }), EAST_30)).toMatch(/home position is not known/);
     expect(whyNotGo(facts(), positionAt(HERE, { east_m: 1500, north_m: 0 }))).toMatch(/1500 m away/);
-    expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/take control/);
+    expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/Take control/);
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within the limits
     expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/range: pitch 71°/);
@@ -129,8 +129,8 @@ describe('actions at a map point', () => {
     for (const [more, word] of [
       [{ replayed: true }, /replayed/],
       [{ lost: true }, /No connection/],
-      [{ global: null }, /position/],
-      [{ global: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/],
+      [{ globalPosition: null }, /position/],
+      [{ globalPosition: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/],
     ] as const) {
       for (const why of [whyNotGo(facts(more), EAST_30), whyNotLook(facts(more), EAST_30, 0, true), whyNotRoi(facts(more))]) expect(why).toMatch(word);
     }
@@ -200,7 +200,7 @@ describe('offline maps', () => {
   });
 });
 
-describe('the middle of the uncovered area', () => {
+describe('the middle of the free area', () => {
   const stage = { width: 1036, height: 628 };
   it('is between the panels on all sides', () => {
     expect(freeAreaOffset(stage, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: -46, y: -34 });
@@ -208,7 +208,7 @@ describe('the middle of the uncovered area', () => {
     expect(freeAreaOffset(stage, { left: 0, right: 0, top: 78, bottom: 56 })).toEqual({ x: 0, y: 11 });
     expect(freeAreaOffset(stage, { left: 0, right: 0, top: 0, bottom: 0 })).toEqual({ x: 0, y: 0 });
   });
-  it('is computed with the coveredAtEdges panel at each edge', () => {
+  it('is computed with the panel that covers most at each edge', () => {
     expect(
       coveredAtEdges([
         { edge: 'left', px: 240 },

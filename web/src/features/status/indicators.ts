@@ -1,4 +1,4 @@
-/** The indicators of GPS, battery and link: a short text each, with a severity and a word that names the problem. */
+/** The indicators of GPS, battery and link: a short text each, with a severity and a word for the problem. */
 
 import { fixed, join, UNKNOWN } from '../../ui/format';
 import { ageText } from '../../live/age';
@@ -10,8 +10,8 @@ export type Severity = 'none' | 'caution' | 'danger';
 export interface Indicator {
   label: string;
   text: string;
-  /** A word for the problem; empty: no problem. */
-  word: string;
+  /** The problem in a few words; empty: no problem. */
+  problem: string;
   severity: Severity;
   stale: boolean;
   age_s: number | null;
@@ -21,10 +21,10 @@ export interface Indicator {
 /** Packet loss above which the link is shown as weak [%]. */
 const WEAK_PERCENT = 5;
 /** Texts by MAVLink's GPS_FIX_TYPE. */
-const FIX_TEXTS = ['no GPS', 'no fix', '2-D fix', '3-D fix', 'DGPS', 'RTK float', 'RTK fixed'];
+const FIX_TEXTS = ['no GPS', 'no fix', '2D fix', '3D fix', 'DGPS', 'RTK float', 'RTK fixed'];
 
 function emptyIndicator(label: string): Indicator {
-  return { label, text: UNKNOWN, word: '', severity: 'none', stale: false, age_s: null, details: [['', 'Nothing received yet.']] };
+  return { label, text: UNKNOWN, problem: '', severity: 'none', stale: false, age_s: null, details: [['', 'Nothing received yet.']] };
 }
 
 export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
@@ -39,7 +39,7 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
     stale,
     age_s,
     text: lacks3dFix ? (satellites ?? UNKNOWN) : join([satellites, accuracy ?? fix]),
-    word: lacks3dFix ? fix : '',
+    problem: lacks3dFix ? fix : '',
     severity: lacks3dFix ? 'danger' : 'none',
     details: [
       ['Fix', fix],
@@ -54,9 +54,9 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
 /** The cell with the lowest voltage, which limits the battery, and the voltages of all cells. */
 function cellLines(cells_v: readonly number[] | null): [string, string][] {
   if (cells_v === null || cells_v.length === 0) return [['Cells', UNKNOWN]];
-  const lowest = Math.min(...cells_v);
+  const lowest_v = Math.min(...cells_v);
   return [
-    ['Lowest cell', `${fixed(lowest, 2)} V, cell ${cells_v.indexOf(lowest) + 1} of ${cells_v.length}`],
+    ['Lowest cell', `${fixed(lowest_v, 2)} V, cell ${cells_v.indexOf(lowest_v) + 1} of ${cells_v.length}`],
     ['Cells', cells_v.map((v) => fixed(v, 2)).join(' · ')],
   ];
 }
@@ -86,7 +86,7 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
     age_s,
     severity,
     text: join([percent === null ? null : `${percent} %`, volts]),
-    word: severity === 'danger' ? '≤ 10 %' : severity === 'caution' ? '≤ 25 %' : '',
+    problem: severity === 'danger' ? '≤ 10 %' : severity === 'caution' ? '≤ 25 %' : '',
     details: [
       ['Remaining', percent === null ? UNKNOWN : `${percent} %`],
       ['Voltage', battery.voltage_v === null ? UNKNOWN : `${fixed(battery.voltage_v, 2)} V`],
@@ -131,19 +131,19 @@ export function linkIndicator(
     return {
       ...emptyIndicator('Link'),
       text: 'unknown',
-      word: 'no server',
+      problem: 'no server',
       severity: 'danger',
       details: [['', 'This page has no connection to the server: the state of the vehicle’s link is not known.']],
     };
   if (heartbeatAge_s === null) return { ...emptyIndicator('Link'), details };
-  const weak = !lost && lost_percent !== null && lost_percent > WEAK_PERCENT;
+  const isWeak = !lost && lost_percent !== null && lost_percent > WEAK_PERCENT;
   return {
     label: 'Link',
     stale: false,
     age_s: heartbeatAge_s,
     text: lost ? `lost ${Math.round(heartbeatAge_s)} s ago` : (text ?? 'connected'),
-    word: weak ? 'weak' : '',
-    severity: lost ? 'danger' : weak ? 'caution' : 'none',
+    problem: isWeak ? 'weak' : '',
+    severity: lost ? 'danger' : isWeak ? 'caution' : 'none',
     details: [['Last heartbeat', `${fixed(heartbeatAge_s, 1)} s ago`], ...details],
   };
 }

@@ -10,14 +10,14 @@ const LOSS_POLLS = 10;
 class Links {
   list = $state.raw<readonly ServerLink[]>([]);
   notices = $state.raw<readonly ServerNotice[]>([]);
-  /** Whether the server has responded to the last poll. */
+  /** Whether the server responded to the last poll: links and warnings are known. */
   isKnown = $state(false);
   /** Received data rate; null until two polls had a response. */
   rate_bytes_s = $state<number | null>(null);
   /** Packet loss of the last half minute; null: no packets received. */
   lost_percent = $state<number | null>(null);
-  private lastCount: { bytes: number; at_ms: number } | null = null;
-  private readonly counts: { received: number; lost: number }[] = [];
+  private lastBytes: { count: number; at_ms: number } | null = null;
+  private readonly packetCounts: { received: number; lost: number }[] = [];
 
   poll(api: ApiClient): void {
     const request = async (): Promise<void> => {
@@ -32,23 +32,23 @@ class Links {
   }
 
   private measureRateAndLoss(): void {
-    const now = { bytes: this.list.reduce((sum, l) => sum + l.bytes_received, 0), at_ms: performance.now() };
-    const received = this.lastCount === null ? -1 : now.bytes - this.lastCount.bytes;
-    this.rate_bytes_s = this.lastCount === null || received < 0 ? null : (received / (now.at_ms - this.lastCount.at_ms)) * 1000;
-    this.lastCount = this.isKnown ? now : null;
+    const bytes = { count: this.list.reduce((sum, l) => sum + l.bytes_received, 0), at_ms: performance.now() };
+    const received = this.lastBytes === null ? -1 : bytes.count - this.lastBytes.count;
+    this.rate_bytes_s = this.lastBytes === null || received < 0 ? null : (received / (bytes.at_ms - this.lastBytes.at_ms)) * 1000;
+    this.lastBytes = this.isKnown ? bytes : null;
     this.measureLoss();
   }
 
   private measureLoss(): void {
     const vehicleLinks = this.list.filter((l) => !l.forward);
-    const now = { received: vehicleLinks.reduce((sum, l) => sum + l.frames_received, 0), lost: vehicleLinks.reduce((sum, l) => sum + l.frames_lost, 0) };
-    const last = this.counts.at(-1);
+    const count = { received: vehicleLinks.reduce((sum, l) => sum + l.frames_received, 0), lost: vehicleLinks.reduce((sum, l) => sum + l.frames_lost, 0) };
+    const previousCount = this.packetCounts.at(-1);
     // After a restart of the server, or when a link is closed, the counters decrease.
-    if (!this.isKnown || (last !== undefined && now.received < last.received)) this.counts.length = 0;
+    if (!this.isKnown || (previousCount !== undefined && count.received < previousCount.received)) this.packetCounts.length = 0;
     if (!this.isKnown) return;
-    this.counts.push(now);
-    if (this.counts.length > LOSS_POLLS) this.counts.shift();
-    this.lost_percent = lossPercent(this.counts[0] ?? now, now);
+    this.packetCounts.push(count);
+    if (this.packetCounts.length > LOSS_POLLS) this.packetCounts.shift();
+    this.lost_percent = lossPercent(this.packetCounts[0] ?? count, count);
   }
 }
 

@@ -25,14 +25,14 @@ function bytesText(bytes: number): string {
 /** Packet loss between two counts [%]; null: no packets between the counts. */
 export function lossPercent(from: { received: number; lost: number }, to: { received: number; lost: number }): number | null {
   const lost = Math.max(0, to.lost - from.lost);
-  const sent = to.received - from.received + lost;
-  return sent <= 0 ? null : (lost / sent) * 100;
+  const sentCount = to.received - from.received + lost;
+  return sentCount <= 0 ? null : (lost / sentCount) * 100;
 }
 
 /** Packet loss since the link was opened, from gaps in the sequence numbers, as text. */
 function lossText(link: ServerLink): string {
-  const sent = link.frames_received + link.frames_lost;
-  return sent === 0 ? UNKNOWN : `${fixed((link.frames_lost / sent) * 100, 1)} %`;
+  const sentCount = link.frames_received + link.frames_lost;
+  return sentCount === 0 ? UNKNOWN : `${fixed((link.frames_lost / sentCount) * 100, 1)} %`;
 }
 
 /** Maximum number of listed peers; the others are counted. */
@@ -84,7 +84,7 @@ export function linkDetails(
       : join([
           openCount === 1 ? null : `${openCount} links`,
           rate ?? 'open',
-          lost_percent === null ? null : `${fixed(lost_percent, lost_percent > 0 && lost_percent < 9.95 ? 1 : 0)} % packet loss`,
+          lost_percent === null ? null : `${fixed(lost_percent, lost_percent > 0 && lost_percent < 9.95 ? 1 : 0)} % loss`,
         ]);
   return { details, text };
 }
@@ -104,18 +104,18 @@ function recordingLine(link: ServerLink): string {
 
 /** State of the recordings, with the duration of the longest recording that is running. */
 export function recordingIndicator(links: readonly ServerLink[], known: boolean, now_unix_s: number): Indicator {
-  const commonFields = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
+  const commonFields = { label: 'Recording', problem: '', severity: 'none' as const, stale: false, age_s: null };
   if (!known) return { ...commonFields, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };
-  const recordable = links.filter((l) => !l.replay && !l.forward);
-  if (recordable.length === 0) {
+  const recordableLinks = links.filter((l) => !l.replay && !l.forward);
+  if (recordableLinks.length === 0) {
     const why = links.some((l) => l.replay) ? 'A recording is replayed; nothing is recorded.' : 'There is no open link to record.';
     return { ...commonFields, text: 'None', details: [['', why]] };
   }
-  const details = recordable.map((l): [string, string] => [l.name, recordingLine(l)]);
-  if (recordable.some((l) => l.recording !== null && l.recording.stopped !== null)) {
-    return { ...commonFields, text: 'Stopped', word: 'not recording', severity: 'danger', details };
+  const details = recordableLinks.map((l): [string, string] => [l.name, recordingLine(l)]);
+  if (recordableLinks.some((l) => l.recording !== null && l.recording.stopped !== null)) {
+    return { ...commonFields, text: 'Stopped', problem: 'not recording', severity: 'danger', details };
   }
-  if (recordable.every((l) => l.recording === null)) return { ...commonFields, text: 'Off', word: 'not recording', severity: 'caution', details };
-  const startTimes_unix_s = recordable.filter(isRecording).map((l) => l.recording?.started_unix_s ?? now_unix_s);
+  if (recordableLinks.every((l) => l.recording === null)) return { ...commonFields, text: 'Off', problem: 'not recording', severity: 'caution', details };
+  const startTimes_unix_s = recordableLinks.filter(isRecording).map((l) => l.recording?.started_unix_s ?? now_unix_s);
   return { ...commonFields, text: startTimes_unix_s.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...startTimes_unix_s))), details };
 }

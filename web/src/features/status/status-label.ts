@@ -33,14 +33,14 @@ interface ModeText {
 }
 
 const MODE_TEXTS: Readonly<Record<string, ModeText>> = {
-  hold: { title: 'Holding', detail: 'the vehicle holds its position' },
-  takeoff: { title: 'Taking off', detail: 'the vehicle climbs by itself' },
-  land: { title: 'Landing', detail: 'the vehicle lands by itself' },
-  precland: { title: 'Landing', detail: 'the vehicle lands on a marker' },
-  rtl: { title: 'Returning', detail: 'the vehicle flies home by itself' },
-  mission: { title: 'Mission', detail: 'the vehicle flies the mission stored on it' },
-  orbit: { title: 'Orbit', detail: 'the vehicle circles by itself' },
-  follow: { title: 'Follow', detail: 'the vehicle follows a target' },
+  hold: { title: 'Holding', detail: 'holds its position' },
+  takeoff: { title: 'Taking off', detail: 'climbs by itself' },
+  land: { title: 'Landing', detail: 'lands by itself' },
+  precland: { title: 'Landing', detail: 'lands on a marker' },
+  rtl: { title: 'Returning', detail: 'flies home by itself' },
+  mission: { title: 'Mission', detail: 'flies the stored mission' },
+  orbit: { title: 'Orbit', detail: 'circles by itself' },
+  follow: { title: 'Follow', detail: 'follows a target' },
   position: { title: 'Position', detail: 'a pilot flies with position control' },
   altitude: { title: 'Altitude', detail: 'a pilot flies with altitude control' },
   stabilized: { title: 'Stabilized', detail: 'a pilot flies' },
@@ -55,7 +55,8 @@ function modeText(status: Status, stream: StatusFacts['stream']): ModeText {
     const rate = stream.rate_hz === null ? '' : `, ${Math.round(stream.rate_hz)} Hz`;
     return {
       title: 'Offboard',
-      detail: `${setpointsText(stream.type)} from ${stream.client ?? 'this server'}${rate}`,
+      // The client is first: a narrow pill cuts off the end.
+      detail: `from ${stream.client ?? 'this server'} · ${setpointsText(stream.type)}${rate}`,
     };
   }
   if (status.mode.startsWith('external_')) {

@@ -22,7 +22,7 @@ describe('the status label', () => {
   it('shows who commands the vehicle', () => {
     expect(label({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
       title: 'Offboard',
-      detail: 'Position setpoints from a, 50 Hz',
+      detail: 'from a · Position setpoints, 50 Hz',
       tone: 'target',
     });
     expect(label({ status: status({ mode: 'offboard' }) }).detail).toContain('another computer');
@@ -67,12 +67,12 @@ it('an indicator shows a severity with a word, and unknown values as unknown', (
     age_s: 0,
     stale: false,
   });
-  expect(batteryIndicator(reading(9))).toMatchObject({ severity: 'danger', word: '≤ 10 %', text: '9 %' });
+  expect(batteryIndicator(reading(9))).toMatchObject({ severity: 'danger', problem: '≤ 10 %', text: '9 %' });
   expect(batteryIndicator(reading(null)).text).toBe('–');
   expect(batteryIndicator(null).text).toBe('–');
   expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({
     text: '3 sats',
-    word: 'no fix',
+    problem: 'no fix',
     severity: 'danger',
   });
 });

@@ -67,8 +67,8 @@ describe('the list of topics', () => {
 
 it('the panel is offered only for a vehicle that is connected over ROS 2', () => {
   const offered = (protocols: string[] | null): boolean => {
-    const reach = protocols === null ? null : { protocols, telemetry: null, commands: null, setpoints: null, missing: [] };
-    return isOffered({ protocol: 'ROS 2' } as Panel, { reach } as unknown as VehicleFacts);
+    const vehicleProtocols = protocols === null ? null : { protocols, telemetry: null, commands: null, setpoints: null, missing: [] };
+    return isOffered({ protocol: 'ROS 2' } as Panel, { protocols: vehicleProtocols } as unknown as VehicleFacts);
   };
   expect([offered(null), offered(['MAVLink']), offered(['MAVLink', 'ROS 2'])]).toEqual([false, false, true]);
 });

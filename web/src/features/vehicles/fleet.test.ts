@@ -58,10 +58,10 @@ describe('list of vehicles', () => {
       const results = vehicles.map((vehicle) => ({ vehicle, held: vehicle !== '7', problem: vehicle === '7' ? { code: 'no_reply' } : null }));
       return Promise.resolve(new Response(JSON.stringify({ results }), { status: 200 }));
     });
-    const vehicles = Array.from({ length: 20 }, (_, i) => ({ id: String(i + 1), name: `${i + 1} Quad` }));
+    const vehicles = Array.from({ length: 20 }, (_, i) => ({ id: String(i + 1), name: `Quad ${i + 1}` }));
     await vehicleList.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
     expect(requests).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((vehicle) => vehicle.id) }]);
-    expect(vehicleList.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not confirmed: 7 Quad.', refused: true });
+    expect(vehicleList.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not confirmed: Quad 7.', refused: true });
     expect(vehicleList.isHoldPending).toBe(false);
     expect(holdText(3, [])).toBe('All 3 vehicles switched to Hold.');
   });
@@ -69,7 +69,7 @@ describe('list of vehicles', () => {
   it('shows why the Hold request failed', async () => {
     const refusal = { title: 'Signed out', code: 'token', detail: 'The token is not valid.', remedy: 'Sign in again.' };
     const fetch = vi.fn(() => Promise.resolve(new Response(JSON.stringify(refusal), { status: 401 })));
-    await vehicleList.hold(new ApiClient('test', () => undefined, fetch as never), [{ id: '1', name: '1 Quad' }]);
+    await vehicleList.hold(new ApiClient('test', () => undefined, fetch as never), [{ id: '1', name: 'Quad 1' }]);
     expect(vehicleList.result).toEqual({ text: 'The token is not valid. Sign in again.', refused: true });
     expect(vehicleList.isHoldPending).toBe(false);
   });
@@ -82,9 +82,9 @@ describe('list of vehicles', () => {
       return Promise.resolve(url.endsWith('/7') ? new Response(JSON.stringify(refusal), { status: 409 }) : new Response(null, { status: 204 }));
     });
     const api = new ApiClient('test', () => undefined, fetch as never);
-    await vehicleList.remove(api, { id: '3~2', name: '3~2 Quad' });
-    expect(vehicleList.result).toEqual({ text: '3~2 Quad was removed.', refused: false });
-    await vehicleList.remove(api, { id: '7', name: '7 Quad' });
+    await vehicleList.remove(api, { id: '3~2', name: 'Quad 3~2' });
+    expect(vehicleList.result).toEqual({ text: 'Quad 3~2 was removed.', refused: false });
+    await vehicleList.remove(api, { id: '7', name: 'Quad 7' });
     expect(vehicleList.result).toEqual({ text: 'Vehicle 7 is connected on udp. Switch it off.', refused: true });
     expect(requests.map(([url, method]) => [url.split('/').at(-1), method])).toEqual([
       ['3~2', 'DELETE'],

@@ -85,10 +85,10 @@ export function rowAfterKey(index: number, count: number, key: string): number |
 /**
  * Result of a Hold command, as text.
  * @param commanded number of vehicles to which Hold was sent.
- * @param unconfirmed names of the vehicles that did not confirm Hold.
+ * @param unconfirmedNames names of the vehicles that did not confirm Hold.
  */
-export function holdText(commanded: number, unconfirmed: readonly string[]): string {
-  if (unconfirmed.length === 0) return commanded === 1 ? 'The vehicle switched to Hold.' : `All ${commanded} vehicles switched to Hold.`;
-  const names = unconfirmed.slice(0, 5).join(', ') + (unconfirmed.length > 5 ? ` and ${unconfirmed.length - 5} more` : '');
-  return `${commanded - unconfirmed.length} of ${commanded} vehicles switched to Hold. Not confirmed: ${names}.`;
+export function holdText(commanded: number, unconfirmedNames: readonly string[]): string {
+  if (unconfirmedNames.length === 0) return commanded === 1 ? 'The vehicle switched to Hold.' : `All ${commanded} vehicles switched to Hold.`;
+  const names = unconfirmedNames.slice(0, 5).join(', ') + (unconfirmedNames.length > 5 ? ` and ${unconfirmedNames.length - 5} more` : '');
+  return `${commanded - unconfirmedNames.length} of ${commanded} vehicles switched to Hold. Not confirmed: ${names}.`;
 }

@@ -33,9 +33,9 @@ class VehicleList {
     const outcome = await api.post('/hold', { body: { vehicles: vehicles.map((vehicle) => vehicle.id) } });
     this.isHoldPending = false;
     if (outcome.ok) {
-      const failed = new Set(outcome.value.results.filter((result) => !result.held).map((result) => result.vehicle));
-      const unconfirmed = vehicles.filter((vehicle) => failed.has(vehicle.id)).map((vehicle) => vehicle.name);
-      this.result = { text: holdText(vehicles.length, unconfirmed), refused: unconfirmed.length > 0 };
+      const unconfirmedIds = new Set(outcome.value.results.filter((result) => !result.held).map((result) => result.vehicle));
+      const unconfirmedNames = vehicles.filter((vehicle) => unconfirmedIds.has(vehicle.id)).map((vehicle) => vehicle.name);
+      this.result = { text: holdText(vehicles.length, unconfirmedNames), refused: unconfirmedNames.length > 0 };
     } else {
       this.result = { text: problemText(outcome.problem), refused: true };
     }

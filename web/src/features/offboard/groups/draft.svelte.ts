@@ -46,10 +46,10 @@ class GroupDraft {
     this.showsErrors = true;
     if (Object.keys(fieldErrors(fields, false)).length > 0) return;
     const names = fields.members.map((id) => page.factsOf(id)?.name ?? id);
-    actions.requestForGroup(
-      { commandName: 'Group', vehicleNames: joinNames(names), texts: () => startTexts(names, fields), run: () => this.start(fields) },
+    actions.requestCommand(
+      { commandName: 'Group', vehicleNames: joinNames(names), texts: () => startTexts(names, fields), send: () => this.start(fields) },
       selectedFacts,
-      'panel',
+      'offboardRoom',
     );
   }
 
@@ -67,7 +67,7 @@ class GroupDraft {
     this.showsErrors = true;
     if (Object.keys(fieldErrors(fields, true)).length > 0) return;
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
-    await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.memberNames(group)) }, 'panel', async (): Promise<Outcome<unknown>> => {
+    await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.memberNames(group)) }, 'offboardRoom', async (): Promise<Outcome<unknown>> => {
       const result = setpointsFor(factsOf(members), fields);
       return result.ok ? this.sendAndLog(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : positionsUnknownRefusal(result);
     });
@@ -78,7 +78,7 @@ class GroupDraft {
     const renewalDraft: Draft = { ...this.fields, motion: motionOf(group) };
     this.showsErrors = true;
     if ('valid' in fieldErrors(renewalDraft, true)) return;
-    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.memberNames(group)) }, 'panel', () =>
+    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.memberNames(group)) }, 'offboardRoom', () =>
       groups.renew(group, validityOf(renewalDraft)),
     );
   }
@@ -99,8 +99,7 @@ class GroupDraft {
 
 /** Ids of all vehicles that the server can command, including vehicles that are not connected now. */
 export function commandableIds(): string[] {
-  void page.tick;
-  return page.ids.filter((id) => isCommandable(page.store.vehicles.get(id)?.identity ?? UNKNOWN_IDENTITY));
+  return page.eachRepaint(() => page.ids.filter((id) => isCommandable(page.store.vehicles.get(id)?.identity ?? UNKNOWN_IDENTITY)));
 }
 
 function factsOf(ids: readonly string[]): VehicleFacts[] {

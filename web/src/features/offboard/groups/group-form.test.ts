@@ -16,10 +16,10 @@ describe('the group form', () => {
   });
 
   it('gives no setpoints if a position is not known, and names the vehicles', () => {
-    const staleVehicle = { ...vehicle('3', [0, 0, 0]), local: reading({ position_ned_m: [0, 0, 0] }, true) } as unknown as VehicleFacts;
+    const staleVehicle = { ...vehicle('3', [0, 0, 0]), localPosition: reading({ position_ned_m: [0, 0, 0] }, true) } as unknown as VehicleFacts;
     expect(setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', null), staleVehicle], MOVE)).toEqual({
       ok: false,
-      detail: expect.stringMatching(/^2 Quad and 3 Quad report no local position/) as string,
+      detail: expect.stringMatching(/^Quad 2 and Quad 3 report no local position/) as string,
     });
   });
 
@@ -58,12 +58,12 @@ describe('the group form', () => {
     expect(motionText(MOVE)).toBe('move 5.0 m north, 2.5 m west, 1.0 m up');
     expect(motionText(VELOCITY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
     expect(motionText(PAIR)).toBe('hold their positions');
-    const question = startTexts(['1 Quad', '2 Quad'], { ...VELOCITY, startIn_s: '30', othersContinue: true });
-    expect(question.title).toBe('Start group: 1 Quad and 2 Quad');
-    expect(question.effect).toBe(
+    const texts = startTexts(['Quad 1', 'Quad 2'], { ...VELOCITY, startIn_s: '30', othersContinue: true });
+    expect(texts.title).toBe('Start group: Quad 1 and Quad 2');
+    expect(texts.effect).toBe(
       'All vehicles switch to Offboard at their current positions. In 30 s all fly 1.0 m/s north, 0.5 m/s down together. If two vehicles come closer than 5.0 m, only these two switch to Hold. After 5.0 s all hold position, then switch to Hold. “Hold group” switches all to Hold at any time.',
     );
-    expect(startTexts(['1 Quad', '2 Quad'], MOVE).effect).toContain('This page renews the setpoints while it is visible');
+    expect(startTexts(['Quad 1', 'Quad 2'], MOVE).effect).toContain('This page renews the setpoints while it is visible');
   });
 });
 

@@ -77,8 +77,8 @@ export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | nu
   const [north, east, up] = typedVector(draft);
   const yaw = facts.attitude === null || facts.attitude.stale ? {} : { yaw_ned_rad: facts.attitude.value.yaw_ned_rad };
   if (draft.motion === 'velocity') return { type: 'velocity', velocity_ned_m_s: [north, east, -up + 0], ...yaw };
-  if (facts.local === null || facts.local.stale) return null;
-  const [n, e, d] = facts.local.value.position_ned_m;
+  if (facts.localPosition === null || facts.localPosition.stale) return null;
+  const [n, e, d] = facts.localPosition.value.position_ned_m;
   return { type: 'position', position_ned_m: [n + north, e + east, d - up], ...yaw };
 }
 

@@ -122,15 +122,18 @@ export function nearestPair(vehicles: readonly VehicleFacts[]): { vehicles: [str
   let nearest: { vehicles: [string, string]; distance_m: number } | null = null;
   vehicles.forEach((a, i) =>
     vehicles.slice(i + 1).forEach((b) => {
-      if (a.global === null || b.global === null || a.global.stale || b.global.stale) return;
-      const distance_m = Math.hypot(groundDistance_m(a.global.value, b.global.value), a.global.value.alt_amsl_m - b.global.value.alt_amsl_m);
+      if (a.globalPosition === null || b.globalPosition === null || a.globalPosition.stale || b.globalPosition.stale) return;
+      const distance_m = Math.hypot(
+        groundDistance_m(a.globalPosition.value, b.globalPosition.value),
+        a.globalPosition.value.alt_amsl_m - b.globalPosition.value.alt_amsl_m,
+      );
       if (Number.isFinite(distance_m) && (nearest === null || distance_m < nearest.distance_m)) nearest = { vehicles: [a.id, b.id], distance_m };
     }),
   );
   return nearest;
 }
 
-/** The names as one text, for example "1 Quad, 2 Quad and 3 Hexa". */
+/** The names as one text, for example "Quad 1, Quad 2 and Hexa 3". */
 export function joinNames(names: readonly string[]): string {
   return names.length < 2 ? names.join('') : `${names.slice(0, -1).join(', ')} and ${names[names.length - 1] ?? ''}`;
 }

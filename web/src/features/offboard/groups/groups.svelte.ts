@@ -66,7 +66,7 @@ export class GroupController {
     this.seenActiveKeys = new Set([...this.seenActiveKeys].filter((key) => this.activeGroups.some((entry) => groupKey(entry.group) === key)));
   }
 
-  onEvent(event: WireEvent): void {
+  handleEvent(event: WireEvent): void {
     const group = event.kind === 'group' ? readGroup(event['group']) : null;
     if (group !== null) this.update(group);
   }
@@ -75,14 +75,14 @@ export class GroupController {
    * Called when telemetry arrives.
    * @param connection identifies the connection; a new connection may be to a restarted server without these groups.
    */
-  tick(connection: unknown): void {
+  onTelemetry(connection: unknown): void {
     const now_s = this.nowS();
     const isNewConnection = connection !== this.connection;
     this.connection = connection;
     if (isNewConnection || (this.activeGroups.length > 0 && this.isVisible() && now_s - this.polledAt_s >= POLL_INTERVAL_S)) void this.poll(now_s);
     const renewedGroup = this.list.find((entry) => this.renewer.isRenewing(entry.group));
     if (renewedGroup === undefined || !this.queue.busy(vehiclesOf(renewedGroup.group)))
-      this.renewer.tick(
+      this.renewer.renewIfDue(
         now_s,
         this.list.map((entry) => entry.group),
         this.isVisible(),
@@ -125,7 +125,7 @@ export class GroupController {
 
   async hold(group: Group): Promise<void> {
     this.stopRenewing();
-    await this.actions.attempt(`Hold group ${group.id}`, { name: this.memberNames(group).join(', ') }, 'panel', async () => {
+    await this.actions.attempt(`Hold group ${group.id}`, { name: this.memberNames(group).join(', ') }, 'offboardRoom', async () => {
       const outcome = await this.api.post('/groups/{g}/hold', groupParams(group));
       if (outcome.ok) this.update(outcome.value);
       return outcome;
@@ -134,7 +134,7 @@ export class GroupController {
 
   /** Shows a problem in the room, for example a refused renewal. */
   async showProblem(commandName: string, vehicleName: string, problem: Problem): Promise<void> {
-    await this.actions.attempt(commandName, { name: vehicleName }, 'panel', () => Promise.resolve({ ok: false, problem }));
+    await this.actions.attempt(commandName, { name: vehicleName }, 'offboardRoom', () => Promise.resolve({ ok: false, problem }));
   }
 
   private async sendRenewal(group: Group, validity: Validity): Promise<GroupRenewalResult> {

@@ -78,7 +78,7 @@ describe('a group’s state', () => {
   it('finds the two nearest vehicles with known positions', () => {
     const [a, b, c] = [vehicle('1', null), vehicle('2', null, 47.0002), vehicle('3', null, 47.0003)];
     expect(nearestPair([a, b, c])).toMatchObject({ vehicles: ['2', '3'], distance_m: expect.closeTo(11.1, 1) as number });
-    expect(nearestPair([a, { ...b, global: null }])).toBeNull();
+    expect(nearestPair([a, { ...b, globalPosition: null }])).toBeNull();
     expect(joinNames(['a', 'b', 'c'])).toBe('a, b and c');
   });
 
@@ -126,7 +126,7 @@ describe('the group renewer', () => {
     visible: (s: number) => boolean = () => true,
   ): Promise<void> {
     for (; clock.now_s < until_s; clock.now_s += 1) {
-      renewer.tick(clock.now_s, groups(clock.now_s), visible(clock.now_s));
+      renewer.renewIfDue(clock.now_s, groups(clock.now_s), visible(clock.now_s));
       await Promise.resolve();
       await Promise.resolve();
     }
@@ -211,7 +211,7 @@ describe('the group controller', () => {
       actions,
       () => fakes.now_s,
       () => fakes.visible,
-      (id) => `${id} Quad`,
+      (id) => `Quad ${id}`,
       (id) => stoppedRenewals.push(id),
     );
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
@@ -230,16 +230,16 @@ describe('the group controller', () => {
     ]);
     const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
     fakes.now_s = 3;
-    controller.tick('open');
+    controller.onTelemetry('open');
     await settle();
     controller.onVehicleSetpoint('1');
     fakes.now_s = 6;
-    controller.tick('open');
+    controller.onTelemetry('open');
     await settle();
     expect(renewals()).toEqual([MEMBERS, [MEMBERS[1]]]);
     fakes.visible = false;
     fakes.now_s = 20;
-    controller.tick('open');
+    controller.onTelemetry('open');
     await settle();
     expect(renewals()).toHaveLength(2);
   });
@@ -258,7 +258,7 @@ describe('the group controller', () => {
     // New setpoints while the server has not answered a renewal: the request waits for the response to the renewal.
     const respondToRenewal = delayResponse();
     fakes.now_s = 3;
-    controller.tick('open');
+    controller.onTelemetry('open');
     await settle();
     const sendOutcome = controller.send(GROUP, newSetpoints, { ...VALIDITY, valid_for_s: 30 });
     await settle();
@@ -270,15 +270,15 @@ describe('the group controller', () => {
 
     // Until the server has accepted the new setpoints, no renewal is sent; the next renewal sends the new setpoints with their validity.
     fakes.now_s = 8;
-    controller.tick('open');
+    controller.onTelemetry('open');
     await settle();
     respondToSetpoints();
     expect((await sendOutcome).ok).toBe(true);
-    controller.tick('open');
+    controller.onTelemetry('open');
     await settle();
     expect(posts()).toHaveLength(2);
     fakes.now_s = 17.5;
-    controller.tick('open');
+    controller.onTelemetry('open');
     await settle();
     expect(posts()[2]).toEqual(posts()[1]);
 
@@ -287,7 +287,7 @@ describe('the group controller', () => {
     expect((await controller.send(GROUP, MEMBERS, VALIDITY)).ok).toBe(false);
     fakes.response = Promise.resolve();
     fakes.now_s = 60;
-    controller.tick('open');
+    controller.onTelemetry('open');
     await settle();
     expect([posts().length, controller.renewedKey]).toEqual([4, null]);
   });
@@ -296,18 +296,18 @@ describe('the group controller', () => {
     const { controller, calls, fakes, settle } = setup();
     const pollCount = (): number => calls.filter((c) => c.call === 'GET /groups').length;
     for (; fakes.now_s < 2.95; fakes.now_s += 0.1) {
-      controller.tick('open');
+      controller.onTelemetry('open');
       await settle();
     }
     expect(pollCount()).toBe(3);
     fakes.group = groupWith({ state: 'ended', ended: 'me commanded Hold.' });
-    controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: fakes.group });
+    controller.handleEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: fakes.group });
     expect([controller.activeGroups.length, controller.lastEndedGroup?.ended, controller.pageGroup]).toEqual([0, 'me commanded Hold.', null]);
     fakes.now_s = 60;
-    controller.tick('open');
+    controller.onTelemetry('open');
     await settle();
     expect(pollCount()).toBe(3);
-    controller.tick('another connection');
+    controller.onTelemetry('another connection');
     await settle();
     expect(pollCount()).toBe(4);
     controller.dismissEnded();
@@ -320,11 +320,11 @@ describe('the group controller', () => {
     fakes.status = 409;
     for (const now_s of [3, 6, 9]) {
       fakes.now_s = now_s;
-      controller.tick('open');
+      controller.onTelemetry('open');
       await settle();
     }
     expect(refused.map((r) => [r.commandName, r.vehicleName, r.problem.detail])).toEqual([
-      ['Renewing group 1', '1 Quad, 2 Quad', 'x has control of vehicle 1.'],
+      ['Renewing group 1', 'Quad 1, Quad 2', 'x has control of vehicle 1.'],
     ]);
     expect(calls.filter((c) => c.call.endsWith('setpoints'))).toHaveLength(1);
     expect(controller.renewedKey).toBeNull();

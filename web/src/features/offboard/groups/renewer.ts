@@ -1,6 +1,6 @@
 /**
  * Renews a group's setpoints before they expire, while this page is visible. If the page is hidden, suspended, closed or
- * disconnected, the setpoints expire, and the server switches all members to Hold. Arriving telemetry calls `tick`.
+ * disconnected, the setpoints expire, and the server switches all members to Hold. Arriving telemetry calls `renewIfDue`.
  */
 
 import type { Validity } from '../../../vehicle/setpoint';
@@ -42,7 +42,7 @@ export class GroupRenewer {
    * @param groups all known groups.
    * @param isVisible whether the page is visible.
    */
-  tick(now_s: number, groups: readonly Group[], isVisible: boolean): void {
+  renewIfDue(now_s: number, groups: readonly Group[], isVisible: boolean): void {
     const current = this.current;
     if (current === null || current.busy) return;
     const group = groups.find((known) => groupKey(known) === current.key);

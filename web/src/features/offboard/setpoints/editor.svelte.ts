@@ -13,7 +13,7 @@ import { expiryText, readOffboard } from '../../../vehicle/offboard';
 import { buildSetpoint, formFromCurrentState, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
 import type { SetpointKind } from '../../../vehicle/setpoint-kinds';
-import { previewOf, previewText, type Preview } from './preview';
+import { previewOf, previewText, type SetpointPreview } from './preview';
 import { SentLog, setpointText, type SentLine, type InputMethod } from './sent-log';
 import { SetpointSocket, type Ack, type SocketState } from './setpoint-socket';
 
@@ -42,7 +42,7 @@ class SetpointEditor {
   private validForTexts = $state.raw<Readonly<Record<string, string>>>({});
   private renewChoices = $state.raw<Readonly<Record<string, boolean>>>({});
   /** The server's view of the vehicle's offboard state: available types, limits, failsafe. */
-  view = $state.raw<OffboardView | null>(null);
+  offboardView = $state.raw<OffboardView | null>(null);
   sentLines = $state.raw<readonly SentLine[]>([]);
   dragTarget = $state.raw<DragTarget | null>(null);
   /** Whether the page sends the target while a handle is dragged. */
@@ -59,7 +59,7 @@ class SetpointEditor {
     this.vehicle = facts.id;
     this.closeSocketLater();
     this.forms = {};
-    this.view = null;
+    this.offboardView = null;
     this.dragTarget = null;
     this.sendsWhileDragging = false;
     this.showsErrors = false;
@@ -86,7 +86,7 @@ class SetpointEditor {
   }
 
   get hoverThrust(): number | null {
-    return this.view?.limits.vehicle.hover_thrust ?? null;
+    return this.offboardView?.limits.vehicle.hover_thrust ?? null;
   }
 
   get validForText(): string {
@@ -113,32 +113,32 @@ class SetpointEditor {
     return { valid_for_s: Number(this.validForText.replace(',', '.')), on_expiry, renew: this.renew };
   }
 
-  preview(facts: VehicleFacts): Preview | null {
+  preview(facts: VehicleFacts): SetpointPreview | null {
     if (this.input === 'gamepad' || this.input === 'group') return null;
     if (this.input === 'drag') return this.dragTarget === null ? null : { ...this.dragTarget, isExtrapolated: false };
-    const built = buildSetpoint(this.form(facts));
-    return built.ok ? previewOf(built.setpoint, facts) : null;
+    const buildResult = buildSetpoint(this.form(facts));
+    return buildResult.ok ? previewOf(buildResult.setpoint, facts) : null;
   }
 
   // --- server state ---
 
-  async fetchView(id: string): Promise<void> {
+  async fetchOffboardView(id: string): Promise<void> {
     const response = await page.api.get('/vehicles/{v}/offboard', ofVehicle(id));
-    if (response.ok && id === this.vehicle) this.view = response.value;
+    if (response.ok && id === this.vehicle) this.offboardView = response.value;
   }
 
   async setLimits(facts: VehicleFacts, limits: LimitsBody): Promise<boolean> {
-    return actions.attempt('Setting the limits', facts, 'panel', async () => {
+    return actions.attempt('Setting the limits', facts, 'offboardRoom', async () => {
       const response = await page.api.put('/vehicles/{v}/offboard/limits', { ...ofVehicle(facts.id), body: limits });
-      if (response.ok && this.view !== null) this.view = { ...this.view, limits: response.value };
+      if (response.ok && this.offboardView !== null) this.offboardView = { ...this.offboardView, limits: response.value };
       return response;
     });
   }
 
   async setFailsafe(facts: VehicleFacts, action: FailsafeAction, after_s: number): Promise<boolean> {
-    return actions.attempt('Setting the failsafe action', facts, 'panel', async () => {
+    return actions.attempt('Setting the failsafe action', facts, 'offboardRoom', async () => {
       const response = await page.api.put('/vehicles/{v}/offboard/failsafe', { ...ofVehicle(facts.id), body: { action, after_s } });
-      if (response.ok && this.view !== null) this.view = { ...this.view, failsafe: response.value };
+      if (response.ok && this.offboardView !== null) this.offboardView = { ...this.offboardView, failsafe: response.value };
       return response;
     });
   }
@@ -158,13 +158,13 @@ class SetpointEditor {
   requestStart(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
     const target = setpoint.type === 'position' || this.input === 'form' ? previewOf(setpoint as never, facts) : null;
     const targetText = target === null ? '' : ` (${previewText(target, facts)})`;
-    const expiryActionText = expiryText(validity.on_expiry, this.view?.failsafe?.words ?? facts.offboard?.ifStreamStops ?? null);
+    const expiryActionText = expiryText(validity.on_expiry, this.offboardView?.failsafe?.words ?? facts.offboard?.ifStreamStops ?? null);
     const valid_s = fixed(validity.valid_for_s, 1);
     const validityText = validity.renew
       ? `renewed while this page is open. If it is not renewed for ${valid_s} s, ${expiryActionText}`
       : `for ${valid_s} s, then ${expiryActionText}`;
     const input = this.input;
-    actions.request('offboard_start', facts, 'panel', null, {
+    actions.request('offboard_start', facts, 'offboardRoom', null, {
       setpoint,
       validity,
       rate_hz: 50,
@@ -175,8 +175,8 @@ class SetpointEditor {
 
   private formSetpoint(facts: VehicleFacts): AnySetpoint | null {
     this.showsErrors = true;
-    const built = buildSetpoint(this.form(facts));
-    return built.ok ? built.setpoint : null;
+    const buildResult = buildSetpoint(this.form(facts));
+    return buildResult.ok ? buildResult.setpoint : null;
   }
 
   private dragSetpoint(): AnySetpoint | null {
@@ -187,14 +187,14 @@ class SetpointEditor {
     const lineId = this.recordSent(this.input, setpoint);
     const sent_s = performance.now() / 1000;
     let outcome: Outcome<unknown> | null = null;
-    await actions.attempt('Setpoint', facts, 'panel', async () => (outcome = await offboard.send(facts.id, setpoint, validity)));
+    await actions.attempt('Setpoint', facts, 'offboardRoom', async () => (outcome = await offboard.send(facts.id, setpoint, validity)));
     const finalOutcome = outcome as Outcome<unknown> | null;
     if (finalOutcome !== null) this.recordOutcome(lineId, finalOutcome, performance.now() / 1000 - sent_s);
   }
 
   recordOutcome(lineId: number, outcome: Outcome<unknown>, roundTrip_s: number | null): void {
-    const limited = outcome.ok ? (readOffboard(outcome.value)?.limitTexts ?? []) : [];
-    this.log.addResult(lineId, { note: outcome.ok ? limited.join(' ') || null : outcome.problem.detail, refused: !outcome.ok, roundTrip_s });
+    const appliedLimitTexts = outcome.ok ? (readOffboard(outcome.value)?.appliedLimitTexts ?? []) : [];
+    this.log.addResult(lineId, { note: outcome.ok ? appliedLimitTexts.join(' ') || null : outcome.problem.detail, refused: !outcome.ok, roundTrip_s });
     this.sentLines = this.log.lines;
   }
 
@@ -261,7 +261,7 @@ class SetpointEditor {
 
   /** Sets the target to the vehicle's position and yaw; null if the position or the yaw is not known. */
   resetDragTarget(facts: VehicleFacts): void {
-    const position_ned_m = facts.local?.value.position_ned_m;
+    const position_ned_m = facts.localPosition?.value.position_ned_m;
     const yaw = facts.attitude?.value.yaw_ned_rad;
     this.dragTarget = position_ned_m === undefined || yaw === undefined ? null : { position_ned_m: [...position_ned_m] as Vector3, yaw_ned_rad: yaw };
   }

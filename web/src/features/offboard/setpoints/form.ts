@@ -1,7 +1,7 @@
 /** The setpoint form: its values, the errors by field, and the setpoint made from the values. Pure functions. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { specOf, type Axis, type Group, type SetpointKind } from '../../../vehicle/setpoint-kinds';
+import { specOf, type Axis, type SetpointQuantity, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 
 export interface Field {
   text: string;
@@ -16,7 +16,7 @@ export type FollowYaw = 'keep' | 'same' | 'face';
 export interface Form {
   kind: SetpointKind;
   fields: Readonly<Record<string, Field>>;
-  /** Field names of the optional groups that the setpoint does not contain. */
+  /** Field names of the optional quantities that the setpoint does not contain. */
   omittedFields: readonly string[];
   yawChoice: YawChoice;
   /** As typed: [°] or [°/s]. */
@@ -55,9 +55,9 @@ const FOLLOW_MIN_M = 2;
 /** A form filled with the vehicle's current state. If the form is sent unchanged, the vehicle holds its position, except for types that do not control the position. `hoverThrust`: null if not known. */
 export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
-  const local = facts.local?.value.position_ned_m ?? null;
+  const local = facts.localPosition?.value.position_ned_m ?? null;
   const yaw_rad = facts.attitude?.value.yaw_ned_rad ?? null;
-  const global = facts.global?.value ?? null;
+  const global = facts.globalPosition?.value ?? null;
   const heading = yaw_rad === null ? '' : numberText((((yaw_rad / RAD_PER_DEG) % 360) + 360) % 360, 1);
   const values: Record<string, number | null> = {
     p0: local?.[0] ?? null,
@@ -71,7 +71,7 @@ export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, ho
     ...(kind === 'follow' ? FOLLOW_OFFSET : {}),
   };
   const fields: Record<string, Field> = {};
-  for (const axis of spec.groups.flatMap((g) => g.axes)) {
+  for (const axis of spec.quantities.flatMap((q) => q.axes)) {
     const value = axis.key in values ? (values[axis.key] ?? null) : 0;
     fields[axis.key] = {
       text: value === null ? '' : numberText(value, axis.key[0] === 'p' && axis.step === 0.5 ? 0.1 : axis.key === 'alt' ? 0.1 : axis.step),
@@ -81,7 +81,7 @@ export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, ho
   return {
     kind,
     fields,
-    omittedFields: spec.groups.filter((g) => g.optional).map((g) => g.field),
+    omittedFields: spec.quantities.filter((q) => q.optional).map((q) => q.field),
     altReference: 'alt_home_m',
     followedVehicle: '',
     followYaw: 'keep',
@@ -100,13 +100,13 @@ function readAxis(axis: Axis, field: Field | undefined, nullable: boolean): { va
   return { value: value * axis.scale + 0 };
 }
 
-function readGroup(group: Group, form: Form, errors: Record<string, string>): unknown {
-  const values = group.axes.map((axis) => {
-    const parsed = readAxis(axis, form.fields[axis.key], group.nullable);
+function readQuantity(quantity: SetpointQuantity, form: Form, errors: Record<string, string>): unknown {
+  const values = quantity.axes.map((axis) => {
+    const parsed = readAxis(axis, form.fields[axis.key], quantity.nullable);
     if ('error' in parsed) errors[axis.key] = parsed.error;
     return 'error' in parsed ? null : parsed.value;
   });
-  return group.scalar === true ? values[0] : values;
+  return quantity.scalar === true ? values[0] : values;
 }
 
 /** The setpoint of the form in the API's format, or the errors by field. */
@@ -114,11 +114,11 @@ export function buildSetpoint(form: Form): BuildResult {
   const spec = specOf(form.kind);
   const errors: Record<string, string> = {};
   const setpoint: Record<string, unknown> & { type: SetpointKind } = { type: form.kind };
-  for (const group of spec.groups) {
-    if (group.optional && form.omittedFields.includes(group.field)) continue;
-    setpoint[group.field === 'alt' ? form.altReference : group.field] = readGroup(group, form, errors);
+  for (const quantity of spec.quantities) {
+    if (quantity.optional && form.omittedFields.includes(quantity.field)) continue;
+    setpoint[quantity.field === 'alt' ? form.altReference : quantity.field] = readQuantity(quantity, form, errors);
   }
-  if (form.kind === 'trajectory') checkControlled(spec.groups, form, errors);
+  if (form.kind === 'trajectory') checkControlled(spec.quantities, form, errors);
   if (form.kind === 'follow') {
     if (form.followedVehicle === '') errors['followedVehicle'] = 'Choose the vehicle to follow.';
     const offset = setpoint['offset_frd_m'] as (number | null)[];
@@ -133,15 +133,15 @@ export function buildSetpoint(form: Form): BuildResult {
     else setpoint['yaw_rate_ned_rad_s'] = value * RAD_PER_DEG;
   }
   if (form.kind === 'attitude' && typeof setpoint['yaw_ned_rad'] === 'number') setpoint['yaw_ned_rad'] = wrapPi(setpoint['yaw_ned_rad']);
-  if (spec.groups.length === 0) errors['kind'] = 'This link cannot send setpoints of this type.';
+  if (spec.quantities.length === 0) errors['kind'] = 'This link cannot send setpoints of this type.';
   return Object.keys(errors).length > 0 ? { ok: false, errors } : { ok: true, setpoint };
 }
 
 /** Adds an error for each axis that neither position nor velocity nor acceleration controls: the vehicle would not move along it. */
-function checkControlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
-  const controlledGroups = groups.filter((g) => !form.omittedFields.includes(g.field));
+function checkControlled(quantities: readonly SetpointQuantity[], form: Form, errors: Record<string, string>): void {
+  const includedQuantities = quantities.filter((q) => !form.omittedFields.includes(q.field));
   ['North', 'East', 'Up'].forEach((name, i) => {
-    const axes = controlledGroups.map((g) => g.axes[i]).filter((a) => a !== undefined);
+    const axes = includedQuantities.map((q) => q.axes[i]).filter((a) => a !== undefined);
     const [first] = axes;
     if (first !== undefined && axes.every((a) => form.fields[a.key]?.isUncontrolled === true))
       errors[first.key] = `${name} is not controlled: give a position, a velocity or an acceleration.`;
@@ -150,8 +150,8 @@ function checkControlled(groups: readonly Group[], form: Form, errors: Record<st
 
 /** Sets whether an axis is uncontrolled. North and east of a quantity change together: the vehicle ignores one without the other. */
 export function setUncontrolled(form: Form, key: string, isUncontrolled: boolean): Form {
-  const quantity = /^([pva])[01]$/.exec(key)?.[1];
-  const keys = quantity === undefined ? [key] : [`${quantity}0`, `${quantity}1`];
+  const horizontalPrefix = /^([pva])[01]$/.exec(key)?.[1];
+  const keys = horizontalPrefix === undefined ? [key] : [`${horizontalPrefix}0`, `${horizontalPrefix}1`];
   const fields = { ...form.fields };
   for (const k of keys) fields[k] = { text: fields[k]?.text ?? '', isUncontrolled };
   return { ...form, fields };

@@ -60,7 +60,7 @@ export const LIMIT_FIELDS: readonly LimitField[] = [
 ];
 
 /** A limit as text in the field's unit, without the unit: "5", "45". */
-export function limitText(value: number | null | undefined, field: LimitField): string {
+export function operatorLimitText(value: number | null | undefined, field: LimitField): string {
   return value == null ? '' : String(Number((value / field.scale).toFixed(2)));
 }
 
@@ -68,7 +68,7 @@ export function limitText(value: number | null | undefined, field: LimitField): 
 export function limitsSummary(limits: OffboardLimits | null): string {
   if (limits === null) return 'not known yet';
   const parts = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
-    (f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`,
+    (f) => `${f.label.toLowerCase()} ${operatorLimitText(limits.operator[f.name], f)} ${f.unit}`,
   );
   if (limits.operator.fence != null) parts.push('geofence');
   if (!limits.operator.obstacle_brake) parts.push('stop before obstacles: off');

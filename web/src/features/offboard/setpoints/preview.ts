@@ -9,7 +9,7 @@ import type { SetpointJson } from './form';
 /** The preview of a velocity is the position that the vehicle reaches after this time [s]. */
 const EXTRAPOLATION_S = 3;
 
-export interface Preview {
+export interface SetpointPreview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
   /** True: the vehicle reaches this position after `EXTRAPOLATION_S` at the velocity setpoint. False: the setpoint contains the position. */
@@ -35,12 +35,12 @@ export function bodyToNed([forward, right, down]: Vector3, yaw_rad: number): Vec
 }
 
 /** The preview of a setpoint; null for types without a position and velocity, such as attitude and rates, and if the vehicle's position is not known. */
-export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview | null {
-  const vehicle_ned_m = facts.local?.value.position_ned_m;
+export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): SetpointPreview | null {
+  const vehicle_ned_m = facts.localPosition?.value.position_ned_m;
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (vehicle_ned_m === undefined) return null;
   const yaw_ned_rad = yawOf(setpoint, yaw);
-  const previewAt = (vector: MaybeTriple, factor: number, isExtrapolated: boolean): Preview => ({
+  const previewAt = (vector: MaybeTriple, factor: number, isExtrapolated: boolean): SetpointPreview => ({
     position_ned_m: vehicle_ned_m.map((v, i) => v + (vector?.[i] ?? 0) * factor) as Vector3,
     yaw_ned_rad,
     isExtrapolated,
@@ -57,8 +57,8 @@ export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview 
   return null;
 }
 
-function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, vehicle_ned_m: Readonly<Vector3>, yaw_ned_rad: number | null): Preview | null {
-  const vehicle = facts.global?.value;
+function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, vehicle_ned_m: Readonly<Vector3>, yaw_ned_rad: number | null): SetpointPreview | null {
+  const vehicle = facts.globalPosition?.value;
   if (vehicle === undefined) return null;
   const { east_m, north_m } = eastNorth(vehicle, { lat_deg: setpoint['lat_deg'] as number, lon_deg: setpoint['lon_deg'] as number });
   const [altHome_m, altAmsl_m] = [setpoint['alt_home_m'], setpoint['alt_amsl_m']];
@@ -67,16 +67,16 @@ function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, vehicle_ned_
 }
 
 /** The preview's latitude and longitude, computed from the vehicle's global position and the offset to the preview. */
-export function previewOnMap(preview: Preview, facts: VehicleFacts): GeoPosition | null {
-  const vehicle_ned_m = facts.local?.value.position_ned_m;
-  const vehicle = facts.global?.value;
+export function previewOnMap(preview: SetpointPreview, facts: VehicleFacts): GeoPosition | null {
+  const vehicle_ned_m = facts.localPosition?.value.position_ned_m;
+  const vehicle = facts.globalPosition?.value;
   if (vehicle_ned_m === undefined || vehicle === undefined) return null;
   return positionAt(vehicle, { north_m: preview.position_ned_m[0] - vehicle_ned_m[0], east_m: preview.position_ned_m[1] - vehicle_ned_m[1] });
 }
 
 /** Description relative to the vehicle, for example "12.4 m away, 3.0 m above the vehicle, turns 40° right". */
-export function previewText(preview: Preview, facts: VehicleFacts): string {
-  const vehicle_ned_m = facts.local?.value.position_ned_m;
+export function previewText(preview: SetpointPreview, facts: VehicleFacts): string {
+  const vehicle_ned_m = facts.localPosition?.value.position_ned_m;
   if (vehicle_ned_m === undefined) return 'The vehicle’s position is not known.';
   const [n, e, d] = preview.position_ned_m.map((v, i) => v - (vehicle_ned_m[i] ?? 0)) as Vector3;
   const distance_m = Math.hypot(n, e);

@@ -10,9 +10,9 @@ import { targetOf, eulerOf, Traces, WINDOW_S } from './traces';
 const reading = <T>(value: T): { value: T; age_s: number; stale: boolean } => ({ value, age_s: 0, stale: false });
 const FACTS = {
   id: '1',
-  local: reading({ position_ned_m: [10, 20, -5], velocity_ned_m_s: [0, 0, 0] }),
+  localPosition: reading({ position_ned_m: [10, 20, -5], velocity_ned_m_s: [0, 0, 0] }),
   attitude: reading({ roll_rad: 0, pitch_rad: 0, yaw_ned_rad: Math.PI / 2 }),
-  global: reading({ lat_deg: 47, lon_deg: 8, alt_amsl_m: 505, alt_home_m: 5 }),
+  globalPosition: reading({ lat_deg: 47, lon_deg: 8, alt_amsl_m: 505, alt_home_m: 5 }),
 } as unknown as VehicleFacts;
 
 function validSetpoint(form: Form): Record<string, unknown> {
@@ -46,10 +46,10 @@ describe('forms', () => {
   });
 
   it('build a setpoint of every type from complete numbers', () => {
-    for (const { kind, groups } of KINDS.filter((k) => k.groups.length > 0)) {
+    for (const { kind, quantities } of KINDS.filter((k) => k.quantities.length > 0)) {
       const setpoint = validSetpoint({ ...formFromCurrentState(kind, FACTS, 0.5), followedVehicle: '2' });
       expect(setpoint['type']).toBe(kind);
-      for (const g of groups) if (!g.optional && g.field !== 'alt') expect(setpoint).toHaveProperty(g.field);
+      for (const { field, optional } of quantities) if (!optional && field !== 'alt') expect(setpoint).toHaveProperty(field);
     }
     expect(errorsOf(formFromCurrentState('actuators', FACTS, 0.5))).toHaveProperty('kind');
   });
@@ -78,7 +78,7 @@ describe('forms', () => {
     expect(errorsOf(withField(formFromCurrentState('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
     expect(errorsOf(withField(formFromCurrentState('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust (0 to 1): at most 1.' });
     expect(errorsOf(formFromCurrentState('attitude', FACTS, null))).toEqual({ thrust: 'Thrust (0 to 1): enter a number.' });
-    expect(errorsOf(formFromCurrentState('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
+    expect(errorsOf(formFromCurrentState('position', { ...FACTS, localPosition: null }, null))).toHaveProperty('p0');
     expect(parseTyped(' 1e400 ')).toBeNull();
   });
 
@@ -118,7 +118,7 @@ describe('preview', () => {
 
   it('is null for an attitude, and without the vehicle’s position', () => {
     expect(previewOf({ type: 'attitude', roll_rad: 0 }, FACTS)).toBeNull();
-    expect(previewOf({ type: 'position', position_ned_m: [0, 0, 0] }, { ...FACTS, local: null })).toBeNull();
+    expect(previewOf({ type: 'position', position_ned_m: [0, 0, 0] }, { ...FACTS, localPosition: null })).toBeNull();
   });
 
   it('shows a global position setpoint in the local frame and on the map', () => {

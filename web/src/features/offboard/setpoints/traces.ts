@@ -14,14 +14,14 @@ const GAP_S = 2;
 const MAX_ROWS = 60 * 30;
 const DEG_PER_RAD = 180 / Math.PI;
 
-export type Quantity = 'position' | 'velocity' | 'attitude';
+export type PlottedQuantity = 'position' | 'velocity' | 'attitude';
 
 export interface AxisSpec {
   name: string;
   unit: string;
 }
 
-export const QUANTITIES: Readonly<Record<Quantity, { name: string; axes: readonly [AxisSpec, AxisSpec, AxisSpec] }>> = {
+export const PLOTTED_QUANTITIES: Readonly<Record<PlottedQuantity, { name: string; axes: readonly [AxisSpec, AxisSpec, AxisSpec] }>> = {
   position: {
     name: 'Position',
     axes: [
@@ -85,7 +85,7 @@ function toDegrees(v: MaybeVector3): MaybeVector3 {
 export class Traces {
   /** Incremented by each change, so that the plots are drawn again only after a change. */
   revision = 0;
-  private rows: Readonly<Record<Quantity, Row[]>> = { position: [], velocity: [], attitude: [] };
+  private rows: Readonly<Record<PlottedQuantity, Row[]>> = { position: [], velocity: [], attitude: [] };
 
   clear(): void {
     this.rows = { position: [], velocity: [], attitude: [] };
@@ -102,7 +102,7 @@ export class Traces {
   }
 
   /** The columns of one axis; the times are relative to `now_unix_s`: −60 to 0 s. */
-  columns(quantity: Quantity, axis: 0 | 1 | 2, now_unix_s: number): Columns {
+  columns(quantity: PlottedQuantity, axis: 0 | 1 | 2, now_unix_s: number): Columns {
     const windowStart_unix_s = now_unix_s - WINDOW_S;
     const rows = this.rows[quantity].filter((r) => r.unix_s >= windowStart_unix_s);
     const isYaw = quantity === 'attitude' && axis === 2;
@@ -119,7 +119,7 @@ export class Traces {
     ];
   }
 
-  private push(quantity: Quantity, unix_s: number, target: MaybeVector3, actual: MaybeVector3): void {
+  private push(quantity: PlottedQuantity, unix_s: number, target: MaybeVector3, actual: MaybeVector3): void {
     const rows = this.rows[quantity];
     const last = rows.at(-1);
     if (last !== undefined && unix_s <= last.unix_s) return;

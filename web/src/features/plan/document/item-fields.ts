@@ -52,9 +52,9 @@ const ID_RANGE = { min: 0, max: 255, integer: true };
 const camera = field(0, 'Camera (0: all)', ID_RANGE);
 const gimbal = field(0, 'Gimbal (0: all)', ID_RANGE);
 const stream = field(0, 'Video stream (0: all)', ID_RANGE);
-const shutter = field(0, 'Shutter time (0: set by the camera)', { min: -1 });
+const shutter = field(0, 'Shutter time (0 or −1: set by the camera)', { min: -1 });
 const holdTime = (initial: number) => field(initial, 'Hold for', { min: 0 });
-const yaw = field(null, 'Yaw from north', { placeholder: 'chosen by the autopilot' });
+const yaw = field(null, 'Yaw from north', { placeholder: 'automatic' });
 const ANGLE_RANGE = { min: -360, max: 360 };
 const INTEGER_ANGLE_RANGE = { min: -180, max: 180, integer: true };
 const UNCHANGED_IF_EMPTY = { placeholder: 'unchanged' };
@@ -115,9 +115,9 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
   return_home: {},
   delay: {
     delay_s: field(5, 'Wait for (−1: until a UTC time)', { min: -1 }),
-    hour_utc: field(0, 'Until, hour (UTC)', { min: -1, max: 23, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
-    minute_utc: field(0, 'Until, minute (UTC)', { min: -1, max: 59, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
-    second_utc: field(0, 'Until, second (UTC)', { min: -1, max: 59, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    hour_utc: field(0, 'Until, hour UTC (−1: any)', { min: -1, max: 23, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    minute_utc: field(0, 'Until, minute UTC (−1: any)', { min: -1, max: 59, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    second_utc: field(0, 'Until, second UTC (−1: any)', { min: -1, max: 59, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
   },
   jump: {
     target_index: field(0, 'Target item', { min: 1, max: 100_001, integer: true }),
@@ -128,7 +128,7 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
     speed_m_s: field(5, 'Speed (−1: unchanged, −2: default)', { min: -2, max: 1000 }),
     throttle_percent: hiddenField(-1),
   },
-  // PX4 accepts only the vehicle's position.
+  // PX4 accepts only the vehicle's position; the field is shown only if the item has another value.
   set_home: { use_current: choice(1, 'New home', { 1: 'vehicle’s position' }, { appliesTo: (item) => item['use_current'] !== 1 }) },
   land_start: {},
   roi_next_waypoint: {
@@ -151,8 +151,8 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
   winch: {
     winch: field(1, 'Winch', { ...ID_RANGE, min: 1 }),
     action: choice(4, 'Action', WINCH_ACTIONS),
-    length_m: field(0, 'Line out (negative: in)', { appliesTo: isOneOf('action', 1) }),
-    rate_m_s: field(0, 'Rate out (negative: in)', { appliesTo: isOneOf('action', 1, 2) }),
+    length_m: field(0, 'Line to release (negative: wind in)', { appliesTo: isOneOf('action', 1) }),
+    rate_m_s: field(0, 'Release rate (negative: wind in)', { appliesTo: isOneOf('action', 1, 2) }),
   },
   trigger_distance: {
     distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
@@ -160,7 +160,7 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
     at_once: choice(1, 'First photo', { 1: 'immediately', 0: 'after this distance' }),
     camera,
   },
-  trigger_interval: { interval_ms: field(1000, 'Time between photos', { min: -1 }), shutter_ms: shutter, camera },
+  trigger_interval: { interval_ms: field(1000, 'Time between photos (0 or −1: unchanged)', { min: -1 }), shutter_ms: shutter, camera },
   trigger_control: {
     enable: choice(1, 'Trigger', { 1: 'start', 0: 'stop', '-1': 'unchanged' }),
     reset: choice(0, 'Restart the sequence', YES_NO_UNCHANGED),
@@ -189,7 +189,7 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
   },
   control_video: {
     transmission: choice(0, 'Transmission', VIDEO),
-    interval_s: field(0, 'Photos every (0: video)', { min: 0 }),
+    interval_s: field(0, 'Time between photos (0: video)', { min: 0 }),
     recording: choice(1, 'Recording', VIDEO),
     camera,
   },

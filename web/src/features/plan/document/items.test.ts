@@ -90,7 +90,12 @@ describe('the fields of an item', () => {
     expect(toDocumentValue(itemOf('gripper'), 'action', 'null')).toBeNull();
   });
   it('appear only if they apply', () => {
-    expect(labels({ ...itemOf('winch'), action: 1 })).toEqual(['Winch []', 'Action []', 'Line out (negative: in) [m]', 'Rate out (negative: in) [m/s]']);
+    expect(labels({ ...itemOf('winch'), action: 1 })).toEqual([
+      'Winch []',
+      'Action []',
+      'Line to release (negative: wind in) [m]',
+      'Release rate (negative: wind in) [m/s]',
+    ]);
     expect(labels({ ...itemOf('winch'), action: 4 })).toEqual(['Winch []', 'Action []']);
     expect(labels(itemOf('delay'))).toEqual(['Wait for (−1: until a UTC time) [s]']);
     expect(labels({ ...itemOf('delay'), delay_s: -1 })).toHaveLength(4);

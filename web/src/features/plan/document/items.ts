@@ -99,7 +99,7 @@ export function detailOf(item: Item): string {
   add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
   add('delay_s', (s) => (s < 0 ? 'until a UTC time' : `${fixed(s, 0)} s`));
   add('speed_m_s', (v) => SPECIAL_SPEEDS[v] ?? `${fixed(v, 1)} m/s`);
-  add('distance_m', (m) => `${fixed(m, 1)} m`);
+  add('distance_m', (m) => `every ${fixed(m, 1)} m`);
   add('interval_s', (s) => `every ${fixed(s, 1)} s`);
   if (item.kind === 'trigger_interval') add('interval_ms', (ms) => (ms < 0 ? 'unchanged' : `every ${fixed(ms / 1000, 1)} s`));
   add('count', (n) => `${n} ${n === 1 ? 'photo' : 'photos'}`);

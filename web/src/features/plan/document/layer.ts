@@ -1,6 +1,6 @@
 /** A waypoint plan as an editable map layer. */
 
-import type { LayerArea, LayerLine, LayerPicture, LayerPoint, LayerPosition, LayerSolid, Tone } from '../../../app/map-layers.svelte';
+import type { LayerArea, LayerLine, LayerContent, LayerPoint, LayerPosition, LayerSolid, Tone } from '../../../app/map-layers.svelte';
 import type { GeoPosition } from '../../../vehicle/geo';
 import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, flownItems, type Altitude, type FenceZone, type Plan, type DocumentAreas } from './document';
 import { midpoint } from './edit';
@@ -32,7 +32,7 @@ export interface Sketch {
  * Points, lines and areas of a waypoint plan.
  * @param start position of home; altitudes above home are relative to its altitude.
  */
-export function planLayer(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, start: Required<LayerPosition>): LayerPicture {
+export function planLayer(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, start: Required<LayerPosition>): LayerContent {
   const withAltitude = (item: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
     lat_deg: item.lat_deg,
     lon_deg: item.lon_deg,

@@ -3,14 +3,14 @@
  * Pure functions.
  */
 
-import type { LayerPicture } from '../../../app/map-layers.svelte';
+import type { LayerContent } from '../../../app/map-layers.svelte';
 import { durationText, fixed, metres } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
-import type { DryRunView } from './dry-run.svelte';
+import type { DryRunResult } from './dry-run.svelte';
 
 type Vector = readonly number[];
-type SimulatedFlight = DryRunView['nominal'];
-type MonteCarlo = NonNullable<DryRunView['monte_carlo']>;
+type SimulatedFlight = DryRunResult['nominal'];
+type MonteCarlo = NonNullable<DryRunResult['monte_carlo']>;
 
 export interface SimulatedVehicle extends GeoPosition {
   /** Altitude above the start. */
@@ -29,37 +29,38 @@ const DEG_PER_RAD = 180 / Math.PI;
 const HALF_FIELD_OF_VIEW_DEG = 27;
 /** Shortest and longest drawn camera footprint [m]. */
 const FOOTPRINT_LENGTH_M = { min: 4, max: 15 } as const;
-/** Shortest distance between two drawn samples of the corridor [m], and number of segments between samples in one drawn area. */
+/** The corridor is drawn at samples at least `step_m` apart, as areas of `segments_per_area` segments between samples. */
 const CORRIDOR = { step_m: 0.5, segments_per_area: 4 } as const;
 
 /** The simulated flight of each vehicle under the given conditions, without variation. */
-const nominalFlights = (view: DryRunView): readonly SimulatedFlight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
+const nominalFlights = (result: DryRunResult): readonly SimulatedFlight[] =>
+  result.together == null ? [result.nominal] : Object.values(result.together.roles);
 
 /** The Monte Carlo flights of each vehicle with its role; the role is null for a plan with one vehicle. */
-function monteCarloByRole({ monte_carlo, together }: DryRunView): (readonly [string | null, MonteCarlo])[] {
+function monteCarloByRole({ monte_carlo, together }: DryRunResult): (readonly [string | null, MonteCarlo])[] {
   if (monte_carlo === null) return [];
   return together?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(together.monte_carlo.roles);
 }
 
 /** The simulated vehicle at a time, with its position interpolated between the samples; null: the vehicle did not take off. */
-export function simulatedVehicleAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): SimulatedVehicle | null {
+export function simulatedVehicleAt({ nominal }: Pick<DryRunResult, 'nominal'>, t_s: number): SimulatedVehicle | null {
   const { path, origin } = nominal;
-  const last = (path?.t_s.length ?? 0) - 1;
-  if (path === null || last < 0) return null;
-  let [low, high] = [0, last];
+  const lastIndex = (path?.t_s.length ?? 0) - 1;
+  if (path === null || lastIndex < 0) return null;
+  let [low, high] = [0, lastIndex];
   while (low < high) {
     const middle = Math.ceil((low + high) / 2);
     if ((path.t_s[middle] ?? 0) <= t_s) low = middle;
     else high = middle - 1;
   }
-  const next = Math.min(low + 1, last);
+  const next = Math.min(low + 1, lastIndex);
   const [from_s, to_s] = [path.t_s[low] ?? 0, path.t_s[next] ?? 0];
   const fraction = to_s > from_s ? Math.min(1, Math.max(0, (t_s - from_s) / (to_s - from_s))) : 0;
   const [a, b] = [(path.position_ned_m[low] ?? []) as Vector, (path.position_ned_m[next] ?? []) as Vector];
-  const interpolated = (axis: number): number => (a[axis] ?? 0) + fraction * ((b[axis] ?? 0) - (a[axis] ?? 0));
+  const interpolate = (axis: number): number => (a[axis] ?? 0) + fraction * ((b[axis] ?? 0) - (a[axis] ?? 0));
   return {
-    ...positionAt(origin, { north_m: interpolated(0), east_m: interpolated(1) }),
-    up_m: -interpolated(2) + 0,
+    ...positionAt(origin, { north_m: interpolate(0), east_m: interpolate(1) }),
+    up_m: -interpolate(2) + 0,
     speed_m_s: Math.hypot(...((path.velocity_ned_m_s[low] ?? []) as Vector)),
     step: path.step_places[path.step[low] ?? -1] ?? '',
     yaw_deg: yaw_deg((path.q_ned_frd[low] ?? [1, 0, 0, 0]) as Vector),
@@ -117,22 +118,22 @@ function corridorRings(origin: SimulatedFlight['origin'], { corridor }: MonteCar
 }
 
 /** Paths and corridors, in the colour of planned paths. They do not depend on the time. */
-export function dryRunLayer(view: DryRunView): LayerPicture {
-  const paths = nominalFlights(view).map(({ path, origin }) =>
+export function dryRunLayer(result: DryRunResult): LayerContent {
+  const paths = nominalFlights(result).map(({ path, origin }) =>
     ((path?.position_ned_m ?? []) as readonly Vector[]).map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m })),
   );
   return {
     lines: paths.filter((positions) => positions.length > 1).map((positions) => ({ positions, tone: 'target', style: 'dotted' })),
-    areas: monteCarloByRole(view)
-      .flatMap(([, monteCarlo]) => corridorRings(view.nominal.origin, monteCarlo))
+    areas: monteCarloByRole(result)
+      .flatMap(([, monteCarlo]) => corridorRings(result.nominal.origin, monteCarlo))
       .map((ring) => ({ ring, tone: 'target' })),
     points: [],
   };
 }
 
 /** The simulated vehicles at a time, with the footprints of their cameras. */
-export function simulatedVehicleLayer(view: DryRunView, t_s: number): LayerPicture | null {
-  const vehicles = nominalFlights(view).flatMap((nominal) => simulatedVehicleAt({ nominal }, t_s) ?? []);
+export function simulatedVehicleLayer(result: DryRunResult, t_s: number): LayerContent | null {
+  const vehicles = nominalFlights(result).flatMap((nominal) => simulatedVehicleAt({ nominal }, t_s) ?? []);
   if (vehicles.length === 0) return null;
   return {
     lines: [],
@@ -155,19 +156,19 @@ export function simulatedVehicleLayer(view: DryRunView, t_s: number): LayerPictu
 
 /** The position of a finding on the map; null: the finding has neither a position nor a time in the flight. */
 export function findingPosition(
-  view: DryRunView,
+  result: DryRunResult,
   { position_ned_m, t_s }: Pick<SimulatedFlight['findings'][number], 'position_ned_m' | 't_s'>,
 ): GeoPosition | null {
-  if (position_ned_m !== null) return positionAt(view.nominal.origin, { north_m: position_ned_m[0], east_m: position_ned_m[1] });
-  const vehicle = t_s === null ? null : simulatedVehicleAt(view, t_s);
+  if (position_ned_m !== null) return positionAt(result.nominal.origin, { north_m: position_ned_m[0], east_m: position_ned_m[1] });
+  const vehicle = t_s === null ? null : simulatedVehicleAt(result, t_s);
   return vehicle === null ? null : { lat_deg: vehicle.lat_deg, lon_deg: vehicle.lon_deg };
 }
 
 const percentText = (fraction: number | null): string => (fraction === null ? 'not known' : `${fixed(100 * fraction, 0)} %`);
 
 /** The result as sentences. */
-export function resultLines(view: DryRunView): string[] {
-  const { nominal, together } = view;
+export function resultLines(result: DryRunResult): string[] {
+  const { nominal, together } = result;
   const length = metres(nominal.length_m);
   const isBatteryKnown = nominal.battery_start_share !== null || nominal.battery_end_share !== null;
   const batteryText = isBatteryKnown ? `battery ${percentText(nominal.battery_start_share)} → ${percentText(nominal.battery_end_share)}` : 'battery not known';
@@ -177,7 +178,7 @@ export function resultLines(view: DryRunView): string[] {
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of together?.closest ?? [])
     lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${durationText(t_s)}.`);
-  for (const [role, monteCarlo] of monteCarloByRole(view)) lines.push(monteCarloText(role, monteCarlo));
+  for (const [role, monteCarlo] of monteCarloByRole(result)) lines.push(monteCarloText(role, monteCarlo));
   for (const { roles, distance_m, nearer_than_minimum: tooNear } of together?.monte_carlo?.closest ?? [])
     lines.push(
       `Smallest separation of ${roles.join(' and ')} in all flights: ${fixed(distance_m.least, 1)} m. In ${tooNear.count} ${tooNear.count === 1 ? 'flight' : 'flights'} they came closer than the minimum separation (estimated probability: at most ${percentText(tooNear.upper)}).`,

@@ -1,6 +1,6 @@
 /** A quantity of a dry run over time, and its distribution over many flights. Pure functions. */
 
-import type { DryRunView } from './dry-run.svelte';
+import type { DryRunResult } from './dry-run.svelte';
 
 export const QUANTITIES = ['Altitude', 'Speed', 'Tilt', 'Battery'] as const;
 export type Quantity = (typeof QUANTITIES)[number];
@@ -21,7 +21,7 @@ export interface Trace {
 }
 
 const MAX_POINTS = 600;
-type Path = NonNullable<DryRunView['nominal']['path']>;
+type Path = NonNullable<DryRunResult['nominal']['path']>;
 
 const DEG_PER_RAD = 180 / Math.PI;
 const QUANTITY_SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; scaleStep: number; value: (path: Path, i: number) => number | null }>> = {
@@ -36,7 +36,7 @@ function tilt_deg([, x, y]: readonly number[]): number {
 }
 
 /** @returns null: the simulated vehicle did not take off, or the quantity is not known. */
-export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity): Trace | null {
+export function traceOf({ nominal, monte_carlo }: DryRunResult, quantity: Quantity): Trace | null {
   const { path } = nominal;
   if (path === null || path.t_s.length === 0) return null;
   const { unit, decimals, scaleStep, value } = QUANTITY_SPECS[quantity];

@@ -10,7 +10,7 @@ import type { Document } from '../document-kinds';
 
 type Schemas = components['schemas'];
 type Operation = Readonly<Schemas['Operation']>;
-export type DryRunView = Readonly<Schemas['DryRunView']>;
+export type DryRunResult = Readonly<Schemas['DryRunView']>;
 
 /** One vehicle, or for a mission with roles the vehicle of each role; null: no vehicle. */
 export type DryRunVehicles = { vehicle: string | null } | { vehicles: Readonly<Record<string, string>> | null };
@@ -18,7 +18,7 @@ export type DryRunVehicles = { vehicle: string | null } | { vehicles: Readonly<R
 export class DryRun {
   operation = $state.raw<Operation | null>(null);
   problem = $state.raw<Problem | null>(null);
-  private result = $state.raw<DryRunView | null>(null);
+  private result = $state.raw<DryRunResult | null>(null);
   /** The document that `result` belongs to. */
   private simulatedDocument = $state.raw<Document | null>(null);
   private requestedDocument: Document | null = null;
@@ -33,7 +33,7 @@ export class DryRun {
   readonly running: boolean = $derived.by(() => this.operation?.state === 'running');
 
   /** Result of the dry run of exactly this document; null: there is no result. */
-  resultOf(document: Document): DryRunView | null {
+  resultOf(document: Document): DryRunResult | null {
     return this.simulatedDocument === document ? this.result : null;
   }
 
@@ -50,7 +50,7 @@ export class DryRun {
     this.earlyEvents = null;
     if (!response.ok) this.problem = response.problem;
     else if (this.operation?.id !== response.value.id) this.operation = response.value;
-    for (const event of earlyEvents) await this.onEvent(event);
+    for (const event of earlyEvents) await this.handleEvent(event);
   }
 
   /** Shows this time and stops playing. */
@@ -66,7 +66,7 @@ export class DryRun {
   }
 
   /** Handles the progress event of the operation that this page started. */
-  async onEvent(event: WireEvent): Promise<void> {
+  async handleEvent(event: WireEvent): Promise<void> {
     const operation = event.kind === 'operation' ? (event['operation'] as Operation | undefined) : undefined;
     const document = this.requestedDocument;
     if (operation !== undefined) this.earlyEvents?.push(event);

@@ -4,12 +4,12 @@ import { ApiClient } from '../../../api/client';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
 import { EMPTY_PLAN } from '../document/document';
 import { toDryRunRequest, DEFAULT_CONDITIONS, powerOf, CONDITION_ROWS, windOf, withCondition, type ConditionRow } from './conditions';
-import { DryRun, type DryRunView } from './dry-run.svelte';
+import { DryRun, type DryRunResult } from './dry-run.svelte';
 import { dryRunLayer, findingPosition, simulatedVehicleAt, simulatedVehicleLayer, resultLines } from './dry-run-layer';
 import { plotPaths, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
-const VIEW = {
+const RESULT = {
   nominal: {
     origin: ORIGIN,
     finished: true,
@@ -48,31 +48,31 @@ const VIEW = {
   },
   monte_carlo: null,
   together: null,
-} as unknown as DryRunView;
+} as unknown as DryRunResult;
 const TWO_ROLES = {
-  ...VIEW,
+  ...RESULT,
   together: {
     roles: {
-      lead: VIEW.nominal,
-      left: { ...VIEW.nominal, path: { ...VIEW.nominal.path, position_ned_m: VIEW.nominal.path?.position_ned_m.map(([n = 0, , d = 0]) => [n, 9, d]) } },
+      lead: RESULT.nominal,
+      left: { ...RESULT.nominal, path: { ...RESULT.nominal.path, position_ned_m: RESULT.nominal.path?.position_ned_m.map(([n = 0, , d = 0]) => [n, 9, d]) } },
     },
     closest: [{ roles: ['lead', 'left'], distance_m: 8.96, t_s: 65 }],
   },
-} as unknown as DryRunView;
+} as unknown as DryRunResult;
 const MONTE_CARLO = {
-  ...VIEW,
+  ...RESULT,
   monte_carlo: {
     flights: [{}, {}],
     corridor: {
-      t_s: VIEW.nominal.path?.t_s,
-      position_ned_m: VIEW.nominal.path?.position_ned_m,
+      t_s: RESULT.nominal.path?.t_s,
+      position_ned_m: RESULT.nominal.path?.position_ned_m,
       horizontal_m: { p95: [1, 1, 2] },
       vertical_m: { p5: [0, 0, -1], p95: [0, 0, 2] },
     },
     duration_s: { p5: 60, p95: 70 },
     battery_end_share: { p5: 0.7 },
   },
-} as unknown as DryRunView;
+} as unknown as DryRunResult;
 
 const MONTE_CARLO_TWO_ROLES = {
   ...MONTE_CARLO,
@@ -83,16 +83,16 @@ const MONTE_CARLO_TWO_ROLES = {
       closest: [{ roles: ['lead', 'left'], distance_m: { least: 6.21 }, nearer_than_minimum: { count: 0, upper: 0.161 } }],
     },
   },
-} as unknown as DryRunView;
+} as unknown as DryRunResult;
 
 describe('a dry run', () => {
   it('interpolates the vehicle’s position between samples, and clamps it at both ends', () => {
-    const simulated = simulatedVehicleAt(VIEW, 15);
-    expect(groundDistance_m(simulated ?? ORIGIN, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeLessThan(0.01);
-    expect(simulated).toMatchObject({ up_m: 10, speed_m_s: 5, step: 'step 2' });
-    expect(simulatedVehicleAt(VIEW, 99)).toMatchObject({ up_m: 10, step: '' });
-    expect(simulatedVehicleAt(VIEW, -1)).toMatchObject({ up_m: 0, step: 'step 1' });
-    expect(simulatedVehicleAt({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
+    const vehicle = simulatedVehicleAt(RESULT, 15);
+    expect(groundDistance_m(vehicle ?? ORIGIN, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeLessThan(0.01);
+    expect(vehicle).toMatchObject({ up_m: 10, speed_m_s: 5, step: 'step 2' });
+    expect(simulatedVehicleAt(RESULT, 99)).toMatchObject({ up_m: 10, step: '' });
+    expect(simulatedVehicleAt(RESULT, -1)).toMatchObject({ up_m: 0, step: 'step 1' });
+    expect(simulatedVehicleAt({ nominal: { ...RESULT.nominal, path: null } } as DryRunResult, 1)).toBeNull();
   });
 
   it('draws the path and the corridor of many flights', () => {
@@ -101,7 +101,7 @@ describe('a dry run', () => {
     const [area] = layer.areas;
     expect(area?.ring).toHaveLength(4);
     expect(groundDistance_m(area?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
-    expect(dryRunLayer(VIEW).areas).toEqual([]);
+    expect(dryRunLayer(RESULT).areas).toEqual([]);
     expect(dryRunLayer(MONTE_CARLO_TWO_ROLES).areas).toHaveLength(2);
   });
 
@@ -111,7 +111,7 @@ describe('a dry run', () => {
     const position_ned_m = [[0, 0, 0], [0, 0.1, -5], ...outbound, ...inbound];
     const p95 = position_ned_m.map(() => 2);
     const corridor = { t_s: p95, position_ned_m, horizontal_m: { p95 }, vertical_m: { p5: p95, p95 } };
-    const { areas } = dryRunLayer({ ...MONTE_CARLO, monte_carlo: { ...MONTE_CARLO.monte_carlo, corridor } } as unknown as DryRunView);
+    const { areas } = dryRunLayer({ ...MONTE_CARLO, monte_carlo: { ...MONTE_CARLO.monte_carlo, corridor } } as unknown as DryRunResult);
     expect(areas.map(({ ring }) => ring.length)).toEqual([10, 10, 10, 10]); // samples nearer than 0.5 m to each other are one point
     const east_m = (position: { lat_deg: number; lon_deg: number }) => groundDistance_m(position, { ...position, lon_deg: ORIGIN.lon_deg });
     expect(Math.max(...(areas[0]?.ring ?? []).map(east_m))).toBeLessThan(2.1);
@@ -119,18 +119,18 @@ describe('a dry run', () => {
   });
 
   it('draws the vehicle with its heading, and the ground that its camera sees', () => {
-    const layer = simulatedVehicleLayer(VIEW, 10);
+    const layer = simulatedVehicleLayer(RESULT, 10);
     expect(layer?.points).toMatchObject([{ id: 'simulated vehicle', mark: 'vehicle', yaw_deg: expect.closeTo(90) }]);
     const groundCorner = layer?.areas[0]?.ring[2] ?? ORIGIN;
     expect(groundDistance_m(groundCorner, positionAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
-    expect(simulatedVehicleLayer(VIEW, 20)?.areas).toEqual([]);
-    expect(simulatedVehicleLayer({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
+    expect(simulatedVehicleLayer(RESULT, 20)?.areas).toEqual([]);
+    expect(simulatedVehicleLayer({ nominal: { ...RESULT.nominal, path: null } } as DryRunResult, 1)).toBeNull();
     expect(simulatedVehicleLayer(TWO_ROLES, 10)?.points.map(({ id }) => id)).toEqual(['simulated vehicle', 'simulated vehicle 1']);
     expect(dryRunLayer(TWO_ROLES).lines).toHaveLength(2);
   });
 
   it('plots values over time, with the band of 90 % of many flights', () => {
-    const trace = (quantity: (typeof QUANTITIES)[number], view = VIEW): Trace => traceOf(view, quantity) as Trace;
+    const trace = (quantity: (typeof QUANTITIES)[number], result = RESULT): Trace => traceOf(result, quantity) as Trace;
     expect(QUANTITIES.map((quantity) => valueAt(trace(quantity), 10))).toEqual([10, 5, 0, 90]);
     expect(valueAt(trace('Altitude'), 5)).toBe(5);
     expect([trace('Altitude').top, trace('Altitude').bottom, trace('Altitude').end_s, trace('Altitude').band]).toEqual([10, 0, 20, []]);
@@ -142,13 +142,13 @@ describe('a dry run', () => {
   });
 
   it('shows the terrain below the path, in a scale that contains both', () => {
-    const hillyView = { ...VIEW, nominal: { ...VIEW.nominal, path: { ...VIEW.nominal.path, ground_m: [0, 5, 20] } } } as DryRunView;
-    const altitude = traceOf(hillyView, 'Altitude');
+    const hillyResult = { ...RESULT, nominal: { ...RESULT.nominal, path: { ...RESULT.nominal.path, ground_m: [0, 5, 20] } } } as DryRunResult;
+    const altitude = traceOf(hillyResult, 'Altitude');
     expect(altitude?.top).toBe(20);
     expect(altitude && plotPaths(altitude, 100, 40).ground).toBe('M0 40L0.0 40.0L50.0 30.0L100.0 0.0L100 40Z');
-    expect(traceOf(hillyView, 'Speed')?.ground).toEqual([]);
-    const path = { ...VIEW.nominal.path, battery_share: null };
-    expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();
+    expect(traceOf(hillyResult, 'Speed')?.ground).toEqual([]);
+    const path = { ...RESULT.nominal.path, battery_share: null };
+    expect(traceOf({ ...RESULT, nominal: { ...RESULT.nominal, path } } as DryRunResult, 'Battery')).toBeNull();
   });
 
   it('has keys that change the shown time, between start and end', () => {
@@ -159,7 +159,7 @@ describe('a dry run', () => {
   });
 
   it('has a result with numbers', () => {
-    expect(resultLines(VIEW)).toEqual(['Dry run: 1 min 05 s, 120 m, battery 100 % → 81 %.']);
+    expect(resultLines(RESULT)).toEqual(['Dry run: 1 min 05 s, 120 m, battery 100 % → 81 %.']);
     expect(resultLines(TWO_ROLES)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 1 min 05 s.');
     expect(resultLines(MONTE_CARLO)[1]).toBe(
       '2 simulated flights: 95 % within 2.0 m of the path; flight time 1 min 00 s to 1 min 10 s (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
@@ -176,25 +176,33 @@ describe('a dry run', () => {
   });
 
   it('sends mass, battery and endurance as entered', () => {
-    const entered = { ...DEFAULT_CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
-    expect(toDryRunRequest(entered)).toMatchObject({
+    const enteredConditions = {
+      ...DEFAULT_CONDITIONS,
+      mass_percent: 110,
+      battery_percent: 90,
+      flights: 20,
+      hover_power_w: 200,
+      battery_wh: 100,
+      reserve_percent: 30,
+    };
+    expect(toDryRunRequest(enteredConditions)).toMatchObject({
       conditions: { mass_scale: 1.1, battery_scale: 0.9 },
       flights: 20,
       endurance_s: 1800,
       battery_reserve: 0.3,
     });
     expect(toDryRunRequest(DEFAULT_CONDITIONS)).toMatchObject({ flights: null, endurance_s: null, conditions: { sensor_noise: 1 } });
-    const varied = { ...DEFAULT_CONDITIONS, noise_percent: 200, spread_wind_m_s: 3, spread_mass_percent: 10, spread_noise_percent: 0 };
-    expect(toDryRunRequest(varied)).toMatchObject({
+    const variedConditions = { ...DEFAULT_CONDITIONS, noise_percent: 200, spread_wind_m_s: 3, spread_mass_percent: 10, spread_noise_percent: 0 };
+    expect(toDryRunRequest(variedConditions)).toMatchObject({
       conditions: { sensor_noise: 2 },
       spread: { wind_m_s: 3, gusts: 0.3, mass: 0.1, battery: 0.05, sensor_noise: 0 },
     });
-    expect(powerOf(entered)).toBeNull();
-    expect(powerOf({ ...entered, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
+    expect(powerOf(enteredConditions)).toBeNull();
+    expect(powerOf({ ...enteredConditions, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
     const row = (name: string) => CONDITION_ROWS.find((condition) => condition.name === name) as ConditionRow;
-    expect(withCondition(entered, row('flights'), 7.6).flights).toBe(8);
-    expect(withCondition(entered, row('hover_power_w'), null).hover_power_w).toBeNull();
-    expect(withCondition(entered, row('wind_m_s'), null)).toBe(entered);
+    expect(withCondition(enteredConditions, row('flights'), 7.6).flights).toBe(8);
+    expect(withCondition(enteredConditions, row('hover_power_w'), null).hover_power_w).toBeNull();
+    expect(withCondition(enteredConditions, row('wind_m_s'), null)).toBe(enteredConditions);
   });
 
   it('has the server’s default variations of the conditions', () => {
@@ -205,7 +213,7 @@ describe('a dry run', () => {
 
   it('has a result for exactly the document that was simulated', async () => {
     const operation = (state: string, result: object | null = null) => ({ id: 'o1', kind: 'dry_run', state, progress: 0.5, text: 'Step 3.', result });
-    const responses: unknown[] = [operation('running'), VIEW];
+    const responses: unknown[] = [operation('running'), RESULT];
     const requests: string[] = [];
     const api = new ApiClient('p', undefined, (path, init) => {
       requests.push(`${init.method} ${path.replace('/api/v1', '')}`);
@@ -214,33 +222,33 @@ describe('a dry run', () => {
     const dryRun = new DryRun(api);
     const event = (operation: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation });
     await dryRun.start(EMPTY_PLAN, { vehicle: '1' }, DEFAULT_CONDITIONS);
-    await dryRun.onEvent(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
+    await dryRun.handleEvent(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
     expect([dryRun.running, dryRun.resultOf(EMPTY_PLAN)]).toEqual([true, null]);
-    await dryRun.onEvent(event(operation('succeeded', { dry_run: 'd7' })));
-    expect(dryRun.resultOf(EMPTY_PLAN)).toEqual(VIEW);
+    await dryRun.handleEvent(event(operation('succeeded', { dry_run: 'd7' })));
+    expect(dryRun.resultOf(EMPTY_PLAN)).toEqual(RESULT);
     expect(dryRun.resultOf({ ...EMPTY_PLAN })).toBeNull();
     expect(requests).toEqual(['POST /dry_runs', 'GET /dry_runs/d7']);
   });
 
   it('has a result also if the event of its end arrives before the response to its start', async () => {
     const running = { id: 'o1', kind: 'dry_run', state: 'running', progress: 0, text: '', result: null };
-    const responses: unknown[] = [running, VIEW];
+    const responses: unknown[] = [running, RESULT];
     const api = new ApiClient('p', undefined, () => Promise.resolve(new Response(JSON.stringify(responses.shift()))));
     const run = new DryRun(api);
     const started = run.start(EMPTY_PLAN, { vehicle: '1' }, DEFAULT_CONDITIONS);
     const operation = { ...running, state: 'succeeded', result: { dry_run: 'd7' } };
-    await run.onEvent({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation });
+    await run.handleEvent({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation });
     expect(run.resultOf(EMPTY_PLAN)).toBeNull();
     await started;
-    expect([run.running, run.resultOf(EMPTY_PLAN)]).toEqual([false, VIEW]);
+    expect([run.running, run.resultOf(EMPTY_PLAN)]).toEqual([false, RESULT]);
   });
 });
 
 it('a finding is shown at its position, or else at the position of the vehicle at the time of the finding', () => {
-  expect(findingPosition(VIEW, { position_ned_m: [30, -4, -10], t_s: 15 })).toEqual(positionAt(ORIGIN, { north_m: 30, east_m: -4 }));
-  const halfWay = findingPosition(VIEW, { position_ned_m: null, t_s: 15 });
+  expect(findingPosition(RESULT, { position_ned_m: [30, -4, -10], t_s: 15 })).toEqual(positionAt(ORIGIN, { north_m: 30, east_m: -4 }));
+  const halfWay = findingPosition(RESULT, { position_ned_m: null, t_s: 15 });
   expect(halfWay === null ? null : groundDistance_m(halfWay, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeCloseTo(0, 3);
-  expect(findingPosition(VIEW, { position_ned_m: null, t_s: null })).toBeNull();
+  expect(findingPosition(RESULT, { position_ned_m: null, t_s: null })).toBeNull();
 });
 
 it('a chosen time stops the playback', () => {

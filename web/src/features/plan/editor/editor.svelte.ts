@@ -33,7 +33,7 @@ export interface Draft {
 }
 
 /** What the next clicks on the map add. */
-export type Placing =
+export type PartToPlace =
   | { readonly type: 'item'; readonly kind: ItemKind }
   | { readonly type: 'step'; readonly kind: StepKind }
   | { readonly type: 'rally' }
@@ -52,7 +52,7 @@ const NO_SELECTION: ReadonlySet<string> = new Set();
 export class PlanEditor implements LayerEditor {
   private history = $state.raw(history.begin<Draft>({ documentId: 0, name: NEW_PLAN_NAME, plan: EMPTY_PLAN }));
   selected = $state.raw<ReadonlySet<string>>(NO_SELECTION);
-  placing = $state.raw<Placing | null>({ type: 'item', kind: 'waypoint' });
+  partToPlace = $state.raw<PartToPlace | null>({ type: 'item', kind: 'waypoint' });
   /** Corners of the area that is being drawn. */
   sketchCorners = $state.raw<readonly GeoPosition[]>([]);
   private documentCount = 0;
@@ -87,9 +87,9 @@ export class PlanEditor implements LayerEditor {
     }),
   );
   readonly sketch: Sketch | null = $derived(
-    this.placing?.type === 'area' ? { corners: this.sketchCorners, tone: this.placing.use === 'inclusion' ? 'caution' : 'danger' } : null,
+    this.partToPlace?.type === 'area' ? { corners: this.sketchCorners, tone: this.partToPlace.use === 'inclusion' ? 'caution' : 'danger' } : null,
   );
-  readonly picture = $derived(documents.layerOf(this.document, this.selected, this.sketch, this.frame, this.compiled));
+  readonly content = $derived(documents.layerOf(this.document, this.selected, this.sketch, this.frame, this.compiled));
 
   /** @param group changes of one group are undone together. */
   change(plan: Document, group: string | null = null): void {
@@ -155,7 +155,7 @@ export class PlanEditor implements LayerEditor {
   /** Selects a point; with `keepsOthers`, adds the point to the selection or removes it. For a midpoint, inserts a point. */
   pick(id: string, keepsOthers: boolean): void {
     if (documents.isMidpointId(id)) {
-      const midpoint = this.picture.points.find((point) => point.id === id);
+      const midpoint = this.content.points.find((point) => point.id === id);
       if (midpoint !== undefined) this.insert(id, midpoint);
       return;
     }
@@ -177,30 +177,30 @@ export class PlanEditor implements LayerEditor {
     this.select(documents.allStepIds(this.document));
   }
 
-  startPlacing(placing: Placing): void {
-    this.placing = placing;
+  startPlacing(part: PartToPlace): void {
+    this.partToPlace = part;
     this.sketchCorners = [];
   }
 
   stopPlacing(): void {
-    this.placing = null;
+    this.partToPlace = null;
     this.sketchCorners = [];
   }
 
-  /** Handles a click on the ground: adds what `placing` states, or clears the selection. @returns true: the click was handled. */
+  /** Handles a click on the ground: adds what `partToPlace` states, or clears the selection. @returns true: the click was handled. */
   press(position: GeoPosition): boolean {
-    const placing = this.placing;
-    if (placing === null) this.select([]);
-    else if (placing.type === 'item') this.addItem(placing.kind, position);
-    else if (placing.type === 'step') this.addStep(placing.kind, position);
-    else if (placing.type === 'rally') {
+    const part = this.partToPlace;
+    if (part === null) this.select([]);
+    else if (part.type === 'item') this.addItem(part.kind, position);
+    else if (part.type === 'step') this.addStep(part.kind, position);
+    else if (part.type === 'rally') {
       this.change({
         ...this.plan,
         rally_points: [...this.plan.rally_points, { lat_deg: position.lat_deg, lon_deg: position.lon_deg, altitude: DEFAULT_ALTITUDE }],
       });
       this.select([`rally:${this.plan.rally_points.length - 1}`]);
       this.stopPlacing();
-    } else if (placing.type === 'circle') {
+    } else if (part.type === 'circle') {
       const center = { lat_deg: position.lat_deg, lon_deg: position.lon_deg };
       this.change({ ...this.document, fence: [...this.document.fence, { shape: 'circle', inclusion: true, center, radius_m: CIRCLE_RADIUS_M }] });
       this.select([`circle:${this.document.fence.length - 1}`]);
@@ -214,7 +214,7 @@ export class PlanEditor implements LayerEditor {
     const row = kind === 'takeoff' ? 0 : planEdit.FLIGHT_END_KINDS.has(kind) ? this.plan.items.length : planEdit.insertionRow(this.plan, [...this.selected]);
     this.change(planEdit.insertItem(this.plan, row, newItem(kind, position, altitudeForNewItem(this.plan, row))));
     this.select([`item:${row}`]);
-    if (kind !== 'waypoint' && this.placing?.type === 'item') this.stopPlacing();
+    if (kind !== 'waypoint' && this.partToPlace?.type === 'item') this.stopPlacing();
   }
 
   /**
@@ -226,7 +226,7 @@ export class PlanEditor implements LayerEditor {
     const added = missionEdit.addStep(this.mission, kind, position, [...this.selected], this.frame);
     this.change(added.mission);
     this.select([added.id]);
-    if (kind !== 'fly' && this.placing?.type === 'step') this.stopPlacing();
+    if (kind !== 'fly' && this.partToPlace?.type === 'step') this.stopPlacing();
   }
 
   /** Adds the drawn area as a geofence or as an obstacle. */
@@ -293,7 +293,7 @@ export class PlanEditor implements LayerEditor {
 
   grab(id: string): string | null {
     const isMidpoint = documents.isMidpointId(id);
-    const start = this.picture.points.find((point) => point.id === id);
+    const start = this.content.points.find((point) => point.id === id);
     if (start === undefined || id.startsWith('sketch:')) return null;
     this.gestureCount += 1;
     const group = `drag ${this.gestureCount}`;
@@ -350,14 +350,14 @@ export class PlanEditor implements LayerEditor {
  * The hint's text about what the next click adds.
  * @param surface what the person clicks: the map, or the ground in the 3D view.
  */
-export function placingText(placing: Placing, cornerCount: number, surface: 'map' | 'ground' = 'map'): string {
-  if (placing.type === 'item')
-    return placing.kind === 'waypoint' ? `Click the ${surface} to add waypoints.` : `Click the ${surface} to place “${titleOf({ kind: placing.kind })}”.`;
-  if (placing.type === 'step')
-    return placing.kind === 'fly' ? `Click the ${surface} to add points to the trajectory.` : `Click the ${surface} to place “${stepKindTitle(placing.kind)}”.`;
-  if (placing.type === 'rally') return `Click the ${surface} to place the rally point.`;
-  if (placing.type === 'circle') return `Click the ${surface} at the centre of the geofence circle.`;
-  return `Click the corners of ${AREA_TEXTS[placing.use]}${cornerCount > 0 ? ` (${cornerCount} so far)` : ''}.`;
+export function placingText(part: PartToPlace, cornerCount: number, surface: 'map' | 'ground' = 'map'): string {
+  if (part.type === 'item')
+    return part.kind === 'waypoint' ? `Click the ${surface} to add waypoints.` : `Click the ${surface} to place “${titleOf({ kind: part.kind })}”.`;
+  if (part.type === 'step')
+    return part.kind === 'fly' ? `Click the ${surface} to add points to the trajectory.` : `Click the ${surface} to place “${stepKindTitle(part.kind)}”.`;
+  if (part.type === 'rally') return `Click the ${surface} to place the rally point.`;
+  if (part.type === 'circle') return `Click the ${surface} at the centre of the geofence circle.`;
+  return `Click the corners of ${AREA_TEXTS[part.use]}${cornerCount > 0 ? ` (${cornerCount} so far)` : ''}.`;
 }
 
 const AREA_TEXTS: Readonly<Record<AreaUse, string>> = {

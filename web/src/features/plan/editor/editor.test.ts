@@ -110,7 +110,7 @@ describe('the editor', () => {
     expect(editor.sketchCorners).toHaveLength(3);
     editor.addZone(true, editor.sketchCorners);
     expect(editor.plan.fence).toMatchObject([{ shape: 'polygon', inclusion: true, polygon: { length: 3 } }]);
-    expect(editor.placing).toBeNull();
+    expect(editor.partToPlace).toBeNull();
   });
 
   it('deselects points that an undo removed', () => {
@@ -171,7 +171,7 @@ describe('plans on the server', () => {
     expect(plans.saved).toBe(false);
     await plans.save(true);
     expect(requests.map(({ call }) => call)).toEqual(['POST /plans', 'PUT /plans/abc', 'POST /plans']);
-    expect(plans.current?.id).toBe('new');
+    expect(plans.savedPlan?.id).toBe('new');
   });
 
   it('have older versions that can be opened and saved as the newest version', async () => {
@@ -180,7 +180,7 @@ describe('plans on the server', () => {
     const plans = new Plans(api, editor, memoryStorage());
     const [newest, older] = (await plans.versions('abc')) ?? [];
     expect(await plans.openVersion(older as PlanVersion, newest as PlanVersion)).toBe(true);
-    expect([editor.plan.items.length, plans.saved, plans.current?.version, plans.notice?.olderVersion]).toEqual([0, false, 3, true]);
+    expect([editor.plan.items.length, plans.saved, plans.savedPlan?.version, plans.notice?.olderVersion]).toEqual([0, false, 3, true]);
     expect(plans.notice?.text).toContain('Version 2 of 3, saved by anna.');
     await plans.save();
     expect(requests.map(({ call }) => call)).toEqual(['GET /plans/abc/versions', 'GET /plans/abc?version=2', 'PUT /plans/abc']);
@@ -195,12 +195,12 @@ describe('plans on the server', () => {
     const plans = new Plans(api, editor, memoryStorage());
     await plans.save();
     const event = { kind: 'plan_changed', vehicle: null, unix_s: 0, severity: null, text: '', action: 'saved', client: 'bob', plan: version(2) };
-    plans.onEvent({ ...event, client_key: 'me' }, 'me');
+    plans.handleEvent({ ...event, client_key: 'me' }, 'me');
     expect(plans.notice?.text).toBe('Saved as version 1.');
-    plans.onEvent({ ...event, client_key: 'other' }, 'me');
+    plans.handleEvent({ ...event, client_key: 'other' }, 'me');
     expect(plans.notice).toMatchObject({ conflict: true, text: 'bob saved version 2 of this plan. Your version is based on version 1.' });
-    plans.onEvent({ ...event, client_key: 'other', action: 'deleted' }, 'me');
-    expect(plans.current).toBeNull();
+    plans.handleEvent({ ...event, client_key: 'other', action: 'deleted' }, 'me');
+    expect(plans.savedPlan).toBeNull();
   });
 
   it('are restored after a reload of the page, saved or not', async () => {
@@ -213,11 +213,11 @@ describe('plans on the server', () => {
     const reloadedEditor = new PlanEditor();
     const reloadedPlans = new Plans(fakeServer().api, reloadedEditor, storage);
     expect(reloadedEditor.plan).toEqual(editor.plan);
-    expect([reloadedPlans.saved, reloadedPlans.current?.version, reloadedEditor.canUndo]).toEqual([true, 1, false]);
+    expect([reloadedPlans.saved, reloadedPlans.savedPlan?.version, reloadedEditor.canUndo]).toEqual([true, 1, false]);
     editor.press(at(40));
     plans.store(editor.draft);
     const unsavedPlans = new Plans(fakeServer().api, new PlanEditor(), storage);
-    expect([unsavedPlans.saved, unsavedPlans.current?.id]).toEqual([false, 'abc']);
+    expect([unsavedPlans.saved, unsavedPlans.savedPlan?.id]).toEqual([false, 'abc']);
   });
 
   it('are restored although the stored conditions cannot be read, and the other way round', () => {

@@ -34,7 +34,7 @@ describe.each([false, true])('an obstacle in the editor (mission: %s)', (mission
     const editor = editorWithObstacle(mission);
     expect(obstaclesOf(editor.document)).toMatchObject([{ name: '', top: { value_m: 10, reference: 'home' } }]);
     expect([...editor.selected]).toEqual([0, 1, 2, 3].map((corner) => `obstacle:0:${corner}`));
-    expect(editor.placing).toBeNull();
+    expect(editor.partToPlace).toBeNull();
     editor.undo();
     expect(obstaclesOf(editor.document)).toEqual([]);
     expect(editor.selected.size).toBe(0);

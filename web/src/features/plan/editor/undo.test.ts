@@ -148,7 +148,7 @@ const RALLY_EDITS: Edits = {
   },
   'import a file': ({ plans }) => plans.import(new File(['x'], 'field.kml')),
   'open a saved plan': ({ plans }) => plans.open('abc'),
-  'open the plan of a vehicle': ({ plans }) => plans.openFromVehicle('1 Quad', { plan: { ...EMPTY_PLAN, items: ITEMS }, notes: [] } as never, HOME),
+  'open the plan of a vehicle': ({ plans }) => plans.openFromVehicle('Quad 1', { plan: { ...EMPTY_PLAN, items: ITEMS }, notes: [] } as never, HOME),
   'convert to a mission': ({ plans }) => plans.convert(null),
 };
 

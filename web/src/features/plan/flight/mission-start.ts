@@ -1,6 +1,6 @@
 /**
- * Texts and request bodies for starts of the mission on a vehicle: at the first, the current or a chosen item, or where
- * the flight was interrupted. Pure functions.
+ * Texts and request bodies that start the mission on a vehicle. It starts at the first, the current or a chosen item, or
+ * where the flight was interrupted. Pure functions.
  */
 
 import type { components } from '../../../api/schema';
@@ -15,22 +15,24 @@ function itemOfRow(plan: Plan, row: number): number {
 }
 
 /** The current item of the mission on the vehicle, counted from 0, and the number of items. */
-export type CurrentItem = Readonly<{ current: number; count: number | null }>;
+export type MissionProgress = Readonly<{ current: number; count: number | null }>;
 
-function currentItemText(item: CurrentItem | null): string {
-  return item === null ? 'the current item of its mission' : `item ${item.current + 1}${item.count === null ? '' : ` of ${item.count}`} (current)`;
+function currentItemText(progress: MissionProgress | null): string {
+  return progress === null
+    ? 'the current item of its mission'
+    : `item ${progress.current + 1}${progress.count === null ? '' : ` of ${progress.count}`} (current)`;
 }
 
 /** Text of the button that continues the mission in the air. */
-export function continueButtonText(item: CurrentItem | null): string {
-  return item === null ? 'Resume…' : `Resume at item ${item.current + 1}${item.count === null ? '' : ` of ${item.count}`}…`;
+export function continueButtonText(progress: MissionProgress | null): string {
+  return progress === null ? 'Resume…' : `Resume at item ${progress.current + 1}${progress.count === null ? '' : ` of ${progress.count}`}…`;
 }
 
 /**
  * @param row the row to start at; null: the first item, or in the air the current item.
  * @param acceptedTexts texts of the accepted errors.
  * @param dryRunId the dry run to compare the flight with; null: none.
- * @param currentItem the vehicle's current item; null: not reported.
+ * @param progress progress of the mission; null: not reported.
  */
 export function startTexts(
   vehicleName: string,
@@ -38,10 +40,10 @@ export function startTexts(
   row: number | null,
   acceptedTexts: readonly string[],
   dryRunId: string | null = null,
-  currentItem: CurrentItem | null = null,
+  progress: MissionProgress | null = null,
 ): ConfirmationTexts {
   const isResume = inAir && row === null;
-  const startItem = row === null ? (inAir ? currentItemText(currentItem) : 'the first item') : `item ${row + 1}`;
+  const startItem = row === null ? (inAir ? currentItemText(progress) : 'the first item') : `item ${row + 1}`;
   const path = inAir
     ? `The vehicle flies to ${startItem} and continues from there.`
     : `Arms, takes off and flies the mission stored on the vehicle from ${startItem}.`;
@@ -61,18 +63,18 @@ export function startTexts(
 }
 
 /**
- * @param despite codes of the accepted errors.
+ * @param acceptedCodes codes of the accepted errors.
  * @param dryRunId the dry run to compare the flight with; null: none.
  */
 export function startBody(
   plan: Plan,
   inAir: boolean,
   row: number | null,
-  despite: readonly string[],
+  acceptedCodes: readonly string[],
   dryRunId: string | null = null,
 ): { item?: number; despite: string[]; dry_run?: string } {
   const item = row !== null ? itemOfRow(plan, row) : inAir ? null : 0;
-  return { ...(item === null ? {} : { item }), despite: [...despite], ...(dryRunId === null ? {} : { dry_run: dryRunId }) };
+  return { ...(item === null ? {} : { item }), despite: [...acceptedCodes], ...(dryRunId === null ? {} : { dry_run: dryRunId }) };
 }
 
 /** An interrupted flight of the plan on the vehicle. */
@@ -110,6 +112,6 @@ export function resumeTexts(vehicleName: string, offer: ResumeOffer, acceptedTex
 }
 
 /** The body of the request to resume. The server refuses the start if the mission on the vehicle has another `mission_id`. */
-export function resumeBody({ item, mission_id }: ResumeOffer, despite: readonly string[]): { item: number; mission_id: number; despite: string[] } {
-  return { item, mission_id, despite: [...despite] };
+export function resumeBody({ item, mission_id }: ResumeOffer, acceptedCodes: readonly string[]): { item: number; mission_id: number; despite: string[] } {
+  return { item, mission_id, despite: [...acceptedCodes] };
 }

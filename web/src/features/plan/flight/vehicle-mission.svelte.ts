@@ -7,7 +7,7 @@ import type { WireEvent } from '../../../live/wire';
 import type { Plan } from '../document/document';
 import { isOnVehicle, type Comparison } from './vehicle-plan';
 
-type View = Readonly<components['schemas']['MissionView']>;
+type MissionView = Readonly<components['schemas']['MissionView']>;
 type Operation = Readonly<components['schemas']['Operation']>;
 export type DownloadedPlan = Readonly<Omit<components['schemas']['DownloadedPlan'], 'plan'>> & { readonly plan: Plan };
 /** A saved version, or the content of an unsaved plan. */
@@ -16,7 +16,8 @@ type PlanReference = Readonly<components['schemas']['WhichPlan']>;
 const TRANSFER_KINDS = ['mission/upload', 'mission/download'];
 
 export class VehicleMission {
-  view = $state.raw<View | null>(null);
+  /** The server's view of the plan on the vehicle; null: not known. */
+  missionView = $state.raw<MissionView | null>(null);
   /** The latest upload or download, running or ended. */
   transfer = $state.raw<Operation | null>(null);
   private lastComparison = $state.raw<{ readonly plan: Plan; readonly result: Comparison } | null>(null);
@@ -36,7 +37,7 @@ export class VehicleMission {
   selectVehicle(vehicle: string | null): void {
     if (vehicle === this.vehicle) return;
     this.vehicle = vehicle;
-    this.view = this.transfer = this.problem = this.lastComparison = this.pendingComparison = this.reportedState = null;
+    this.missionView = this.transfer = this.problem = this.lastComparison = this.pendingComparison = this.reportedState = null;
     void this.refresh();
   }
 
@@ -56,10 +57,10 @@ export class VehicleMission {
     if (vehicle === null) return;
     this.requestCount += 1;
     const requestNumber = this.requestCount;
-    const view = await this.api.get('/vehicles/{v}/mission', ofVehicle(vehicle));
+    const response = await this.api.get('/vehicles/{v}/mission', ofVehicle(vehicle));
     if (vehicle !== this.vehicle || requestNumber !== this.requestCount) return;
-    this.view = view.ok ? view.value : null;
-    if (this.view?.transfer == null || this.running) return;
+    this.missionView = response.ok ? response.value : null;
+    if (this.missionView?.transfer == null || this.running) return;
     const operations = await this.api.get('/operations', { params: { query: { vehicle } } });
     const runningTransfer = operations.ok
       ? operations.value.operations.find(({ kind, state }) => TRANSFER_KINDS.includes(kind) && state === 'running')
@@ -69,7 +70,7 @@ export class VehicleMission {
 
   /** Whether exactly this version is on the vehicle. */
   hasVersion(id: string, version: number): boolean {
-    return isOnVehicle(this.view?.holds, { id, version });
+    return isOnVehicle(this.missionView?.holds, { id, version });
   }
 
   async upload(plan_id: string, version: number): Promise<void> {
@@ -104,7 +105,7 @@ export class VehicleMission {
     if (!response.ok) this.problem = response.problem;
   }
 
-  onEvent(event: WireEvent): void {
+  handleEvent(event: WireEvent): void {
     const operation = event.kind === 'operation' ? (event['operation'] as Operation | undefined) : undefined;
     if (operation === undefined || operation.vehicle !== this.vehicle || !operation.kind.startsWith('mission/')) return;
     if (TRANSFER_KINDS.includes(operation.kind)) this.transfer = operation;

@@ -11,7 +11,7 @@ import { continueButtonText, interruptedText, resumeBody, resumeTexts, resumeBut
 
 describe('the plan on the vehicle', () => {
   const operation = (more: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...more });
-  const view = (state: string, plan: object | null, transfer: string | null = null) => ({
+  const missionView = (state: string, plan: object | null, transfer: string | null = null) => ({
     vehicle: '1',
     mission: null,
     transfer,
@@ -35,18 +35,18 @@ describe('the plan on the vehicle', () => {
   }
 
   it('matches the edited plan only in exactly the same version', async () => {
-    const { mission } = pageWith([200, view('plan', tower)]);
+    const { mission } = pageWith([200, missionView('plan', tower)]);
     mission.selectVehicle('1');
     await settle();
     expect([mission.hasVersion('abc', 2), mission.hasVersion('abc', 3), mission.hasVersion('other', 2)]).toEqual([true, false, false]);
-    expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 2 })).toBe('This plan is on 101 Quad.');
-    expect(vehiclePlanText('101 Quad', mission.view?.holds, { id: 'abc', version: 3 })).toBe('On 101 Quad: version 2 of this plan.');
-    expect(vehiclePlanText('101 Quad', mission.view?.holds, null)).toBe('On 101 Quad: the plan “Tower”.');
+    expect(vehiclePlanText('Quad 101', mission.missionView?.holds, { id: 'abc', version: 2 })).toBe('This plan is on Quad 101.');
+    expect(vehiclePlanText('Quad 101', mission.missionView?.holds, { id: 'abc', version: 3 })).toBe('On Quad 101: version 2 of this plan.');
+    expect(vehiclePlanText('Quad 101', mission.missionView?.holds, null)).toBe('On Quad 101: the plan “Tower”.');
   });
 
   it('does not match if the vehicle has another or an unknown plan', async () => {
     for (const state of ['another', 'not_known']) {
-      const { mission } = pageWith([200, view(state, tower)]);
+      const { mission } = pageWith([200, missionView(state, tower)]);
       mission.selectVehicle('1');
       await settle();
       expect(mission.hasVersion('abc', 2)).toBe(false);
@@ -54,28 +54,31 @@ describe('the plan on the vehicle', () => {
   });
 
   it('is uploaded with progress and requested again after the upload', async () => {
-    const { mission, requests } = pageWith([200, view('not_known', null)], [202, operation({})], [200, view('plan', tower)]);
+    const { mission, requests } = pageWith([200, missionView('not_known', null)], [202, operation({})], [200, missionView('plan', tower)]);
     mission.selectVehicle('1');
     await settle();
     await mission.upload('abc', 2);
-    mission.onEvent(event({ progress: 0.9 }));
-    mission.onEvent(event({ vehicle: '2', progress: 0.1 }));
+    mission.handleEvent(event({ progress: 0.9 }));
+    mission.handleEvent(event({ vehicle: '2', progress: 0.1 }));
     expect([mission.running, mission.transfer?.progress]).toEqual([true, 0.9]);
-    mission.onEvent(event({ state: 'succeeded', progress: 1 }));
+    mission.handleEvent(event({ state: 'succeeded', progress: 1 }));
     await settle();
     expect([mission.running, mission.hasVersion('abc', 2)]).toEqual([false, true]);
     expect(requests).toEqual(['GET /vehicles/1/mission', 'POST /vehicles/1/mission/upload', 'GET /vehicles/1/mission']);
   });
 
   it('has a running upload that the page finds after a reload', async () => {
-    const { mission } = pageWith([200, view('not_known', null, 'an upload')], [200, { operations: [operation({ kind: 'mission/download' }), operation({})] }]);
+    const { mission } = pageWith(
+      [200, missionView('not_known', null, 'an upload')],
+      [200, { operations: [operation({ kind: 'mission/download' }), operation({})] }],
+    );
     mission.selectVehicle('1');
     await settle();
     expect(mission.transfer?.id).toBe('o1');
   });
 
   it('shows why the upload failed', async () => {
-    const { mission } = pageWith([200, view('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
+    const { mission } = pageWith([200, missionView('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
     mission.selectVehicle('1');
     await settle();
     await mission.upload('abc', 2);
@@ -84,16 +87,16 @@ describe('the plan on the vehicle', () => {
   });
 
   it('is requested again when the vehicle disarms or reaches an item, but not while it reports the same state', async () => {
-    const interrupted = { ...view('plan', tower), no_resume: null, resume: { item: 3 } };
-    const { mission, requests } = pageWith([200, { ...view('plan', tower), no_resume: 'Vehicle 1 is armed.' }], [200, interrupted], [200, interrupted]);
+    const interrupted = { ...missionView('plan', tower), no_resume: null, resume: { item: 3 } };
+    const { mission, requests } = pageWith([200, { ...missionView('plan', tower), no_resume: 'Vehicle 1 is armed.' }], [200, interrupted], [200, interrupted]);
     const stateOf = (armed: boolean, current: number) => reportedState({ armed, mode: 'mission' } as never, { current, mission_id: 7 } as never, null);
     mission.selectVehicle('1');
     for (const state of [stateOf(true, 3), stateOf(true, 3)]) mission.onReportedState(state);
     await settle();
-    expect([mission.view?.no_resume, requests.length]).toEqual(['Vehicle 1 is armed.', 1]);
+    expect([mission.missionView?.no_resume, requests.length]).toEqual(['Vehicle 1 is armed.', 1]);
     mission.onReportedState(stateOf(false, 3));
     await settle();
-    expect([mission.view?.no_resume, mission.view?.resume?.item, requests.length]).toEqual([null, 3, 2]);
+    expect([mission.missionView?.no_resume, mission.missionView?.resume?.item, requests.length]).toEqual([null, 3, 2]);
     mission.onReportedState(stateOf(false, 4));
     mission.onReportedState(stateOf(false, 4));
     await settle();
@@ -117,29 +120,29 @@ describe('the plan on the vehicle', () => {
   });
 
   it('is shown as in the response to the newest request, also if an earlier request gets its response later', async () => {
-    const responses: ((view: object) => void)[] = [];
+    const responses: ((response: object) => void)[] = [];
     const api = new ApiClient('p', undefined, () => new Promise((resolve) => responses.push((body) => resolve(Response.json(body)))));
     const mission = new VehicleMission(api);
     mission.selectVehicle('1');
     mission.onReportedState('armed');
     mission.onReportedState('disarmed');
     await settle();
-    responses[1]?.({ ...view('plan', tower), no_resume: null });
-    responses[0]?.({ ...view('plan', tower), no_resume: 'Vehicle 1 is armed.' });
+    responses[1]?.({ ...missionView('plan', tower), no_resume: null });
+    responses[0]?.({ ...missionView('plan', tower), no_resume: 'Vehicle 1 is armed.' });
     await settle();
-    expect(mission.view?.no_resume).toBeNull();
+    expect(mission.missionView?.no_resume).toBeNull();
   });
 
   it('is read back and compared', async () => {
     const difference = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true };
     const comparison = { vehicle: '1', equal: false, differences: [difference], read_unix_s: 1, still_held: true };
     const download = operation({ kind: 'mission/download' });
-    const { mission, requests } = pageWith([200, view('another', null)], [202, download], [200, comparison], [200, view('another', null)]);
+    const { mission, requests } = pageWith([200, missionView('another', null)], [202, download], [200, comparison], [200, missionView('another', null)]);
     mission.selectVehicle('1');
     await settle();
     await mission.readBack(EMPTY_PLAN, { plan_id: 'abc', version: 2 });
     expect([mission.running, mission.comparison(EMPTY_PLAN)]).toEqual([true, null]);
-    mission.onEvent(event({ kind: 'mission/download', state: 'succeeded' }));
+    mission.handleEvent(event({ kind: 'mission/download', state: 'succeeded' }));
     await settle();
     expect(mission.comparison(EMPTY_PLAN)).toEqual(comparison);
     expect(mission.comparison({ ...EMPTY_PLAN })).toBeNull();
@@ -156,10 +159,10 @@ describe('the plan on the vehicle', () => {
     expect(differenceText({ ...difference, field: 'frame', planned: 3, held: 7 })).toContain('MAV_FRAME 7 on the vehicle');
     expect(differenceText({ ...difference, field: 'param2', planned: null, held: 0 })).toContain('parameter 2: not set in the plan');
     expect(differenceText({ ...difference, part: 'fence', seq: null, field: 'count' })).toBe('The geofence: 35 items in the plan, 20 on the vehicle.');
-    expect(comparisonText('1 Quad', comparison({}))).toContain('is identical to this plan');
-    expect(comparisonText('1 Quad', comparison({ differences: [difference] }))).toContain('does not store this value');
-    expect(comparisonText('1 Quad', comparison({ equal: false }))).toContain('differs from this plan');
-    expect(comparisonText('1 Quad', comparison({ still_held: false }))).toContain('Read it back again');
+    expect(comparisonText('Quad 1', comparison({}))).toContain('is identical to this plan');
+    expect(comparisonText('Quad 1', comparison({ differences: [difference] }))).toContain('does not store this value');
+    expect(comparisonText('Quad 1', comparison({ equal: false }))).toContain('differs from this plan');
+    expect(comparisonText('Quad 1', comparison({ still_held: false }))).toContain('Read it back again');
   });
 });
 
@@ -200,17 +203,17 @@ describe('the start of the plan on the vehicle', () => {
   });
 
   it('asks for a confirmation that lists the accepted errors and is shown as dangerous', () => {
-    const question = startTexts('1 Quad', false, null, ['It leaves the fence.']);
-    expect(question.effect).toBe(
+    const texts = startTexts('Quad 1', false, null, ['It leaves the fence.']);
+    expect(texts.effect).toBe(
       'Arms, takes off and flies the mission stored on the vehicle from the first item. You accepted 1 error: It leaves the fence. Hold interrupts the mission; you can resume it.',
     );
-    expect([question.danger, startTexts('1 Quad', true, 3, []).danger]).toEqual([true, false]);
-    expect(startTexts('1 Quad', true, 3, [])).toMatchObject({
-      title: 'Fly the mission of 1 Quad from item 4',
+    expect([texts.danger, startTexts('Quad 1', true, 3, []).danger]).toEqual([true, false]);
+    expect(startTexts('Quad 1', true, 3, [])).toMatchObject({
+      title: 'Fly the mission of Quad 1 from item 4',
       effect: expect.stringContaining('flies to item 4'),
     });
-    expect(startTexts('1 Quad', true, null, [])).toMatchObject({ title: 'Resume the mission of 1 Quad', verb: 'Resume' });
-    expect(startTexts('1 Quad', true, null, [], null, { current: 2, count: 10 }).effect).toContain('The vehicle flies to item 3 of 10 (current)');
+    expect(startTexts('Quad 1', true, null, [])).toMatchObject({ title: 'Resume the mission of Quad 1', verb: 'Resume' });
+    expect(startTexts('Quad 1', true, null, [], null, { current: 2, count: 10 }).effect).toContain('The vehicle flies to item 3 of 10 (current)');
     expect(continueButtonText({ current: 2, count: 10 })).toBe('Resume at item 3 of 10…');
   });
 
@@ -243,14 +246,14 @@ describe('an interrupted flight', () => {
   });
 
   it('asks for a confirmation that states the altitude, the distance to the item and all cautions', () => {
-    expect(resumeTexts('1 Quad', offer, [])).toEqual({
-      title: 'Resume the mission of 1 Quad at item 7 of 20',
+    expect(resumeTexts('Quad 1', offer, [])).toEqual({
+      title: 'Resume the mission of Quad 1 at item 7 of 20',
       effect:
         'Arms, climbs at its current position to 40.0 m above home and flies 212 m straight to item 7 (waypoint). It flies the rest of the mission from there. PX4 does not repeat item 2. Hold interrupts the mission; you can resume it.',
       verb: 'Resume',
       danger: false,
     });
-    const noDistance = resumeTexts('1 Quad', { ...offer, distance_m: null, altitude_reference: 'amsl', cautions: [] }, ['It leaves the fence.']);
+    const noDistance = resumeTexts('Quad 1', { ...offer, distance_m: null, altitude_reference: 'amsl', cautions: [] }, ['It leaves the fence.']);
     expect(noDistance.effect).toBe(
       'Arms, climbs at its current position to 40.0 m AMSL and flies straight to item 7 (waypoint). It flies the rest of the mission from there. You accepted 1 error: It leaves the fence. Hold interrupts the mission; you can resume it.',
     );

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
 import { EMPTY_PLAN } from '../document/document';
-import type { DryRunView } from '../dry-run/dry-run.svelte';
+import type { DryRunResult } from '../dry-run/dry-run.svelte';
 import { startBody, startTexts } from './mission-start';
 import { dryRunIdFor, flightLabel, flightProgress, flightText, hasEnded, type WaypointFlight } from './waypoint-flight';
 
@@ -50,21 +50,21 @@ describe('a monitored flight', () => {
 
 describe('the dry run that a flight is compared with', () => {
   const origin = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
-  const view = { id: '4', vehicle: '1', nominal: { finished: true, origin } } as unknown as DryRunView;
+  const result = { id: '4', vehicle: '1', nominal: { finished: true, origin } } as unknown as DryRunResult;
   const nearStart = positionAt(origin, { north_m: 3, east_m: 0 });
 
   it('is completed, of the same vehicle and from the same start', () => {
-    expect(dryRunIdFor(view, '1', nearStart)).toBe('4');
-    expect(dryRunIdFor(view, '2', nearStart)).toBeNull();
-    expect(dryRunIdFor(view, '1', null)).toBeNull();
+    expect(dryRunIdFor(result, '1', nearStart)).toBe('4');
+    expect(dryRunIdFor(result, '2', nearStart)).toBeNull();
+    expect(dryRunIdFor(result, '1', null)).toBeNull();
     expect(dryRunIdFor(null, '1', nearStart)).toBeNull();
-    expect(dryRunIdFor(view, '1', positionAt(origin, { north_m: 6, east_m: 0 }))).toBeNull();
-    expect(dryRunIdFor({ ...view, nominal: { ...view.nominal, finished: false } }, '1', nearStart)).toBeNull();
+    expect(dryRunIdFor(result, '1', positionAt(origin, { north_m: 6, east_m: 0 }))).toBeNull();
+    expect(dryRunIdFor({ ...result, nominal: { ...result.nominal, finished: false } }, '1', nearStart)).toBeNull();
   });
 
-  it('is mentioned in the question and sent in the request', () => {
-    expect(startTexts('1 Quad', false, null, [], '4').effect).toContain('The flight is compared with the dry run.');
-    expect(startTexts('1 Quad', false, null, []).effect).not.toContain('dry run');
+  it('is mentioned in the confirmation and sent in the request', () => {
+    expect(startTexts('Quad 1', false, null, [], '4').effect).toContain('The flight is compared with the dry run.');
+    expect(startTexts('Quad 1', false, null, []).effect).not.toContain('dry run');
     expect(startBody(EMPTY_PLAN, false, null, [], '4')).toEqual({ item: 0, despite: [], dry_run: '4' });
   });
 });

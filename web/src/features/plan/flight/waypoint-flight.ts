@@ -3,7 +3,7 @@
 import type { components } from '../../../api/schema';
 import { duration, fixed } from '../../../ui/format';
 import { isSameStart, type GeoPosition } from '../../../vehicle/geo';
-import type { DryRunView } from '../dry-run/dry-run.svelte';
+import type { DryRunResult } from '../dry-run/dry-run.svelte';
 
 /** `planned_by` is the source of the planned path and times: `plan` for estimates from the plan's straight lines, or `dry_run`. */
 export type WaypointFlight = Readonly<components['schemas']['WaypointFlightStatus']>;
@@ -46,7 +46,7 @@ function deviationText({ deviation_horizontal_m: horizontal_m, deviation_vertica
  * Id of the dry run to compare a flight with: a completed dry run of this vehicle from the same start; null: none.
  * @param position position of the vehicle on the ground.
  */
-export function dryRunIdFor(view: DryRunView | null, vehicle: string, position: GeoPosition | null): string | null {
-  if (view === null || view.vehicle !== vehicle || !view.nominal.finished || position === null) return null;
-  return isSameStart(position, view.nominal.origin) ? view.id : null;
+export function dryRunIdFor(result: DryRunResult | null, vehicle: string, position: GeoPosition | null): string | null {
+  if (result === null || result.vehicle !== vehicle || !result.nominal.finished || position === null) return null;
+  return isSameStart(position, result.nominal.origin) ? result.id : null;
 }

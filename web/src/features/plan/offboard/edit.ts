@@ -40,8 +40,8 @@ export function movePoint(mission: Mission, id: string, position: GeoPosition, f
   const node = ref === null ? null : nodeOf(mission, id);
   if (ref === null || node === null) return moveHomeOrArea(mission, id, position);
   const path = pathOf(node, ref);
-  const old = valueAt(mission, path) as MissionPosition | undefined;
-  return old === undefined ? mission : withValue(mission, path, movedTo(old, position, frame));
+  const oldPosition = valueAt(mission, path) as MissionPosition | undefined;
+  return oldPosition === undefined ? mission : withValue(mission, path, movedTo(oldPosition, position, frame));
 }
 
 /** Changes the altitude of the point with this id by `by_m`; home and the geofence have no altitude. */
@@ -49,8 +49,8 @@ export function raisePoint(mission: Mission, id: string, by_m: number): Mission 
   const ref = pointRefOf(id);
   const node = ref === null ? null : nodeOf(mission, id);
   const path = ref === null || node === null ? null : pathOf(node, ref);
-  const old = path === null ? undefined : (valueAt(mission, path) as MissionPosition | undefined);
-  return path === null || old === undefined ? mission : withValue(mission, path, raisedBy(old, by_m));
+  const oldPosition = path === null ? undefined : (valueAt(mission, path) as MissionPosition | undefined);
+  return path === null || oldPosition === undefined ? mission : withValue(mission, path, raisedBy(oldPosition, by_m));
 }
 
 function splice<T>(list: readonly T[], start: number, removeCount: number, ...added: readonly T[]): T[] {
@@ -142,18 +142,18 @@ export function addStep(
   frame: MissionFrame,
 ): { mission: Mission; id: string } {
   const nodes = nodesOf(mission);
-  const last = lastSelectedStep(mission, selected);
-  if (kind === 'fly' && position !== null && last?.step.step === 'fly') {
+  const lastStep = lastSelectedStep(mission, selected);
+  if (kind === 'fly' && position !== null && lastStep?.step.step === 'fly') {
     const ref = selected
       .map(pointRefOf)
       .filter((point) => point?.field === 'points')
       .at(-1);
-    const added = insertPoint(mission, last.place, ref == null ? (last.step.points?.length ?? 0) : ref.index + 1, position, frame);
+    const added = insertPoint(mission, lastStep.place, ref == null ? (lastStep.step.points?.length ?? 0) : ref.index + 1, position, frame);
     if (added !== null) return added;
   }
-  const nodeCount = last === null ? nodes.length : nodes.indexOf(last) + 1;
+  const nodeCount = lastStep === null ? nodes.length : nodes.indexOf(lastStep) + 1;
   const step = newStep(kind, KINDS_WITH_POSITION.has(kind) ? newPosition(mission, position, frame, nodeCount, nodes) : undefined);
-  const { mission: next, places } = insertSteps(mission, [step], last);
+  const { mission: next, places } = insertSteps(mission, [step], lastStep);
   const place = places[0] ?? '';
   return { mission: next, id: kind === 'fly' ? pointId({ place, field: 'points', index: 0 }) : stepId(place) };
 }
@@ -170,8 +170,8 @@ export function lastSelectedStep(mission: Mission, selected: readonly string[]):
 
 /** Inserts several steps where `addStep` would insert a step. @returns the mission and the ids of the inserted steps. */
 export function addSteps(mission: Mission, steps: readonly Step[], selected: readonly string[]): { mission: Mission; ids: string[] } {
-  const last = lastSelectedStep(mission, selected);
-  const { mission: next, places } = insertSteps(mission, steps, last);
+  const lastStep = lastSelectedStep(mission, selected);
+  const { mission: next, places } = insertSteps(mission, steps, lastStep);
   return { mission: next, ids: places.map(stepId) };
 }
 

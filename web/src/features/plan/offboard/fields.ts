@@ -339,7 +339,7 @@ const STEP_ROWS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
   branch: [conditionRows('condition')],
   call: [nameChoiceRow('mission', 'List of steps', 'missions', 'choose …')],
   land: [numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '300' })],
-  meet: [textRow('meeting', 'Name of the sync point'), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '120' })],
+  meet: [textRow('meeting', 'Name of the meeting'), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '120' })],
 };
 /** Fields with whole numbers; the page rounds typed fractions. */
 const INTEGER_FIELDS: ReadonlySet<string> = new Set(['times', 'count']);

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
 import { ClosedCards } from '../flight/closed-cards.svelte';
-import type { DryRunView } from '../dry-run/dry-run.svelte';
+import type { DryRunResult } from '../dry-run/dry-run.svelte';
 import { distanceText, figures, flownLength_m, flownPathLayer, flownPlot, pathDistances, sourceText, type FlownPath } from './flown-path';
 
 type Vector = [number, number, number];
@@ -80,7 +80,7 @@ describe('distance from the planned path', () => {
 });
 
 describe('figures', () => {
-  const row = (name: string, dryRun: DryRunView | null, flown = FLOWN) => {
+  const row = (name: string, dryRun: DryRunResult | null, flown = FLOWN) => {
     const figure = figures(flown, [], dryRun).rows.find((candidate) => candidate.name === name);
     return [figure?.planned, figure?.flown];
   };
@@ -103,8 +103,8 @@ describe('figures', () => {
   });
 
   it('have the planned battery use of a dry run with one vehicle', () => {
-    expect(row('Battery used', { nominal, together: null } as unknown as DryRunView)[0]).toBe('11 %');
-    expect(row('Battery used', { nominal, together: { roles: {} } } as unknown as DryRunView)[0]).toBe('not known');
+    expect(row('Battery used', { nominal, together: null } as unknown as DryRunResult)[0]).toBe('11 %');
+    expect(row('Battery used', { nominal, together: { roles: {} } } as unknown as DryRunResult)[0]).toBe('not known');
   });
 
   it('have a length without the noise of the position estimate', () => {

@@ -1,10 +1,10 @@
 /** Compares an ended mission with its plan: figures, plots and map. Pure functions. */
 
 import type { components } from '../../../api/schema';
-import type { LayerLine, LayerPicture } from '../../../app/map-layers.svelte';
+import type { LayerLine, LayerContent } from '../../../app/map-layers.svelte';
 import { durationText, fixed, metres } from '../../../ui/format';
 import { positionAt } from '../../../vehicle/geo';
-import type { DryRunView } from '../dry-run/dry-run.svelte';
+import type { DryRunResult } from '../dry-run/dry-run.svelte';
 import { scaledTrace, type Trace } from '../dry-run/dry-run-trace';
 
 type Schemas = components['schemas'];
@@ -116,7 +116,7 @@ export function flownLength_m(samples: readonly Sample[]): number {
 }
 
 /** The figures of a flight. @param dryRun the dry run that the flight was compared with; null: none. */
-export function figures(flownPath: FlownPath, distances: readonly PathDistance[], dryRun: DryRunView | null): Figures {
+export function figures(flownPath: FlownPath, distances: readonly PathDistance[], dryRun: DryRunResult | null): Figures {
   const sorted_m = distances.map(({ distance_m }) => distance_m).sort((a, b) => a - b);
   const lengthText = (value_m: number | null): string => (value_m === null ? 'not known' : `${metres(value_m).text} ${metres(value_m).unit}`);
   const dryRunFlight = dryRun?.together == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is the flight of the first role
@@ -183,7 +183,7 @@ export function flownPlot(flownPath: FlownPath, distances: readonly PathDistance
 /**
  * The planned path (dashed) and the flown path (solid) on the map; null: the origin of the local frame is not known.
  */
-export function flownPathLayer(flownPath: FlownPath): LayerPicture | null {
+export function flownPathLayer(flownPath: FlownPath): LayerContent | null {
   const { origin } = flownPath;
   if (origin === null) return null;
   const positionsOf = (points: readonly Vector[]) => points.map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m }));

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
-import type { DryRunView } from '../dry-run/dry-run.svelte';
+import type { DryRunResult } from '../dry-run/dry-run.svelte';
 import {
   executorText,
   dryRunIdWithCorridor,
@@ -71,14 +71,15 @@ describe('who commands the vehicle', () => {
 
 describe('the corridor of a dry run', () => {
   const start = { lat_deg: 47.4, lon_deg: 8.5 };
-  const view = (fields: object) => ({ id: '7', vehicle: '1', monte_carlo: { corridor: {} }, nominal: { origin: start }, ...fields }) as unknown as DryRunView;
+  const dryRunResult = (fields: object) =>
+    ({ id: '7', vehicle: '1', monte_carlo: { corridor: {} }, nominal: { origin: start }, ...fields }) as unknown as DryRunResult;
 
   it('is used only for the same vehicle and start', () => {
-    expect(dryRunIdWithCorridor(view({}), '1', positionAt(start, { north_m: 3, east_m: 3 }))).toBe('7');
-    expect(dryRunIdWithCorridor(view({}), '1', positionAt(start, { north_m: 6, east_m: 0 }))).toBeNull();
+    expect(dryRunIdWithCorridor(dryRunResult({}), '1', positionAt(start, { north_m: 3, east_m: 3 }))).toBe('7');
+    expect(dryRunIdWithCorridor(dryRunResult({}), '1', positionAt(start, { north_m: 6, east_m: 0 }))).toBeNull();
     expect([
-      dryRunIdWithCorridor(view({}), '2', start),
-      dryRunIdWithCorridor(view({ monte_carlo: null }), '1', start),
+      dryRunIdWithCorridor(dryRunResult({}), '2', start),
+      dryRunIdWithCorridor(dryRunResult({ monte_carlo: null }), '1', start),
       dryRunIdWithCorridor(null, '1', start),
     ]).toEqual([null, null, null]);
   });
@@ -87,16 +88,16 @@ describe('the corridor of a dry run', () => {
     const corridor = (east_m: number) => ({ corridor: { position_ned_m: [[0, east_m, 0]] } });
     const together = { monte_carlo: { roles: { lead: corridor(0), left: corridor(20) } } };
     const vehicles = { lead: '1', left: '2' };
-    const dryRun = view({ vehicle: null, vehicles, together });
+    const dryRun = dryRunResult({ vehicle: null, vehicles, together });
     const at = (id: string) => positionAt(start, { north_m: 2, east_m: id === '1' ? 0 : 20 });
     expect(dryRunIdWithCorridorForRoles(dryRun, vehicles, at)).toBe('7');
     expect(dryRunIdWithCorridorForRoles(dryRun, { lead: '2', left: '1' }, at)).toBeNull();
     expect(dryRunIdWithCorridorForRoles(dryRun, vehicles, () => start)).toBeNull();
     expect(dryRunIdWithCorridorForRoles(dryRun, vehicles, () => null)).toBeNull();
-    expect([dryRunIdWithCorridorForRoles(view({ vehicle: null, together: null }), vehicles, at), dryRunIdWithCorridorForRoles(null, vehicles, at)]).toEqual([
-      null,
-      null,
-    ]);
+    expect([
+      dryRunIdWithCorridorForRoles(dryRunResult({ vehicle: null, together: null }), vehicles, at),
+      dryRunIdWithCorridorForRoles(null, vehicles, at),
+    ]).toEqual([null, null]);
   });
 
   it('is mentioned while the vehicle is outside it', () => {
@@ -116,11 +117,11 @@ describe('an offboard mission in flight', () => {
   });
 
   it('needs a confirmation for commands except pause and continue', () => {
-    expect(commandTexts('pause', FLIGHT, '1 Quad')).toBeNull();
-    expect(commandTexts('go_on', FLIGHT, '1 Quad')).toBeNull();
-    expect(commandTexts('resume', FLIGHT, '1 Quad')?.effect).toContain('“Approach”');
-    expect(commandTexts('skip', flightWith({ title: null }), '1 Quad')?.title).toBe('Skip the current step');
-    expect(commandTexts('abort', FLIGHT, '1 Quad')?.verb).toBe('Abort');
+    expect(commandTexts('pause', FLIGHT, 'Quad 1')).toBeNull();
+    expect(commandTexts('go_on', FLIGHT, 'Quad 1')).toBeNull();
+    expect(commandTexts('resume', FLIGHT, 'Quad 1')?.effect).toContain('“Approach”');
+    expect(commandTexts('skip', flightWith({ title: null }), 'Quad 1')?.title).toBe('Skip the current step');
+    expect(commandTexts('abort', FLIGHT, 'Quad 1')?.verb).toBe('Abort');
   });
 
   it('has texts for progress, position error and state', () => {
@@ -131,7 +132,7 @@ describe('an offboard mission in flight', () => {
     expect(deviationText(FLIGHT)).toBe('0.3 m position error');
     expect(deviationText(flightWith({ deviation_m: null }))).toBeNull();
     expect(stateLabel(flightWith({ state: 'suspended' }))).toEqual({ text: 'Interrupted by another mode', tone: 'caution' });
-    expect(lastFlightText(flightWith({ state: 'aborted' }), '1 Quad')).toBe(`Last flight of “${FLIGHT.name}” by 1 Quad: aborted.`);
+    expect(lastFlightText(flightWith({ state: 'aborted' }), 'Quad 1')).toBe(`Last flight of “${FLIGHT.name}” by Quad 1: aborted.`);
     expect(stateLabel(flightWith({ state: 'starting' })).text).toBe('Switching to Offboard');
     expect(stateLabel(flightWith({ state: 'starting', mode: 'external_1' })).text).toBe('Starting');
     expect([hasEnded(FLIGHT), hasEnded(flightWith({ state: 'done' }))]).toEqual([false, true]);
@@ -148,16 +149,16 @@ describe('starting an offboard mission', () => {
   });
 
   it('lists the failsafe actions for battery, control, link and server', () => {
-    const { title, effect } = startTexts(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
-    expect(title).toBe('Fly “Tower” with 1 Quad');
+    const { title, effect } = startTexts(MISSION, 'Quad 1', 65, 2, 'after 1 s the vehicle lands.');
+    expect(title).toBe('Fly “Tower” with Quad 1');
     expect(effect).toContain('Arms, takes off and flies 2 steps, about 1 min 05 s. The check found 2 warnings.');
     expect(effect).toContain('Low battery: the vehicle lands. If the controlling client is lost: the vehicle holds.');
     expect(effect).toContain(
       'If the server fails or loses the connection to the vehicle: after 1 s the vehicle lands. Once a lost connection is restored: the vehicle holds. Hold interrupts',
     );
-    expect(startTexts(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
-    const withErrors = startTexts(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);
+    expect(startTexts(MISSION, 'Quad 1', null, 0, null).effect).toContain('not known yet');
+    const withErrors = startTexts(MISSION, 'Quad 1', null, 0, null, ['step 2: It leaves the fence.']);
     expect(withErrors.effect).toContain('You accepted 1 error: step 2: It leaves the fence. Low battery');
-    expect([startTexts(MISSION, '1 Quad', null, 0, null).danger, withErrors.danger]).toEqual([false, true]);
+    expect([startTexts(MISSION, 'Quad 1', null, 0, null).danger, withErrors.danger]).toEqual([false, true]);
   });
 });

@@ -5,7 +5,7 @@ import type { components } from '../../../api/schema';
 import { durationText, fixed } from '../../../ui/format';
 import { isSameStart, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { acceptedErrorsText } from '../flight/accepted-errors.svelte';
-import type { DryRunView } from '../dry-run/dry-run.svelte';
+import type { DryRunResult } from '../dry-run/dry-run.svelte';
 import type { Finding } from '../document/fixes';
 import { nodesOf, type Mission } from './mission';
 
@@ -171,27 +171,27 @@ export function startTexts(
  * is none.
  * @param position position of the vehicle; null: not known.
  */
-export function dryRunIdWithCorridor(view: DryRunView | null, vehicle: string, position: GeoPosition | null): string | null {
-  if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || position === null) return null;
-  return isSameStart(position, view.nominal.origin) ? view.id : null;
+export function dryRunIdWithCorridor(result: DryRunResult | null, vehicle: string, position: GeoPosition | null): string | null {
+  if (result?.monte_carlo?.corridor == null || result.vehicle !== vehicle || position === null) return null;
+  return isSameStart(position, result.nominal.origin) ? result.id : null;
 }
 
 /** Like `dryRunIdWithCorridor`, for a mission with roles: all vehicles must match. @param positionOf null: the position is not known. */
 export function dryRunIdWithCorridorForRoles(
-  view: DryRunView | null,
+  result: DryRunResult | null,
   vehicles: Readonly<Record<string, string>>,
   positionOf: (vehicle: string) => GeoPosition | null,
 ): string | null {
-  const roles = Object.entries(view?.together?.monte_carlo?.roles ?? {});
-  if (view === null || roles.length === 0) return null;
+  const roles = Object.entries(result?.together?.monte_carlo?.roles ?? {});
+  if (result === null || roles.length === 0) return null;
   const allMatch = roles.every(([role, { corridor }]) => {
     const vehicle = vehicles[role];
     const [north_m, east_m] = corridor?.position_ned_m[0] ?? [];
-    const position = vehicle === undefined || vehicle !== view.vehicles?.[role] ? null : positionOf(vehicle);
+    const position = vehicle === undefined || vehicle !== result.vehicles?.[role] ? null : positionOf(vehicle);
     if (position === null || north_m === undefined || east_m === undefined) return false;
-    return isSameStart(position, positionAt(view.nominal.origin, { north_m, east_m }));
+    return isSameStart(position, positionAt(result.nominal.origin, { north_m, east_m }));
   });
-  return allMatch ? view.id : null;
+  return allMatch ? result.id : null;
 }
 
 /** Text about the distance outside the corridor; null if the vehicle is inside or no corridor is monitored. */

@@ -1,6 +1,6 @@
 /** A mission as a map layer and as list entries. Pure functions. */
 
-import type { LayerLine, LayerPicture, LayerPosition } from '../../../app/map-layers.svelte';
+import type { LayerLine, LayerContent, LayerPosition } from '../../../app/map-layers.svelte';
 import { durationText } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { pointAdder, areaLayer, sketchLines, type Sketch } from '../document/layer';
@@ -27,7 +27,7 @@ export function missionLayer(
   frame: MissionFrame,
   flight: CompiledFlight | null,
   isCurrent: boolean,
-): LayerPicture {
+): LayerContent {
   const { points, areas, lines, solids } = areaLayer(mission, selected, sketch, frame.start.alt_amsl_m);
   const add = pointAdder(points, selected);
   const nodes = nodesOf(mission);

@@ -110,23 +110,23 @@ describe('a mode', () => {
   });
 
   it('is started after a confirmation that states the failsafe', () => {
-    const question = selectTexts(MODE, 'Quad 1', true);
-    expect(question.title).toBe('Start “Short line” with Quad 1');
-    expect(question.effect).toContain('“Line” (version 3)');
-    expect(question.effect).toContain('(RTL)');
-    expect(question.effect).not.toContain('defers');
+    const texts = selectTexts(MODE, 'Quad 1', true);
+    expect(texts.title).toBe('Start “Short line” with Quad 1');
+    expect(texts.effect).toContain('“Line” (version 3)');
+    expect(texts.effect).toContain('(RTL)');
+    expect(texts.effect).not.toContain('defers');
     expect(selectTexts(modeWith({ defer_failsafes_s: 20 }), 'Quad 1', true).effect).toContain('defers these failsafes for up to 20 s');
   });
 
   it('is selected on the ground after a confirmation that states the effect of arming', () => {
-    const question = selectTexts(MODE, 'Quad 1', false);
-    expect(question.title).toBe('Select “Short line” for Quad 1');
-    expect(question.effect).toContain('PX4 does not arm in this mode');
+    const texts = selectTexts(MODE, 'Quad 1', false);
+    expect(texts.title).toBe('Select “Short line” for Quad 1');
+    expect(texts.effect).toContain('PX4 does not arm in this mode');
     expect(selectTexts(modeWith({ takes_off: true }), 'Quad 1', false).effect).toContain('as soon as somebody arms it in this mode');
   });
 
   it('with a take-off can only continue a suspended mission in the air', () => {
-    const question = selectTexts(modeWith({ takes_off: true }), 'Quad 1', true);
-    expect(question.effect).toContain('continues the mission “Line” (version 3) if it was suspended');
+    const texts = selectTexts(modeWith({ takes_off: true }), 'Quad 1', true);
+    expect(texts.effect).toContain('continues the mission “Line” (version 3) if it was suspended');
   });
 });

@@ -5,16 +5,16 @@ import type { MissionPosition } from './mission';
 import { positionInFrame, geoPointOf, positionFrameOf, type MissionFrame, type GeoPoint, type PositionFrame } from './positions';
 
 const FRAME_TEXTS: Readonly<Record<PositionFrame, string>> = {
-  offset: 'offset from mission start',
-  home: 'lat/lon, altitude above home',
-  amsl: 'lat/lon, altitude AMSL',
-  local: 'offset from local origin',
+  offset: 'from mission start',
+  home: 'lat/lon, above home',
+  amsl: 'lat/lon, AMSL',
+  local: 'from local origin',
 };
 const ALTITUDE_LABELS: Readonly<Record<PositionFrame, string>> = {
-  offset: 'Altitude above start',
-  home: 'Altitude above home',
-  amsl: 'Altitude AMSL',
-  local: 'Altitude above local origin',
+  offset: 'altitude above start',
+  home: 'altitude above home',
+  amsl: 'altitude AMSL',
+  local: 'altitude above local origin',
 };
 
 /**
@@ -73,7 +73,7 @@ export function positionFields<T>(
       options: (Object.keys(FRAME_TEXTS) as PositionFrame[]).map((value) => ({ value, text: FRAME_TEXTS[value] })),
       set: (target, next) => withPosition(target, positionInFrame(next as PositionFrame, geoPoint as GeoPoint, frame, position)),
     },
-    row('height', ALTITUDE_LABELS[positionFrame], altitude_m(), withAltitude),
+    row('height', `${label}: ${ALTITUDE_LABELS[positionFrame]}`, altitude_m(), withAltitude),
     ...coordinates,
   ];
 }

@@ -28,7 +28,7 @@ const CAMERA_STORAGE_KEY = 'gcs.pattern-camera';
 /** Largest permitted deviation of the lines from their height above ground [m]. */
 export const GROUND_TOLERANCE_M = 5;
 
-interface Preview {
+interface PatternPreview {
   readonly requestKey: string;
   readonly generated: GeneratedPattern | null;
   readonly problem: FieldProblem | null;
@@ -43,7 +43,7 @@ export class PatternDrawing implements LayerEditor {
   private activeRing = $state(0);
   selected = $state.raw<ShapePoint | null>(null);
   values = $state.raw<PatternValues>(DEFAULT_VALUES);
-  private preview = $state.raw<Preview | null>(null);
+  private preview = $state.raw<PatternPreview | null>(null);
   /** Whether a preview is being generated. */
   busy = $state(false);
   /** The vehicle whose parameters the server uses for the pattern; null: none. */
@@ -77,7 +77,7 @@ export class PatternDrawing implements LayerEditor {
   readonly problem: FieldProblem | null = $derived.by(() =>
     this.request?.ok === false ? this.request.problem : this.isCurrent ? (this.preview?.problem ?? null) : null,
   );
-  readonly picture = $derived.by(() => {
+  readonly content = $derived.by(() => {
     if (this.kind === null) return null;
     const radius_m = this.kind === 'orbit' ? this.values.radius_m : null;
     const start = startOf(this.editor.document, this.editor.frame, this.rings[0]?.[0]);

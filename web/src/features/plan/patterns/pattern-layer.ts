@@ -1,6 +1,6 @@
 /** Map layer with the drawn shape on the ground and the generated pattern's lines at their altitudes. Pure functions. */
 
-import type { LayerLine, LayerPicture, LayerPoint, LayerPosition } from '../../../app/map-layers.svelte';
+import type { LayerLine, LayerContent, LayerPoint, LayerPosition } from '../../../app/map-layers.svelte';
 import { groundDistance_m } from '../../../vehicle/geo';
 import { alt_amsl_m } from '../document/document';
 import { ringOf } from '../document/layer';
@@ -26,7 +26,7 @@ export function patternLayer(
   isCurrent: boolean,
   radius_m: number | null,
   start: Required<LayerPosition>,
-): LayerPicture {
+): LayerContent {
   const points: LayerPoint[] = [];
   if (rings.flat().length <= MAX_MIDPOINTS)
     for (const { id, position } of midpoints(rings, kind)) points.push({ id, ...position, mark: 'midpoint', tone: 'actual', text: '', selected: false });
@@ -45,13 +45,13 @@ export function patternLayer(
   );
   return {
     points,
-    lines: [...outlines(rings, kind, radius_m), ...patternLines(generated, isCurrent, start.alt_amsl_m)],
+    lines: [...shapeLines(rings, kind, radius_m), ...patternLines(generated, isCurrent, start.alt_amsl_m)],
     areas: areasOf(rings, kind),
     ground: start,
   };
 }
 
-function outlines(rings: Rings, kind: ShapeKind, radius_m: number | null): LayerLine[] {
+function shapeLines(rings: Rings, kind: ShapeKind, radius_m: number | null): LayerLine[] {
   const [center] = rings[0] ?? [];
   if (kind === 'point' && center !== undefined && radius_m !== null) {
     const ring = ringOf({ shape: 'circle', inclusion: true, center, radius_m });
@@ -96,7 +96,7 @@ export function linesOnPath(path: readonly Required<LayerPosition>[], lines: Gen
   });
 }
 
-function areasOf(rings: Rings, kind: ShapeKind): LayerPicture['areas'] {
+function areasOf(rings: Rings, kind: ShapeKind): LayerContent['areas'] {
   if (kind !== 'area') return [];
   return rings.filter((ring) => ring.length > 2).map((ring, i) => ({ ring, tone: i === 0 ? ('actual' as const) : ('text2' as const) }));
 }

@@ -116,13 +116,13 @@ describe('the shape of a pattern', () => {
   });
 
   it('has a closed outline and the path on the map, or a circle for an orbit', () => {
-    const picture = patternLayer([AREA], 'area', { ring: 0, index: 1 }, GENERATED as never, true, null, HOME);
-    expect(picture.lines.map(({ style, positions }) => [style, positions.length])).toEqual([
+    const content = patternLayer([AREA], 'area', { ring: 0, index: 1 }, GENERATED as never, true, null, HOME);
+    expect(content.lines.map(({ style, positions }) => [style, positions.length])).toEqual([
       ['dashed', 5],
       ['dotted', 2],
       ['solid', 2],
     ]);
-    expect(picture.points.filter((point) => point.selected).map(({ id }) => id)).toEqual(['shape:0:1']);
+    expect(content.points.filter((point) => point.selected).map(({ id }) => id)).toEqual(['shape:0:1']);
     expect(patternLayer([[at(0)]], 'point', null, null, false, 30, HOME).lines).toMatchObject([{ style: 'dashed', positions: { length: 73 } }]);
   });
 });
@@ -133,22 +133,22 @@ describe('a pattern in the 3D view', () => {
     editor.frame = { start: HOME, origin: HOME, isStartKnown: true };
     drawing.replaceShape(AREA);
     await drawing.refresh();
-    expect(drawing.picture?.ground).toEqual(HOME);
-    const altitudes = drawing.picture?.lines.map(({ positions }) => positions.map((position) => position.alt_amsl_m));
+    expect(drawing.content?.ground).toEqual(HOME);
+    const altitudes = drawing.content?.lines.map(({ positions }) => positions.map((position) => position.alt_amsl_m));
     expect(altitudes).toEqual([Array(5).fill(undefined), [520, 520], [520, 520]]);
   });
 
   it('has rounds at several altitudes above sea level', () => {
     const path = [20, 30].flatMap((value_m) => AREA.map((place) => ({ ...place, altitude: { value_m, reference: 'amsl' } })));
-    const picture = patternLayer([AREA], 'area', null, { ...GENERATED, path, lines: [] } as never, true, null, HOME);
-    expect(picture.lines.at(-1)?.positions.map(({ alt_amsl_m }) => alt_amsl_m)).toEqual([20, 20, 20, 20, 30, 30, 30, 30]);
+    const content = patternLayer([AREA], 'area', null, { ...GENERATED, path, lines: [] } as never, true, null, HOME);
+    expect(content.lines.at(-1)?.positions.map(({ alt_amsl_m }) => alt_amsl_m)).toEqual([20, 20, 20, 20, 30, 30, 30, 30]);
   });
 
   it('is on the ground at its own position while the plan has no position', () => {
     const { drawing, editor } = drawingWith('survey');
     editor.begin(null);
     drawing.replaceShape(AREA);
-    expect(drawing.picture?.ground).toEqual({ ...AREA[0], alt_amsl_m: 0 });
+    expect(drawing.content?.ground).toEqual({ ...AREA[0], alt_amsl_m: 0 });
   });
 
   it('has lines that follow the ground like the path, up to the last photo', () => {
@@ -193,7 +193,7 @@ describe('the settings of a pattern', () => {
     });
     expect(request('orbit', { direction: 'counterclockwise', look_at_m: 5 })).toMatchObject({ pattern: { clockwise: false, look_at: { value_m: 5 } } });
     expect(request('orbit', { looks_at_center: false })).toMatchObject({ pattern: { look_at: null } });
-    expect(request('structure', { order: 'down', sides_m: 12 })).toMatchObject({ pattern: { from_top: true, coverage: { distance_m: 12 } } });
+    expect(request('structure', { order: 'down', structure_distance_m: 12 })).toMatchObject({ pattern: { from_top: true, coverage: { distance_m: 12 } } });
     expect(request('corridor')).toMatchObject({ pattern: { points: AREA, width_m: 50 } });
     expect(request('perimeter', { offset_m: -5 })).toMatchObject({ pattern: { outer: AREA, offset_m: -5, rounds: 1 } });
   });
@@ -228,7 +228,7 @@ describe('the settings of a pattern', () => {
     ['survey', 'coverage.camera.focal_length_mm', 'focal_length_mm'],
     ['survey', 'coverage', 'side_percent'],
     ['survey', 'coverage.distance_m', 'distance_m'],
-    ['structure', 'coverage.distance_m', 'sides_m'],
+    ['structure', 'coverage.distance_m', 'structure_distance_m'],
     ['structure', 'base', 'base_m'],
     ['orbit', 'radius_m', 'radius_m'],
     ['orbit', 'look_at.value_m', 'look_at_m'],

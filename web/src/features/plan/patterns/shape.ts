@@ -107,9 +107,9 @@ export function rectangle(center: GeoPosition, half_east_m: number, half_north_m
 /** The part of a shape that a kind of pattern can use: only a survey has holes, and an orbit has only one point. */
 export function usableRings(rings: Rings, kind: PatternKind): Rings {
   const { shape } = PATTERNS[kind];
-  const [outline = [], ...holes] = rings;
-  if (shape === 'point') return [outline.slice(0, 1)];
-  return kind === 'survey' ? [outline, ...holes] : [outline];
+  const [firstRing = [], ...holes] = rings;
+  if (shape === 'point') return [firstRing.slice(0, 1)];
+  return kind === 'survey' ? [firstRing, ...holes] : [firstRing];
 }
 
 /** The points of a shape as the choices of a select: `RING:INDEX` and the displayed name. */

@@ -43,7 +43,7 @@ export interface PatternValues {
   /** Height of the lowest round above the base. */
   readonly lowest_m: number;
   /** Distance from the sides of the structure. */
-  readonly sides_m: number;
+  readonly structure_distance_m: number;
   /** Order of the rounds. */
   readonly order: 'up' | 'down';
   readonly gimbal_pitch_deg: number;
@@ -101,7 +101,7 @@ export const DEFAULT_VALUES: PatternValues = {
   base_m: 0,
   height_m: 20,
   lowest_m: 3,
-  sides_m: 10,
+  structure_distance_m: 10,
   order: 'up',
   gimbal_pitch_deg: 0,
 };
@@ -138,14 +138,14 @@ const FIELD_SPECS: Readonly<Record<ValueName, FieldSpec>> = {
   offset_m: numberSpec('Distance outside the edge (negative: inside)', 'm', -10_000, 10_000),
   rounds: numberSpec('Rounds', '', 1, 100, { decimals: 0 }),
   radius_m: numberSpec('Radius', 'm', 1, 10_000),
-  direction: choiceSpec('Direction', choicesOf({ clockwise: 'clockwise', counterclockwise: 'counterclockwise' })),
+  direction: choiceSpec('Direction', choicesOf({ clockwise: 'clockwise', counterclockwise: 'counter-clockwise' })),
   start_deg: numberSpec('Start bearing', '°', -360, 360),
   looks_at_center: { label: 'Camera looks at the centre', type: 'switch' },
   look_at_m: numberSpec('Camera target altitude (reference as above)', 'm', -12_000, 100_000),
   base_m: numberSpec('Altitude of the base', 'm', -12_000, 100_000),
   height_m: numberSpec('Height of the structure', 'm', 0.1, 10_000),
   lowest_m: numberSpec('Lowest round above base', 'm', 0.1, 10_000),
-  sides_m: numberSpec('Distance to the sides', 'm', 0.1, 10_000),
+  structure_distance_m: numberSpec('Distance to the sides', 'm', 0.1, 10_000),
   order: choiceSpec('Order', choicesOf({ up: 'from the bottom', down: 'from the top' })),
   gimbal_pitch_deg: numberSpec('Gimbal pitch', '°', -90, 90),
 };
@@ -180,7 +180,7 @@ const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
   ],
   structure: [
     { title: 'Structure', rows: ['base_m', 'reference', 'height_m'] },
-    { title: 'Rounds', rows: ['sides_m', 'lowest_m', 'order', 'gimbal_pitch_deg'] },
+    { title: 'Rounds', rows: ['structure_distance_m', 'lowest_m', 'order', 'gimbal_pitch_deg'] },
     photoSection(),
     CAMERA_DATA_SECTION,
   ],
@@ -236,17 +236,17 @@ export type PatternRequest = { readonly ok: true; readonly pattern: Pattern } | 
 
 /** The pattern in the API's format. */
 export function requestOf(kind: PatternKind, rings: Rings, values: PatternValues): PatternRequest {
-  const [outline = [], ...holes] = rings.filter((ring, i) => i === 0 || ring.length > 0).map((ring) => [...ring]);
+  const [firstRing = [], ...holes] = rings.filter((ring, i) => i === 0 || ring.length > 0).map((ring) => [...ring]);
   const altitude: Altitude = { value_m: values.altitude_m, reference: values.reference };
   const photographsGround = kind === 'survey' || kind === 'corridor';
   if (photographsGround && values.reference === 'amsl' && values.distance_m === null) {
     const text = 'With an altitude AMSL, the distance to the ground is not known. Enter “Distance from camera to ground”.';
     return { ok: false, problem: { place: 'distance_m', text } };
   }
-  const coverage = coverageOf(values, kind === 'structure' ? values.sides_m : (values.distance_m ?? values.altitude_m));
+  const coverage = coverageOf(values, kind === 'structure' ? values.structure_distance_m : (values.distance_m ?? values.altitude_m));
   if (photographsGround && coverage.distance_m <= 0)
     return { ok: false, problem: { place: 'altitude_m', text: 'Enter an altitude above 0 m: the camera looks down at the ground.' } };
-  return { ok: true, pattern: patternOf(kind, outline, holes, values, altitude, coverage) };
+  return { ok: true, pattern: patternOf(kind, firstRing, holes, values, altitude, coverage) };
 }
 
 type Coverage = ReturnType<typeof coverageOf>;
@@ -259,27 +259,34 @@ function coverageOf(values: PatternValues, distance_m: number) {
   };
 }
 
-function patternOf(kind: PatternKind, outline: GeoPosition[], holes: GeoPosition[][], values: PatternValues, altitude: Altitude, coverage: Coverage): Pattern {
+function patternOf(
+  kind: PatternKind,
+  firstRing: GeoPosition[],
+  holes: GeoPosition[][],
+  values: PatternValues,
+  altitude: Altitude,
+  coverage: Coverage,
+): Pattern {
   const { turnaround_m, rounds } = values;
   switch (kind) {
     case 'survey': {
       const { heading_deg, crosshatch, speed_m_s } = values;
-      return { kind, outer: outline, holes, coverage, altitude, heading_deg, turnaround_m, crosshatch, speed_m_s };
+      return { kind, outer: firstRing, holes, coverage, altitude, heading_deg, turnaround_m, crosshatch, speed_m_s };
     }
     case 'corridor':
-      return { kind, points: outline, width_m: values.width_m, coverage, altitude, turnaround_m };
+      return { kind, points: firstRing, width_m: values.width_m, coverage, altitude, turnaround_m };
     case 'perimeter':
-      return { kind, outer: outline, offset_m: values.offset_m, altitude, rounds };
+      return { kind, outer: firstRing, offset_m: values.offset_m, altitude, rounds };
     case 'orbit': {
       const look_at = values.looks_at_center ? { value_m: values.look_at_m, reference: values.reference } : null;
       const { radius_m, start_deg } = values;
       const clockwise = values.direction === 'clockwise';
-      return { kind, center: outline[0] ?? { lat_deg: 0, lon_deg: 0 }, radius_m, altitude, look_at, rounds, clockwise, start_deg };
+      return { kind, center: firstRing[0] ?? { lat_deg: 0, lon_deg: 0 }, radius_m, altitude, look_at, rounds, clockwise, start_deg };
     }
     case 'structure': {
       const base = { value_m: values.base_m, reference: values.reference };
       const { height_m, lowest_m, gimbal_pitch_deg } = values;
-      return { kind, outline, coverage, base, height_m, lowest_m, from_top: values.order === 'down', gimbal_pitch_deg };
+      return { kind, outline: firstRing, coverage, base, height_m, lowest_m, from_top: values.order === 'down', gimbal_pitch_deg };
     }
   }
 }
@@ -308,5 +315,5 @@ export function problemPlaceOf(kind: PatternKind, field: string | null): Problem
   const lastName = field.split('.').at(-1) ?? '';
   if (field.startsWith('coverage.camera.') && lastName in FIELD_SPECS) return lastName as ValueName;
   const place = API_FIELDS.find(([prefix]) => field.startsWith(prefix))?.[1] ?? (field in FIELD_SPECS ? (field as ValueName) : null);
-  return place === 'distance_m' && kind === 'structure' ? 'sides_m' : place;
+  return place === 'distance_m' && kind === 'structure' ? 'structure_distance_m' : place;
 }

@@ -2,7 +2,7 @@
  * Svelte action for a box that may scroll: while its content overflows, the box can take the focus, so that the arrow
  * keys scroll it.
  */
-export function scrolls(box: HTMLElement): { destroy: () => void } {
+export function keyboardScroll(box: HTMLElement): { destroy: () => void } {
   const update = (): void => {
     const overflows = box.scrollHeight > box.clientHeight + 1;
     if (overflows) box.tabIndex = 0;

@@ -1,11 +1,11 @@
 import { describe, expect, it } from 'vitest';
 import { isOffered, type Panel } from '../app/registry.svelte';
 import type { VehicleFacts } from './facts';
-import { linkSupports, reachLines, type Reach } from './reach';
+import { linkSupports, protocolLines, type Protocols } from './protocols';
 
-const BOTH_PROTOCOLS: Reach = { protocols: ['MAVLink', 'ROS 2'], telemetry: 'MAVLink', commands: 'MAVLink', setpoints: 'ROS 2', missing: [] };
-const ONLY_ROS_2: Reach = { protocols: ['ROS 2'], telemetry: 'ROS 2', commands: 'ROS 2', setpoints: 'ROS 2', missing: ['parameters', 'files'] };
-const facts = (reach: Reach | null): VehicleFacts => ({ reach }) as VehicleFacts;
+const BOTH_PROTOCOLS: Protocols = { protocols: ['MAVLink', 'ROS 2'], telemetry: 'MAVLink', commands: 'MAVLink', setpoints: 'ROS 2', missing: [] };
+const ONLY_ROS_2: Protocols = { protocols: ['ROS 2'], telemetry: 'ROS 2', commands: 'ROS 2', setpoints: 'ROS 2', missing: ['parameters', 'files'] };
+const facts = (protocols: Protocols | null): VehicleFacts => ({ protocols }) as VehicleFacts;
 
 describe('the protocols of a vehicle', () => {
   it('determine which features are available: some need MAVLink', () => {
@@ -15,14 +15,14 @@ describe('the protocols of a vehicle', () => {
     expect(linkSupports(facts(null), 'parameters')).toBe(true);
   });
   it('are listed separately for telemetry, commands and setpoints if they differ', () => {
-    expect(reachLines(null)).toEqual([]);
-    expect(reachLines(BOTH_PROTOCOLS)).toEqual([
+    expect(protocolLines(null)).toEqual([]);
+    expect(protocolLines(BOTH_PROTOCOLS)).toEqual([
       ['Protocol', 'MAVLink and ROS 2'],
       ['Telemetry', 'MAVLink'],
       ['Commands', 'MAVLink'],
       ['Setpoints', 'ROS 2'],
     ]);
-    expect(reachLines(ONLY_ROS_2)).toEqual([
+    expect(protocolLines(ONLY_ROS_2)).toEqual([
       ['Protocol', 'ROS 2'],
       ['Not available without MAVLink', 'parameters, files'],
     ]);
