@@ -47,7 +47,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def shared() -> Path:
+def reference_data() -> Path:
     """The folder of reference data beside the checkout; tests that need it are skipped if it is missing."""
     if not (SHARED / "px4").is_dir():
         pytest.skip("the reference recordings (../shared) are not beside this checkout")

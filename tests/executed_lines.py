@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 
-def count_lines_run(work: Callable[[], object], max_lines: int = 10_000_000) -> int:
+def count_executed_lines(work: Callable[[], object], max_lines: int = 10_000_000) -> int:
     """Number of lines of Python that `work` executes, including the functions that it calls.
 
     Raises:

@@ -43,7 +43,7 @@ class SimulatedSerialLine:
         self._buffered.extend(data[:free_bytes])
         return min(free_bytes, len(data))
 
-    def in_driver(self) -> int:
+    def buffered_bytes(self) -> int:
         """Number of bytes in the driver's buffer."""
         self._advance()
         return len(self._buffered)

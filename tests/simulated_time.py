@@ -28,7 +28,7 @@ class SimulatedTimeLoop(asyncio.SelectorEventLoop):
         return self.now_s
 
 
-def run_in_simulated_time(scenario: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
+def run_on_simulated_time(scenario: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
     """Runs a coroutine function on simulated time."""
     with asyncio.Runner(loop_factory=SimulatedTimeLoop) as runner:
         return runner.run(scenario())

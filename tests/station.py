@@ -34,17 +34,17 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 @contextlib.contextmanager
-def running(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
+def running_process(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
     """Runs a command as a process group that ends with the block, also after an error."""
     settings: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL} | options
     process = subprocess.Popen(command, start_new_session=True, **settings)
     try:
         yield process
     finally:
-        end(process, signal.SIGTERM)
+        end_process(process, signal.SIGTERM)
 
 
-def end(process: subprocess.Popen[bytes], first_signal: signal.Signals) -> None:
+def end_process(process: subprocess.Popen[bytes], first_signal: signal.Signals) -> None:
     """Sends a signal to the process group and waits for the process; kills it after five seconds."""
     for signal_number in (first_signal, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError):
@@ -80,9 +80,9 @@ def vehicle_command(
 
 
 @contextlib.contextmanager
-def vehicle(gcs_port: int, **options: Any) -> Iterator[subprocess.Popen[bytes]]:
+def running_vehicles(gcs_port: int, **options: Any) -> Iterator[subprocess.Popen[bytes]]:
     """Runs simulated vehicles in real time; `options` are those of `vehicle_command`."""
-    with running(vehicle_command(gcs_port, **options)) as process:
+    with running_process(vehicle_command(gcs_port, **options)) as process:
         yield process
 
 
@@ -117,7 +117,7 @@ def wait_for_start(process: subprocess.Popen[bytes], ready: Callable[[], object]
 
 
 @contextlib.contextmanager
-def server(
+def running_server(
     links: Sequence[str], *, port: int | None = None, log: Path | None = None
 ) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """Runs a server; yields its address and its process."""
@@ -128,7 +128,9 @@ def server(
         output = log or Path(stack.enter_context(tempfile.TemporaryDirectory())) / "server.log"
         output_file = stack.enter_context(output.open("wb"))
         process = stack.enter_context(
-            running(server_command(http_port, links, data), stdout=output_file, stderr=subprocess.STDOUT)
+            running_process(
+                server_command(http_port, links, data), stdout=output_file, stderr=subprocess.STDOUT
+            )
         )
         wait_for_start(process, lambda: is_up(url), output)
         yield url, process

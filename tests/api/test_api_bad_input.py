@@ -15,7 +15,7 @@ from tests.support.api_client import api_client
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
-    with api_client(tmp_path_factory.mktemp("data"), raises=False) as client:
+    with api_client(tmp_path_factory.mktemp("data"), raise_server_exceptions=False) as client:
         yield client
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.support.api_client import api_client
-from tests.support.elevation_files import LAT_DEG, LON_DEG, hill, write
+from tests.support.elevation_files import LAT_DEG, LON_DEG, hill_elevation, write_elevation_file
 
 HOME = {"lat_deg": LAT_DEG - 0.01, "lon_deg": LON_DEG, "alt_amsl_m": 500}
 
@@ -22,7 +22,7 @@ def client(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     (data / "elevation").mkdir()
     with api_client(data, path="/api/v1/") as client:
-        write(data / "elevation" / "hill.tif", hill(500.0, 80.0))
+        write_elevation_file(data / "elevation" / "hill.tif", hill_elevation(500.0, 80.0))
         (data / "elevation" / "broken.tif").write_bytes(b"II*\x00 no more")
         yield client
 

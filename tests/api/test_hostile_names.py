@@ -39,7 +39,7 @@ def client(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     for folder in ("maps", "recordings"):
         (data / folder).mkdir()
-    with api_client(data, record=True, raises=False) as client:
+    with api_client(data, record=True, raise_server_exceptions=False) as client:
         yield client
 
 

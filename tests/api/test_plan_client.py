@@ -10,7 +10,7 @@ from gcs_server.client import Gcs, Refused, Unknown
 from gcs_server.clock import LoopClock
 from gcs_server.links.memory import MemoryLink
 from tests.protocol.mission_autopilot import MissionAutopilot
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 from tests.support.api_client import settings_for
 
 AT_20_M = {"value_m": 20, "reference": "home"}
@@ -48,7 +48,7 @@ def run_scenario(tmp_path, scenario):
             server.station.plans.close()
             server.station.plan_work.close()
 
-    run_in_simulated_time(run_application)
+    run_on_simulated_time(run_application)
 
 
 @pytest.mark.story

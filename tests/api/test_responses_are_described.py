@@ -15,7 +15,7 @@ from gcs_server.plans.work import PlanWork
 from tests.api.generated_requests import RequestGenerator
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.protocol.fake_autopilot import FakeAutopilot
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 from tests.support.api_client import settings_for
 from tests.unit.gcs_server.replay.generated_logs import flight, record
 
@@ -111,7 +111,7 @@ def test_each_response_to_a_generated_request_is_described_and_none_is_5xx(part,
                 if omission is not None:
                     undescribed_responses[f"{request.method} {path}: {omission}"] = request
 
-    run_in_simulated_time(lambda: run_with_vehicle(tmp_path, scenario))
+    run_on_simulated_time(lambda: run_with_vehicle(tmp_path, scenario))
     assert undescribed_responses == {}
     assert {200, 422} <= statuses, "no request was accepted, or none was refused"
 

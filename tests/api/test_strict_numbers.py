@@ -150,7 +150,7 @@ def example_number(example, path):
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
-    with api_client(tmp_path_factory.mktemp("data"), raises=False) as client:
+    with api_client(tmp_path_factory.mktemp("data"), raise_server_exceptions=False) as client:
         yield client
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
-from tests.station import free_port, is_up, running, server_command, wait_until
+from tests.station import free_port, is_up, running_process, server_command, wait_until
 
 from .process import load_average, tree_cpu_s
 from .slow_browser import VEHICLES, open_scene, open_telemetry
@@ -58,7 +58,7 @@ def _start_server(
     data = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
     http_port = free_port(socket.SOCK_STREAM)
     _, *arguments = server_command(http_port, [f"udpin://127.0.0.1:{port}"], data)
-    process = stack.enter_context(running([python, *arguments], cwd=tree))
+    process = stack.enter_context(running_process([python, *arguments], cwd=tree))
     url = f"http://127.0.0.1:{http_port}"
     wait_until(lambda: is_up(url), f"the start of the server {name}", 60)
     return RunningServer(name, url, process.pid)
@@ -118,7 +118,7 @@ def measure(rounds: int, other_tree: Path | None) -> Iterator[dict[str, dict[str
             _start_server(stack, name, python, tree, port)
             for (name, (python, tree)), port in zip(trees.items(), ports, strict=True)
         ]
-        feed_process = stack.enter_context(running([sys.executable, *feed], stdout=subprocess.PIPE))
+        feed_process = stack.enter_context(running_process([sys.executable, *feed], stdout=subprocess.PIPE))
         assert feed_process.stdout is not None
         feed_process.stdout.readline()  # the feed is encoded and starts
         for _ in range(rounds):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import httpx
 
-from tests.station import free_port, running, server
+from tests.station import free_port, running_process, running_server
 
 from .feed import MESSAGES_PER_S
 from .process import cpu_share, udp_drops
@@ -35,7 +35,7 @@ class RunningConsumer:
     """A running consumer."""
 
     pid: int
-    received: Callable[[], int] | None = None
+    received_count: Callable[[], int] | None = None
     """Messages that it has counted itself; None if it does not report them."""
 
 
@@ -43,19 +43,19 @@ class RunningConsumer:
 class Measurement:
     """One cell of the table."""
 
-    share: float
+    cpu_share: float
     """CPU share of one core."""
-    dropped: int
+    dropped_count: int
     """Datagrams that the kernel dropped before the consumer read them."""
-    received: int | None
-    """Received messages by the consumer's own count, out of `sent`."""
-    sent: int
+    received_count: int | None
+    """Received messages by the consumer's own count, out of `sent_count`."""
+    sent_count: int
 
 
 @contextmanager
 def gcs(udp_port: int) -> Generator[RunningConsumer]:
     """The whole server: recording, history and 3D scene on, without a browser."""
-    with server([f"udpin://127.0.0.1:{udp_port}"]) as (url, process):
+    with running_server([f"udpin://127.0.0.1:{udp_port}"]) as (url, process):
 
         def received() -> int:
             (link,) = httpx.get(f"{url}/api/v1/links").raise_for_status().json()["links"]
@@ -67,7 +67,7 @@ def gcs(udp_port: int) -> Generator[RunningConsumer]:
 @contextmanager
 def mavutil(udp_port: int) -> Generator[RunningConsumer]:
     """The loop of most scripts: each message becomes an object."""
-    with running([sys.executable, "-c", _MAVUTIL_PROGRAM, str(udp_port)]) as process:
+    with running_process([sys.executable, "-c", _MAVUTIL_PROGRAM, str(udp_port)]) as process:
         time.sleep(1.5)  # until it has opened its port
         yield RunningConsumer(process.pid)
 
@@ -79,7 +79,7 @@ def mavproxy(udp_port: int) -> Generator[RunningConsumer]:
     with tempfile.TemporaryDirectory() as state:
         command = [sys.executable, str(program), f"--master=udpin:127.0.0.1:{udp_port}", "--daemon"]
         command += ["--non-interactive", f"--state-basedir={state}", "--default-modules="]
-        with running(command, cwd=state, stdin=subprocess.DEVNULL) as process:
+        with running_process(command, cwd=state, stdin=subprocess.DEVNULL) as process:
             time.sleep(3)  # until it has opened its port
             yield RunningConsumer(process.pid)
 
@@ -93,14 +93,14 @@ def measure(name: str, vehicles: int) -> Measurement:
     with CONSUMERS[name](port) as consumer:
         seconds = str(WARM_UP_S + WINDOW_S + 1)
         command = [sys.executable, "-m", "tests.bench.feed", str(port), str(vehicles), seconds]
-        with running(command, stdout=subprocess.PIPE) as feed:
+        with running_process(command, stdout=subprocess.PIPE) as feed:
             assert feed.stdout is not None
             feed.stdout.readline()  # the feed is encoded and starts
             time.sleep(WARM_UP_S)
             share = cpu_share(consumer.pid, WINDOW_S)
             sent = int(feed.stdout.readline())  # the feed has ended
             time.sleep(0.2)
-            received = consumer.received() if consumer.received is not None else None
+            received = consumer.received_count() if consumer.received_count is not None else None
             return Measurement(share, udp_drops(port), received, sent)
 
 
@@ -112,10 +112,14 @@ def table() -> Iterator[str]:
     for name in CONSUMERS:
         measurements = [measure(name, vehicles) for vehicles in (1, 10, 50)]
         at_50 = measurements[-1]
-        share_at_50[name] = at_50.share
-        shares = " | ".join(f"{measurement.share:.1%}" for measurement in measurements)
-        received = "not reported" if at_50.received is None else f"{at_50.received} of {at_50.sent}"
-        yield f"| {name} | {shares} | {at_50.dropped} | {received} |"
+        share_at_50[name] = at_50.cpu_share
+        shares = " | ".join(f"{measurement.cpu_share:.1%}" for measurement in measurements)
+        received = (
+            "not reported"
+            if at_50.received_count is None
+            else f"{at_50.received_count} of {at_50.sent_count}"
+        )
+        yield f"| {name} | {shares} | {at_50.dropped_count} | {received} |"
     (own_name, own_share), *peers = share_at_50.items()
     ratios = ", ".join(f"{own_share / share:.2f} of {name}'s" for name, share in peers if share)
     yield f"\n{own_name.capitalize()} at 50 ×: {ratios}."

@@ -21,7 +21,7 @@ import numpy as np
 from gcs_server.client import Gcs
 from missions.dry_run.track import Track
 from missions.geodesy import LocalOrigin
-from tests.station import FIRST_TEST_INSTANCE, free_port, server, vehicle
+from tests.station import FIRST_TEST_INSTANCE, free_port, running_server, running_vehicles
 
 from .simulator import flying_share
 
@@ -131,10 +131,10 @@ def compare(plan: dict[str, Any]) -> Comparison:
     wind_option = f"{WIND_NED_M_S[0]},{WIND_NED_M_S[1]},{GUSTS_M_S}"
     options = ["--wind", wind_option, "--home", ",".join(str(value) for value in HOME.values()), "--no-log"]
     with contextlib.ExitStack() as stack:
-        url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{udp_port}"]))
+        url, _ = stack.enter_context(running_server([f"udpin://127.0.0.1:{udp_port}"]))
         for number in range(VEHICLE_COUNT):
             instance = ["--first-instance", str(FIRST_TEST_INSTANCE + number)]
-            stack.enter_context(vehicle(udp_port, arguments=[*options, *instance]))
+            stack.enter_context(running_vehicles(udp_port, arguments=[*options, *instance]))
         return asyncio.run(_predict_and_fly(url, plan))
 
 

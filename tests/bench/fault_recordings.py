@@ -52,7 +52,7 @@ class FaultFlight:
 
     moments_s: dict[str, float]
     """Time of each flag change ("xy_valid=0"; "xy_valid=0 (2)" the second time), event and text."""
-    at: dict[float, dict[str, float]]
+    errors_at: dict[float, dict[str, float]]
     """Errors, accuracies, tilt and speed by time [s]; the keys are those of the recordings' summary."""
 
 

@@ -153,7 +153,7 @@ class _FlightRecorder:
         self._fault_at_s, self._ends_s = scenario.after_boot_s, scenario.ends_s
         self._previous_flags: dict[str, int] = {}
         self.moments_s: dict[str, float] = {}
-        self.at: dict[float, dict[str, float]] = {}
+        self.errors_at: dict[float, dict[str, float]] = {}
         self._origin_m = np.zeros(3)
         self._start_m = np.zeros(3)
         sim.autopilots[row].announcer.add_listener(self._record_message)
@@ -181,8 +181,8 @@ class _FlightRecorder:
             self._record_start()
         self._previous_flags = flags
         for time_s in TIMES_S:
-            if time_s not in self.at and t_s >= time_s:
-                self.at[time_s] = self._errors()
+            if time_s not in self.errors_at and t_s >= time_s:
+                self.errors_at[time_s] = self._errors()
 
     def _flags(self) -> dict[str, int]:
         simulation, i = self._sim.simulation, self._row
@@ -269,4 +269,4 @@ def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[FaultFlight]:
             for recorder, scenario in zip(recorders, scenarios, strict=True):
                 if sim.time_s < scenario.after_boot_s + scenario.ends_s:
                     recorder.sample()
-    return [FaultFlight(recorder.moments_s, recorder.at) for recorder in recorders]
+    return [FaultFlight(recorder.moments_s, recorder.errors_at) for recorder in recorders]

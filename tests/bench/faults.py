@@ -32,12 +32,12 @@ TOUCHDOWN_FLAGS = ("ground_contact=1", "cs_in_air=0")
 RANDOM_MOMENTS = ("ground_contact", "battery_warning=1 (2)", "battery_warning=2 (2)")
 """Moments that may occur or not. Ground contact changes repeatedly in six of 26 recorded landings. A battery
 that is full again after disarming passes its warning levels within 0.2 s, and PX4 checks them every 0.1 s."""
-FACTOR = {
+ALLOWED_FACTORS = {
     "horizontal_error": 3.0, "true_displacement": 3.0, "true_speed": 1.5, "tilt_deg": 1.5, "eph": 1.25,
     "epv": 1.35,
 }  # fmt: skip
 """A value may be larger or smaller by this factor; without GPS, PX4's two runs differ by up to 3."""
-SLACK = {
+ALLOWED_DIFFERENCES = {
     "horizontal_error": 0.7, "height_error_down": 1.6, "true_displacement": 1.5,
     "true_height_above_ground": 2.0, "true_speed": 0.6, "yaw_error_deg": 18.0, "tilt_deg": 6.0, "eph": 0.05,
     "epv": 0.05,
@@ -74,9 +74,9 @@ class Comparison:
     """A simulated flight with a fault, compared with its recordings."""
 
     name: str
-    moments: int
+    moment_count: int
     """Number of compared moments."""
-    numbers: int
+    number_count: int
     """Number of compared errors and accuracies."""
     moments_outside: tuple[OutOfLimits, ...]
     """Moments outside their limits."""
@@ -93,14 +93,16 @@ def compare(scenario: Scenario, flown: FaultFlight) -> Comparison:
     position_lost_s = max(run.moments_s.get("xy_valid=0", math.inf) for run in scenario.runs)
     errors_outside: list[OutOfLimits] = []
     numbers = 0
-    for t_s in sorted(t_s for t_s in set(first.at) & set(second.at) & set(flown.at) if t_s < until_s):
-        for key, limit in SLACK.items():
+    for t_s in sorted(
+        t_s for t_s in set(first.errors_at) & set(second.errors_at) & set(flown.errors_at) if t_s < until_s
+    ):
+        for key, limit in ALLOWED_DIFFERENCES.items():
             numbers += 1
             descent = DESCENT_DIFFERENCE_M_S if key == "true_height_above_ground" else 0.0
             slack = limit + descent * max(0.0, t_s - position_lost_s)
-            recorded = first.at[t_s][key], second.at[t_s][key]
-            if not _is_within(flown.at[t_s][key], recorded, slack, FACTOR.get(key, 1.0)):
-                errors_outside.append(OutOfLimits(f"{key} at {t_s:g} s", flown.at[t_s][key], recorded))
+            recorded = first.errors_at[t_s][key], second.errors_at[t_s][key]
+            if not _is_within(flown.errors_at[t_s][key], recorded, slack, ALLOWED_FACTORS.get(key, 1.0)):
+                errors_outside.append(OutOfLimits(f"{key} at {t_s:g} s", flown.errors_at[t_s][key], recorded))
     return Comparison(scenario.name, moments, numbers, tuple(moments_outside), tuple(errors_outside))
 
 
@@ -202,14 +204,14 @@ def rows(flights: list[Comparison], reason_by_fault: dict[str, str]) -> Iterator
             )
         )
         reason = reason_by_fault.get(name, "NO REASON: give it a row in docs/simulator.md")
-        compared = group[0].moments, moments_outside, group[0].numbers, errors_outside
+        compared = group[0].moment_count, moments_outside, group[0].number_count, errors_outside
         yield f"| {name} | {' | '.join(map(str, compared))} | {_outside_text(first_outside)} | {reason} |"
     moments, moments_outside = (
-        sum(each.moments for each in flights),
+        sum(each.moment_count for each in flights),
         sum(len(each.moments_outside) for each in flights),
     )
     numbers, errors_outside = (
-        sum(each.numbers for each in flights),
+        sum(each.number_count for each in flights),
         sum(len(each.errors_outside) for each in flights),
     )
     yield ""

@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 from playwright.sync_api import CDPSession, Page, sync_playwright
 
-from tests.station import free_port, server, vehicle, wait_until
+from tests.station import free_port, running_server, running_vehicles, wait_until
 from tools.ensure_browser import installed_chromium
 
 from .page import CHROMIUM_FLAGS
@@ -30,8 +30,8 @@ def flying_vehicles(count: int) -> Generator[tuple[str, int]]:
     """Flies this many vehicles; yields the page's address and the server's process id."""
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, process),
-        vehicle(port, instances=count, arguments=["--no-log"]),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, process),
+        running_vehicles(port, instances=count, arguments=["--no-log"]),
         httpx.Client(base_url=f"{url}/api/v1", timeout=60) as api,
     ):
         wait_until(lambda: len(_vehicles(api)) == count, f"{count} vehicles", 120)

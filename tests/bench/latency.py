@@ -12,7 +12,7 @@ import httpx
 from pymavlink.dialects.v20 import common as mavlink
 from websockets.sync.client import connect
 
-from tests.station import free_port, server, vehicle, wait_until
+from tests.station import free_port, running_server, running_vehicles, wait_until
 
 from .process import quantiles_ms
 
@@ -99,8 +99,8 @@ def table() -> Iterator[str]:
     yield "| what | samples | ms: p50 / p99 / max |"
     yield "|---|---|---|"
     link_port, tcp_port = free_port(), free_port(socket.SOCK_STREAM)
-    with server([f"udpin://127.0.0.1:{link_port}"]) as (url, _):
-        with vehicle(link_port, tcp_port=tcp_port):
+    with running_server([f"udpin://127.0.0.1:{link_port}"]) as (url, _):
+        with running_vehicles(link_port, tcp_port=tcp_port):
             wait_until(lambda: vehicle_is_connected(url), "the vehicle")
             direct_s = vehicle_round_trips_s(tcp_port, 101)
             yield f"| parameter read from the vehicle (TCP) | {len(direct_s)} | {quantiles_ms(direct_s)} |"

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import httpx
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 
-from tests.station import free_port, is_up, running, server_command, vehicle, wait_until
+from tests.station import free_port, is_up, running_process, running_vehicles, server_command, wait_until
 from tools.ensure_browser import installed_chromium
 
 from .process import cpu_share, load_average, quantiles_ms
@@ -71,8 +71,8 @@ def flying_vehicles(*, scene: bool) -> Generator[tuple[str, int]]:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as data:
         command = server_command(http_port, [f"udpin://127.0.0.1:{udp_port}"], data)
         with (
-            running([*command, *(() if scene else ("--no-scene",))]) as process,
-            vehicle(udp_port, instances=VEHICLES),
+            running_process([*command, *(() if scene else ("--no-scene",))]) as process,
+            running_vehicles(udp_port, instances=VEHICLES),
             httpx.Client(base_url=f"{url}/api/v1", timeout=30) as api,
         ):
             wait_until(lambda: is_up(url), "the server's start")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from gcs_server.client import SyncGcs
-from tests.station import FIRST_TEST_INSTANCE, free_port, server, vehicle
+from tests.station import FIRST_TEST_INSTANCE, free_port, running_server, running_vehicles
 
 from .process import load_average, quantiles_ms, tree_cpu_s
 from .relay import Relay
@@ -75,8 +75,8 @@ def over_mavlink(vehicles: int) -> Generator[Station]:
     port = free_port()
     with (
         Relay(port) as relay,
-        server([f"udpin://127.0.0.1:{port}"]) as (url, process),
-        vehicle(relay.vehicle_port, instances=vehicles) as simulator,
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, process),
+        running_vehicles(relay.vehicle_port, instances=vehicles) as simulator,
     ):
         yield Station(url, (process.pid, simulator.pid), lambda: contextlib.nullcontext(relay))
 
@@ -87,8 +87,10 @@ def over_ros2(vehicles: int) -> Generator[Station]:
     instances = range(FIRST_TEST_INSTANCE, FIRST_TEST_INSTANCE + vehicles)
     tcp_port = free_port(socket.SOCK_STREAM)  # unused, but a simulator without any port does not start
     with (
-        server([f"ros2://{DOMAIN}"]) as (url, process),
-        vehicle(0, instances=vehicles, tcp_port=tcp_port, arguments=["--ros2", str(DOMAIN)]) as simulator,
+        running_server([f"ros2://{DOMAIN}"]) as (url, process),
+        running_vehicles(
+            0, instances=vehicles, tcp_port=tcp_port, arguments=["--ros2", str(DOMAIN)]
+        ) as simulator,
     ):
         names = [f"px4_{each}" for each in instances]
         yield Station(url, (process.pid, simulator.pid), lambda: Ros2Tap(DOMAIN, names))

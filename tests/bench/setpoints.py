@@ -13,7 +13,7 @@ import httpx
 from websockets.sync.client import connect
 
 from gcs_server.client import SyncGcs
-from tests.station import free_port, server, vehicle
+from tests.station import free_port, running_server, running_vehicles
 
 from .process import load_average, quantiles_ms
 from .relay import Relay
@@ -96,8 +96,8 @@ def measure() -> dict[str, list[float]]:
     link_port = free_port()
     with (
         Relay(link_port) as relay,
-        server([f"udpin://127.0.0.1:{link_port}"]) as (url, _),
-        vehicle(relay.vehicle_port),
+        running_server([f"udpin://127.0.0.1:{link_port}"]) as (url, _),
+        running_vehicles(relay.vehicle_port),
         SyncGcs(url, client="bench", client_id="bench") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from tests.station import free_port, running
+from tests.station import free_port, running_process
 
 from .process import cpu_share
 
@@ -96,7 +96,7 @@ def run_in_real_time(vehicles: int, *, api: bool, flying: bool = False) -> tuple
         command = [sys.executable, "-m", "vehicle_sim", "--instances", str(vehicles), "--tcp-port", "0"]
         command += ["--gcs-local-port", "0", "--gcs-remote-port", str(station.getsockname()[1]), "--no-log"]
         command += ["--api-local-port", "0", "--api-remote-port", str(free_port())] if api else ["--no-api"]
-        with running(command) as process:
+        with running_process(command) as process:
             time.sleep(4.0 + 0.1 * vehicles)
             if flying:
                 _take_off(station, vehicles)

@@ -16,8 +16,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from tests.station import free_port, running, server
-from tests.support.viser_camera import CAMERA
+from tests.station import free_port, running_process, running_server
+from tests.support.viser_camera import CAMERA_MESSAGE
 
 from .process import cpu_share, load_average, resident_mb
 
@@ -45,7 +45,7 @@ def open_scene(url: str) -> ClientConnection:
         ping_interval=None,
         subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
     )
-    scene.send(msgspec.msgpack.encode(CAMERA))
+    scene.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
     return scene
 
 
@@ -59,9 +59,12 @@ def _measure(readers: int, not_reading: int) -> tuple[float, float, float]:
     """The server's CPU share, and its memory at the start and at the end of the window [MB]."""
     port = free_port()
     seconds = str(WARM_UP_S * 2 + WINDOW_S + 1)
-    with server([f"udpin://127.0.0.1:{port}"]) as (url, process), contextlib.ExitStack() as connections:
+    with (
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, process),
+        contextlib.ExitStack() as connections,
+    ):
         command = [sys.executable, "-m", "tests.bench.feed", str(port), str(VEHICLES), seconds]
-        with running(command, stdout=subprocess.PIPE) as feed:
+        with running_process(command, stdout=subprocess.PIPE) as feed:
             assert feed.stdout is not None
             feed.stdout.readline()  # the feed is encoded and starts
             time.sleep(WARM_UP_S)

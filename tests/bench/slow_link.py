@@ -64,7 +64,7 @@ class SlowPort:
         """Unsent bytes, as a serial driver reports them; a pseudo-terminal always reports 0."""
         with self._lock:
             unread: int = struct.unpack("i", fcntl.ioctl(self._master_fd, termios.FIONREAD, b"\0" * 4))[0]
-            return unread + self._line.in_driver()
+            return unread + self._line.buffered_bytes()
 
     def stall(self, for_s: float) -> None:
         with self._lock:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from playwright.sync_api import sync_playwright
 
 from gcs_server.client import ApiError, SyncGcs
-from tests.station import free_port, running, server, vehicle
+from tests.station import free_port, running_process, running_server, running_vehicles
 from tools.ensure_browser import installed_chromium
 
 from .page import CHROMIUM_FLAGS
@@ -112,8 +112,8 @@ def measure(load: Load) -> Arrivals:
     links = [f"udpin://127.0.0.1:{link_port}", f"udpin://127.0.0.1:{feed_port}"]
     with contextlib.ExitStack() as stack:
         relay = stack.enter_context(Relay(link_port))
-        url, _ = stack.enter_context(server(links))
-        stack.enter_context(vehicle(relay.vehicle_port, instances=load.streams + 1))
+        url, _ = stack.enter_context(running_server(links))
+        stack.enter_context(running_vehicles(relay.vehicle_port, instances=load.streams + 1))
         if load.other_vehicles:
             command = [
                 sys.executable,
@@ -123,10 +123,10 @@ def measure(load: Load) -> Arrivals:
                 str(load.other_vehicles),
                 LOAD_S,
             ]
-            stack.enter_context(running(command))
+            stack.enter_context(running_process(command))
         if load.watchers:
             command = [sys.executable, "-m", "tests.bench.watchers", url, str(load.watchers), LOAD_S]
-            stack.enter_context(running(command))
+            stack.enter_context(running_process(command))
         gcs = stack.enter_context(SyncGcs(url, client="bench"))
         mission_vehicle = gcs.wait_for_vehicle(str(MISSION_VEHICLE), ready=True)
         mission_vehicle.offboard_mission.start(MISSION)
@@ -171,9 +171,9 @@ def browser_showing_scene(url: str) -> Generator[None]:
 def mavsdk_streaming() -> Generator[Relay]:
     """Runs MAVSDK's streamer (20 Hz, fixed) and a vehicle with a relay between them."""
     port = free_port()
-    with Relay(port) as relay, vehicle(relay.vehicle_port):
+    with Relay(port) as relay, running_vehicles(relay.vehicle_port):
         command = [sys.executable, "-W", "ignore", "-m", "tests.bench.mavsdk_streamer", str(port)]
-        with running(command, stdout=subprocess.PIPE) as streamer:
+        with running_process(command, stdout=subprocess.PIPE) as streamer:
             assert streamer.stdout is not None
             streamer.stdout.readline()  # it streams
             yield relay

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import httpx
 from playwright.sync_api import Page, WebSocket, sync_playwright
 
-from tests.station import free_port, is_up, running, server_command, vehicle, wait_until
+from tests.station import free_port, is_up, running_process, running_vehicles, server_command, wait_until
 from tools.ensure_browser import installed_chromium
 
 WARM_UP_S = 10.0
@@ -66,8 +66,8 @@ def table() -> Iterator[str]:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as data, sync_playwright() as playwright:
         command = server_command(http_port, [f"udpin://127.0.0.1:{udp_port}"], data)
         with (
-            running([*command, "--no-scene"]),
-            vehicle(udp_port),
+            running_process([*command, "--no-scene"]),
+            running_vehicles(udp_port),
             httpx.Client(base_url=f"{url}/api/v1", timeout=30) as api,
         ):
             wait_until(lambda: is_up(url), "the server's start")

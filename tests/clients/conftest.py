@@ -9,7 +9,7 @@ import pytest
 
 from gcs_server.client import SyncGcs
 from tests.clients.observed_vehicle import ObservedVehicle
-from tests.station import free_port, server, vehicle
+from tests.station import free_port, running_server, running_vehicles
 
 
 @pytest.fixture
@@ -17,8 +17,8 @@ def observed_vehicle() -> Iterator[ObservedVehicle]:
     """A vehicle that can be armed; no client has control."""
     udp_port, tcp_port = free_port(), free_port(socket.SOCK_STREAM)
     with (
-        server([f"udpin://127.0.0.1:{udp_port}"]) as (url, _),
-        vehicle(udp_port, tcp_port=tcp_port),
+        running_server([f"udpin://127.0.0.1:{udp_port}"]) as (url, _),
+        running_vehicles(udp_port, tcp_port=tcp_port),
         SyncGcs(url, client="observer") as gcs,
     ):
         yield ObservedVehicle(tcp_port, gcs.wait_for_vehicle("101", ready=True))

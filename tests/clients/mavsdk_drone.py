@@ -11,9 +11,9 @@ from typing import TypeVar
 
 from mavsdk import System
 
-from tests.station import free_port, running, wait_until
+from tests.station import free_port, running_process, wait_until
 
-SPEED = 3
+SPEED_FACTOR = 3
 """Speed of the simulation as a multiple of real time; MAVSDK's timeouts use the real clock."""
 TIMEOUT_S = 200.0
 """Limit for one test: a flight of two minutes, also on a machine that cannot simulate faster than real
@@ -32,10 +32,10 @@ async def connected_drone(*, arguments: Sequence[str] = ()) -> AsyncIterator[Sys
         "--tcp-port",
         str(port),
         "--speed",
-        str(SPEED),
+        str(SPEED_FACTOR),
         *arguments,
     ]
-    with running(command):
+    with running_process(command):
         await asyncio.to_thread(wait_until, lambda: _listens(port), "the simulator's start")
         drone = System(port=free_port(socket.SOCK_STREAM))
         try:

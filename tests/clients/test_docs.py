@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from gcs_server.client import SyncGcs
-from tests.station import free_port, running, server, wait_until
+from tests.station import free_port, running_process, running_server, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEED = 3
@@ -50,7 +50,7 @@ def address() -> Iterator[str]:
         "0",
     ]
     command += ["--gcs-remote-port", str(port), "--speed", str(SPEED)]
-    with server([f"udpin://127.0.0.1:{port}"]) as (url, _), running(command):
+    with running_server([f"udpin://127.0.0.1:{port}"]) as (url, _), running_process(command):
         with SyncGcs(url, client="docs") as gcs:
             gcs.wait_for_vehicle("1", ready=True, timeout_s=120)
         yield url.removeprefix("http://")

@@ -49,7 +49,7 @@ def test_a_fast_dds_program_flies_the_simulator_offboard(build: Build) -> None:
     program = build("offboard")
     command = [sys.executable, "-m", "vehicle_sim", "--ros2", DOMAIN, "--ros2-namespace", NAMESPACE]
     command += ["--gcs-remote-port", "0", "--no-api", "--no-log", "--tcp-port", str(station.free_port())]
-    with station.running(command):
+    with station.running_process(command):
         result = subprocess.run(
             [program, DOMAIN, NAMESPACE], capture_output=True, text=True, timeout=240, check=False
         )
@@ -62,9 +62,9 @@ def test_the_server_reads_telemetry_and_sends_commands_and_setpoints_over_fast_d
 ) -> None:
     command, output = [build("vehicle"), DOMAIN, NAMESPACE], tmp_path / "printed"
     with (
-        station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
+        station.running_server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
         output.open("wb") as output_file,
-        station.running(command, stdout=output_file),
+        station.running_process(command, stdout=output_file),
         httpx.Client(base_url=f"{url}/api/v1", headers={"X-Client": "test"}, timeout=30) as http,
     ):
 
@@ -89,13 +89,13 @@ def test_the_link_of_the_server_reports_a_fast_dds_program_that_sends_malformed_
     build: Build,
 ) -> None:
     program = build("malformed")
-    with station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, server):
+    with station.running_server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, server):
 
         def is_reported() -> bool:
             (link,) = httpx.get(f"{url}/api/v1/links").json()["links"]
             return f"{NAMESPACE} has a writer of /fmu/out/vehicle_status_v1, but sends no" in link["detail"]
 
-        with station.running([program, DOMAIN, NAMESPACE]):
+        with station.running_process([program, DOMAIN, NAMESPACE]):
             station.wait_until(is_reported, "the report of the malformed messages")
         assert server.poll() is None
         assert httpx.get(f"{url}/api/v1/vehicles").json() == []

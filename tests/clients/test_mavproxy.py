@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tests.clients.observed_vehicle import ObservedVehicle
-from tests.station import running, wait_until
+from tests.station import running_process, wait_until
 
 LAT, LON = 47.3977432, 8.54559422
 NORTH_M = 15.0
@@ -40,7 +40,7 @@ def mavproxy(
     command += [f"--state-basedir={folder}", f"--default-modules={modules}", "--source-system=250"]
     with (
         log.open("wb") as output,
-        running(
+        running_process(
             command, stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT, cwd=folder
         ) as process,
     ):

@@ -31,9 +31,9 @@ def has_reached(values: list[dict[str, Any]], roll_deg: float, pitch_deg: float)
 
 
 def test_the_gimbal_program_runs_to_its_end_and_the_gimbal_moves(
-    shared: Path, observed_vehicle: ObservedVehicle, tmp_path: Path
+    reference_data: Path, observed_vehicle: ObservedVehicle, tmp_path: Path
 ) -> None:
-    documents = sorted((shared / "seeds").glob("000*.txt"))
+    documents = sorted((reference_data / "seeds").glob("000*.txt"))
     if not documents:
         pytest.skip("the document with the gimbal program is not beside this checkout")
     text = documents[0].read_text(encoding="utf-8")

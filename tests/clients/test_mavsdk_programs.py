@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.clients.mavsdk_programs import PROGRAMS
-from tests.station import free_port, running, wait_until
+from tests.station import free_port, running_process, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 MAVSDK_4 = Path(sys.prefix) / "mavsdk4"
@@ -44,7 +44,7 @@ def test_a_users_program_runs_to_its_end(version: int, program: str, tmp_path: P
             pytest.skip("MAVSDK 4 is not installed: run make test-clients")
         python_path.insert(0, str(MAVSDK_4))
     port = free_port(socket.SOCK_STREAM)
-    with running([sys.executable, "-m", *_vehicle_command(program, port)], cwd=ROOT):
+    with running_process([sys.executable, "-m", *_vehicle_command(program, port)], cwd=ROOT):
         wait_until(lambda: _listens(port), "the simulator's start", 60)
         result = subprocess.run(
             [sys.executable, "-m", "tests.clients.mavsdk_programs", program, str(port), str(tmp_path)],

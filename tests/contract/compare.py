@@ -22,9 +22,8 @@ from typing import Any
 
 from tests.contract import rules
 from tests.contract.driver import DialogueResult
-from tests.contract.recordings import STATE_MESSAGES, TELEMETRY, Dialogue, value_of
+from tests.contract.recordings import STATE_MESSAGES, TELEMETRY, Dialogue, python_value
 from tests.contract.replay_vehicle import Received
-from tests.contract.rules import Hashes
 from vehicle_sim.autopilot.announcer import EVENTS
 
 EVENT_NAMES = {event_id: name for name, (event_id, _) in EVENTS.items()}
@@ -51,8 +50,7 @@ NOT_COMPARED: dict[str, frozenset[str]] = {
 limits, the targets of its TIMESYNC), and the course over ground of a vehicle at rest, which is noise."""
 HEADING_RAD = 0.08
 """Tolerance of the heading, which drifts at rest."""
-HEADING_DEG = math.ceil(math.degrees(HEADING_RAD))
-"""VFR_HUD has whole degrees."""
+HEADING_DEG = math.ceil(math.degrees(HEADING_RAD))  # VFR_HUD has whole degrees
 HEADING_CDEG = round(100.0 * math.degrees(HEADING_RAD))
 
 TOLERANCES: dict[str, float] = {
@@ -115,7 +113,7 @@ FULL_TURN = {
     "ATTITUDE.yaw": math.tau,
 }  # fmt: skip
 """Values after which an angle wraps around."""
-COUNTED = frozenset({"TIMESYNC", "CURRENT_EVENT_SEQUENCE", "ORBIT_EXECUTION_STATUS", "MISSION_ITEM_REACHED"})
+COUNTED_MESSAGES = ("TIMESYNC", "CURRENT_EVENT_SEQUENCE", "ORBIT_EXECUTION_STATUS", "MISSION_ITEM_REACHED")
 """Messages that are compared by their number and by the fields of the first one."""
 
 
@@ -133,14 +131,16 @@ class Difference:
         return f"{self.dialogue} | {self.message} | {self.field} | {self.px4} | {self.simulated}"
 
 
-def compare(dialogue: Dialogue, result: DialogueResult, hashes: Hashes | None = None) -> list[Difference]:
+def compare(
+    dialogue: Dialogue, result: DialogueResult, hashes: rules.ParameterHashes | None = None
+) -> list[Difference]:
     """All differences of one dialogue; `hashes`: the parameter hashes received earlier in the session."""
     name = dialogue["id"]
     for entry in dialogue["received"]:
         if "decoded" in entry:
             EVENT_NAMES.setdefault(entry["fields"]["id"], entry["decoded"]["name"])
     recorded = [
-        Received(entry["dt_s"], entry["msg"], {k: value_of(v) for k, v in entry["fields"].items()})
+        Received(entry["dt_s"], entry["msg"], {k: python_value(v) for k, v in entry["fields"].items()})
         for entry in dialogue["received"]
         if "link" not in entry
     ]
@@ -149,7 +149,7 @@ def compare(dialogue: Dialogue, result: DialogueResult, hashes: Hashes | None = 
     real = [m for m in recorded if m.name not in STATE_MESSAGES and not _is_in_report(m)]
     if not _reads_parameters(dialogue):
         sim, real = (
-            [m for m in side if m.name != "PARAM_VALUE" or m.values["param_id"] not in result.set_before]
+            [m for m in side if m.name != "PARAM_VALUE" or m.values["param_id"] not in result.earlier_params]
             for side in (sim, real)
         )
     summary = dialogue.get("summary", {})
@@ -162,7 +162,7 @@ def compare(dialogue: Dialogue, result: DialogueResult, hashes: Hashes | None = 
         rows += _compare_kind(
             kind, _whole_messages(real, kind), _whole_messages(sim, kind), thinned, shortened
         )
-    rows = (hashes or Hashes()).without_hashes(rows)
+    rows = (hashes or rules.ParameterHashes()).without_hashes(rows)
     rows += _compare_end(dialogue, result)
     return [Difference(name, *row) for row in rows]
 
@@ -241,7 +241,7 @@ def _compare_kind(
     rows: list[Row] = []
     if kind in TELEMETRY and not recorded:
         return rows
-    if kind in COUNTED or (len(recorded) > 8 and len({_key(m) for m in recorded}) == 1):
+    if kind in COUNTED_MESSAGES or (len(recorded) > 8 and len({_key(m) for m in recorded}) == 1):
         if not thinned and abs(len(recorded) - len(sim)) > max(1, RATE_TOLERANCE * len(recorded)):
             rows.append((kind, "(number)", len(recorded), len(sim)))
         recorded, sim = recorded[:1], sim[:1]
@@ -372,9 +372,9 @@ def _compare_states(recorded: list[Received], result: DialogueResult) -> list[Ro
     for real in recorded:
         if real.name not in STATE_MESSAGES:
             continue
-        sim = [m for m in (*result.received, *result.after) if m.name == real.name]
-        if real.name in result.before:
-            sim.insert(0, result.before[real.name])
+        sim = [m for m in (*result.received, *result.states_after) if m.name == real.name]
+        if real.name in result.states_before:
+            sim.insert(0, result.states_before[real.name])
         rows_by_message = [_compare_fields(real.name, real.values, m.values) for m in sim]
         if not rows_by_message:
             rows.append((real.name, "(missing)", real.values, "–"))
@@ -391,10 +391,10 @@ def _compare_end(dialogue: Dialogue, result: DialogueResult) -> list[Row]:
         if real is not None and real not in sim:
             rows.append(("(state after)", name, real, sim))
     for name, real in dialogue.get("echo_at_end", {}).items():
-        sim = result.echo.get(name.upper(), {})
-        for field_name, value in (real or {}).items():
-            if name == "local_position_ned" or field_name.startswith("time"):
+        sim = result.echoed_fields.get(name.upper(), {})
+        for field, value in (real or {}).items():
+            if name == "local_position_ned" or field.startswith("time"):
                 continue
-            if not same(value_of(value), _plain_value(sim.get(field_name)), ECHO_TOLERANCE.get(field_name)):
-                rows.append((f"(echo) {name.upper()}", field_name, value, _plain_value(sim.get(field_name))))
+            if not same(python_value(value), _plain_value(sim.get(field)), ECHO_TOLERANCE.get(field)):
+                rows.append((f"(echo) {name.upper()}", field, value, _plain_value(sim.get(field))))
     return rows

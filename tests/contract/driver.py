@@ -10,15 +10,15 @@ from typing import Any
 from tests.contract.recordings import (
     STATE_MESSAGES,
     Dialogue,
-    layout_id,
+    message_id,
     parameters_in,
-    requested,
+    requested_message_ids,
     requires_boot,
-    script,
-    sends,
+    sends_message,
+    timed_messages,
     uploaded_mission,
 )
-from tests.contract.replay_vehicle import DO_SET_MODE, HOLD, Received, Vehicle
+from tests.contract.replay_vehicle import DO_SET_MODE, HOLD_CUSTOM_MODE, Received, Vehicle
 from tests.contract.unrecorded_states import RECEPTION_DELAY_S, UNRECORDED_STATES
 from vehicle_sim.mavlink.dialect import LAYOUTS
 
@@ -55,20 +55,20 @@ class DialogueResult:
     """The messages and states of the simulator in one dialogue."""
 
     received: list[Received] = field(default_factory=list)
-    before: dict[str, Received] = field(default_factory=dict)
+    states_before: dict[str, Received] = field(default_factory=dict)
     """Newest sample of each state message before the dialogue."""
-    after: list[Received] = field(default_factory=list)
+    states_after: list[Received] = field(default_factory=list)
     """State messages of the second after the dialogue: the recordings sampled some of them at 1 Hz."""
-    set_before: frozenset[str] = frozenset()
+    earlier_params: frozenset[str] = frozenset()
     """Parameters set by earlier dialogues: PX4 also sends those that it has not saved yet."""
     reports: list[list[Received]] = field(default_factory=list)
     """The arming reports that were valid at some time of the dialogue: the time at which PX4 sends one
     varies."""
     states: list[dict[str, Any]] = field(default_factory=list)
     """Armed, custom_mode and landed_state at times near the end."""
-    echo: dict[str, dict[str, Any]] = field(default_factory=dict)
+    echoed_fields: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Newest fields of each of `ECHOED_MESSAGES`."""
-    counts: dict[str, int] = field(default_factory=dict)
+    message_counts: dict[str, int] = field(default_factory=dict)
     """Number of messages on the ground-station link, by name."""
 
 
@@ -83,7 +83,7 @@ class DialoguePlayer:
         self._log = log
         """Whether the vehicle writes onboard logs (`needs_logs`), which take a seventh of the computing
         time."""
-        self._set_before: frozenset[str] = frozenset()
+        self._earlier_params: frozenset[str] = frozenset()
         self._mission_cleared = False
         self._plan: list[dict[str, Any]] = []
         """The last stored mission, for a new vehicle."""
@@ -108,7 +108,9 @@ class DialoguePlayer:
         else:
             vehicle.stream_setpoints(False)
         parameters = (
-            {} if requires_boot(precondition) or sends(dialogue, "PARAM_SET") else parameters_in(precondition)
+            {}
+            if requires_boot(precondition) or sends_message(dialogue, "PARAM_SET")
+            else parameters_in(precondition)
         )
         store = vehicle.sim.simulation.parameters[0]
         original_values = {name: store.get(name) for name in parameters if name in store}
@@ -126,9 +128,9 @@ class DialoguePlayer:
         try:
             result = self._exchange(vehicle, dialogue, next_follows=next_follows)
             parameters_set = {e["fields"]["param_id"] for e in dialogue["send"] if e["msg"] == "PARAM_SET"}
-            result.set_before = self._set_before - parameters_set
-            self._set_before |= parameters_set
-            self._mission_cleared |= sends(dialogue, "MISSION_CLEAR_ALL")
+            result.earlier_params = self._earlier_params - parameters_set
+            self._earlier_params |= parameters_set
+            self._mission_cleared |= sends_message(dialogue, "MISSION_CLEAR_ALL")
             self._plan = uploaded_mission(dialogue) or self._plan
             return result
         finally:
@@ -157,7 +159,7 @@ class DialoguePlayer:
             vehicle = self._vehicle = Vehicle(
                 dialogue.get("vehicle_system_id") or 1, boot_parameters, heartbeats=heartbeats, log=self._log
             )
-            vehicle.compared_ids |= {layout_id(name) for name in self._listen}
+            vehicle.compared_ids |= {message_id(name) for name in self._listen}
             if "right after" in precondition:
                 vehicle.run(RIGHT_AFTER_BOOT_S)
                 return vehicle
@@ -191,12 +193,13 @@ class DialoguePlayer:
         elif "flying in Hold" in precondition:
             vehicle.hover_in_hold()
         elif "armed on the ground, Hold" in precondition and not precondition.startswith("disarmed"):
-            vehicle.put_on_ground(True, HOLD)
+            vehicle.put_on_ground(True, HOLD_CUSTOM_MODE)
         else:
             mode_request = re.search(r"mode (\w+) requested", precondition)
             manual_chosen = "Manual mode chosen" in precondition
             vehicle.put_on_ground(
-                state["armed"], HOLD if mode_request or "Hold mode" in precondition else state["custom_mode"]
+                state["armed"],
+                HOLD_CUSTOM_MODE if mode_request or "Hold mode" in precondition else state["custom_mode"],
             )
             if mode_request or manual_chosen:
                 main, sub = REQUESTED_MODES[mode_request.group(1)] if mode_request else (1, 0)
@@ -215,20 +218,20 @@ class DialoguePlayer:
     def _exchange(self, vehicle: Vehicle, dialogue: Dialogue, *, next_follows: bool) -> DialogueResult:
         start_s, window_s = vehicle.now_s, dialogue["window_s"]
         vehicle.log.clear()
-        vehicle.counts.clear()
+        vehicle.message_counts.clear()
         del vehicle.reports[:-1]
         recorded_link = dialogue["link"]
-        requested_ids = requested(dialogue) | {
-            layout_id(name) for name in ECHOED_MESSAGES if "echo_at_end" in dialogue
+        requested_ids = requested_message_ids(dialogue) | {
+            message_id(name) for name in ECHOED_MESSAGES if "echo_at_end" in dialogue
         }
         requested_ids -= vehicle.compared_ids
         vehicle.compared_ids |= requested_ids
         before = {
-            name: Received(0.0, name, vehicle.last[recorded_link, name][1])
+            name: Received(0.0, name, vehicle.newest_messages[recorded_link, name][1])
             for name in STATE_MESSAGES
-            if (recorded_link, name) in vehicle.last
+            if (recorded_link, name) in vehicle.newest_messages
         }
-        for dt_s, link, name, fields, src in script(dialogue, vehicle.system_id, RECEPTION_DELAY_S):
+        for dt_s, link, name, fields, src in timed_messages(dialogue, vehicle.system_id, RECEPTION_DELAY_S):
             if dt_s > window_s:
                 break
             if start_s + dt_s > vehicle.now_s + 0.006:
@@ -238,16 +241,18 @@ class DialoguePlayer:
                 newest = vehicle.autopilot.announcer.sequence
                 fields = fields | {"first_sequence": newest - count, "last_sequence": newest}
             vehicle.send(name, fields, link, src)
-        result = DialogueResult(before=before)
+        result = DialogueResult(states_before=before)
         vehicle.run_to(start_s + window_s)
         from_s = vehicle.now_s - STATE_SAMPLE_PERIOD_S
         earlier_states = [state for at_s, state in vehicle.states if at_s <= from_s]
         result.states = earlier_states[-1:] + [state for at_s, state in vehicle.states if at_s > from_s]
         result.reports = list(vehicle.reports)
-        result.counts = {LAYOUTS[i].name: count for i, count in vehicle.counts.items() if i in LAYOUTS}
+        result.message_counts = {
+            LAYOUTS[i].name: count for i, count in vehicle.message_counts.items() if i in LAYOUTS
+        }
         for name in ECHOED_MESSAGES if "echo_at_end" in dialogue else ():
-            if ("gcs", name) in vehicle.last:
-                result.echo[name] = vehicle.last["gcs", name][1]
+            if ("gcs", name) in vehicle.newest_messages:
+                result.echoed_fields[name] = vehicle.newest_messages["gcs", name][1]
         result.received = [
             Received(at_s - start_s, name, values)
             for at_s, link, name, values in vehicle.log
@@ -256,7 +261,7 @@ class DialoguePlayer:
         if any(message["msg"] in STATE_MESSAGES for message in dialogue["received"]) and not next_follows:
             log_length = len(vehicle.log)
             vehicle.run(2.1)
-            result.after = [
+            result.states_after = [
                 Received(at_s - start_s, name, values)
                 for at_s, link, name, values in vehicle.log[log_length:]
                 if link == recorded_link and name in STATE_MESSAGES
@@ -273,7 +278,7 @@ def _continues(dialogue: Dialogue) -> bool:
 def _match_unavailable_reports(vehicle: Vehicle, dialogue: Dialogue) -> None:
     """Reports an unavailable mode before the dialogue if PX4 had: PX4 sends such a report at most once per
     second."""
-    if dialogue["state"].get("armed") and sends(dialogue, "COMMAND_LONG"):
+    if dialogue["state"].get("armed") and sends_message(dialogue, "COMMAND_LONG"):
         reported = [e for e in dialogue["received"] if UNAVAILABLE_TEXT in str(e["fields"].get("text", ""))]
         refused = any(
             e["msg"] == "COMMAND_ACK" and e["fields"]["command"] == DO_SET_MODE and e["fields"]["result"] == 1
@@ -291,7 +296,8 @@ def _wait_for_transfers(vehicle: Vehicle) -> None:
     did."""
     for _ in range(12):
         requested_at_s = [
-            vehicle.last.get(("gcs", name), (-9.0,))[0] for name in ("MISSION_REQUEST_INT", "MISSION_REQUEST")
+            vehicle.newest_messages.get(("gcs", name), (-9.0,))[0]
+            for name in ("MISSION_REQUEST_INT", "MISSION_REQUEST")
         ]
         if vehicle.now_s - max(requested_at_s) > 0.4:
             return

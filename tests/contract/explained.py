@@ -36,12 +36,12 @@ def _read_explained_differences() -> dict[DifferenceKey, ExplainedDifference]:
         }
 
 
-EXPLAINED: dict[DifferenceKey, ExplainedDifference] = _read_explained_differences()
+EXPLAINED_DIFFERENCES: dict[DifferenceKey, ExplainedDifference] = _read_explained_differences()
 
 
 def explained_count(key: DifferenceKey) -> int:
     """Known number of occurrences of a difference; 0 for an unknown difference."""
-    row = EXPLAINED.get(key)
+    row = EXPLAINED_DIFFERENCES.get(key)
     return row.count if row is not None else 0
 
 

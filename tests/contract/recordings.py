@@ -94,32 +94,32 @@ def needs_logs(dialogues: list[Dialogue]) -> bool:
     )
 
 
-def value_of(value: Any) -> Any:
+def python_value(value: Any) -> Any:
     """A recorded value as a Python value."""
     if value is None:
         return math.nan
     if value in ("inf", "-inf"):
         return float(value)
-    return [value_of(each) for each in value] if isinstance(value, list) else value
+    return [python_value(each) for each in value] if isinstance(value, list) else value
 
 
-def layout_id(name: str) -> int:
+def message_id(name: str) -> int:
     """The id of a message."""
     return BY_NAME[name].id
 
 
-def requested(dialogue: Dialogue) -> set[int]:
+def requested_message_ids(dialogue: Dialogue) -> set[int]:
     """Ids of the telemetry that is part of this dialogue: requested by it, or listed by the recording."""
     ids = {
         int(entry["fields"]["param1"] or 0)
         for entry in dialogue["send"]
         if entry["msg"] == "COMMAND_LONG" and entry["fields"]["command"] == REQUEST_MESSAGE
     }
-    ids |= {layout_id(name) for prefix, name in LISTED_STREAMS.items() if dialogue["id"].startswith(prefix)}
+    ids |= {message_id(name) for prefix, name in LISTED_STREAMS.items() if dialogue["id"].startswith(prefix)}
     return {msg_id for msg_id in ids if msg_id in LAYOUTS}
 
 
-def sends(dialogue: Dialogue, name: str) -> bool:
+def sends_message(dialogue: Dialogue, name: str) -> bool:
     """Whether a dialogue sends a message of this name."""
     return any(entry["msg"] == name for entry in dialogue["send"])
 
@@ -144,7 +144,7 @@ def uploaded_mission(dialogue: Dialogue) -> list[dict[str, Any]]:
     return mission if accepted and complete and mission and mission[0]["mission_type"] == 0 else []
 
 
-def script(
+def timed_messages(
     dialogue: Dialogue, system_id: int, late_s: Mapping[tuple[str, int], float] | None = None
 ) -> list[SentMessage]:
     """The messages that a dialogue sends, by time, each message of a stream separately.
@@ -158,7 +158,7 @@ def script(
     for entry in dialogue["send"]:
         if entry["msg"] not in BY_NAME:
             continue  # the entry "stream stops" is no message
-        fields = {k: value_of(v) for k, v in entry["fields"].items()}
+        fields = {k: python_value(v) for k, v in entry["fields"].items()}
         fields = _packable_fields(entry["msg"], fields, system_id)
         source = entry.get("src", (255, 190))
         link = entry.get("link", dialogue["link"])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.contract.recordings import TELEMETRY, value_of
+from tests.contract.recordings import TELEMETRY, python_value
 from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
 from vehicle_sim.autopilot.health import CheckResults, send_report
 from vehicle_sim.fleet import VehicleSim
@@ -20,15 +20,15 @@ from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import BUILT_IN
 
-RECORDED = Path(__file__).resolve().parents[3] / "shared" / "px4"
-NAMES = {"all_events.json.xz": "events.json.xz"}
+RECORDINGS_FOLDER = Path(__file__).resolve().parents[3] / "shared" / "px4"
+RECORDED_FILE_NAMES = {"all_events.json.xz": "events.json.xz"}
 """Names of the simulator's files, and their names in the recordings."""
 TICK_S = 0.02
 SETPOINT_PERIOD_S = 0.05
 REARM_AFTER_S = 4.0
 """A vehicle that has been armed on the ground for this time is armed again before a dialogue: PX4 disarms
 after 10 s, and the recording armed the vehicle shortly before each dialogue."""
-HOLD = 0x3040000
+HOLD_CUSTOM_MODE = 0x3040000
 """custom_mode of Hold."""
 TAKEOFF, DO_SET_MODE, DO_REPOSITION, ARM_DISARM = 22, 176, 192, 400
 FORCE_DISARM = 21196
@@ -49,7 +49,9 @@ def _files_of_the_recorded_build() -> dict[str, Callable[[], bytes]]:
     """The files that the recorded vehicle served below `etc`, if they are beside the checkout, otherwise the
     simulator's."""
     return {
-        path: recorded.read_bytes if (recorded := RECORDED / NAMES.get(name, name)).is_file() else built_in
+        path: recorded.read_bytes
+        if (recorded := RECORDINGS_FOLDER / RECORDED_FILE_NAMES.get(name, name)).is_file()
+        else built_in
         for path, built_in in BUILT_IN.items()
         if (name := path.rpartition("/")[2])
     }
@@ -72,13 +74,13 @@ class Vehicle:
             layout.id for name, layout in BY_NAME.items() if name not in TELEMETRY - {"PING"}
         }
         self.log: list[tuple[float, str, str, dict[str, Any]]] = []
-        self.last: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
+        self.newest_messages: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
         self.reports: list[list[Received]] = []
         """Arming reports as the messages that the vehicle sends, the newest last."""
         self._published_report: CheckResults | None = None
         self.states: list[tuple[float, dict[str, Any]]] = []
         """Armed, mode and landed state, and the time of the change."""
-        self.counts: dict[int, int] = {}
+        self.message_counts: dict[int, int] = {}
         self._omit_uncompared_streams()
         self._parsers = {name: FrameParser() for name in ("gcs", "api")}
         self._sequence = 0
@@ -162,7 +164,7 @@ class Vehicle:
             for frame in self.sim.frames(0, link):
                 msg_id = frame[7] | frame[8] << 8 | frame[9] << 16
                 if link == "gcs":
-                    self.counts[msg_id] = self.counts.get(msg_id, 0) + 1
+                    self.message_counts[msg_id] = self.message_counts.get(msg_id, 0) + 1
                 if msg_id not in self.compared_ids:
                     continue
                 for message in parser.feed(frame):
@@ -171,7 +173,7 @@ class Vehicle:
 
     def _record(self, link: str, name: str, values: dict[str, Any]) -> None:
         self.log.append((self.now_s, link, name, values))
-        self.last[link, name] = self.now_s, values
+        self.newest_messages[link, name] = self.now_s, values
 
     def state(self) -> dict[str, Any]:
         commander = self.commander
@@ -195,9 +197,11 @@ class Vehicle:
             self.command(ARM_DISARM, 1)
             self.run(0.1)
             self.command(TAKEOFF, -1, 0, 0, NAN, NAN, NAN, self.autopilot.home.alt_amsl_m + 10)
-            self.run_until(lambda: self.state()["custom_mode"] == HOLD and self.altitude_m > 8.5, 40)
+            self.run_until(
+                lambda: self.state()["custom_mode"] == HOLD_CUSTOM_MODE and self.altitude_m > 8.5, 40
+            )
             self.run(3.0)
-        elif self.state()["custom_mode"] != HOLD:
+        elif self.state()["custom_mode"] != HOLD_CUSTOM_MODE:
             self.command(DO_SET_MODE, 1, 4, 3)
             self.run(0.4)
         self.run_until(lambda: self.speed_m_s < 1.0, 8)
@@ -246,7 +250,7 @@ class Vehicle:
         target = {"target_system": self.system_id, "target_component": 1, "mission_type": mission_type}
         self.send("MISSION_COUNT", {"count": len(plan), **target})
         for item in plan:
-            fields = {key: value_of(value) for key, value in item.items() if key != "target_system"}
+            fields = {key: python_value(value) for key, value in item.items() if key != "target_system"}
             if floats:
                 frame = {6: 3, 5: 0}.get(fields["frame"], fields["frame"])
                 fields |= {"x": fields["x"] / 1e7, "y": fields["y"] / 1e7, "frame": frame}

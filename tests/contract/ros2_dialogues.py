@@ -12,20 +12,19 @@ from typing import Any
 
 import pytest
 
-from tests.support.ros2_vehicle import TYPES, Ros2Vehicle
+from tests.support.ros2_vehicle import MESSAGE_TYPES, Ros2Vehicle
 from vehicle_sim.external_modes.arming_checks import REQUEST_IDS
 from vehicle_sim.external_modes.slots import FIRST_MODE, name_hash
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.ros2.topics import COMMAND_ACK, SERVICE_REQUEST
 
-RECORDED = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dds" / "dialogues"
-REQUEST, REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
-REGISTERED, FORMAT = "/fmu/out/register_ext_component_reply", "/fmu/out/message_format_response"
-COMPLETED = "/fmu/out/mode_completed"
-STATUS, FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/failsafe_flags"
-REQUEST_PERIOD_S = 0.3138
-"""Period of the arming check requests by the recorder's clock."""
+RECORDINGS_FOLDER = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dds" / "dialogues"
+CHECK_REQUEST, CHECK_REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
+REGISTER_REPLY, FORMAT_RESPONSE = "/fmu/out/register_ext_component_reply", "/fmu/out/message_format_response"
+MODE_COMPLETED = "/fmu/out/mode_completed"
+VEHICLE_STATUS, FAILSAFE_FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/failsafe_flags"
+REQUEST_PERIOD_S = 0.3138  # of the arming check requests, by the recorder's clock
 DELIBERATE_DELAY_S = 0.05
 """A reply that was sent later than this after its request was delayed on purpose."""
 GCS = (255, 190)
@@ -42,10 +41,11 @@ SELECTABLE_MODES = "can_set_nav_states_mask"
 FLAG_FIELDS = ("offboard_control_signal_lost", "manual_control_signal_lost")
 EVENT_FIELDS = {
     COMMAND_ACK: ("command", "result", "target_system", "target_component"),
-    REGISTERED: ("name", "success", "arming_check_id", "mode_id", "mode_executor_id", "px4_ros2_api_version"),
-    FORMAT: ("topic_name", "success", "message_hash", "protocol_version"),
+    REGISTER_REPLY: ("name", "success", "arming_check_id", "mode_id", "mode_executor_id",
+                     "px4_ros2_api_version"),
+    FORMAT_RESPONSE: ("topic_name", "success", "message_hash", "protocol_version"),
 }  # fmt: skip
-COMPARED = {*EVENT_FIELDS, REQUEST, STATUS, FLAGS, COMPLETED}
+COMPARED_TOPICS = {*EVENT_FIELDS, CHECK_REQUEST, VEHICLE_STATUS, FAILSAFE_FLAGS, MODE_COMPLETED}
 
 Dialogue = dict[str, Any]
 
@@ -54,7 +54,7 @@ def load_dialogues(groups: tuple[str, ...]) -> list[Dialogue]:
     """The dialogues of these groups, sorted by boot and, within a boot, in recorded order."""
     found: list[Dialogue] = []
     for group in groups:
-        path = RECORDED / f"{group}.jsonl"
+        path = RECORDINGS_FOLDER / f"{group}.jsonl"
         if path.exists():
             found += [json.loads(line) for line in path.read_text().splitlines()]
     sessions = list(dict.fromkeys(each["session"] for each in found))
@@ -145,7 +145,7 @@ class _Vehicle(Ros2Vehicle):
     """A vehicle that decodes only the compared topics."""
 
     def publish(self, topic: str, data: bytes) -> None:
-        if topic in COMPARED:
+        if topic in COMPARED_TOPICS:
             super().publish(topic, data)
 
 
@@ -182,14 +182,14 @@ class Ros2DialoguePlayer:
         responders = _responders(
             dialogue, continues=timed_dialogue.replies_continue or self._ends_with_landing(dialogue)
         )
-        read_count = len(self.vehicle.received)
+        read_count = len(self.vehicle.received_messages)
         while not self._has_ended(now_s := self.vehicle.sim.time_s - self.began_s, timed_dialogue):
-            for at_s, topic, fields in self.vehicle.received[read_count:]:
-                if topic == REQUEST:
+            for at_s, topic, fields in self.vehicle.received_messages[read_count:]:
+                if topic == CHECK_REQUEST:
                     pending += _due_replies(responders, at_s - self.began_s, fields["request_id"])
-            read_count = len(self.vehicle.received)
+            read_count = len(self.vehicle.received_messages)
             surplus_replies = [each.surplus_reply(now_s) for each in responders]
-            pending += [(now_s, REPLY, fields) for fields in surplus_replies if fields is not None]
+            pending += [(now_s, CHECK_REPLY, fields) for fields in surplus_replies if fields is not None]
             due = [each for each in pending if each[0] <= now_s + 1e-6]
             pending = [each for each in pending if each[0] > now_s + 1e-6]
             for _, topic, fields in due:
@@ -214,7 +214,7 @@ class Ros2DialoguePlayer:
         """Called when a dialogue begins."""
 
     def _send(self, topic: str, fields: dict[str, Any]) -> None:
-        if topic in TYPES:
+        if topic in MESSAGE_TYPES:
             self.vehicle.send(topic, fields)
             return
         numbers = {f"param{n + 1}": value for n, value in enumerate(fields.get("params", ()))}
@@ -230,12 +230,12 @@ class Ros2DialoguePlayer:
 
     def events(self, topic: str) -> list[tuple[Any, ...]]:
         """Messages that the vehicle published on an event topic."""
-        messages = self.vehicle.all(topic, self.began_s)
+        messages = self.vehicle.all_fields(topic, self.began_s)
         return [tuple(message[name] for name in EVENT_FIELDS[topic]) for message in messages]
 
     def changes(self, topic: str, name: str) -> list[tuple[float, Any]]:
         """Time, and old and new value, of each change of a field."""
-        received = [(at_s, each[name]) for at_s, t, each in self.vehicle.received if t == topic]
+        received = [(at_s, each[name]) for at_s, t, each in self.vehicle.received_messages if t == topic]
         pairs = itertools.pairwise(received)
         changed = [(new[0], (old[1], new[1])) for old, new in pairs if new[1] != old[1]]
         return [(at_s - self.began_s, each) for at_s, each in changed if self.began_s < at_s < self._until_s]
@@ -244,7 +244,7 @@ class Ros2DialoguePlayer:
 def _occupy_slots(dialogue: Dialogue, vehicle: Ros2Vehicle) -> None:
     """Marks the slots as occupied that PX4 gave to other modes in unrecorded dialogues of this boot."""
     parameters = vehicle.sim.simulation.parameters[0]
-    registered = [each for each in recorded_events(dialogue, REGISTERED) if each[1] and each[3] >= FIRST_MODE]
+    registered = [e for e in recorded_events(dialogue, REGISTER_REPLY) if e[1] and e[3] >= FIRST_MODE]
     if registered and name_hash(registered[0][0]) not in parameters.mode_hashes:
         for slot in range(registered[0][3] - FIRST_MODE):
             if parameters.mode_hashes[slot] == 0:
@@ -255,10 +255,10 @@ def _messages(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]
     for sent in dialogue["send"]:
         topic = SERVICE_REQUEST if sent["topic"].endswith("vehicle_commandRequest") else sent["topic"]
         topic = topic[topic.find("/fmu/") :] if "/fmu/" in topic else topic
-        if topic == REPLY:
+        if topic == CHECK_REPLY:
             continue
         fields = sent.get("fields") or {}
-        fields = fields if topic not in TYPES else flat_fields(fields)
+        fields = fields if topic not in MESSAGE_TYPES else flat_fields(fields)
         fields.pop("writer_qos", None)
         for n in range(sent.get("count", 1)):
             at_s = sent["dt_s"] + n / sent.get("streamed_hz", 1)
@@ -299,7 +299,7 @@ def _due_replies(
     for responder in responders:
         reply = responder.reply(at_s, request_id)
         if reply is not None:
-            yield reply[0], REPLY, reply[1]
+            yield reply[0], CHECK_REPLY, reply[1]
 
 
 def _last_time_s(dialogue: Dialogue) -> float:
@@ -341,7 +341,7 @@ def completed_modes(messages: list[dict[str, Any]]) -> list[int]:
 
 def recorded_completed_modes(dialogue: Dialogue) -> list[int]:
     """Completed modes in order, as PX4 published them."""
-    return completed_modes([message["fields"] for message in _received(dialogue, COMPLETED)])
+    return completed_modes([message["fields"] for message in _received(dialogue, MODE_COMPLETED)])
 
 
 def recorded_modes(dialogue: Dialogue) -> list[dict[str, Any]]:
@@ -367,7 +367,7 @@ def compare(
         simulated, recorded = player.events(topic), recorded_events(dialogue, topic)
         if simulated != recorded:
             found.append(f"{topic}: {simulated}, recorded {recorded}")
-    for topic, names in ((STATUS, STATE_FIELDS), (FLAGS, FLAG_FIELDS)):
+    for topic, names in ((VEHICLE_STATUS, STATE_FIELDS), (FAILSAFE_FLAGS, FLAG_FIELDS)):
         for name in (each for each in names if each not in ignored):
             simulated, recorded = player.changes(topic, name), recorded_changes(dialogue, topic, name)
             if [value for _, value in simulated] != [value for _, value in recorded]:
@@ -376,18 +376,18 @@ def compare(
             shifted = [(a, b) for a, b in times if abs(a - b) > TOLERANCE_S and b < until_s]
             if shifted:
                 found.append(f"{name} changed at {shifted} (simulated, recorded)")
-    simulated = bit_changes(player.changes(STATUS, SELECTABLE_MODES))
-    recorded = bit_changes(recorded_changes(dialogue, STATUS, SELECTABLE_MODES))
+    simulated = bit_changes(player.changes(VEHICLE_STATUS, SELECTABLE_MODES))
+    recorded = bit_changes(recorded_changes(dialogue, VEHICLE_STATUS, SELECTABLE_MODES))
     if [each[:2] for each in simulated] != [each[:2] for each in recorded]:
         found.append(f"{SELECTABLE_MODES}: {simulated}, recorded {recorded}")
     else:
         pairs = zip(simulated, recorded, strict=True)
         if any(abs(a[2] - b[2]) > TOLERANCE_S and b[2] < until_s for a, b in pairs):
             found.append(f"{SELECTABLE_MODES} changed at {simulated}, recorded {recorded}")
-    simulated = completed_modes(player.vehicle.all(COMPLETED, player.began_s))
+    simulated = completed_modes(player.vehicle.all_fields(MODE_COMPLETED, player.began_s))
     recorded = recorded_completed_modes(dialogue)
     if simulated != recorded:
-        found.append(f"{COMPLETED}: {simulated}, recorded {recorded}")
+        found.append(f"{MODE_COMPLETED}: {simulated}, recorded {recorded}")
     if _recorded_entries(player.modes, dialogue) != _recorded_entries(recorded_modes(dialogue), dialogue):
         found.append("AVAILABLE_MODES")
     return found

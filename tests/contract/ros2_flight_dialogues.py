@@ -6,11 +6,11 @@ import math
 from typing import Any
 
 from tests.contract.ros2_dialogues import (
+    CHECK_REPLY,
+    CHECK_REQUEST,
     GCS,
-    REPLY,
-    REQUEST,
-    STATUS,
     TOLERANCE_S,
+    VEHICLE_STATUS,
     Dialogue,
     Ros2DialoguePlayer,
     TimedDialogue,
@@ -57,7 +57,7 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
     def _prepare(self, dialogue: Dialogue) -> None:
         """Brings the vehicle into the state in which the dialogue began."""
         state = dialogue["state"]
-        self._is_preparing, self._replied_count = True, len(self.vehicle.received)
+        self._is_preparing, self._replied_count = True, len(self.vehicle.received_messages)
         missing = state["can_set_nav_states_mask"] & ~self._status()["can_set_nav_states_mask"]
         for mode in range(FIRST_MODE, LAST_MODE + 1):
             if missing >> mode & 1:
@@ -91,7 +91,7 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
 
     def _status(self) -> dict[str, Any]:
         self._run(0.6)
-        return self.vehicle.last(STATUS)
+        return self.vehicle.newest_fields(VEHICLE_STATUS)
 
     def _register(self, dialogue: Dialogue, mode: int) -> None:
         removed = [message["fields"] for message in dialogue["send"] if "unregister" in message["topic"]]
@@ -120,7 +120,7 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
             self._run(1.0)
 
     def _ends_with_landing(self, dialogue: Dialogue) -> bool:
-        changes = recorded_changes(dialogue, STATUS, "arming_state")
+        changes = recorded_changes(dialogue, VEHICLE_STATUS, "arming_state")
         return any(after == ARMING_STATE_DISARMED for _, (_, after) in changes)
 
     def _has_ended(self, now_s: float, timed_dialogue: TimedDialogue) -> bool:
@@ -157,12 +157,12 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         self.vehicle.sim.feed(0, "gcs", frame_v2(layout, payload, 0, *GCS))
 
     def _reply_to_requests(self) -> None:
-        for _, topic, fields in self.vehicle.received[self._replied_count :]:
-            if topic == REQUEST:
+        for _, topic, fields in self.vehicle.received_messages[self._replied_count :]:
+            if topic == CHECK_REQUEST:
                 for registration_id in range(2):
                     reply = {"request_id": fields["request_id"], "registration_id": registration_id}
-                    self.vehicle.send(REPLY, reply, can_arm_and_run=True, mode_req_local_position=True)
-        self._replied_count = len(self.vehicle.received)
+                    self.vehicle.send(CHECK_REPLY, reply, can_arm_and_run=True, mode_req_local_position=True)
+        self._replied_count = len(self.vehicle.received_messages)
 
 
 def first_landing_s(dialogue: Dialogue) -> float:

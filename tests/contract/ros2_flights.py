@@ -13,13 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from tests.contract.ros2_dialogues import RECORDED, STATUS, TOLERANCE_S, fields_at, flat_fields
+from tests.contract.ros2_dialogues import (
+    RECORDINGS_FOLDER,
+    TOLERANCE_S,
+    VEHICLE_STATUS,
+    fields_at,
+    flat_fields,
+)
 from tests.support.ros2_vehicle import ADDRESSES, NO_TIME_SYNC, Ros2Vehicle
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.ros2.topics import COMMAND
 
-FOLDER = RECORDED.parent / "flights"
-POSITION = "/fmu/out/vehicle_local_position"
+FOLDER = RECORDINGS_FOLDER.parent / "flights"
+LOCAL_POSITION = "/fmu/out/vehicle_local_position"
 ARM, TAKEOFF, SET_MODE, OFFBOARD = 400, 22, 176, 14
 ARMED = 2
 BEFORE_S, OFFBOARD_AT_S = 6.0, -5.0
@@ -40,7 +46,7 @@ DRIFT_LEAD_S = 3.0
 """A replay with ground drift starts earlier by this time."""
 NOISY_BOOT_S = 12.0
 """Boot time of a vehicle with sensor noise, whose estimator needs longer to be ready."""
-OFFBOARD_CONTROL_MODE, TRAJECTORY = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_setpoint"
+OFFBOARD_CONTROL_MODE, TRAJECTORY_SETPOINT = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_setpoint"
 VEHICLE_CONTROL_MODE = "/fmu/out/vehicle_control_mode"
 Position = tuple[float, float, float]
 Track = list[tuple[float, Position]]
@@ -95,7 +101,11 @@ class Flight:
     @property
     def setpoint_ned_m(self) -> Position:
         """The first position setpoint; the first recorded position if there is none."""
-        sent = [message.get("fields") or {} for message in self.stimulus if message["topic"] == TRAJECTORY]
+        sent = [
+            message.get("fields") or {}
+            for message in self.stimulus
+            if message["topic"] == TRAJECTORY_SETPOINT
+        ]
         positions = [message["position"] for message in sent if None not in message.get("position", [None])]
         return positions[0] if positions else self.track[0][1]
 
@@ -143,7 +153,7 @@ class _Vehicle(Ros2Vehicle):
     def publish(self, topic: str, data: bytes) -> None:
         if topic == VEHICLE_CONTROL_MODE:
             self.switched_s = self.sim.time_s
-        if topic in (STATUS, POSITION):
+        if topic in (VEHICLE_STATUS, LOCAL_POSITION):
             super().publish(topic, data)
 
 
@@ -163,7 +173,9 @@ def fly(flight: Flight, *, noise: int | None = None, with_ground_drift: bool = F
     if noise is None:
         vehicle = _Vehicle(parameters=parameters)
     else:
-        vehicle = _Vehicle(parameters=parameters, boot_s=NOISY_BOOT_S, sensor_noise=True, seed=noise)
+        vehicle = _Vehicle(
+            parameters=parameters, time_since_boot_s=NOISY_BOOT_S, sensor_noise=True, seed=noise
+        )
     if flight.began_in_air:
         _take_off(vehicle, -flight.track[0][1][2])
     messages = sorted(flight.messages(), key=lambda sent: sent[0])
@@ -174,7 +186,7 @@ def fly(flight: Flight, *, noise: int | None = None, with_ground_drift: bool = F
         fields = ADDRESSES | {"command": SET_MODE, "param1": 1.0, "param2": 6.0}
         bisect.insort(messages, (OFFBOARD_AT_S, COMMAND, fields), key=lambda sent: sent[0])
     zero_s = vehicle.sim.time_s - replay_begin_s * flight.vehicle_seconds_per_s
-    received_before, last_s = len(vehicle.received), flight.track[-1][0]
+    received_before, last_s = len(vehicle.received_messages), flight.track[-1][0]
     while (now_s := (vehicle.sim.time_s - zero_s) / flight.vehicle_seconds_per_s) < last_s:
         while messages and messages[0][0] <= now_s:
             _, topic, fields = messages.pop(0)
@@ -184,11 +196,15 @@ def fly(flight: Flight, *, noise: int | None = None, with_ground_drift: bool = F
         vehicle.run(STEP_S)
     received = [
         ((at_s - zero_s) / flight.vehicle_seconds_per_s, topic, each)
-        for at_s, topic, each in vehicle.received[received_before:]
+        for at_s, topic, each in vehicle.received_messages[received_before:]
     ]
-    track = [(at_s, (each["x"], each["y"], each["z"])) for at_s, topic, each in received if topic == POSITION]
+    track = [
+        (at_s, (each["x"], each["y"], each["z"])) for at_s, topic, each in received if topic == LOCAL_POSITION
+    ]
     states = [
-        (at_s, each["nav_state"], each["arming_state"]) for at_s, topic, each in received if topic == STATUS
+        (at_s, each["nav_state"], each["arming_state"])
+        for at_s, topic, each in received
+        if topic == VEHICLE_STATUS
     ]
     return track, states
 
@@ -230,7 +246,7 @@ def _begin_far_away(vehicle: _Vehicle, flight: Flight) -> None:
         for start, target in zip(recorded[:2], setpoint[:2], strict=True)
     )
     far_point = (north_m, east_m, setpoint[2])
-    fields = next(fields for _, topic, fields in flight.messages() if topic == TRAJECTORY)
+    fields = next(fields for _, topic, fields in flight.messages() if topic == TRAJECTORY_SETPOINT)
 
     def stream_while(condition: Callable[[], bool], position_ned_m: Position) -> None:
         for step in itertools.count():
@@ -238,14 +254,17 @@ def _begin_far_away(vehicle: _Vehicle, flight: Flight) -> None:
                 return
             if step % round(0.1 / STEP_S) == 0:
                 vehicle.send(OFFBOARD_CONTROL_MODE, position=True)
-                vehicle.send(TRAJECTORY, fields, position=position_ned_m)
+                vehicle.send(TRAJECTORY_SETPOINT, fields, position=position_ned_m)
             vehicle.run(STEP_S)
 
     def stream_until(at_s: float) -> None:
         stream_while(lambda: vehicle.sim.time_s < at_s, far_point)
 
     vehicle.stream(
-        1.0, 10.0, (OFFBOARD_CONTROL_MODE, {"position": True}), (TRAJECTORY, fields | {"position": far_point})
+        1.0,
+        10.0,
+        (OFFBOARD_CONTROL_MODE, {"position": True}),
+        (TRAJECTORY_SETPOINT, fields | {"position": far_point}),
     )
     vehicle.command(SET_MODE, 1.0, 6.0)
     first_switch_delay_s = (flight.switched_s - flight.replay_begin_s) * flight.vehicle_seconds_per_s

@@ -141,7 +141,7 @@ def listed_entries(payload: dict[str, Any], data_hex: str) -> list[str]:
     return sorted(entries) if payload["offset"] == 0 else [str(len(entries))]
 
 
-class Hashes:
+class ParameterHashes:
     """The parameter hashes of a session; those of PX4 and of the simulator must change at the same time."""
 
     def __init__(self) -> None:

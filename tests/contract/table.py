@@ -10,7 +10,7 @@ from pathlib import Path
 from tests.contract.compare import compare
 from tests.contract.driver import DialoguePlayer
 from tests.contract.recordings import needs_logs, sessions
-from tests.contract.rules import Hashes
+from tests.contract.rules import ParameterHashes
 
 
 def main() -> None:
@@ -23,7 +23,7 @@ def main() -> None:
             continue
         began_s = time.perf_counter()
         player, difference_count = DialoguePlayer(log=needs_logs(dialogues)), 0
-        hashes = Hashes()
+        hashes = ParameterHashes()
         for dialogue, next_dialogue in itertools.zip_longest(dialogues, dialogues[1:]):
             dialogue_count += 1
             for difference in compare(dialogue, player.play(dialogue, next_dialogue), hashes):

@@ -13,15 +13,15 @@ import pytest
 
 from tests.contract.compare import compare, same
 from tests.contract.driver import DialoguePlayer
-from tests.contract.explained import EXPLAINED, DifferenceKey, explained_count, key_of
+from tests.contract.explained import EXPLAINED_DIFFERENCES, DifferenceKey, explained_count, key_of
 from tests.contract.recordings import Dialogue, needs_logs, sessions
-from tests.contract.rules import Hashes
+from tests.contract.rules import ParameterHashes
 
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
-RECORDED = REPOSITORY.parent / "shared" / "px4" / "dialogues"
-USE_ALL_DIALOGUES = RECORDED.is_dir() and os.environ.get("ALL_DIALOGUES") == "1"
+RECORDINGS_FOLDER = REPOSITORY.parent / "shared" / "px4" / "dialogues"
+USE_ALL_DIALOGUES = RECORDINGS_FOLDER.is_dir() and os.environ.get("ALL_DIALOGUES") == "1"
 SESSIONS: dict[str, list[Dialogue]] = dict(
-    sessions(RECORDED if USE_ALL_DIALOGUES else Path(__file__).resolve().parent / "data")
+    sessions(RECORDINGS_FOLDER if USE_ALL_DIALOGUES else Path(__file__).resolve().parent / "data")
 )
 """The first few dialogues of most groups; in `make test-clients` all dialogues, if the recordings are beside
 the checkout."""
@@ -47,7 +47,7 @@ RATE_HZ_TOLERANCE = 0.1
 )
 def test_dialogues_of_a_session_have_only_explained_differences(session: str) -> None:
     """One test per session, since each dialogue starts in the state in which the previous one ended."""
-    dialogues, hashes = SESSIONS[session], Hashes()
+    dialogues, hashes = SESSIONS[session], ParameterHashes()
     player = DialoguePlayer(log=needs_logs(dialogues))
     counts: Counter[DifferenceKey] = Counter()
     unexplained: list[str] = []
@@ -59,13 +59,13 @@ def test_dialogues_of_a_session_have_only_explained_differences(session: str) ->
                 unexplained.append(str(difference)[:300])
     assert not unexplained, "\n".join(unexplained)
     dialogue_ids = {dialogue["id"] for dialogue in dialogues}
-    stale_rows = [row for row in EXPLAINED if row[:2] in {(session, each) for each in dialogue_ids}
+    stale_rows = [row for row in EXPLAINED_DIFFERENCES if row[:2] in {(session, d) for d in dialogue_ids}
              and counts[row] < explained_count(row)]  # fmt: skip
     assert not stale_rows, f"no longer a difference, delete these rows: {stale_rows}"
 
 
 def test_all_recorded_dialogues_are_replayed(recordings_folder: Path) -> None:
-    assert recordings_folder == RECORDED.parent
+    assert recordings_folder == RECORDINGS_FOLDER.parent
     assert sum(len(dialogues) for dialogues in SESSIONS.values()) == DIALOGUE_COUNT
 
 
@@ -89,26 +89,30 @@ def test_the_documentation_explains_exactly_the_causes_of_the_table() -> None:
     text = (REPOSITORY / "docs" / "simulator.md").read_text(encoding="utf-8")
     section = text.split("## Differences in the recorded dialogues")[1].split("\n## ")[0]
     table = [line.split("|")[1].strip() for line in section.splitlines() if line.startswith("| ")]
-    assert sorted(table[1:]) == sorted({row.cause for row in EXPLAINED.values()})
+    assert sorted(table[1:]) == sorted({row.cause for row in EXPLAINED_DIFFERENCES.values()})
 
 
-def test_the_table_is_short_and_each_row_belongs_to_a_recorded_dialogue(shared: Path) -> None:
+def test_the_table_is_short_and_each_row_belongs_to_a_recorded_dialogue(reference_data: Path) -> None:
     recorded = {
-        (name, d["id"]) for name, dialogues in sessions(shared / "px4" / "dialogues") for d in dialogues
+        (name, d["id"])
+        for name, dialogues in sessions(reference_data / "px4" / "dialogues")
+        for d in dialogues
     }
-    assert len(EXPLAINED) <= MAX_ROWS
-    assert {key[:2] for key in EXPLAINED} <= recorded
-    assert all(row.count > 0 and not set("*?") & set("".join(key)) for key, row in EXPLAINED.items())
+    assert len(EXPLAINED_DIFFERENCES) <= MAX_ROWS
+    assert {key[:2] for key in EXPLAINED_DIFFERENCES} <= recorded
+    assert all(
+        row.count > 0 and not set("*?") & set("".join(key)) for key, row in EXPLAINED_DIFFERENCES.items()
+    )
 
 
 @pytest.mark.parametrize(("part", "begin_s"), [("after_200000us", 0), ("after_0", 4.5)])
-def test_a_stream_has_the_requested_rate(shared: Path, part: str, begin_s: float) -> None:
+def test_a_stream_has_the_requested_rate(reference_data: Path, part: str, begin_s: float) -> None:
     """Counts the messages of the last four seconds, as the recording did."""
-    dialogues = dict(sessions(shared / "px4" / "dialogues"))["message_interval-0"]
+    dialogues = dict(sessions(reference_data / "px4" / "dialogues"))["message_interval-0"]
     dialogue = next(d for d in dialogues if "measured_hz" in d)
     end_s = begin_s + 4.5
     sent = [e for e in dialogue["send"] if e["dt_s"] < end_s]
     result = DialoguePlayer(("ATTITUDE",)).play({**dialogue, "send": sent, "window_s": end_s})
     before = DialoguePlayer(("ATTITUDE",)).play({**dialogue, "send": sent, "window_s": end_s - 4.0})
-    counted_hz = (result.counts["ATTITUDE"] - before.counts["ATTITUDE"]) / 4.0
+    counted_hz = (result.message_counts["ATTITUDE"] - before.message_counts["ATTITUDE"]) / 4.0
     assert counted_hz == pytest.approx(dialogue["measured_hz"][part], rel=RATE_HZ_TOLERANCE)

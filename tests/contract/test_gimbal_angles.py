@@ -28,8 +28,8 @@ EXPLAINED: dict[str, str] = {  # cause of a difference, by the id of the dialogu
 
 
 def gimbal_angles(vehicle: Vehicle) -> dict[str, float]:
-    _, mount = vehicle.last["gcs", "MOUNT_ORIENTATION"]
-    _, device = vehicle.last["gcs", "GIMBAL_DEVICE_ATTITUDE_STATUS"]
+    _, mount = vehicle.newest_messages["gcs", "MOUNT_ORIENTATION"]
+    _, device = vehicle.newest_messages["gcs", "GIMBAL_DEVICE_ATTITUDE_STATUS"]
     return {
         "device_flags": device["flags"],
         "mount_roll": mount["roll"],

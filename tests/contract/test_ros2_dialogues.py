@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.contract.ros2_dialogues import (
-    RECORDED,
+    RECORDINGS_FOLDER,
     Ros2DialoguePlayer,
     TimedDialogue,
     compare,
@@ -74,17 +74,17 @@ def test_the_reply_to_a_command_takes_no_longer_than_the_recorded_replies() -> N
     sent_s = vehicle.sim.time_s
     vehicle.command(31999)
     vehicle.run(0.1)
-    (received_s,) = [received_s for received_s, topic, _ in vehicle.received if topic == COMMAND_ACK]
+    (received_s,) = [received_s for received_s, topic, _ in vehicle.received_messages if topic == COMMAND_ACK]
     assert received_s - sent_s <= SLOWEST_REPLY_S
 
 
-def test_every_explained_dialogue_was_recorded(shared: Path) -> None:
-    assert shared
+def test_every_explained_dialogue_was_recorded(reference_data: Path) -> None:
+    assert reference_data
     assert EXPLAINED.keys() <= {dialogue["id"] for dialogue in load_dialogues(GROUPS)}
 
 
-def test_the_dialogues_that_are_not_replayed_are_exactly_the_listed_ones(shared: Path) -> None:
-    assert shared
-    groups = [path.stem for path in RECORDED.glob("*.jsonl")]
+def test_the_dialogues_that_are_not_replayed_are_exactly_the_listed_ones(reference_data: Path) -> None:
+    assert reference_data
+    groups = [path.stem for path in RECORDINGS_FOLDER.glob("*.jsonl")]
     not_replayed = [each["id"] for each in load_dialogues(tuple(set(groups) - {*GROUPS, *FLIGHT_GROUPS}))]
     assert sorted(not_replayed) == sorted(NOT_REPLAYED)

@@ -65,12 +65,12 @@ def test_a_replayed_dialogue_in_flight_has_the_recorded_replies_and_states(
         assert not found
 
 
-def test_every_explained_dialogue_was_recorded(shared: Path) -> None:
-    assert shared
+def test_every_explained_dialogue_was_recorded(reference_data: Path) -> None:
+    assert reference_data
     assert EXPLAINED.keys() <= {dialogue["id"] for dialogue in load_dialogues(GROUPS)}
 
 
-def test_the_replayed_boots_include_one_of_each_group(shared: Path) -> None:
-    assert shared
+def test_the_replayed_boots_include_one_of_each_group(reference_data: Path) -> None:
+    assert reference_data
     for group in GROUPS:
         assert ONE_BOOT_PER_GROUP & {dialogue["session"] for dialogue in load_dialogues((group,))}, group

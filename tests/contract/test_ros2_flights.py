@@ -88,8 +88,10 @@ def test_a_replayed_flight_is_within_the_spread_of_the_recorded_flights(name: st
 
 
 @pytest.mark.skipif(not USE_ALL_FLIGHTS, reason="make test-clients replays all flights")
-def test_a_recorded_flight_with_drift_is_in_the_range_of_simulated_flights_with_noise(shared: Path) -> None:
-    assert shared
+def test_a_recorded_flight_with_drift_is_in_the_range_of_simulated_flights_with_noise(
+    reference_data: Path,
+) -> None:
+    assert reference_data
     flight = Flight.load(VELOCITY_FLIGHT)
     simulated = [fly(flight, noise=seed) for seed in NOISE_SEEDS]
     assert not any(state_differences(states, flight.states, DISARMING_TOLERANCE_S) for _, states in simulated)
@@ -100,9 +102,9 @@ def test_a_recorded_flight_with_drift_is_in_the_range_of_simulated_flights_with_
 
 @pytest.mark.skipif(not USE_ALL_FLIGHTS, reason="make test-clients replays all flights")
 def test_a_take_off_to_the_present_altitude_climbs_if_the_altitude_estimate_drifts_down_on_the_ground(
-    shared: Path,
+    reference_data: Path,
 ) -> None:
-    assert shared
+    assert reference_data
     flight = Flight.load(GROUND_DRIFT_FLIGHT)
     track, states = fly(flight, with_ground_drift=True)
     assert [each[1:] for each in state_changes(states)] == [each[1:] for each in state_changes(flight.states)]
@@ -116,6 +118,6 @@ def test_a_take_off_to_the_present_altitude_climbs_if_the_altitude_estimate_drif
     )
 
 
-def test_every_named_flight_is_recorded(shared: Path) -> None:
-    assert shared
+def test_every_named_flight_is_recorded(reference_data: Path) -> None:
+    assert reference_data
     assert {VELOCITY_FLIGHT, GROUND_DRIFT_FLIGHT, *QUICK_FLIGHTS} <= set(flight_names())

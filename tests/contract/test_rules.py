@@ -90,7 +90,7 @@ def hash_row(real: int, sim: int) -> rules.Row:
 
 
 def test_the_parameter_hash_changes_and_reverts_when_that_of_px4_does() -> None:
-    hashes = rules.Hashes()
+    hashes = rules.ParameterHashes()
     assert not hashes.without_hashes([hash_row(1, 10), hash_row(2, 20), hash_row(1, 10)])
     assert hashes.without_hashes([hash_row(1, 20)]), (
         "accepted although only PX4's hash returned to its earlier value"
@@ -115,9 +115,9 @@ def test_the_upload_of_200_items_has_px4s_checksum() -> None:
     assert opaque_id(items) == 2898809883
 
 
-def test_each_unrecorded_starting_state_has_evidence_and_named_dialogues_exist(shared: Path) -> None:
+def test_each_unrecorded_starting_state_has_evidence_and_named_dialogues_exist(reference_data: Path) -> None:
     dialogues: dict[str, dict[str, Any]] = {}
-    for path in (shared / "px4" / "dialogues").glob("*.jsonl"):
+    for path in (reference_data / "px4" / "dialogues").glob("*.jsonl"):
         lines = path.read_text(encoding="utf-8").splitlines()
         dialogues |= {each["id"]: each for each in map(json.loads, lines)}
     without_evidence = [

@@ -13,7 +13,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tests.contract.recordings import Dialogue, mission_of_200_items
-from tests.contract.replay_vehicle import ARM_DISARM, DO_SET_MODE, FORCE_DISARM, HOLD, TAKEOFF, Vehicle
+from tests.contract.replay_vehicle import (
+    ARM_DISARM,
+    DO_SET_MODE,
+    FORCE_DISARM,
+    HOLD_CUSTOM_MODE,
+    TAKEOFF,
+    Vehicle,
+)
 
 HOME_LAT_E7, HOME_LON_E7 = 473977423, 85455936
 PREFLIGHT_CALIBRATION = 241
@@ -90,8 +97,8 @@ def _disarm_with_closed_log(vehicle: Vehicle, dialogue: Dialogue) -> None:
     it once before, so that its first log is closed."""
     vehicle.command(ARM_DISARM, 0, FORCE_DISARM)
     vehicle.run(1.0)
-    vehicle.put_on_ground(False, HOLD)
-    vehicle.put_on_ground(True, HOLD)
+    vehicle.put_on_ground(False, HOLD_CUSTOM_MODE)
+    vehicle.put_on_ground(True, HOLD_CUSTOM_MODE)
     vehicle.run(0.3)
     vehicle.put_on_ground(False, dialogue["state"]["custom_mode"])
     vehicle.run(0.5)

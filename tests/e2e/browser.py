@@ -102,18 +102,18 @@ def chromium() -> Generator[Browser]:
         browser.close()
 
 
-def same_client(client_id: str) -> str:
+def client_id_script(client_id: str) -> str:
     """A script that gives the page this client id."""
     return f"if (window === window.top) {{ {SET_CLIENT_ID % json.dumps(client_id)} }}"
 
 
-def press(control: Locator, key: str) -> None:
+def press_key(control: Locator, key: str) -> None:
     """Waits until a control is enabled and presses a key on it; a disabled control would ignore the key."""
     expect(control).to_be_enabled()
     control.press(key)
 
 
-def choose(menu_button: Locator, entry: str) -> None:
+def choose_menu_entry(menu_button: Locator, entry: str) -> None:
     """Opens a button's menu and chooses an entry of it."""
     menu_button.click()
     menu_button.page.get_by_role("menuitem", name=entry, exact=True).click()
@@ -193,7 +193,7 @@ def open_page(
     )
     context.set_default_timeout(TIMEOUT_MS)
     page = context.new_page()
-    page.add_init_script(same_client(client_id))
+    page.add_init_script(client_id_script(client_id))
     if script:
         page.add_init_script(script)
     monitor = PageMonitor(page, url)
@@ -207,7 +207,7 @@ def open_page(
         context.close()
 
 
-def box_of(control: Locator) -> FloatRect:
+def bounding_box(control: Locator) -> FloatRect:
     """Position and size of a control in the window [px], once it is visible."""
     expect(control).to_be_visible()
     box = control.bounding_box()
@@ -227,8 +227,8 @@ def confirm_by_slider(page: Page, open_again: Callable[[], object] = lambda: Non
     for attempt in range(MAX_ATTEMPTS):
         if attempt:
             open_again()
-        expect(knob).to_be_visible()
         try:
+            knob.wait_for(timeout=MEASURE_TIMEOUT_MS)
             box = knob.bounding_box(timeout=MEASURE_TIMEOUT_MS)
         except TimeoutError:
             continue
@@ -242,10 +242,12 @@ def confirm_by_slider(page: Page, open_again: Callable[[], object] = lambda: Non
         page.mouse.up()
         if slider_held:
             return
-    raise AssertionError(f"the confirmation expired {MAX_ATTEMPTS} times before the slider was held")
+    raise AssertionError(
+        f"the confirmation did not open, or expired before the slider was held, {MAX_ATTEMPTS} times"
+    )
 
 
-def hold_space(page: Page) -> None:
+def confirm_by_space_bar(page: Page) -> None:
     """Confirms the open confirmation: holds the Space bar until the confirmation closes."""
     page.get_by_role("alertdialog").wait_for()
     page.keyboard.down("Space")
@@ -272,7 +274,7 @@ def shown_value(parent: Locator, label: str) -> float:
     )
 
 
-def scene(page: Page) -> Frame:
+def scene_frame(page: Page) -> Frame:
     """The document of the 3D view."""
     frame = page.get_by_title("3D view", exact=True).element_handle().content_frame()
     assert frame is not None

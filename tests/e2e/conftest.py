@@ -10,8 +10,8 @@ from playwright.sync_api import Browser
 
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import REPOSITORY, chromium
-from tests.e2e.fast_station import FAST, Station
-from tests.station import free_port, server, vehicle
+from tests.e2e.fast_station import FAST_OPTIONS, Station
+from tests.station import free_port, running_server, running_vehicles
 from tools import build_page
 
 os.environ["GCS_CLIENT_ID"] = "e2e"
@@ -35,8 +35,8 @@ def station() -> Iterator[Station]:
     """A server and one vehicle that is ready to arm."""
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, arguments=FAST),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, arguments=FAST_OPTIONS),
         SyncGcs(url, client="e2e") as gcs,
     ):
         yield Station(url, gcs, gcs.wait_for_vehicle("101", ready=True, timeout_s=120))

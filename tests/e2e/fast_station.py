@@ -7,10 +7,10 @@ from typing import Any
 
 from gcs_server.client import SyncGcs, SyncVehicle
 
-SPEED = 3
+SPEED_FACTOR = 3
 """Simulated time per real time: one minute of flight takes 20 s. A stream at 50 Hz sends 17 setpoints in one
 simulated second."""
-FAST = ["--speed", str(SPEED), "--no-log"]
+FAST_OPTIONS = ["--speed", str(SPEED_FACTOR), "--no-log"]
 """Options of a simulated vehicle: this speed, and no onboard log (it would take a fifth of the CPU time)."""
 
 

@@ -188,8 +188,8 @@ def vehicle_with_mission_modes() -> Iterator[VehicleWithMissionModes]:
     port = station.free_port()
     ports = ["--tcp-port", str(port), "--gcs-remote-port", "0", "--no-api", "--no-log"]
     with (
-        station.running([*SIMULATOR, *ports, *DISARM_LATE]),
-        station.server([LINK]) as (url, process),
+        station.running_process([*SIMULATOR, *ports, *DISARM_LATE]),
+        station.running_server([LINK]) as (url, process),
     ):
         yield VehicleWithMissionModes(url, process, OtherStation(port))
 

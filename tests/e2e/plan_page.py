@@ -9,7 +9,7 @@ from typing import Any
 from playwright.sync_api import Locator, Page, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import REPOSITORY, box_of, hold_space
+from tests.e2e.browser import REPOSITORY, bounding_box, confirm_by_space_bar
 from tests.e2e.fast_station import Station
 from tests.station import wait_until
 
@@ -58,7 +58,7 @@ def entries_of(view: Locator) -> Locator:
 
 def window_position_on_map(page: Page, fraction: tuple[float, float]) -> tuple[float, float]:
     """Position in the window [px] of a point that is given as fractions of the map."""
-    box = box_of(page.get_by_role("application"))
+    box = bounding_box(page.get_by_role("application"))
     return box["x"] + fraction[0] * box["width"], box["y"] + fraction[1] * box["height"]
 
 
@@ -95,7 +95,7 @@ def check_without_findings(view: Locator) -> Locator:
     return findings
 
 
-def run_dry_run(page: Page, view: Locator, longest_s: float = 120) -> Locator:
+def run_dry_run(page: Page, view: Locator, longest_s: float = 240) -> Locator:
     """Runs a dry run of the plan; returns the time slider of its result."""
     dry_run_region = view.get_by_role("region", name="Dry run")
     dry_run_region.get_by_role("button", name="Dry run", exact=True).click()
@@ -107,14 +107,14 @@ def upload_plan(view: Locator) -> Locator:
     """Uploads the plan to the vehicle; returns the region that shows the plan on the vehicle."""
     upload_region = view.get_by_role("region", name="Plan on the vehicle")
     upload_region.get_by_role("button", name=re.compile("upload", re.I)).click()
-    expect(upload_region).to_contain_text("This plan is on 101 Quad.")
+    expect(upload_region).to_contain_text("This plan is on Quad 101.")
     return upload_region
 
 
 def start_plan(page: Page, upload_region: Locator, station: Station) -> None:
     """Starts the uploaded plan and confirms the start."""
     upload_region.get_by_role("button", name="Fly…").click()
-    hold_space(page)
+    confirm_by_space_bar(page)
     wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
     expect(upload_region).to_contain_text("is flying its mission")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from playwright.sync_api import Locator, Page
 
-from tests.e2e.browser import choose
+from tests.e2e.browser import choose_menu_entry
 from tests.e2e.pictures import DESKTOP_SIZE, PictureSetup, save_in_both_themes, wait_until_unchanged
 from tests.e2e.plan_page import EXAMPLES, import_tower, run_dry_run
 
@@ -45,7 +45,7 @@ def plan(setup: PictureSetup) -> None:
     view = open_plan_view(page, "Zoom out")
     view.get_by_label("Name of the plan").fill("Field survey")
     add_button = view.get_by_role("button", name="Add item")
-    choose(add_button, "Survey")
+    choose_menu_entry(add_button, "Survey")
     click_points(page, SURVEY_AREA)
     view.get_by_label("Altitude", exact=True).fill("25")
     page.mouse.move(0, 0)
@@ -54,8 +54,8 @@ def plan(setup: PictureSetup) -> None:
     view.get_by_role("button", name="Insert survey").click()
     findings = view.get_by_role("region", name="Findings")
     findings.get_by_role("button", name="Add a take-off at the beginning").click()
-    choose(add_button, "Return")
-    choose(add_button, "Geofence: stay inside")
+    choose_menu_entry(add_button, "Return")
+    choose_menu_entry(add_button, "Geofence: stay inside")
     click_points(page, FENCE)
     view.get_by_role("button", name="Add geofence").click()
     view.get_by_role("option", name="Waypoint").nth(2).click()

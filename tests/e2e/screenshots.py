@@ -16,8 +16,8 @@ from pathlib import Path
 
 from gcs_server.client import SyncGcs, SyncVehicle
 from tests.e2e import plan_pictures
-from tests.e2e.browser import REPOSITORY, box_of, chromium, hold_space, same_client
-from tests.e2e.fast_station import FAST
+from tests.e2e.browser import REPOSITORY, bounding_box, chromium, client_id_script, confirm_by_space_bar
+from tests.e2e.fast_station import FAST_OPTIONS
 from tests.e2e.pictures import (
     CLIENT_ID,
     DESKTOP_SIZE,
@@ -29,7 +29,7 @@ from tests.e2e.pictures import (
     wait_for_state_text,
     wait_until_unchanged,
 )
-from tests.station import free_port, server, vehicle
+from tests.station import free_port, running_server, running_vehicles
 from tools import build_page
 
 IMAGES = REPOSITORY / "docs" / "images"
@@ -70,7 +70,7 @@ def offboard(setup: PictureSetup) -> None:
     """A setpoint stream whose target is north-east of the vehicle."""
     page = setup.page
     page.keyboard.press("o")
-    hold_space(page)
+    confirm_by_space_bar(page)
     wait_for_state_text(page, "Offboard")
     card = page.get_by_label("Offboard", exact=True)
     card.get_by_role("radio", name="5 m", exact=True).click()
@@ -95,7 +95,7 @@ def setpoint_form(setup: PictureSetup) -> None:
     east.fill("6")
     up.fill("12")
     view.get_by_role("button", name="Start…").click()
-    hold_space(page)
+    confirm_by_space_bar(page)
     wait_for_state_text(page, "Offboard")
     wait_until_unchanged(page, 4)
     north.fill("2")
@@ -135,7 +135,7 @@ def gimbal(setup: PictureSetup) -> None:
     card.scroll_into_view_if_needed()
     card.get_by_role("button", name="Take").click()
     card.get_by_role("button", name="Release").wait_for()
-    box = box_of(card.locator("svg.enabled"))
+    box = bounding_box(card.locator("svg.enabled"))
     page.mouse.click(box["x"] + box["width"] * 0.62, box["y"] + box["height"] * 0.6)
     save_in_both_themes(page, setup.folder, "gimbal")
 
@@ -144,7 +144,7 @@ def refused_disarming(setup: PictureSetup) -> None:
     """The vehicle refuses to disarm in flight, with the reason."""
     page = setup.page
     page.keyboard.press("Shift+A")
-    hold_space(page)
+    confirm_by_space_bar(page)
     page.locator(".place").get_by_role("alert").wait_for()
     save_in_both_themes(page, setup.folder, "refused")
     page.keyboard.press("Escape")
@@ -158,7 +158,7 @@ def tablet(setup: PictureSetup) -> None:
             viewport={"width": TABLET_SIZE[0], "height": TABLET_SIZE[1]}, has_touch=True, color_scheme=theme
         )
         page = context.new_page()
-        page.add_init_script(same_client(CLIENT_ID))
+        page.add_init_script(client_id_script(CLIENT_ID))
         page.goto(setup.url)
         wait_for_state_text(page, "Holding")
         wait_until_unchanged(page, 6)  # the 3D view loads again
@@ -173,7 +173,9 @@ def second_vehicle(setup: PictureSetup) -> Generator[SyncVehicle]:
     """A second vehicle takes off, and lands at the end; its simulator continues to run."""
     with SyncGcs(setup.url, client="pictures", client_id=CLIENT_ID) as gcs:
         if len(gcs.request("GET", "/vehicles")) < 2:
-            setup.stack.enter_context(vehicle(setup.port, arguments=["--first-instance", "101", *FAST]))
+            setup.stack.enter_context(
+                running_vehicles(setup.port, arguments=["--first-instance", "101", *FAST_OPTIONS])
+            )
         drone_102 = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
         drone_102.takeoff(8)
         drone_102.until(lambda v: v["status"]["mode"] == "hold", what="the end of the climb")
@@ -205,7 +207,7 @@ def group(setup: PictureSetup) -> None:
         view.get_by_label("Minimum separation").fill("2")
         view.get_by_label("Move, North").fill("12")
         view.get_by_role("button", name="Start group…").click()
-        hold_space(page)
+        confirm_by_space_bar(page)
         view.get_by_text("Flying", exact=True).wait_for()
         wait_until_unchanged(page, 3)
         save_in_both_themes(page, setup.folder, "group")
@@ -232,7 +234,7 @@ def replay(setup: PictureSetup) -> None:
     page.get_by_role("button", name="Recorded flights").click()
     page.locator("section.list ol button").first.click()
     slider = page.get_by_label("Replay", exact=True).get_by_role("slider").first
-    box = box_of(slider)
+    box = bounding_box(slider)
     page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2)
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 4)
@@ -264,14 +266,14 @@ def flying_station(folder: Path) -> Generator[PictureSetup]:
     """A station with one vehicle in flight and the page open."""
     port = free_port()
     with contextlib.ExitStack() as stack:
-        url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{port}"]))
-        simulator = stack.enter_context(vehicle(port, arguments=FAST))
+        url, _ = stack.enter_context(running_server([f"udpin://127.0.0.1:{port}"]))
+        simulator = stack.enter_context(running_vehicles(port, arguments=FAST_OPTIONS))
         gcs = stack.enter_context(SyncGcs(url, client="pictures", client_id=CLIENT_ID))
         browser = stack.enter_context(chromium())
         page = browser.new_context(
             viewport={"width": DESKTOP_SIZE[0], "height": DESKTOP_SIZE[1]}, color_scheme="dark"
         ).new_page()
-        page.add_init_script(same_client(CLIENT_ID))
+        page.add_init_script(client_id_script(CLIENT_ID))
         page.goto(url)
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=60)
         drone.takeoff(12)

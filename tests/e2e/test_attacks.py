@@ -29,9 +29,17 @@ from zstandard import ZstdDecompressor
 
 from gcs_server.client import NotAllowed, SyncGcs
 from tests.bench.process import process_tree
-from tests.e2e.fast_station import FAST
-from tests.station import end, free_port, running, server_command, vehicle, wait_for_start, wait_until
-from tests.support.viser_camera import CAMERA
+from tests.e2e.fast_station import FAST_OPTIONS
+from tests.station import (
+    end_process,
+    free_port,
+    running_process,
+    running_vehicles,
+    server_command,
+    wait_for_start,
+    wait_until,
+)
+from tests.support.viser_camera import CAMERA_MESSAGE
 
 pytestmark = pytest.mark.story
 
@@ -167,10 +175,10 @@ def running_server(folder: Path, *, exposed: bool) -> Iterator[AttackedServer]:
     output_file = folder / "output.txt"
     with (
         output_file.open("wb") as out,
-        running(
+        running_process(
             command, stdout=out, stderr=subprocess.STDOUT, env=environment | {"TMPDIR": str(folder)}
         ) as process,
-        vehicle(mavlink_port, arguments=FAST),
+        running_vehicles(mavlink_port, arguments=FAST_OPTIONS),
     ):
         wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
         token = (folder / "token").read_text().strip() if exposed else None
@@ -313,7 +321,7 @@ def test_a_share_request_opens_no_tunnel(target: AttackedServer) -> None:
         ) as stream:
             for kind in ("ShareUrlRequest", "ShareUrlDisconnect", "ShareUrlRequest"):
                 await stream.send(msgspec.msgpack.encode({"type": kind}))
-            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
             # The scene replies to the camera message, which was sent after the share requests.
             async with asyncio.timeout(15):
                 while "SetCameraPositionMessage" not in received_types:
@@ -364,12 +372,15 @@ def test_after_a_restart_cookies_stay_valid(tmp_path: Path) -> None:
     cookies: list[dict[str, str]] = []
     output_file = tmp_path / "output.txt"
     for _ in range(2):
-        with output_file.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
+        with (
+            output_file.open("wb") as out,
+            running_process(command, stdout=out, stderr=subprocess.STDOUT) as process,
+        ):
             wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
             target = AttackedServer(port, (tmp_path / "token").read_text().strip(), process, tmp_path)
             assert f"http://localhost:{port}/?token={target.token}" in output_file.read_text()
             cookies.append(target.cookie)
             assert httpx.get(f"{target.url}/api/v1/health", headers=cookies[0]).status_code == 200
             assert target.token not in Path(f"/proc/{process.pid}/cmdline").read_text()
-            end(process, signal.SIGTERM)
+            end_process(process, signal.SIGTERM)
     assert cookies[0] == cookies[1]

@@ -8,14 +8,14 @@ from collections.abc import Iterator
 import pytest
 
 from gcs_server.client import Gcs, NotInControl, Refused, SyncGcs
-from tests.station import free_port, server, vehicle
+from tests.station import free_port, running_server, running_vehicles
 
 
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
     """A server with a connected vehicle."""
     port = free_port()
-    with server([f"udpin://127.0.0.1:{port}"]) as (url, _), vehicle(port):
+    with running_server([f"udpin://127.0.0.1:{port}"]) as (url, _), running_vehicles(port):
         with SyncGcs(url) as gcs:
             gcs.wait_for_vehicle("101", timeout_s=60)
         yield url

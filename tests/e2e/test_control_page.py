@@ -8,8 +8,8 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from gcs_server.client import NotInControl, SyncGcs
-from tests.e2e.browser import chromium, hold_space, open_page, violations_in_both_themes
-from tests.station import free_port, server, vehicle, wait_until
+from tests.e2e.browser import chromium, confirm_by_space_bar, open_page, violations_in_both_themes
+from tests.station import free_port, running_server, running_vehicles, wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 def url() -> Iterator[str]:
     """A server and a vehicle, which need not be ready to fly."""
     port = free_port()
-    with server([f"udpin://127.0.0.1:{port}"]) as (url, _), vehicle(port):
+    with running_server([f"udpin://127.0.0.1:{port}"]) as (url, _), running_vehicles(port):
         yield url
 
 
@@ -53,7 +53,7 @@ def test_a_command_needs_control_which_is_requested_granted_and_taken_by_force(u
             # Bob requests control by keyboard, with a reason. While Anna is connected, he cannot use force.
             bob.keyboard.press("c")
             expect(bob.get_by_text("Anna is connected, so request control first.")).to_be_visible()
-            expect(bob.get_by_role("button", name="Take control by force …")).to_be_hidden()
+            expect(bob.get_by_role("button", name="Take control by force…")).to_be_hidden()
             assert violations_in_both_themes(bob) == []
             bob.get_by_label("Reason for the request (shown to Anna)").fill("I see it better")
             bob.get_by_role("button", name="Request control").click()
@@ -77,9 +77,9 @@ def test_a_command_needs_control_which_is_requested_granted_and_taken_by_force(u
         with SyncGcs(url, client="look") as gcs:
             wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob to leave")
         anna.keyboard.press("c")
-        anna.get_by_role("button", name="Take control by force …").click()
+        anna.get_by_role("button", name="Take control by force…").click()
         expect(anna.get_by_role("alertdialog")).to_contain_text("Bob loses control and is notified")
-        hold_space(anna)
+        confirm_by_space_bar(anna)
         expect(anna.get_by_role("button", name="You have control")).to_be_visible()
         with SyncGcs(url, client="look") as gcs:
             journal_entries = gcs.request("GET", "/journal")["entries"]

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from gcs_server.client import SyncGcs
-from tests.e2e.fast_station import FAST
-from tests.station import free_port, server, vehicle
+from tests.e2e.fast_station import FAST_OPTIONS
+from tests.station import free_port, running_server, running_vehicles
 
 pytestmark = pytest.mark.realtime
 
@@ -63,8 +63,8 @@ def test_the_plan_example_flies_its_plan_and_lands(
 def test_the_obstacle_example_flies_over_the_obstacle_and_lands_behind_it() -> None:
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, arguments=[*FAST, "--world", "obstacle-box"]),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, arguments=[*FAST_OPTIONS, "--world", "obstacle-box"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -87,8 +87,8 @@ def test_the_obstacle_example_flies_over_the_obstacle_and_lands_behind_it() -> N
 def test_the_two_vehicle_show_is_flown_by_the_first_and_the_last_vehicle_until_both_have_landed() -> None:
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, instances=4, arguments=FAST),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, instances=4, arguments=FAST_OPTIONS),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drones = [gcs.wait_for_vehicle(each, ready=True, timeout_s=120) for each in ("101", "104")]

@@ -10,8 +10,8 @@ import time
 import pytest
 
 from gcs_server.client import Gcs, Invalid, NotInControl, Refused, SyncGcs, setpoints
-from tests.e2e.fast_station import FAST, move_aside
-from tests.station import free_port, server, vehicle, wait_until
+from tests.e2e.fast_station import FAST_OPTIONS, move_aside
+from tests.station import free_port, running_server, running_vehicles, wait_until
 
 pytestmark = pytest.mark.realtime
 VEHICLE_IDS = ("101", "102")
@@ -20,8 +20,8 @@ VEHICLE_IDS = ("101", "102")
 def test_a_group_flies_changes_its_setpoints_and_is_in_hold_after_its_block_or_an_error() -> None:
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, instances=2, arguments=FAST),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, instances=2, arguments=FAST_OPTIONS),
         SyncGcs(url, client="pair") as gcs,
     ):
         drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=120) for v in VEHICLE_IDS]

@@ -15,14 +15,14 @@ from tests.e2e.browser import (
     REPOSITORY,
     chromium,
     confirm_by_slider,
+    confirm_by_space_bar,
     first_number,
-    hold_space,
     open_page,
     tab_to,
     violations_in_both_themes,
 )
-from tests.e2e.fast_station import FAST, move_aside
-from tests.station import free_port, server, vehicle, wait_until
+from tests.e2e.fast_station import FAST_OPTIONS, move_aside
+from tests.station import free_port, running_server, running_vehicles, wait_until
 from tools import build_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -58,8 +58,8 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
     port = free_port()
     with (
         chromium() as browser,
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, instances=2, arguments=FAST),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, instances=2, arguments=FAST_OPTIONS),
         SyncGcs(url, client="e2e") as gcs,
         open_page(browser, url, scene=False, size=(1280, 720)) as page,
     ):
@@ -76,16 +76,16 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
         view.get_by_role("button", name="Start group…").click()
         expect(view).to_contain_text("Choose two vehicles or more.")
         for vehicle_id in VEHICLE_IDS:
-            view.get_by_role("checkbox", name=re.compile(f"^{vehicle_id} Quad")).check()
+            view.get_by_role("checkbox", name=re.compile(f"^Quad {vehicle_id}")).check()
         expect(view).to_contain_text(re.compile(r"Closest pair now: 101 and 102, \d"))
         view.get_by_label("Move, North").fill("6")
         view.get_by_label("Minimum separation").fill("60")
         view.get_by_role("button", name="Start group…").click()
-        expect(page.get_by_role("alertdialog")).to_contain_text("Start group: 101 Quad and 102 Quad")
+        expect(page.get_by_role("alertdialog")).to_contain_text("Start group: Quad 101 and Quad 102")
         expect(page.get_by_role("alertdialog")).to_contain_text("all move 6.0 m north together")
         confirm_by_slider(page, view.get_by_role("button", name="Start group…").click)
         refusal = view.get_by_role("alert")
-        expect(refusal).to_contain_text("101 Quad and 102 Quad")
+        expect(refusal).to_contain_text("Quad 101 and Quad 102")
         expect(refusal).to_contain_text(re.compile("[Vv]ehicles? 10[12]"))
         assert violations_in_both_themes(page) == []
         assert modes(drones) == {"hold"}
@@ -96,7 +96,7 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
         view.get_by_label("Valid for, seconds").fill("4")
         tab_to(page, "Start group…")
         page.keyboard.press("Enter")
-        hold_space(page)
+        confirm_by_space_bar(page)
         group_card = view.get_by_role("region", name=re.compile("^Group"))
         expect(group_card).to_contain_text("Flying")
         expect(group_card).to_contain_text("from this page")
@@ -139,7 +139,7 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
         # While the page is hidden it does not renew, so the setpoints expire and the group switches to Hold.
         view.get_by_label("Valid for, seconds").fill("3")
         view.get_by_role("button", name="Start group…").click()
-        hold_space(page)
+        confirm_by_space_bar(page)
         expect(group_card).to_contain_text("Flying")
         page.evaluate(SET_VISIBILITY, "hidden")
         wait_until(lambda: modes(drones) == {"hold"}, "Hold after the setpoints expired")

@@ -7,8 +7,8 @@ import httpx
 import pytest
 
 from gcs_server.log_limit import LINES_PER_PERIOD
-from tests.e2e.hostile import ATTACKS, HOST, Target, read_response, running_attack
-from tests.station import is_up, server, wait_until
+from tests.e2e.attacks import ATTACKS, HOST, Target, read_response, running_attack
+from tests.station import is_up, running_server, wait_until
 
 MAX_MEMORY_MB = 100
 MAX_LOG_CHARACTERS = 20_000
@@ -22,7 +22,7 @@ QUICK_ATTACKS = {"idle_sockets", "huge_headers", "huge_chunked_bodies", "largest
 @pytest.fixture(scope="module")
 def attacked_server(tmp_path_factory):
     log = tmp_path_factory.mktemp("log") / "server.log"
-    with server(["udpin://127.0.0.1:0"], log=log) as (url, process):
+    with running_server(["udpin://127.0.0.1:0"], log=log) as (url, process):
         httpx.get(f"{url}/api/v1/openapi.json", timeout=60).raise_for_status()
         yield Target(int(url.rpartition(":")[2]), process.pid), log
 

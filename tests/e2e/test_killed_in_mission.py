@@ -10,8 +10,16 @@ from typing import Any
 import pytest
 
 from gcs_server.client import SyncGcs
-from tests.e2e.fast_station import FAST
-from tests.station import end, free_port, is_up, running, server_command, vehicle, wait_until
+from tests.e2e.fast_station import FAST_OPTIONS
+from tests.station import (
+    end_process,
+    free_port,
+    is_up,
+    running_process,
+    running_vehicles,
+    server_command,
+    wait_until,
+)
 from vehicle_sim.mavlink import generated_dialect as mavlink
 
 pytestmark = pytest.mark.realtime
@@ -87,16 +95,16 @@ def test_px4_acts_as_the_killed_server_stated_and_the_next_server_only_monitors_
     port, http_port = free_port(), free_port(socket.SOCK_STREAM)
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
-    with vehicle(port, arguments=FAST):
-        with running(command) as first_server:
+    with running_vehicles(port, arguments=FAST_OPTIONS):
+        with running_process(command) as first_server:
             wait_until(lambda: is_up(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
                 if_link_lost, holds = upload_and_start(gcs, drone, link_loss_action)
                 assert if_link_lost == stated_action
-                end(first_server, signal.SIGKILL)
+                end_process(first_server, signal.SIGKILL)
         assert modes_without_server(port, modes[-1]) == modes
-        with running(command):
+        with running_process(command):
             wait_until(lambda: is_up(url), "the second server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", timeout_s=60)

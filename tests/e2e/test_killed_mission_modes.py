@@ -173,7 +173,7 @@ def test_the_mode_of_a_killed_server_is_removed_and_the_next_server_can_register
     px4.wait_until(lambda each: not is_selectable(each, mission_nav_state), "the removal of the mode", 1.0)
     px4.wait_until(lambda each: each.executor_in_charge == 0, "the executor's release", EXECUTOR_RELEASE_S)
     station.wait_until(lambda: not is_running(stream_pid), "the end of the stream process", 5.0)
-    with station.server([LINK]) as (url, process):
+    with station.running_server([LINK]) as (url, process):
         restarted = VehicleWithMissionModes(url, process, vehicle.other_station)
         station.wait_until(lambda: restarted.status.get("mode") == "rtl", "the vehicle's return", 20.0)
         assert (restarted.modes()["modes"], restarted.mission_state()) == ([], None)

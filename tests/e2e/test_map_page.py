@@ -14,7 +14,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from gcs_server.client import SyncVehicle
-from tests.e2e.browser import box_of, confirm_by_slider, open_page, scene, serious_violations
+from tests.e2e.browser import bounding_box, confirm_by_slider, open_page, scene_frame, serious_violations
 from tests.e2e.fast_station import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.station import wait_until
@@ -111,7 +111,7 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
         )
 
         menu = open_menu_at(page, -80, -64)
-        expect(menu).to_contain_text("Look here: First take control on the gimbal card")
+        expect(menu).to_contain_text("Look here: Take control of the gimbal first, on the gimbal card")
         roi_deg = menu_position(menu)
         menu.get_by_role("button", name="Set ROI").click()
         expect(menu).to_be_hidden()
@@ -128,12 +128,12 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
 
     with open_page(browser, station.url) as page:
         open_large_map(page, beside_scene=True)
-        scene(page).evaluate("() => { window.notReloaded = true }")
+        scene_frame(page).evaluate("() => { window.notReloaded = true }")
         page.get_by_title("Show the 3D view large (M)").click()
         page.get_by_title("Show the map large (M)").click()
         page.keyboard.press("m")
         expect(page.get_by_title("Show the map large (M)")).to_be_visible()
-        assert scene(page).evaluate("() => window.notReloaded") is True
+        assert scene_frame(page).evaluate("() => window.notReloaded") is True
         check_click_in_3d(page)
 
     drone.land()
@@ -187,7 +187,7 @@ def check_click_in_3d(page: Page) -> None:
     menu = page.get_by_role("dialog")
     expect(menu).to_contain_text("of home")
     expect(menu).to_contain_text("Ground at this position:")
-    box = box_of(menu)
+    box = bounding_box(menu)
     assert box["x"] == pytest.approx(540, abs=30)
     page.keyboard.press("Escape")
     expect(menu).to_be_hidden()

@@ -12,7 +12,7 @@ from playwright.sync_api import expect
 pytest.importorskip("cyclonedds")
 
 from tests import station
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, open_page, violations_in_both_themes
+from tests.e2e.browser import REPOSITORY, chromium, confirm_by_space_bar, open_page, violations_in_both_themes
 from tests.e2e.mission_modes import (
     MISSION,
     MODE_NAME,
@@ -105,7 +105,7 @@ def test_in_the_plan_view_a_mission_is_registered_started_and_removed(
         assert vehicle.modes()["modes"][0]["defer_failsafes_s"] == 20
         assert violations_in_both_themes(page) == []
         modes_group.get_by_role("button", name=f"Start {MODE_NAME}…").click()
-        hold_space(page)
+        confirm_by_space_bar(page)
         expect(page.locator(".pill b")).to_have_text(MODE_NAME)
         expect(modes_group).to_contain_text("Selected")
         expect(modes_group.get_by_role("button", name=f"Remove {MODE_NAME}")).to_have_count(0)

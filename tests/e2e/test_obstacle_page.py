@@ -12,9 +12,9 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import confirm_by_slider, open_page, scene
+from tests.e2e.browser import confirm_by_slider, open_page, scene_frame
 from tests.e2e.fast_station import Station
-from tests.station import free_port, server, vehicle, wait_until
+from tests.station import free_port, running_server, running_vehicles, wait_until
 
 pytest.importorskip("cyclonedds")
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -43,8 +43,8 @@ def station_at_box() -> Iterator[Station]:
     port = free_port()
     ros2 = ["--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
     with (
-        server([f"udpin://127.0.0.1:{port}", f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
-        vehicle(port, arguments=["--no-log", "--world", "obstacle-box", *ros2]),
+        running_server([f"udpin://127.0.0.1:{port}", f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
+        running_vehicles(port, arguments=["--no-log", "--world", "obstacle-box", *ros2]),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -124,7 +124,7 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_with_avoidance_flies_over_th
         time.sleep(3)  # collision prevention keeps the vehicle at this distance
         assert lidar_ahead_m(drone) > 0.7, "the vehicle stopped less than 0.7 m before the box"
         assert recorder.highest_m < 2.0
-        wait_until(lambda: scene(page).evaluate(COUNT_DRAWN_LIDARS) == 1, "the drawn lidar points", 40)
+        wait_until(lambda: scene_frame(page).evaluate(COUNT_DRAWN_LIDARS) == 1, "the drawn lidar points", 40)
 
         avoidance_box.check()
         recorder.wait_until(lambda north_m, _: north_m > GOAL_NORTH_M - 1.0, "the flight over the box", 90)

@@ -15,8 +15,15 @@ from typing import Any
 import pytest
 
 from gcs_server.client import Gcs, SyncGcs, Unreachable
-from tests.e2e.fast_station import FAST, take_off_to_hold
-from tests.station import end, free_port, running, server, vehicle, wait_until
+from tests.e2e.fast_station import FAST_OPTIONS, take_off_to_hold
+from tests.station import (
+    end_process,
+    free_port,
+    running_process,
+    running_server,
+    running_vehicles,
+    wait_until,
+)
 
 pytestmark = pytest.mark.realtime
 
@@ -39,8 +46,8 @@ def url_and_drone() -> Iterator[Any]:
     """URL of the server and a vehicle in flight, for all tests of this file, at three times real time."""
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, arguments=FAST),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, arguments=FAST_OPTIONS),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -57,7 +64,7 @@ def check_ends_in_hold(drone: Any) -> None:
 def start_program(source: str, url: str, *, inside: str, before: str = "pass") -> Any:
     code = ENABLE_CTRL_C + source.format(inside=inside, before=before)
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return running([sys.executable, "-c", code, url], **options)
+    return running_process([sys.executable, "-c", code, url], **options)
 
 
 @pytest.mark.parametrize("inside", ["time.sleep(60)", "while True: stream.velocity_ned(1, 0, 0)"])
@@ -147,8 +154,8 @@ def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
     error says this."""
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, process),
-        vehicle(port, arguments=FAST),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, process),
+        running_vehicles(port, arguments=FAST_OPTIONS),
         SyncGcs(url) as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -156,7 +163,7 @@ def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
             pytest.raises(RuntimeError, match="the block's error") as raised,
             drone.offboard(position_ned_m=(0, 0, 0), valid_for_s=60),
         ):
-            end(process, signal.SIGKILL)
+            end_process(process, signal.SIGKILL)
             raise RuntimeError("the block's error")
         assert any("Hold" in note for note in raised.value.__notes__)
         with pytest.raises(Unreachable):
@@ -166,8 +173,8 @@ def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
 def test_sigterm_puts_the_vehicle_into_hold_before_the_server_ends(tmp_path: Path) -> None:
     port = free_port()
     log = tmp_path / "server.log"
-    with vehicle(port, arguments=FAST):
-        with server([f"udpin://127.0.0.1:{port}"], log=log) as (url, process):
+    with running_vehicles(port, arguments=FAST_OPTIONS):
+        with running_server([f"udpin://127.0.0.1:{port}"], log=log) as (url, process):
             with SyncGcs(url) as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
                 take_off_to_hold(drone, 6)
@@ -179,7 +186,7 @@ def test_sigterm_puts_the_vehicle_into_hold_before_the_server_ends(tmp_path: Pat
                 assert started["streaming"]
             process.send_signal(signal.SIGTERM)
             process.wait(10)
-        with server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url) as gcs:
+        with running_server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url) as gcs:
             drone = gcs.wait_for_vehicle("101", timeout_s=60)
             status = drone.status()
             assert (status["mode"], status["armed"]) == ("hold", True)

@@ -12,17 +12,17 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
-    box_of,
+    bounding_box,
     confirm_by_slider,
+    confirm_by_space_bar,
     first_number,
-    hold_space,
     open_page,
-    scene,
+    scene_frame,
     tab_to,
     violations_in_both_themes,
 )
-from tests.e2e.fast_station import FAST, Station
-from tests.station import free_port, server, vehicle, wait_until
+from tests.e2e.fast_station import FAST_OPTIONS, Station
+from tests.station import free_port, running_server, running_vehicles, wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -81,8 +81,8 @@ def hovering_station() -> Iterator[Station]:
     """One station with a hovering vehicle; each test leaves the vehicle in Hold."""
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, arguments=FAST),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, arguments=FAST_OPTIONS),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -192,7 +192,7 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(
         view.get_by_role("radio", name="Gamepad").click()
         expect(view.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
         view.get_by_role("button", name="Start stream").click()
-        hold_space(page)
+        confirm_by_space_bar(page)
         expect(pill(page)).to_have_text("Offboard")
         view.get_by_role("button", name="Start stick control").click()
         expect(view).to_contain_text("zero velocity is sent")
@@ -232,7 +232,7 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering_station: 
     with open_page(browser, hovering_station.url, size=(1280, 720)) as page:
         view = open_offboard_view(page)
         view.get_by_role("radio", name="Drag in 3D").click()
-        frame = scene(page)
+        frame = scene_frame(page)
         wait_until(lambda: frame.evaluate(HANDLE_IN_VIEW, 0) is not None, "the handles", 40)
         wait_until(lambda: math.dist(*frame.evaluate(HANDLES_AND_CAMERA)) > 4.4, "the camera 4.4 m away")
         handles_before_step, _ = frame.evaluate(HANDLES_AND_CAMERA)
@@ -243,7 +243,7 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering_station: 
         )
         wait_until(lambda: handles_are_beside_all_panels(page, frame), "the handles beside all panels")
         vehicle_before = drone.topic("local_position")["position_ned_m"]
-        box = box_of(page.get_by_title("3D view", exact=True))
+        box = bounding_box(page.get_by_title("3D view", exact=True))
 
         def displayed_position() -> list[float]:
             return [first_number(text) for text in view.locator(".cell b").all_inner_texts()]
@@ -263,7 +263,7 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering_station: 
         assert math.dist(drone.topic("local_position")["position_ned_m"], vehicle_before) < 1
         dragged_position = displayed_position()
         view.get_by_role("button", name="Start…").click()
-        hold_space(page)
+        confirm_by_space_bar(page)
         expect(pill(page)).to_have_text("Offboard")
         setpoint = offboard_status(drone)["setpoint"]["position_ned_m"]
         assert setpoint[:2] == pytest.approx(dragged_position[:2], abs=0.1)

@@ -14,18 +14,27 @@ from playwright.sync_api import Browser, Page, Request, expect
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
     READ_CANVAS,
-    box_of,
+    bounding_box,
     confirm_by_slider,
+    confirm_by_space_bar,
     first_number,
-    hold_space,
     open_page,
-    scene,
+    scene_frame,
     shown_value,
     tab_to,
     violations_in_both_themes,
 )
-from tests.e2e.fast_station import FAST, Station
-from tests.station import end, free_port, is_up, running, server, server_command, vehicle, wait_until
+from tests.e2e.fast_station import FAST_OPTIONS, Station
+from tests.station import (
+    end_process,
+    free_port,
+    is_up,
+    running_process,
+    running_server,
+    running_vehicles,
+    server_command,
+    wait_until,
+)
 
 pytestmark = pytest.mark.browser
 
@@ -38,9 +47,9 @@ def module_station() -> Iterator[Station]:
     """One server and one vehicle for all flights; each test leaves the vehicle on the ground."""
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
         # The returned vehicle hovers above home until the page commands Land.
-        vehicle(port, arguments=[*FAST, "--param", "RTL_LAND_DELAY=-1"]),
+        running_vehicles(port, arguments=[*FAST_OPTIONS, "--param", "RTL_LAND_DELAY=-1"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
         yield Station(url, gcs, gcs.vehicle("101"))
@@ -133,7 +142,7 @@ def point_the_gimbal(page: Page, drone: Any) -> None:
     gimbal_card = page.get_by_label("Gimbal", exact=True)
     gimbal_card.get_by_role("button", name="Take").click()
     pad = gimbal_card.get_by_role("slider", name="Gimbal pad")
-    box = box_of(pad)
+    box = bounding_box(pad)
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
     page.mouse.move(box["x"] + box["width"] * 0.55, box["y"] + box["height"] * 0.7, steps=5)
@@ -147,7 +156,7 @@ def point_the_gimbal(page: Page, drone: Any) -> None:
     # PX4's servo outputs reach half of MNT_RANGE_PITCH to each side
     wait_until(lambda: pitch_rad() < -0.78, "the gimbal at its lowest angle")
     expect(gimbal_card).to_contain_text("−45.0°")
-    tilt_button = box_of(gimbal_card.get_by_role("button", name="Tilt up"))
+    tilt_button = bounding_box(gimbal_card.get_by_role("button", name="Tilt up"))
     page.mouse.move(tilt_button["x"] + 8, tilt_button["y"] + 8)
     page.mouse.down()
     wait_until(lambda: pitch_rad() > -0.7, "the gimbal turning while the arrow is held")
@@ -169,7 +178,7 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
     with open_page(browser, landed_station.url, scene=False) as page:
         expect(pill(page)).to_have_text("Ready")
         page.keyboard.press("t")
-        hold_space(page)
+        confirm_by_space_bar(page)
         expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
         wait_until(lambda: drone.topic("global_position")["alt_home_m"] > 2, "the climb")
         page.keyboard.press("h")
@@ -186,7 +195,7 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
         assert drone.status()["armed"]
 
         page.keyboard.press("o")
-        hold_space(page)
+        confirm_by_space_bar(page)
         expect(pill(page)).to_have_text("Offboard")
         up_m = -drone.request("GET", "/offboard")["setpoint"]["position_ned_m"][2]
         tab_to(page, "1 m up")
@@ -209,7 +218,7 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
         page.keyboard.press("Enter")
 
         page.keyboard.press("Shift+A")
-        hold_space(page)
+        confirm_by_space_bar(page)
         refusal = page.locator(".place").get_by_role("alert")
         expect(refusal).to_contain_text("Disarm: The vehicle refused")
         expect(refusal).to_contain_text("Disarming denied: not landed")
@@ -219,10 +228,10 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
         expect(refusal).to_be_hidden()
 
         page.keyboard.press("r")
-        hold_space(page)
+        confirm_by_space_bar(page)
         expect(pill(page)).to_have_text("Returning")
         page.keyboard.press("l")
-        hold_space(page)
+        confirm_by_space_bar(page)
         expect(pill(page)).to_have_text("Landing")
         drone.until_disarmed()
 
@@ -233,7 +242,7 @@ def test_the_3d_view_shows_the_vehicle_and_loads_nothing_from_other_sites(
 ) -> None:
     with open_page(browser, landed_station.url) as page:
         expect(pill(page)).to_have_text("Ready")
-        frame = scene(page)
+        frame = scene_frame(page)
         frame.locator("canvas[data-engine]").wait_for()
 
         def is_drawn() -> bool:
@@ -275,7 +284,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         labels = values.locator(".grid .name")
         default_labels = [
             "Vertical speed",
-            "Home distance",
+            "From home",
             "Flight time",
             "Heading",
             "Local north",
@@ -291,8 +300,8 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         speed_handle.focus()
         page.keyboard.press("ArrowDown")
         expect(speed_handle).to_be_focused()
-        motor_handle = box_of(values.get_by_role("button", name="Motor 1: drag"))
-        distance_handle = box_of(values.get_by_role("button", name="Home distance: drag"))
+        motor_handle = bounding_box(values.get_by_role("button", name="Motor 1: drag"))
+        distance_handle = bounding_box(values.get_by_role("button", name="From home: drag"))
         page.mouse.move(motor_handle["x"] + 9, motor_handle["y"] + 9)
         page.mouse.down()
         page.mouse.move(distance_handle["x"] + 9, distance_handle["y"] + 9, steps=12)
@@ -300,7 +309,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         values.get_by_role("button", name="Done").click()
         selected_labels = [
             "Motor 1",
-            "Home distance",
+            "From home",
             "Vertical speed",
             "Flight time",
             "Local north",
@@ -327,14 +336,14 @@ def test_the_page_shows_the_end_of_a_killed_server_and_reconnects_to_the_next(
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
     context = browser.new_context()
     page = context.new_page()
-    with vehicle(port, arguments=FAST):
-        with running(command) as first_server:
+    with running_vehicles(port, arguments=FAST_OPTIONS):
+        with running_process(command) as first_server:
             wait_until(lambda: is_up(url), "the first server")
             page.goto(url)
-            vehicle_button = page.get_by_role("button", name="101 Quad")
+            vehicle_button = page.get_by_role("button", name="Quad 101")
             vehicle_button.wait_for()
             page.get_by_role("radio", name="Top", exact=True).click()
-            end(first_server, signal.SIGKILL)
+            end_process(first_server, signal.SIGKILL)
             notice = page.get_by_role("alert").filter(has_text="No connection to the server")
             notice.wait_for()
             expect(notice).to_contain_text("The values shown are old")
@@ -343,7 +352,7 @@ def test_the_page_shows_the_end_of_a_killed_server_and_reconnects_to_the_next(
             page.expect_request(
                 lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=60_000
             ) as request,
-            running(command),
+            running_process(command),
         ):
             wait_until(lambda: is_up(url), "the second server")
             notice.wait_for(state="hidden")

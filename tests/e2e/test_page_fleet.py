@@ -9,13 +9,13 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import confirm_by_slider, hold_space, open_page, violations_in_both_themes
-from tests.e2e.fast_station import FAST
-from tests.station import free_port, server, vehicle, wait_until
+from tests.e2e.browser import confirm_by_slider, confirm_by_space_bar, open_page, violations_in_both_themes
+from tests.e2e.fast_station import FAST_OPTIONS
+from tests.station import free_port, running_server, running_vehicles, wait_until
 
 pytestmark = pytest.mark.browser
 
-SECOND_VEHICLE_ARGUMENTS = ["--first-instance", "101", *FAST]
+SECOND_VEHICLE_ARGUMENTS = ["--first-instance", "101", *FAST_OPTIONS]
 
 
 @pytest.mark.realtime
@@ -24,9 +24,9 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
 ) -> None:
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, arguments=FAST),
-        vehicle(port, arguments=SECOND_VEHICLE_ARGUMENTS) as second_simulator,
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, arguments=FAST_OPTIONS),
+        running_vehicles(port, arguments=SECOND_VEHICLE_ARGUMENTS) as second_simulator,
         SyncGcs(url, client="e2e") as gcs,
         open_page(browser, url, scene=False) as page,
     ):
@@ -41,11 +41,11 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
         page.keyboard.press("2")
         expect(vehicle_buttons.nth(1)).to_have_attribute("aria-pressed", "true")
         page.get_by_role("button", name="Arm", exact=True).click()
-        expect(page.get_by_role("alertdialog")).to_contain_text("Arm 102 Quad")
+        expect(page.get_by_role("alertdialog")).to_contain_text("Arm Quad 102")
         confirm_by_slider(page, page.get_by_role("button", name="Arm", exact=True).click)
         refusal = page.locator(".place").get_by_role("alert")
         expect(refusal).to_contain_text("Arm: The vehicle refused")
-        expect(refusal).to_contain_text("102 Quad")
+        expect(refusal).to_contain_text("Quad 102")
         expect(refusal).to_contain_text("Reason: Arming denied: Resolve system health failures first")
         assert violations_in_both_themes(page) == []
         assert not drone_102.status()["armed"]
@@ -54,7 +54,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
 
         # The selected vehicle takes off; the other vehicle stays on the ground.
         page.keyboard.press("t")
-        hold_space(page)
+        confirm_by_space_bar(page)
         wait_until(lambda: drone_102.status()["armed"], "the second vehicle's take-off")
         assert not drone_101.status()["armed"]
         vehicle_buttons.nth(0).click()

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.e2e.browser import choose, open_page, violations_in_both_themes
+from tests.e2e.browser import choose_menu_entry, open_page, violations_in_both_themes
 from tests.e2e.plan_page import entries_of
-from tests.station import free_port, server
+from tests.station import free_port, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
@@ -36,7 +36,7 @@ def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -
     table_file = io.BytesIO()
     np.save(table_file, np.array([[0, 0, 0, -10], [20, 20, 0, -10]], dtype=float))
     with (
-        server([f"udpin://127.0.0.1:{free_port()}"]) as (url, _),
+        running_server([f"udpin://127.0.0.1:{free_port()}"]) as (url, _),
         open_page(browser, url, scene=False, size=(1280, 800)) as page,
     ):
         httpx.post(f"{url}/api/v1/plans", json={"name": "Mast", "plan": MAST_MISSION}).raise_for_status()
@@ -48,7 +48,7 @@ def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -
         entries = entries_of(view)
         expect(entries).to_have_count(3)  # home, take-off, landing
 
-        choose(view.get_by_role("button", name="Add step"), "Insert a stored mission…")
+        choose_menu_entry(view.get_by_role("button", name="Add step"), "Insert a stored mission…")
         insertion = view.get_by_role("region", name="Insert a stored mission")
         insertion.get_by_role("button", name="Mast").click()
         expect(insertion.get_by_role("alert")).to_contain_text("'Mast' has positions relative to its start")
@@ -60,7 +60,7 @@ def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -
         page.keyboard.press("Control+z")
         expect(entries).to_have_count(3)
 
-        choose(view.get_by_role("button", name="Add step"), "Trajectory from a table")
+        choose_menu_entry(view.get_by_role("button", name="Add step"), "Trajectory from a table")
         file_input = page.get_by_label("Choose a CSV or NumPy file")
         damaged_file = {"name": "line.npy", "mimeType": "", "buffer": b"\x93NUMPY"}
         file_input.set_input_files(damaged_file)  # type: ignore[arg-type]

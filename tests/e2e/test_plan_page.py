@@ -7,7 +7,14 @@ import re
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import box_of, choose, hold_space, open_page, scene, violations_in_both_themes
+from tests.e2e.browser import (
+    bounding_box,
+    choose_menu_entry,
+    confirm_by_space_bar,
+    open_page,
+    scene_frame,
+    violations_in_both_themes,
+)
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     CLICK_POSITIONS,
@@ -126,11 +133,11 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
         expect(altitude_gain).to_have_value("-18")
         expect(findings).to_contain_text("no findings")
 
-        steps.filter(has_text="Is the picture sharp").click()
+        steps.filter(has_text="Is the photo sharp").click()
         page.keyboard.press("Delete")
-        expect(steps.filter(has_text="Is the picture sharp")).to_have_count(0)
+        expect(steps.filter(has_text="Is the photo sharp")).to_have_count(0)
         page.keyboard.press("Control+z")
-        expect(steps.filter(has_text="Is the picture sharp")).to_have_count(1)
+        expect(steps.filter(has_text="Is the photo sharp")).to_have_count(1)
         assert violations_in_both_themes(page) == []
         page.get_by_role("button", name="Save", exact=True).click()
         expect(view).to_contain_text("Saved as version 1.")
@@ -157,12 +164,12 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         page.get_by_role("button", name="Open", exact=True).click()
         view.get_by_role("button", name=re.compile("^Hop Offboard mission · 2 steps")).click()
         start_region = view.get_by_role("region", name="Fly this mission")
-        expect(start_region).to_contain_text("The check found no errors for 101 Quad.")
+        expect(start_region).to_contain_text("The check found no errors for Quad 101.")
         start_region.get_by_role("button", name="Fly…").click()
         expect(
             page.get_by_text("If the server fails or loses the connection to the vehicle:")
         ).to_be_visible()
-        hold_space(page)
+        confirm_by_space_bar(page)
         wait_until(lambda: is_mission_in_state("flying"), "the mission's flight", 60)
         expect(start_region).to_contain_text("Abort it first")
         page.keyboard.press("w")
@@ -172,7 +179,7 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         expect(card.get_by_role("status")).to_have_text("Paused")
         assert violations_in_both_themes(page) == []
         card.get_by_role("button", name="Abort…").click()
-        hold_space(page)
+        confirm_by_space_bar(page)
         expect(card.get_by_role("status")).to_have_text("Aborted")
         page.reload()
         expect(card.get_by_role("table", name="Flown compared with planned")).to_contain_text("Battery used")
@@ -209,7 +216,7 @@ def test_a_plan_is_edited_in_3d_and_a_click_while_editing_opens_no_command_menu(
         page.get_by_role("radio", name="Free").click()
         page.get_by_role("button", name="Show plan").click()
         x, y = window_position(page, (7.5, 33.4, 15.0))
-        menu = page.get_by_role("dialog", name="At this position: 101 Quad")
+        menu = page.get_by_role("dialog", name="At this position: Quad 101")
 
         page.mouse.click(x, y)
         waypoint = entries_of(view).filter(has_text="Waypoint")
@@ -237,7 +244,7 @@ def test_a_plan_is_edited_in_3d_and_a_click_while_editing_opens_no_command_menu(
 def window_position(page: Page, enu_m: tuple[float, float, float]) -> tuple[float, float]:
     """Window position [px] of a point of the 3D view's world (east, north, up), when the camera is at
     rest."""
-    frame, position_px = scene(page), (0.0, 0.0)
+    frame, position_px = scene_frame(page), (0.0, 0.0)
 
     def is_at_rest() -> bool:
         nonlocal position_px
@@ -246,7 +253,7 @@ def window_position(page: Page, enu_m: tuple[float, float, float]) -> tuple[floa
         return position_px is not None and previous_px == position_px
 
     wait_until(is_at_rest, "the camera of the 3D view", 60)
-    box = box_of(page.get_by_title("3D view", exact=True))
+    box = bounding_box(page.get_by_title("3D view", exact=True))
     return box["x"] + position_px[0], box["y"] + position_px[1]
 
 
@@ -308,7 +315,7 @@ def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, s
             page.mouse.click(*window_position_on_map(page, point))
             page.wait_for_timeout(400)  # two quick clicks are a double click
         page.keyboard.press("Escape")
-        choose(view.get_by_role("button", name="Add item"), "Obstacle")
+        choose_menu_entry(view.get_by_role("button", name="Add item"), "Obstacle")
         for point in ((0.48, 0.45), (0.53, 0.45), (0.53, 0.55), (0.48, 0.55)):
             page.mouse.click(*window_position_on_map(page, point))
             page.wait_for_timeout(400)

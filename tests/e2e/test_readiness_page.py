@@ -9,9 +9,9 @@ from playwright.sync_api import expect
 from tests.e2e.browser import (
     REPOSITORY,
     chromium,
-    hold_space,
+    confirm_by_space_bar,
     open_page,
-    press,
+    press_key,
     serious_violations,
     violations_in_both_themes,
 )
@@ -51,12 +51,12 @@ def test_reasons_against_arming_and_each_mode_are_shown_and_parameters_are_edite
         expect(panel).to_contain_text("Cannot arm in Position")
         page.keyboard.press("y")
         page.keyboard.press("Shift+A")
-        hold_space(page)
+        confirm_by_space_bar(page)
         refusal = page.get_by_role("alert").filter(has_text="Arm")
         refusal.get_by_role("button", name="Show what blocks each mode").click()
         expect(panel).to_contain_text("Cannot arm in Position")
         expect(panel).to_contain_text("The vehicle is in Position and cannot be armed in it. Choose Hold.")
-        press(panel.get_by_role("button", name="Switch to Hold"), "Enter")
+        press_key(panel.get_by_role("button", name="Switch to Hold"), "Enter")
         expect(panel).to_contain_text("Ready to arm in Hold")  # updated without any input
 
         start_request = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -2]}}

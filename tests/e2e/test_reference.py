@@ -6,13 +6,13 @@ import httpx
 import pytest
 
 from tests.e2e.browser import PageMonitor, chromium
-from tests.station import server
+from tests.station import running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
 def test_the_reference_shows_every_call_and_loads_nothing_from_other_sites() -> None:
-    with server([]) as (url, _), chromium() as browser:
+    with running_server([]) as (url, _), chromium() as browser:
         paths = httpx.get(f"{url}/api/v1/openapi.json", timeout=30.0).json()["paths"]
         page = browser.new_page()
         monitor = PageMonitor(page, url)

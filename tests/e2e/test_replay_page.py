@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from gcs_server.replay.records import Batch, Cursor, message_id, open_log, read_batch
 from tests.e2e.browser import first_number, open_page, serious_violations, shown_value
-from tests.station import free_port, is_up, running, server_command, wait_until
+from tests.station import free_port, is_up, running_process, server_command, wait_until
 from vehicle_sim.mavlink import generated_dialect as mavlink
 
 pytestmark = pytest.mark.browser
@@ -29,15 +29,15 @@ DECODED_IDS = {30, 33, 285, 436}
 
 
 @pytest.fixture
-def server_url(shared: Path, tmp_path: Path) -> Iterator[str]:
+def server_url(reference_data: Path, tmp_path: Path) -> Iterator[str]:
     """A server whose data folder has one recording and one invalid file."""
     folder = tmp_path / "recordings"
     folder.mkdir()
-    shutil.copy(shared / "px4" / "tlogs" / RECORDING, folder)
+    shutil.copy(reference_data / "px4" / "tlogs" / RECORDING, folder)
     (folder / "letter.tlog").write_bytes(b"This is no telemetry log. " * 40)
     port = free_port(socket.SOCK_STREAM)
     command = server_command(port, [f"udpin://127.0.0.1:{free_port()}"], tmp_path)
-    with running([*command, "--no-scene"]):
+    with running_process([*command, "--no-scene"]):
         wait_until(lambda: is_up(f"http://127.0.0.1:{port}"), "the server's start")
         yield f"http://127.0.0.1:{port}"
 
@@ -119,8 +119,10 @@ def compare_instruments(page: Page, log: DecodedLog, time_us: int) -> None:
 
 
 @pytest.mark.story
-def test_a_replay_shows_the_values_of_the_log(browser: Browser, shared: Path, server_url: str) -> None:
-    log = DecodedLog(shared / "px4" / "tlogs" / RECORDING)
+def test_a_replay_shows_the_values_of_the_log(
+    browser: Browser, reference_data: Path, server_url: str
+) -> None:
+    log = DecodedLog(reference_data / "px4" / "tlogs" / RECORDING)
     with open_page(browser, server_url, scene=False) as page:
         page.get_by_role("button", name="Recorded flights").click()
         flights = page.get_by_role("region", name="Recorded flights")
@@ -134,7 +136,7 @@ def test_a_replay_shows_the_values_of_the_log(browser: Browser, shared: Path, se
         replay_bar = page.get_by_role("region", name="Replay")
         expect(replay_bar.get_by_role("button", name="Pause")).to_be_visible()
         expect(page.get_by_role("toolbar", name="Actions")).to_have_count(0)
-        expect(page.get_by_role("button", name=re.compile("1 Quad"))).to_contain_text("replayed")
+        expect(page.get_by_role("button", name=re.compile("Quad 1"))).to_contain_text("replayed")
         page.keyboard.press("Space")
         expect(replay_bar.get_by_role("button", name="Play", exact=True)).to_be_visible()
 

@@ -70,8 +70,8 @@ class VehicleApi:
 def api() -> Iterator[VehicleApi]:
     ports = ["--tcp-port", str(station.free_port())]
     with (
-        station.running([*SIMULATOR, *WITHOUT_MAVLINK, *ports]),
-        station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process),
+        station.running_process([*SIMULATOR, *WITHOUT_MAVLINK, *ports]),
+        station.running_server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process),
     ):
         yield VehicleApi(url, process)
 
@@ -106,7 +106,7 @@ def test_after_a_killed_server_the_vehicle_has_left_offboard_and_is_armed(api: V
     api.take_off()
     api.start_stream({"type": "position", "position_ned_m": [0, 0, -11]})
     api.process.send_signal(signal.SIGKILL)
-    with station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process):
+    with station.running_server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process):
         restarted = VehicleApi(url, process)
         station.wait_until(lambda: restarted.vehicle()["status"].get("mode"), "the vehicle's messages")
         status = restarted.vehicle()["status"]

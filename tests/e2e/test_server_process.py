@@ -17,14 +17,14 @@ import httpx
 import pytest
 
 from gcs_server.client import SyncGcs
-from tests.e2e.fast_station import FAST
+from tests.e2e.fast_station import FAST_OPTIONS
 from tests.station import (
-    end,
+    end_process,
     free_port,
     is_up,
-    running,
+    running_process,
+    running_vehicles,
     server_command,
-    vehicle,
     wait_until,
 )
 
@@ -54,7 +54,7 @@ class Server:
 def run_server(command: list[str], **options: Any) -> Iterator[Server]:
     """Runs a server command, which must have a --port, until the block ends."""
     url = f"http://127.0.0.1:{command[command.index('--port') + 1]}"
-    with running(command, **options) as process:
+    with running_process(command, **options) as process:
         wait_until(lambda: is_up(url), "the server's start")
         yield Server(url, process)
 
@@ -88,13 +88,13 @@ def test_a_mavlink_port_in_use_is_named_and_is_opened_when_it_becomes_free(tmp_p
         other_socket.close()
         wait_until(lambda: server.link()["state"] == "open", "the link's recovery")
         assert server.warning_texts() == []
-        with vehicle(port):
+        with running_vehicles(port):
             wait_until(lambda: "101" in server.vehicles(), "the vehicle")
 
 
 @pytest.mark.story
-def test_a_replay_is_shown_as_a_recording_and_refuses_commands(shared: Path, tmp_path: Path) -> None:
-    recording = shared / "px4" / "tlogs" / "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
+def test_a_replay_is_shown_as_a_recording_and_refuses_commands(reference_data: Path, tmp_path: Path) -> None:
+    recording = reference_data / "px4" / "tlogs" / "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
     port = free_port(socket.SOCK_STREAM)
     command = [
         *server_command(port, [], tmp_path)[:3],
@@ -153,14 +153,14 @@ def test_a_simulator_continues_after_its_server_is_killed_and_the_next_server_us
         with run_server(command()) as first_server:
             before_s = time_since_boot_s(first_server)
             pid = json.loads(pid_file.read_text())["pid"]
-            end(first_server.process, signal.SIGKILL)
+            end_process(first_server.process, signal.SIGKILL)
         assert Path(f"/proc/{pid}").exists(), "the simulator ended with its server"
         with run_server(command()) as second_server:
             assert time_since_boot_s(second_server) > before_s, "the vehicle booted again"
             assert json.loads(pid_file.read_text())["pid"] == pid
             assert second_server.get("/version")["simulator"]
             wait_until(lambda: second_server.vehicles()["1"]["identity"]["simulated"] is True, "the identity")
-            end(second_server.process, signal.SIGTERM)
+            end_process(second_server.process, signal.SIGTERM)
         wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the simulator's end with its server")
         assert not pid_file.exists()
     finally:
@@ -172,7 +172,10 @@ def test_a_simulator_continues_after_its_server_is_killed_and_the_next_server_us
 @pytest.mark.realtime
 def test_invalid_bytes_on_a_link_are_counted_and_the_other_vehicle_is_unaffected(tmp_path: Path) -> None:
     port = free_port()
-    with run_server(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server, vehicle(port):
+    with (
+        run_server(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
+        running_vehicles(port),
+    ):
         wait_until(lambda: "101" in server.vehicles(), "the vehicle")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for number in range(200):
@@ -199,8 +202,8 @@ def test_two_vehicles_with_the_same_system_id_are_both_shown_each_with_a_warning
     port = free_port()
     with (
         run_server(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
-        vehicle(port),
-        vehicle(port, arguments=["--home", "47.5,8.6,500"]),
+        running_vehicles(port),
+        running_vehicles(port, arguments=["--home", "47.5,8.6,500"]),
     ):
         wait_until(lambda: {"101", "101~2"} <= set(server.vehicles()), "the second vehicle")
         wait_until(lambda: len(server.warning_texts()) == 2, "the warnings")
@@ -220,7 +223,7 @@ def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_veh
 ) -> None:
     port = free_port()
     command = command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)
-    with vehicle(port, arguments=FAST), run_server(command) as server:
+    with running_vehicles(port, arguments=FAST_OPTIONS), run_server(command) as server:
         with SyncGcs(server.url, client="e2e") as gcs:
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
             drone.takeoff(5)
@@ -239,7 +242,7 @@ def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_veh
             wait_until(stream_events, "the event of the stream's end")
             assert stream_events() == [("command", 6, "commanded")]
             drone.request("POST", "/offboard/start", request)
-        end(server.process, signal.SIGTERM)
+        end_process(server.process, signal.SIGTERM)
         assert server.process.returncode != -signal.SIGKILL, "the shutdown took too long"
         entry = json.loads((tmp_path / "journal.jsonl").read_text().splitlines()[-1])
         assert (entry["client"], entry["command"], entry["vehicle"], entry["result"]) == (

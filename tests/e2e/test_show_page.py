@@ -10,10 +10,10 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import hold_space, open_page
-from tests.e2e.fast_station import FAST, Station
+from tests.e2e.browser import confirm_by_space_bar, open_page
+from tests.e2e.fast_station import FAST_OPTIONS, Station
 from tests.e2e.plan_page import EXAMPLES, check_without_findings, open_plan_view, run_dry_run
-from tests.station import free_port, server, vehicle, wait_until
+from tests.station import free_port, running_server, running_vehicles, wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
@@ -26,8 +26,8 @@ def station() -> Iterator[Station]:
     """A server and four vehicles that are ready to arm."""
     port = free_port()
     with (
-        server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, instances=4, arguments=FAST),
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, instances=4, arguments=FAST_OPTIONS),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drones = [gcs.wait_for_vehicle(each, ready=True, timeout_s=120) for each in VEHICLES.values()]
@@ -61,7 +61,7 @@ def test_a_two_vehicle_show_is_loaded_flown_in_a_dry_run_and_flown_to_its_end(
 
         view.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save, check and fly…"
         expect(page.get_by_role("alertdialog")).to_contain_text("Fly “Two-vehicle show” with")
-        hold_space(page)
+        confirm_by_space_bar(page)
 
         wait_for_mission_states(station, "flying", 180)
         assert all(mission["dry_run"] is not None for mission in missions(station)), (

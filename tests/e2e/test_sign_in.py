@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.e2e.browser import TIMEOUT_MS, PageMonitor, chromium, violations_in_both_themes
-from tests.station import free_port, running, server_command, wait_for_start
+from tests.station import free_port, running_process, server_command, wait_for_start
 
 pytestmark = pytest.mark.browser
 
@@ -32,7 +32,10 @@ def sign_in_link(tmp_path: Path) -> Iterator[str]:
     """The link printed by a server that accepts connections from other machines."""
     port, output_file = free_port(socket.SOCK_STREAM), tmp_path / "output.txt"
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
-    with output_file.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
+    with (
+        output_file.open("wb") as out,
+        running_process(command, stdout=out, stderr=subprocess.STDOUT) as process,
+    ):
         wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
         yield output_file.read_text().partition("Ready: ")[2].split()[0]
 

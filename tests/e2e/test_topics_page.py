@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, expect
 from gcs_server.ros2.dds import open_domain
 from tests import station
 from tests.e2e.browser import REPOSITORY, chromium, open_page, violations_in_both_themes
-from tests.support.dds_vehicle import ATTITUDE, AcknowledgingVehicle, PeriodicThread
+from tests.support.dds_vehicle import VEHICLE_ATTITUDE, AcknowledgingVehicle, PeriodicThread
 from tools import build_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
@@ -38,7 +38,7 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
     vehicle_thread.callbacks.append(vehicle.step)
     try:
         with (
-            station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
+            station.running_server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
             open_page(browser, url, scene=False) as page,
         ):
             navigation = page.get_by_role("navigation", name="Views")
@@ -46,7 +46,7 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
             page.keyboard.press("x")  # opens the panel
             panel = page.get_by_role("region", name="ROS 2 topics")
             panel.get_by_label("Search topics").fill("attitude")
-            row = panel.get_by_role("button", name=f"/{NAMESPACE}{ATTITUDE}")
+            row = panel.get_by_role("button", name=f"/{NAMESPACE}{VEHICLE_ATTITUDE}")
             expect(row).to_contain_text("Hz")
             expect(row).to_contain_text("px4_msgs/msg/VehicleAttitude")
             row.click()

@@ -21,7 +21,7 @@ from gcs_server.client import SyncGcs, SyncVehicle
 from tests.bench.process import process_tree, resident_mb
 from tests.bench.relay import Relay
 from tests.hostile.wake_ups import WAKE_UP_PERIOD_S, WakeUpMeter
-from tests.station import free_port, running, server_command, vehicle, wait_until
+from tests.station import free_port, running_process, running_vehicles, server_command, wait_until
 
 MAX_DELAY_S = 0.02
 """How much a gap between setpoints may exceed their period, or the longest gap of an idle process."""
@@ -118,11 +118,13 @@ def attacked_flight(folder: Path) -> Generator[AttackedFlight]:
     with contextlib.ExitStack() as stack:
         output = stack.enter_context(log_path.open("wb"))
         process = stack.enter_context(
-            running(server_command(http_port, links, data_folder), stdout=output, stderr=subprocess.STDOUT)
+            running_process(
+                server_command(http_port, links, data_folder), stdout=output, stderr=subprocess.STDOUT
+            )
         )
         wait_until(lambda: _server_responds(url), "the server")
         relay = stack.enter_context(Relay(flight_port))
-        stack.enter_context(vehicle(relay.vehicle_port, arguments=["--no-log"]))
+        stack.enter_context(running_vehicles(relay.vehicle_port, arguments=["--no-log"]))
         gcs = stack.enter_context(SyncGcs(url, client="pilot", client_id="pilot"))
         flying_vehicle = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         stack.enter_context(flying_vehicle.offboard(position_ned_m=(0, 0, -5), valid_for_s=VALID_FOR_S))

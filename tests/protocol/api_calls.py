@@ -22,14 +22,14 @@ from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.modes import MissionModes
 from gcs_server.streamer.waypoints.flights import WaypointFlights
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
-from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
 MISSION_MODE = 4 << 16 | 4 << 24
-START = StartRequest.model_validate(
+START_REQUEST = StartRequest.model_validate(
     {"setpoint": {"type": "position", "position_ned_m": [0, 0, -5]}, "valid_for_s": 60}
 )
-TAKE_BY_FORCE = control_models.TakeControl(force=True)
+FORCED_CONTROL_REQUEST = control_models.TakeControl(force=True)
 
 
 class InlinePlanWork:
@@ -39,7 +39,7 @@ class InlinePlanWork:
         return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
-def station_of(testbed, progress=None):
+def new_station(testbed, progress=None):
     """A `Station` for the routes. `progress`: the store of interrupted flights; None: a new store without
     files."""
     journal = Journal(testbed.clock, None)
@@ -81,7 +81,7 @@ def station_of(testbed, progress=None):
     return station
 
 
-def journal_lines(station):
+def journal_entries(station):
     """The journal, oldest entry first: client, command, vehicle and result of each."""
     return [(e.client, e.command, e.vehicle, e.result) for e in reversed(station.journal.tail(1000))]
 
@@ -98,11 +98,11 @@ def run_with_routes(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
         testbed = OffboardTestbed()
         autopilot = testbed.offboard_autopilot(testbed.link(), loss=loss, seed=seed)
         if flying:
-            autopilot.fly()
+            autopilot.set_hovering()
         try:
-            vehicle = await testbed.ready()
-            await seconds(1.5)
-            station = station_of(testbed)
+            vehicle = await testbed.wait_for_vehicle()
+            await sleep(1.5)
+            station = new_station(testbed)
             station.authority.start()
             await scenario(
                 SimpleNamespace(testbed=testbed, station=station, vehicle=vehicle, autopilot=autopilot)

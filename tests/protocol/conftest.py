@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 
 
 @pytest.fixture
 def run_simulated() -> Callable[[Callable[[], Coroutine[Any, Any, Any]]], Any]:
     """Runs a coroutine function on simulated time."""
-    return run_in_simulated_time
+    return run_on_simulated_time

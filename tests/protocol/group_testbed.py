@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 from gcs_server.api import group_models, group_routes
 from gcs_server.control.principal import Principal
-from tests.protocol.api_calls import json_of, station_of
-from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.api_calls import json_of, new_station
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
 METRES_PER_DEGREE = math.radians(1) * 6_371_000.0
@@ -29,7 +29,7 @@ def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
                 489.0,
             )
             autopilot.position = list(autopilot.home)
-            autopilot.fly()
+            autopilot.set_hovering()
             autopilots[str(index + 1)] = autopilot
         group_changes = []
         testbed.streamer.groups.on_change = lambda text, status, warning: group_changes.append(
@@ -37,9 +37,9 @@ def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
         )
         try:
             for vehicle_id in autopilots:
-                await testbed.ready(vehicle_id)
-            await seconds(2.5)
-            station = station_of(testbed)
+                await testbed.wait_for_vehicle(vehicle_id)
+            await sleep(2.5)
+            station = new_station(testbed)
             vehicles = {v: testbed.fleet.get(v) for v in autopilots}
             await scenario(
                 SimpleNamespace(
@@ -56,15 +56,15 @@ def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
     run_simulated(run)
 
 
-def position(north_m=0.0, east_m=0.0, down_m=-5.0):
+def position_setpoint(north_m=0.0, east_m=0.0, down_m=-5.0):
     return {"type": "position", "position_ned_m": [north_m, east_m, down_m]}
 
 
-def velocity(north_m_s=0.0, east_m_s=0.0):
+def velocity_setpoint(north_m_s=0.0, east_m_s=0.0):
     return {"type": "velocity", "velocity_ned_m_s": [north_m_s, east_m_s, 0.0]}
 
 
-def path(*points):
+def path_setpoint(*points):
     return {
         "type": "path",
         "points": [{"t_s": t, "position_ned_m": position_ned_m} for t, position_ned_m in points],
@@ -85,7 +85,7 @@ async def start_group(rig, setpoints, client=ANNA, **fields):
     return json_of(await group_routes.start(start_request(setpoints, **fields), rig.station, client))
 
 
-def modes(rig):
+def autopilot_modes(rig):
     return {v: autopilot.mode for v, autopilot in rig.autopilots.items()}
 
 
@@ -99,4 +99,4 @@ def assert_no_vehicle_moved(rig):
     assert not [m for autopilot in rig.autopilots.values() for _, m in autopilot.setpoints if abs(m.x) > 0.01]
 
 
-ALL_NORTH = {"1": position(4), "2": position(4), "3": position(4)}
+SETPOINTS_NORTH = {"1": position_setpoint(4), "2": position_setpoint(4), "3": position_setpoint(4)}

@@ -13,9 +13,9 @@ Replies = Callable[[int, int], list[tuple[int, bytes]]]
 """Offset and requested size → the replies, each with offset and data."""
 
 
-class HostileFiles:
-    """The FTP server of a `FakeAutopilot`. `requests`: number of requests by opcode; `every_s`: time between
-    replies."""
+class HostileFtpServer:
+    """The FTP server of a `FakeAutopilot`. `request_counts`: number of requests by opcode;
+    `reply_interval_s`: time between replies."""
 
     def __init__(
         self,
@@ -24,10 +24,16 @@ class HostileFiles:
         *,
         read: Replies | None = None,
         burst: Replies | None = None,
-        every_s: float = 0.0,
+        reply_interval_s: float = 0.0,
     ) -> None:
-        self.autopilot, self.size, self.read, self.burst, self.every_s = autopilot, size, read, burst, every_s
-        self.requests: dict[int, int] = {}
+        self.autopilot, self.size, self.read, self.burst, self.reply_interval_s = (
+            autopilot,
+            size,
+            read,
+            burst,
+            reply_interval_s,
+        )
+        self.request_counts: dict[int, int] = {}
         autopilot.handlers.append(self.handle)
 
     def handle(self, message) -> bool:
@@ -35,7 +41,7 @@ class HostileFiles:
             return False
         raw = bytes(message.payload)
         sequence, _, opcode, size, _, _, _, offset = FTP_HEADER.unpack_from(raw)
-        self.requests[opcode] = self.requests.get(opcode, 0) + 1
+        self.request_counts[opcode] = self.request_counts.get(opcode, 0) + 1
         if opcode == OPEN:
             self.reply(sequence + 1, opcode, 0, struct.pack("<I", self.size))
         elif opcode == BURST and self.burst is None:
@@ -43,13 +49,15 @@ class HostileFiles:
         elif opcode == BURST:
             for n, (reply_offset, data) in enumerate(self.burst(offset, size)):
                 self.autopilot.loop.call_later(
-                    n * self.every_s, self.reply, sequence + 1 + n, opcode, reply_offset, data
+                    n * self.reply_interval_s, self.reply, sequence + 1 + n, opcode, reply_offset, data
                 )
         elif opcode == READ:
             for reply_offset, data in self.read(offset, size):
                 self.reply(sequence + 1, opcode, reply_offset, data)
         elif opcode == LIST:
-            self.autopilot.loop.call_later(self.every_s, self.reply, sequence + 1, opcode, offset, b"Fx\t1\0")
+            self.autopilot.loop.call_later(
+                self.reply_interval_s, self.reply, sequence + 1, opcode, offset, b"Fx\t1\0"
+            )
         else:
             self.reply(sequence + 1, opcode, 0, b"")
         return True

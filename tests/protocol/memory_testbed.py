@@ -37,7 +37,7 @@ class MemoryTestbed:
                 autopilots[peer.name].receive(data)
 
         link = MemoryLink(name, outgoing=outgoing, replay=replay, forward=forward)
-        link.autopilots, link.sent = autopilots, sent  # type: ignore[attr-defined]
+        link.autopilots, link.sent_packets = autopilots, sent  # type: ignore[attr-defined]
         self.router.add(link)
         return link
 
@@ -46,7 +46,7 @@ class MemoryTestbed:
         link.autopilots[peer] = autopilot  # type: ignore[attr-defined]
         return autopilot
 
-    async def ready(self, vehicle_id: str = "1", timeout_s: float = 20.0) -> Any:
+    async def wait_for_vehicle(self, vehicle_id: str = "1", timeout_s: float = 20.0) -> Any:
         """Waits for a connected vehicle with a home, a position and a landed state; returns the vehicle."""
         end_s = self.loop.time() + timeout_s
         while self.loop.time() < end_s:
@@ -96,6 +96,6 @@ def run_with_vehicle(
 
     async def scenario_with_vehicle(testbed: MemoryTestbed) -> None:
         autopilot = testbed.autopilot(testbed.link())
-        await scenario(testbed, autopilot, await testbed.ready())
+        await scenario(testbed, autopilot, await testbed.wait_for_vehicle())
 
     return run_test(run_simulated, scenario_with_vehicle, new_testbed)

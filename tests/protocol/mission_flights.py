@@ -19,14 +19,14 @@ from missions.offboard import positions
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
 from missions.trajectory.limits import MotionLimits
-from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 from tests.protocol.simulated_testbed import until
 
 ALICE, BOB = (Principal(name.lower(), name, identified=True) for name in ("Alice", "Bob"))
 LEASE_S = 5.0
 
 
-class Missions:
+class MissionsTestbed:
     """The offboard missions of vehicle 1, and the control lease of the vehicle.
 
     Args:
@@ -82,13 +82,13 @@ def run_in_flight(run_simulated: Any, tmp_path: Path, mission: OffboardMission, 
 
     async def run() -> None:
         testbed = OffboardTestbed()
-        missions = Missions(testbed, tmp_path)
+        missions = MissionsTestbed(testbed, tmp_path)
         link = testbed.link()
         autopilot = testbed.offboard_autopilot(link)
-        autopilot.fly()
+        autopilot.set_hovering()
         try:
-            vehicle = await testbed.ready()
-            await seconds(1.5)
+            vehicle = await testbed.wait_for_vehicle()
+            await sleep(1.5)
             with missions.authority.connected(ALICE):
                 missions.take_control(ALICE)
                 missions.begin(vehicle, mission, in_air=True)

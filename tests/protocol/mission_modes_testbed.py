@@ -8,8 +8,8 @@ from typing import Any
 from gcs_server.api import mission_mode_models, mission_mode_routes
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
-from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, station_of
-from tests.protocol.offboard_testbed import seconds
+from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, new_station
+from tests.protocol.offboard_testbed import sleep
 from tests.protocol.ros2_testbed import Ros2Testbed
 from tests.protocol.simulated_testbed import until
 from tests.support.line_mission import MISSION, MODE_NAME
@@ -17,7 +17,7 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 DEFERRAL_S = 6
 """How long a mission mode defers failsafes."""
-LOITER: dict[str, Any] = {**MISSION, "steps": [{"step": "hold", "duration_s": 60}]}
+LONG_HOLD_MISSION: dict[str, Any] = {**MISSION, "steps": [{"step": "hold", "duration_s": 60}]}
 """A mission that holds for a minute."""
 
 
@@ -33,12 +33,12 @@ class OtherStation:
         message = sim.MAVLink_command_long_message(1, 1, command, 0, *seven_params)
         self._sim.feed(0, "gcs", message.pack(self._pack))
 
-    async def heartbeats(self, duration_s: float) -> None:
+    async def send_heartbeats(self, duration_s: float) -> None:
         """Sends the heartbeats of a ground station; when they end, PX4 detects a lost connection."""
         heartbeat = sim.MAVLink_heartbeat_message(sim.MAV_TYPE_GCS, sim.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
         for _ in range(round(duration_s)):
             self._sim.feed(0, "gcs", heartbeat.pack(self._pack))
-            await seconds(1.0)
+            await sleep(1.0)
 
     def select_mode(self, mode: str) -> None:
         number = int(mode.removeprefix("external_"))
@@ -48,18 +48,18 @@ class OtherStation:
         """Names of the modes that can be selected, from AVAILABLE_MODES."""
         self._sim.drain(0, "gcs")
         self.command(sim.MAV_CMD_REQUEST_MESSAGE, sim.MAVLINK_MSG_ID_AVAILABLE_MODES, 0)
-        await seconds(1.0)
+        await sleep(1.0)
         messages = sim.MAVLink(None).parse_buffer(self._sim.drain(0, "gcs")) or []
         modes = [m for m in messages if m.get_type() == "AVAILABLE_MODES"]
         return [m.mode_name for m in modes if not m.properties & sim.MAV_MODE_PROPERTY_NOT_USER_SELECTABLE]
 
 
-class Modes:
+class MissionModesTestbed:
     """The server's routes for vehicle 1, which is connected over ROS 2."""
 
     def __init__(self, testbed: Ros2Testbed, vehicle: Any) -> None:
         self.testbed, self.vehicle, self.other_station = testbed, vehicle, OtherStation(testbed)
-        self.station = station_of(testbed)
+        self.station = new_station(testbed)
         self.station.plan_work = InlinePlanWork()
         self.station.missions.attach(vehicle)
         self.station.missions.start()
@@ -85,14 +85,14 @@ class Modes:
         status = self.station.missions.status("1")
         return None if status is None else status.state
 
-    def warnings(self) -> list[str]:
+    def warning_texts(self) -> list[str]:
         return [event.text for event in self.vehicle.events.since() if event.kind == "warning"]
 
-    def texts(self) -> str:
+    def event_texts(self) -> str:
         return "\n".join(event.text for event in self.vehicle.events.since())
 
-    def sent(self, topic: str) -> list[bytes]:
-        return [data for name, data in self.testbed.topics[0].sent if name == topic]
+    def sent_messages(self, topic: str) -> list[bytes]:
+        return [data for name, data in self.testbed.topics[0].sent_messages if name == topic]
 
     def north_m(self) -> float:
         return self.vehicle.topic("local_position").value.position_ned_m[0]
@@ -112,18 +112,18 @@ class Modes:
         return mode
 
 
-Scenario = Callable[[Modes], Awaitable[None]]
+Scenario = Callable[[MissionModesTestbed], Awaitable[None]]
 
 
-def run_with_modes(run_simulated: Any, scenario: Scenario, *, in_air: bool = True) -> None:
+def run_with_mission_modes(run_simulated: Any, scenario: Scenario, *, in_air: bool = True) -> None:
     """Runs a test with a simulated vehicle whose MAVLink link is connected only to the other station."""
 
     async def run() -> None:
         testbed = Ros2Testbed(mavlink=True)
         testbed.mavlink_on = False
         try:
-            vehicle = await (testbed.take_off() if in_air else testbed.ready_to_arm())
-            await scenario(Modes(testbed, vehicle))
+            vehicle = await (testbed.take_off() if in_air else testbed.wait_for_vehicle_ready_to_arm())
+            await scenario(MissionModesTestbed(testbed, vehicle))
         finally:
             await testbed.close()
 
@@ -148,5 +148,5 @@ class SlowPlanWork(InlinePlanWork):
         self._takes_s = takes_s
 
     async def run(self, task: Any, arguments: Any, **options: Any) -> Any:
-        await seconds(self._takes_s)
+        await sleep(self._takes_s)
         return await super().run(task, arguments, **options)

@@ -14,11 +14,19 @@ from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
 from tests.in_loop_scheduler import InLoopScheduler
-from tests.protocol.fake_autopilot import COMMANDER_DELAY_S, IN_AIR, OFFBOARD, ON_GROUND, FakeAutopilot
+from tests.protocol.fake_autopilot import (
+    COMMANDER_DELAY_S,
+    IN_AIR,
+    INT32,
+    OFFBOARD_MODE,
+    ON_GROUND,
+    POSITION_MODE,
+    REAL32,
+    FakeAutopilot,
+)
 from tests.protocol.memory_testbed import MemoryTestbed
 from vehicle_sim.mavlink import generated_dialect as sim
 
-POSITION = 3 << 16
 STEP_S = 0.004
 OFFBOARD_LOSS_S = 1.0
 
@@ -29,81 +37,85 @@ class OffboardAutopilot(FakeAutopilot):
 
     def __init__(self, link: Any, **options: Any) -> None:
         super().__init__(link, **options)
-        self.params |= {"COM_OF_LOSS_T": (9, OFFBOARD_LOSS_S), "COM_OBL_RC_ACT": (6, 0)}
+        self.params |= {"COM_OF_LOSS_T": (REAL32, OFFBOARD_LOSS_S), "COM_OBL_RC_ACT": (INT32, 0)}
         self.setpoints: list[tuple[float, Any]] = []
-        self.other_targets: list[tuple[float, Any]] = []
+        self.attitude_and_global_setpoints: list[tuple[float, Any]] = []
         """Setpoints of attitude, rates or global position."""
-        self.ned = [0.0, 0.0, 0.0]
+        self.position_ned_m = [0.0, 0.0, 0.0]
         self.velocity = (0.0, 0.0, 0.0)
         self.has_estimates = True
         self.offboard_delay_s = COMMANDER_DELAY_S
         self.requested_mode = self.mode
-        self.failsafes = 0
+        self.failsafe_count = 0
         self.next_mode_s = 0.0
-        self._every(0.03, self.local_position)
-        self._every(0.05, self.attitude)
-        self._every(1.0, self.estimator_status)
+        self._every(0.03, self.send_local_position)
+        self._every(0.05, self.send_attitude)
+        self._every(1.0, self.send_estimator_status)
         self._every(0.05, self.check_stream)
 
-    def local_position(self) -> None:
+    def send_local_position(self) -> None:
         if self.has_estimates:
-            self.send(sim.MAVLink_local_position_ned_message(self.boot_ms(), *self.ned, *self.velocity))
+            self.send(
+                sim.MAVLink_local_position_ned_message(self.boot_ms(), *self.position_ned_m, *self.velocity)
+            )
 
-    def estimator_status(self) -> None:
+    def send_estimator_status(self) -> None:
         if self.has_estimates:
             self.send(sim.MAVLink_estimator_status_message(0, 895, 0, 0, 0, 0, 0, 0, 0.1, 0.1))
 
-    def attitude(self) -> None:
+    def send_attitude(self) -> None:
         self.send(sim.MAVLink_attitude_message(self.boot_ms(), 0, 0, 0.5, 0, 0, 0))
 
-    def fly(self) -> None:
+    def set_hovering(self) -> None:
         """Sets the state of a vehicle that hovers in Hold, 5 m above its local origin."""
-        self.armed, self.landed_state, self.ned = True, IN_AIR, [0.0, 0.0, -5.0]
+        self.armed, self.landed_state, self.position_ned_m = True, IN_AIR, [0.0, 0.0, -5.0]
 
     def handle(self, message: Any) -> None:
         if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
             self.setpoints.append((self.loop.time(), message))
         if message.get_type() in ("SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET"):
-            self.other_targets.append((self.loop.time(), message))
+            self.attitude_and_global_setpoints.append((self.loop.time(), message))
         super().handle(message)
 
     def has_stream(self) -> bool:
-        last_times_s = [targets[-1][0] for targets in (self.setpoints, self.other_targets) if targets]
+        last_times_s = [
+            targets[-1][0] for targets in (self.setpoints, self.attitude_and_global_setpoints) if targets
+        ]
         return bool(last_times_s) and self.loop.time() - max(last_times_s) <= OFFBOARD_LOSS_S
 
     def set_mode(self, params: list[float]) -> None:
         mode = int(params[1]) << 16 | int(params[2]) << 24
-        self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
-        delay_s = self.offboard_delay_s if mode == OFFBOARD else COMMANDER_DELAY_S
+        self.send_ack(sim.MAV_CMD_DO_SET_MODE, 0)
+        delay_s = self.offboard_delay_s if mode == OFFBOARD_MODE else COMMANDER_DELAY_S
         # Replies keep their order.
         self.next_mode_s = max(self.loop.time() + delay_s, self.next_mode_s + 0.001)
 
         def reply_of_commander() -> None:
-            if mode != OFFBOARD:
+            if mode != OFFBOARD_MODE:
                 self.mode = self.requested_mode = mode
-                self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
-                self.current_mode()
+                self.send_ack(sim.MAV_CMD_DO_SET_MODE, 0)
+                self.send_current_mode()
             elif not self.armed or self.has_stream():
-                self.mode = self.requested_mode = OFFBOARD
-                self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
-                self.current_mode()
+                self.mode = self.requested_mode = OFFBOARD_MODE
+                self.send_ack(sim.MAV_CMD_DO_SET_MODE, 0)
+                self.send_current_mode()
             else:
-                self.ack(sim.MAV_CMD_DO_SET_MODE, 1)
+                self.send_ack(sim.MAV_CMD_DO_SET_MODE, 1)
 
         self.loop.call_at(self.next_mode_s, reply_of_commander)
 
     def check_stream(self) -> None:
         """The failsafe: Position mode after the last setpoint has timed out."""
-        if self.armed and self.mode == OFFBOARD and not self.has_stream():
-            self.mode = POSITION
-            self.failsafes += 1
-            self.current_mode()
+        if self.armed and self.mode == OFFBOARD_MODE and not self.has_stream():
+            self.mode = POSITION_MODE
+            self.failsafe_count += 1
+            self.send_current_mode()
 
     def land_and_disarm(self) -> None:
         """Lands and disarms; the failsafe ends, so the autopilot reports the requested mode again."""
         self.armed, self.landed_state, self.mode = False, ON_GROUND, self.requested_mode
-        self.heartbeat()
-        self.current_mode()
+        self.send_heartbeat()
+        self.send_current_mode()
 
 
 class OffboardTestbed(MemoryTestbed):
@@ -140,7 +152,7 @@ def stream_request(
     return StreamRequest(setpoint, valid_for_s, OnExpiry(action, hold_for_s), client)
 
 
-async def seconds(duration_s: float) -> None:
+async def sleep(duration_s: float) -> None:
     """Waits on simulated time."""
     await asyncio.sleep(duration_s)
 
@@ -153,10 +165,10 @@ def run_offboard(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
         link = testbed.link()
         autopilot = testbed.offboard_autopilot(link, loss=loss, seed=seed)
         if flying:
-            autopilot.fly()
+            autopilot.set_hovering()
         try:
-            vehicle = await testbed.ready()
-            await seconds(1.5)
+            vehicle = await testbed.wait_for_vehicle()
+            await sleep(1.5)
             await scenario(testbed, vehicle, autopilot, link)
         finally:
             await testbed.close()
@@ -177,15 +189,15 @@ def mode_requests(autopilot, mode):
     """Received DO_SET_MODE commands for this mode."""
     return [
         m
-        for m in autopilot.commands(sim.MAV_CMD_DO_SET_MODE)
+        for m in autopilot.received_commands(sim.MAV_CMD_DO_SET_MODE)
         if (int(m.param2) << 16 | int(m.param3) << 24) == mode
     ]
 
 
-async def assert_silent(autopilot, link, seconds_=3.0, settle_s=0.02):
+async def assert_nothing_sent(autopilot, link, duration_s=3.0, settle_s=0.02):
     """Checks that the autopilot receives neither setpoints nor mode requests."""
-    await seconds(settle_s)
-    setpoints, commands = len(autopilot.setpoints), len(autopilot.commands(sim.MAV_CMD_DO_SET_MODE))
-    await seconds(seconds_)
+    await sleep(settle_s)
+    setpoints, commands = len(autopilot.setpoints), len(autopilot.received_commands(sim.MAV_CMD_DO_SET_MODE))
+    await sleep(duration_s)
     assert len(autopilot.setpoints) == setpoints
-    assert len(autopilot.commands(sim.MAV_CMD_DO_SET_MODE)) == commands
+    assert len(autopilot.received_commands(sim.MAV_CMD_DO_SET_MODE)) == commands

@@ -6,9 +6,9 @@ from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
 from tests.protocol.memory_testbed import MemoryTestbed
 
-HOLD_ONLY = 1 << BY_NAME["hold"].nav_state
+HOLD_MODE_BIT = 1 << BY_NAME["hold"].nav_state
 """Bit mask of Hold mode in an arming report."""
-LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
+PACKET_LOSS_CASES = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
 """The share of packets lost in each direction, and the seed of the losses."""
 
 
@@ -20,7 +20,7 @@ def run_scenario(run_simulated, scenario, *, loss=0.0, seed=0):
         link = testbed.link()
         autopilot = testbed.autopilot(link, loss=loss, seed=seed)
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             await scenario(testbed, vehicle, autopilot)
         finally:
             await testbed.close()
@@ -28,7 +28,7 @@ def run_scenario(run_simulated, scenario, *, loss=0.0, seed=0):
     run_simulated(run)
 
 
-def send_readiness(autopilot, can_arm, present=1):
+def send_arming_report(autopilot, can_arm, present=1):
     """Sends the two events of an arming report.
 
     Args:
@@ -36,5 +36,5 @@ def send_readiness(autopilot, can_arm, present=1):
         can_arm: bit mask of the modes in which the vehicle can be armed.
         present: bit mask of the health components that are present.
     """
-    autopilot.event(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", 0, 0, 0, can_arm, can_arm))
-    autopilot.event(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", 0, present, 0, 0))
+    autopilot.send_event(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", 0, 0, 0, can_arm, can_arm))
+    autopilot.send_event(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", 0, present, 0, 0))

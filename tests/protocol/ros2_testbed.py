@@ -25,11 +25,11 @@ NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
 """Without time synchronization, the vehicle publishes on ROS 2 from 1.3 s after its boot instead of 6.4 s."""
 
 
-class Topics:
+class VehicleTopics:
     """The topics of one vehicle, in both directions; the server reads each topic as often as it reads DDS."""
 
     def __init__(self) -> None:
-        self.sent: list[tuple[str, bytes]] = []
+        self.sent_messages: list[tuple[str, bytes]] = []
         """Every message to the vehicle."""
         self._to_vehicle: list[tuple[str, bytes]] = []
         self._unread = {each.name: deque[bytes](maxlen=each.depth) for each in SUBSCRIPTIONS}
@@ -51,10 +51,10 @@ class Topics:
 
     def send(self, topic: str, data: bytes) -> None:
         """Sends a message of the server to the vehicle."""
-        self.sent.append((topic, data))
+        self.sent_messages.append((topic, data))
         self._to_vehicle.append((topic, data))
 
-    def received(self, now_s: float) -> list[tuple[str, bytes]]:
+    def read_messages(self, now_s: float) -> list[tuple[str, bytes]]:
         """The vehicle's messages that the server reads now."""
         messages: list[tuple[str, bytes]] = []
         for each in SUBSCRIPTIONS:
@@ -66,9 +66,9 @@ class Topics:
 
 
 class SetpointTopics:
-    """A `TopicSender` that writes to `Topics`."""
+    """A `TopicSender` that writes to `VehicleTopics`."""
 
-    def __init__(self, topics: Topics) -> None:
+    def __init__(self, topics: VehicleTopics) -> None:
         self._topics = topics
 
     def send(self, messages: Sequence[Message], needed: Iterable[str] = ()) -> None:
@@ -77,18 +77,18 @@ class SetpointTopics:
 
 
 class ModeTopics:
-    """A `ModePort` on `Topics`. If `working` is False, the process that replies to PX4 has ended."""
+    """A `ModePort` on `VehicleTopics`. If not `is_working`, the process that replies to PX4 has ended."""
 
-    def __init__(self, topics: Topics) -> None:
-        self._topics, self.working = topics, True
+    def __init__(self, topics: VehicleTopics) -> None:
+        self._topics, self.is_working = topics, True
 
     def send(self, topic: str, data: bytes) -> None:
-        if self.working:
+        if self.is_working:
             self._topics.send(topic, data)
 
     def take(self) -> list[tuple[str, bytes]]:
         unread = self._topics.mode_messages
-        messages = list(unread) if self.working else []
+        messages = list(unread) if self.is_working else []
         unread.clear()
         return messages
 
@@ -96,7 +96,7 @@ class ModeTopics:
 class Ros2Streams(InLoopScheduler):
     """Sends over the topics of the vehicles that are connected over ROS 2."""
 
-    def __init__(self, clock: Any, topics_at: Callable[[DdsAddress], Topics]) -> None:
+    def __init__(self, clock: Any, topics_at: Callable[[DdsAddress], VehicleTopics]) -> None:
         super().__init__(clock, open_mode_port=self._open_mode_port)
         self._topics_at = topics_at
         self.mode_ports: list[ModeTopics] = []
@@ -122,11 +122,11 @@ class MemoryRos2Link(MemoryLink):
 
     def __init__(self, outgoing: Callable[[bytes, Peer], None]) -> None:
         super().__init__("ros2", outgoing=outgoing)
-        self.unusable: dict[str, dict[str, str]] = {}
+        self.unusable_by_peer: dict[str, dict[str, str]] = {}
         """Topics whose version is unknown, by peer name."""
 
     def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
-        return self.unusable.get(peer.name, {})
+        return self.unusable_by_peer.get(peer.name, {})
 
 
 class Ros2Testbed(SimulatedVehicles):
@@ -141,7 +141,7 @@ class Ros2Testbed(SimulatedVehicles):
         super().__init__()
         links = (("gcs", "gcs"),) if mavlink else ()
         self.sim = VehicleSim(count, links=links, parameters=NO_TIME_SYNC, seed=3)
-        self.topics = [Topics() for _ in range(count)]
+        self.topics = [VehicleTopics() for _ in range(count)]
         self.ros2 = MemoryRos2Link(self._command)
         self._vehicles = [VehicleLink(f"px4_{row}", topics, 255) for row, topics in enumerate(self.topics)]
         for row, topics in enumerate(self.topics):
@@ -168,7 +168,7 @@ class Ros2Testbed(SimulatedVehicles):
             self.sim.step(TICK_S)
             now_s = self.clock.monotonic_s()
             for row, vehicle in enumerate(self._vehicles):
-                if data := vehicle.to_frames(self.topics[row].received(now_s), now_s):
+                if data := vehicle.to_frames(self.topics[row].read_messages(now_s), now_s):
                     self.ros2.inject(data, Peer(f"px4_{row}", dds=DdsAddress(0, None, f"px4_{row}")))
             if self.mavlink_on and (data := self.sim.drain(0, "gcs")):
                 self.mavlink.inject(data, "vehicle")
@@ -176,12 +176,12 @@ class Ros2Testbed(SimulatedVehicles):
             await self.clock.sleep(TICK_S)
 
 
-def request_of(setpoint: Setpoint) -> StreamRequest:
+def stream_request_for(setpoint: Setpoint) -> StreamRequest:
     """A stream request with a setpoint that is valid for a minute."""
     return StreamRequest(setpoint, 60.0, OnExpiry(), "test")
 
 
-def value_of(vehicle: Vehicle, topic: str) -> Any:
+def newest_value(vehicle: Vehicle, topic: str) -> Any:
     """The newest value of a topic."""
     sample = vehicle.topic(topic)
     assert sample is not None, topic

@@ -23,7 +23,7 @@ class SimulatedAutopilot:
         self.random = random.Random(seed)
         self.sim = VehicleSim(1, links=(("gcs", "gcs"),), **options)
         self.loop = asyncio.get_running_loop()
-        self.received: list[bytes] = []
+        self.received_frames: list[bytes] = []
         self.alive = True
         link.autopilots[peer] = self
         self.loop.call_later(STEP_S, self.step)
@@ -41,9 +41,9 @@ class SimulatedAutopilot:
     def receive(self, data: bytes) -> None:
         """Delivers a frame of the server to the vehicle."""
         if self.random.random() >= self.loss:
-            self.received.append(data)
+            self.received_frames.append(data)
             self.sim.feed(0, "gcs", data)
 
     def count(self, msg_id: int) -> int:
         """Number of messages with this id received from the server."""
-        return sum(data[7] | data[8] << 8 | data[9] << 16 == msg_id for data in self.received)
+        return sum(data[7] | data[8] << 8 | data[9] << 16 == msg_id for data in self.received_frames)

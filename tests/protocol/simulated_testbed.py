@@ -18,15 +18,15 @@ TICK_S = 0.02
 class SimulatedVehicles(MemoryTestbed):
     """A testbed with simulated vehicles that can fly."""
 
-    async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
+    async def wait_for_vehicle_ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
         """Waits until the vehicle can be armed; returns it."""
-        vehicle = await self.ready(vehicle_id, timeout_s=40)
+        vehicle = await self.wait_for_vehicle(vehicle_id, timeout_s=40)
         await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
         return vehicle
 
     async def take_off(self, vehicle_id: str = "1", alt_home_m: float = 10.0) -> Vehicle:
         """Takes off and waits until the vehicle is in Hold; returns the vehicle."""
-        vehicle = await self.ready_to_arm(vehicle_id)
+        vehicle = await self.wait_for_vehicle_ready_to_arm(vehicle_id)
         await vehicle.command.takeoff(alt_home_m)
         await until(lambda: vehicle.status.mode == "hold", 40)
         return vehicle

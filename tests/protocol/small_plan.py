@@ -10,7 +10,7 @@ ALTITUDE = Altitude(value_m=5.0, reference="home")
 GROUND = Altitude(value_m=0.0, reference="home")
 
 
-def plan_about(lat_deg: float, lon_deg: float) -> Plan:
+def plan_around(lat_deg: float, lon_deg: float) -> Plan:
     """A plan that flies ten metres to the north, back, and lands."""
     north_lat_deg = lat_deg + 10 / 111_320
     items = (

@@ -1,4 +1,4 @@
-"""Which client may command a vehicle: refusals send nothing; Hold, Land now and Kill need no control."""
+"""Which client may command a vehicle: refusals send nothing; Hold, Land now and Stop motors work for all."""
 
 import contextlib
 
@@ -11,22 +11,21 @@ from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehi
 from tests.protocol.api_calls import (
     ANNA,
     BOB,
+    FORCED_CONTROL_REQUEST,
     MISSION_MODE,
-    START,
-    TAKE_BY_FORCE,
-    journal_lines,
+    START_REQUEST,
+    journal_entries,
     json_of,
+    new_station,
     run_with_routes,
-    station_of,
 )
 from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE, GIMBAL_CONFIGURE
-from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
+from tests.protocol.fake_autopilot import HOLD_MODE, LAND_MODE, OFFBOARD_MODE, POSITION_MODE, RTL_MODE
 from tests.protocol.offboard_testbed import (
-    POSITION,
     OffboardTestbed,
-    assert_silent,
+    assert_nothing_sent,
     mode_requests,
-    seconds,
+    sleep,
 )
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -42,22 +41,22 @@ def control_changes(vehicle):
 def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client_in_control(run_simulated):
     async def scenario(rig):
         await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
-        count = len(rig.autopilot.commands(DO_SET_MODE))
+        count = len(rig.autopilot.received_commands(DO_SET_MODE))
         for send_command in (
             lambda: vehicle_routes.rtl("1", rig.station, BOB),
             lambda: vehicle_routes.disarm("1", rig.station, BOB),
             lambda: vehicle_routes.land("1", rig.station, BOB),
-            lambda: offboard_routes.start("1", START, rig.station, BOB),
+            lambda: offboard_routes.start("1", START_REQUEST, rig.station, BOB),
             lambda: offboard_routes.stop("1", rig.station, BOB),
         ):
             with pytest.raises(
                 NotInControl, match="anna has control of vehicle 1, not you: nothing was sent"
             ):
                 await send_command()
-        await seconds(2)
-        assert len(rig.autopilot.commands(DO_SET_MODE)) == count
-        assert not rig.autopilot.commands(ARM_DISARM)
-        assert journal_lines(rig.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
+        await sleep(2)
+        assert len(rig.autopilot.received_commands(DO_SET_MODE)) == count
+        assert not rig.autopilot.received_commands(ARM_DISARM)
+        assert journal_entries(rig.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
 
     run_with_routes(run_simulated, scenario)
 
@@ -65,7 +64,7 @@ def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client
 @pytest.mark.parametrize("command", ["hold", "land_now", "kill"])
 def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_informed(run_simulated, command):
     async def scenario(rig):
-        await offboard_routes.start("1", START, rig.station, ANNA)
+        await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
         if command == "hold":
             await vehicle_routes.hold("1", rig.station, BOB)
         elif command == "land_now":
@@ -74,15 +73,17 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
         else:
             body = models.KillRequest(confirm="motors stop, vehicle 1 falls")
             await vehicle_routes.kill("1", body, rig.station, BOB)
-        await assert_silent(rig.autopilot, None, settle_s=0.2)
-        assert rig.autopilot.mode == {"hold": HOLD, "land_now": LAND, "kill": OFFBOARD}[command]
+        await assert_nothing_sent(rig.autopilot, None, settle_s=0.2)
+        assert (
+            rig.autopilot.mode == {"hold": HOLD_MODE, "land_now": LAND_MODE, "kill": OFFBOARD_MODE}[command]
+        )
         assert rig.autopilot.armed == (command != "kill")
-        name = {"hold": "Hold", "land_now": "Land now", "kill": "Kill"}[command]
+        name = {"hold": "Hold", "land_now": "Land now", "kill": "Stop motors"}[command]
         assert control_changes(rig.vehicle)[-1] == (
             "intervened",
             f"bob commanded {name} of vehicle 1; anna still has control.",
         )
-        assert journal_lines(rig.station)[-1] == ("bob", command, "1", "ok")
+        assert journal_entries(rig.station)[-1] == ("bob", command, "1", "ok")
         assert json_of(await control_routes.show("1", rig.station, ANNA))["yours"]
 
     run_with_routes(run_simulated, scenario)
@@ -95,7 +96,7 @@ def test_land_now_without_confirmation_sends_nothing(run_simulated):
                 await vehicle_routes.land_now(
                     "1", control_models.LandNowRequest(confirm=confirm), rig.station, BOB
                 )
-        assert not mode_requests(rig.autopilot, LAND)
+        assert not mode_requests(rig.autopilot, LAND_MODE)
         assert control_changes(rig.vehicle) == []
 
     run_with_routes(run_simulated, scenario)
@@ -104,7 +105,7 @@ def test_land_now_without_confirmation_sends_nothing(run_simulated):
 def test_control_is_granted_while_the_vehicle_keeps_flying(run_simulated):
     async def scenario(rig):
         with rig.station.authority.connected(ANNA), rig.station.authority.connected(BOB):
-            await offboard_routes.start("1", START, rig.station, ANNA)
+            await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
             reason = control_models.RequestControl(reason="I see it")
             request_response = json_of(await control_routes.request("1", rig.station, BOB, reason))
             assert (request_response["holder"], request_response["yours"]) == ("anna", False)
@@ -116,14 +117,14 @@ def test_control_is_granted_while_the_vehicle_keeps_flying(run_simulated):
                 BOB.key,
                 False,
             )
-            await seconds(0.5)
-            assert rig.autopilot.mode == OFFBOARD
+            await sleep(0.5)
+            assert rig.autopilot.mode == OFFBOARD_MODE
             assert rig.vehicle.offboard.status().client == "anna"
             with pytest.raises(NotInControl):
                 await offboard_routes.stop("1", rig.station, ANNA)
             await offboard_routes.stop("1", rig.station, BOB)
-            await assert_silent(rig.autopilot, None, settle_s=0.1)
-            assert rig.autopilot.mode == HOLD
+            await assert_nothing_sent(rig.autopilot, None, settle_s=0.1)
+            assert rig.autopilot.mode == HOLD_MODE
         assert [action for action, _ in control_changes(rig.vehicle)] == ["taken", "requested", "granted"]
 
     run_with_routes(run_simulated, scenario)
@@ -134,15 +135,15 @@ def test_control_taken_by_force_is_journaled_and_reported_to_the_previous_client
         with rig.station.authority.connected(ANNA):
             await control_routes.take("1", rig.station, ANNA)
             with pytest.raises(Refused, match="has not been asked"):
-                await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE)
+                await control_routes.take("1", rig.station, BOB, FORCED_CONTROL_REQUEST)
             await control_routes.request("1", rig.station, BOB)
-            await seconds(15.1)  # longer than `control_answer_s`
-            assert json_of(await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE))["yours"]
+            await sleep(15.1)  # longer than `control_answer_s`
+            assert json_of(await control_routes.take("1", rig.station, BOB, FORCED_CONTROL_REQUEST))["yours"]
         action, text = control_changes(rig.vehicle)[-1]
         assert (action, text) == ("forced", "bob has taken control of vehicle 1 from anna by force.")
         [event] = [e for e in rig.vehicle.events.since() if e.data.get("action") == "forced"]
         assert (event.severity, event.data["previous_key"]) == (4, ANNA.key)
-        assert journal_lines(rig.station)[-1] == ("bob", "control/take", "1", "ok")
+        assert journal_entries(rig.station)[-1] == ("bob", "control/take", "1", "ok")
 
     run_with_routes(run_simulated, scenario)
 
@@ -151,12 +152,12 @@ def test_any_request_renews_control_and_leaving_releases_control(run_simulated):
     async def scenario(rig):
         await control_routes.take("1", rig.station, ANNA)
         for _ in range(5):
-            await seconds(20)
+            await sleep(20)
             rig.station.authority.renew(ANNA)
         assert json_of(await control_routes.me(rig.station, ANNA))["controls"] == ["1"]
         assert json_of(await control_routes.leave(rig.station, ANNA))["controls"] == []
         assert control_changes(rig.vehicle)[-1][0] == "released"
-        assert journal_lines(rig.station)[-1] == ("anna", "control/release", "1", "ok")
+        assert journal_entries(rig.station)[-1] == ("anna", "control/release", "1", "ok")
 
     run_with_routes(run_simulated, scenario)
 
@@ -176,12 +177,12 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(run_simulated):
     ("on_expiry", "mode", "mode_after"),
     [
         ("nothing", MISSION_MODE, MISSION_MODE),
-        ("hold", MISSION_MODE, HOLD),
-        ("land", MISSION_MODE, LAND),
-        ("rtl", HOLD, RTL),
-        ("hold", POSITION, POSITION),
-        ("rtl", POSITION, POSITION),
-        ("hold", OFFBOARD, OFFBOARD),
+        ("hold", MISSION_MODE, HOLD_MODE),
+        ("land", MISSION_MODE, LAND_MODE),
+        ("rtl", HOLD_MODE, RTL_MODE),
+        ("hold", POSITION_MODE, POSITION_MODE),
+        ("rtl", POSITION_MODE, POSITION_MODE),
+        ("hold", OFFBOARD_MODE, OFFBOARD_MODE),
     ],
 )
 def test_the_action_on_expiry_is_executed_except_in_a_pilots_mode_or_offboard(
@@ -190,15 +191,15 @@ def test_the_action_on_expiry_is_executed_except_in_a_pilots_mode_or_offboard(
     async def scenario(rig):
         rig.autopilot.has_stream = lambda: True  # another program's setpoints keep the vehicle in Offboard
         rig.autopilot.mode = mode
-        await seconds(2.5)
+        await sleep(2.5)
         body = control_models.TakeControl(on_expiry=on_expiry)
         await control_routes.take("1", rig.station, ANNA, body)
-        await seconds(29)  # control expires after 30 s
-        assert not rig.autopilot.commands(DO_SET_MODE)
-        await seconds(5)
+        await sleep(29)  # control expires after 30 s
+        assert not rig.autopilot.received_commands(DO_SET_MODE)
+        await sleep(5)
         assert rig.autopilot.mode == mode_after
         assert control_changes(rig.vehicle)[-1][0] == "expired"
-        server_lines = [line for line in journal_lines(rig.station) if line[0] == "server"]
+        server_lines = [line for line in journal_entries(rig.station) if line[0] == "server"]
         assert server_lines[0] == ("server", "control/expired", "1", "ok")
         assert server_lines[1:] == ([] if mode_after == mode else [("server", on_expiry, "1", "ok")])
 
@@ -208,10 +209,10 @@ def test_the_action_on_expiry_is_executed_except_in_a_pilots_mode_or_offboard(
 def test_expired_control_commands_nothing_on_the_ground(run_simulated):
     async def scenario(rig):
         rig.autopilot.mode = MISSION_MODE
-        await seconds(2.5)
+        await sleep(2.5)
         await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry="rtl"))
-        await seconds(40)
-        assert not rig.autopilot.commands(DO_SET_MODE)
+        await sleep(40)
+        assert not rig.autopilot.received_commands(DO_SET_MODE)
 
     run_with_routes(run_simulated, scenario, flying=False)
 
@@ -236,12 +237,12 @@ def report_transmitter(autopilot):
 def test_a_pilots_switch_to_position_is_reported_and_never_reversed(run_simulated):
     async def scenario(rig):
         report_transmitter(rig.autopilot)
-        await offboard_routes.start("1", START, rig.station, ANNA)
+        await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
         assert mode_changes(rig.vehicle)[-1] == ("Mode Offboard", 5, "command")
-        rig.autopilot.mode = rig.autopilot.requested_mode = POSITION
-        rig.autopilot.current_mode()
-        await assert_silent(rig.autopilot, None, seconds_=40.0, settle_s=0.1)
-        assert rig.autopilot.mode == POSITION
+        rig.autopilot.mode = rig.autopilot.requested_mode = POSITION_MODE
+        rig.autopilot.send_current_mode()
+        await assert_nothing_sent(rig.autopilot, None, duration_s=40.0, settle_s=0.1)
+        assert rig.autopilot.mode == POSITION_MODE
         assert mode_changes(rig.vehicle)[-1] == ("Mode Position: the RC pilot", 4, "pilot")
         cause = json_of(await control_routes.show("1", rig.station, BOB))["mode_cause"]
         assert (cause["source"], cause["text"]) == ("pilot", "the RC pilot")
@@ -251,17 +252,17 @@ def test_a_pilots_switch_to_position_is_reported_and_never_reversed(run_simulate
 
 def test_another_stations_command_is_detected_by_its_acknowledgement(run_simulated):
     async def scenario(rig):
-        await offboard_routes.start("1", START, rig.station, ANNA)
+        await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
         rig.autopilot.send(sim.MAVLink_command_ack_message(DO_SET_MODE, 0, 0, 0, 245, 190))
-        rig.autopilot.mode = rig.autopilot.requested_mode = RTL
-        rig.autopilot.current_mode()
-        await assert_silent(rig.autopilot, None, settle_s=0.1)
+        rig.autopilot.mode = rig.autopilot.requested_mode = RTL_MODE
+        rig.autopilot.send_current_mode()
+        await assert_nothing_sent(rig.autopilot, None, settle_s=0.1)
         assert mode_changes(rig.vehicle)[-1] == (
-            "Mode Return: another ground station commanded it (station 245/190)",
+            "Mode Return: another ground station (station 245/190)",
             4,
             "station",
         )
-        assert rig.autopilot.mode == RTL
+        assert rig.autopilot.mode == RTL_MODE
 
     run_with_routes(run_simulated, scenario)
 
@@ -269,12 +270,12 @@ def test_another_stations_command_is_detected_by_its_acknowledgement(run_simulat
 def test_the_servers_commands_and_the_vehicles_mode_changes_are_not_external_control(run_simulated):
     async def scenario(rig):
         await vehicle_routes.rtl("1", rig.station, ANNA)
-        await seconds(1)
+        await sleep(1)
         assert mode_changes(rig.vehicle)[-1] == ("Mode Return", 5, "command")
-        await seconds(15)
-        rig.autopilot.mode = HOLD
-        rig.autopilot.current_mode()
-        await seconds(0.1)
+        await sleep(15)
+        rig.autopilot.mode = HOLD_MODE
+        rig.autopilot.send_current_mode()
+        await sleep(0.1)
         assert mode_changes(rig.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
 
     run_with_routes(run_simulated, scenario)
@@ -282,10 +283,10 @@ def test_the_servers_commands_and_the_vehicles_mode_changes_are_not_external_con
 
 def test_a_failsafe_is_reported_as_failsafe(run_simulated):
     async def scenario(rig):
-        await seconds(10)
-        rig.autopilot.mode = RTL
-        rig.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
-        await seconds(0.1)
+        await sleep(10)
+        rig.autopilot.mode = RTL_MODE
+        rig.autopilot.send(sim.MAVLink_current_mode_message(0, RTL_MODE, HOLD_MODE))
+        await sleep(0.1)
         assert mode_changes(rig.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
 
     run_with_routes(run_simulated, scenario)
@@ -293,13 +294,13 @@ def test_a_failsafe_is_reported_as_failsafe(run_simulated):
 
 def test_a_mode_change_first_seen_in_a_heartbeat_is_reclassified_as_failsafe(run_simulated):
     async def scenario(rig):
-        await seconds(10)
-        rig.autopilot.mode = RTL
-        rig.autopilot.heartbeat()
-        await seconds(0.1)
+        await sleep(10)
+        rig.autopilot.mode = RTL_MODE
+        rig.autopilot.send_heartbeat()
+        await sleep(0.1)
         assert mode_changes(rig.vehicle)[-1][2] == "unknown"
-        rig.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
-        await seconds(0.1)
+        rig.autopilot.send(sim.MAVLink_current_mode_message(0, RTL_MODE, HOLD_MODE))
+        await sleep(0.1)
         assert rig.vehicle.mode_cause.source == "failsafe"
 
     run_with_routes(run_simulated, scenario)
@@ -308,15 +309,15 @@ def test_a_mode_change_first_seen_in_a_heartbeat_is_reclassified_as_failsafe(run
 def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(run_simulated):
     async def scenario(rig):
         await rig.vehicle.gimbal.take_control()
-        await seconds(2.5)
-        count = len(rig.autopilot.commands(GIMBAL_CONFIGURE))
+        await sleep(2.5)
+        count = len(rig.autopilot.received_commands(GIMBAL_CONFIGURE))
         rig.autopilot.gimbal_control = (245, 190)
-        await seconds(5)
+        await sleep(5)
         assert control_changes(rig.vehicle)[-1] == (
             "gimbal_taken",
             "Station 245/190 has taken the gimbal from this server.",
         )
-        assert len(rig.autopilot.commands(GIMBAL_CONFIGURE)) == count
+        assert len(rig.autopilot.received_commands(GIMBAL_CONFIGURE)) == count
         with pytest.raises(Refused, match="controlled by system 245"):
             await rig.vehicle.gimbal.set_angles(-10, 0)
 
@@ -326,12 +327,12 @@ def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(run_si
 def test_a_recording_has_no_control_lease(run_simulated):
     async def run():
         testbed = OffboardTestbed()
-        link = testbed.link("tape", replay=True)
+        link = testbed.link("replay", replay=True)
         testbed.offboard_autopilot(link)
         try:
-            await seconds(8)
+            await sleep(8)
             [vehicle] = testbed.fleet.all()
-            station = station_of(testbed)
+            station = new_station(testbed)
             with pytest.raises(Refused, match="recording"):
                 await control_routes.take(vehicle.id, station, ANNA)
             with contextlib.suppress(Refused):
@@ -345,12 +346,12 @@ def test_a_recording_has_no_control_lease(run_simulated):
 
 def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_control(run_simulated):
     async def scenario(rig):
-        await offboard_routes.start("1", START, rig.station, ANNA)
-        await seconds(31)
+        await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
+        await sleep(31)
         assert control_changes(rig.vehicle)[-1][0] == "expired"
-        assert rig.autopilot.mode == OFFBOARD
-        await seconds(40)
-        assert rig.autopilot.mode == HOLD
+        assert rig.autopilot.mode == OFFBOARD_MODE
+        await sleep(40)
+        assert rig.autopilot.mode == HOLD_MODE
 
     run_with_routes(run_simulated, scenario)
 
@@ -362,12 +363,12 @@ def test_a_stream_reports_its_clients_key(run_simulated):
     )
 
     async def scenario(rig):
-        await offboard_routes.start("1", START, rig.station, first_tab)
+        await offboard_routes.start("1", START_REQUEST, rig.station, first_tab)
         status = rig.vehicle.offboard.status()  # the stream process reports only the name
         assert (status.client, status.client_key) == ("anna", first_tab.key)
         await control_routes.release("1", rig.station, first_tab)
         await offboard_routes.setpoint("1", SETPOINT, rig.station, second_tab)
-        await seconds(0.5)
+        await sleep(0.5)
         assert rig.vehicle.offboard.status().client_key == second_tab.key != first_tab.key
 
     run_with_routes(run_simulated, scenario)

@@ -13,7 +13,7 @@ from missions.setpoints import Path, PathPoint, Position
 from tests.protocol.command_numbers import SET_MESSAGE_INTERVAL
 from tests.protocol.offboard_testbed import offboard_event_codes
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
-from tests.unit.vehicle_sim.prepared_stations import hovering
+from tests.unit.vehicle_sim.prepared_stations import station_in_hover
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.world.files import load_world
 
@@ -78,10 +78,10 @@ class Flight:
 
 def run_at_the_box(run_simulated, scenario):
     async def run():
-        station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
+        station = station_in_hover(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
         testbed = SimulatedTestbed(sim=station.sim)
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             flight = Flight(testbed, vehicle)
             await flight.begin()
             try:
@@ -168,9 +168,9 @@ def test_the_vehicle_stops_while_its_obstacle_sensors_send_nothing(run_simulated
 
 def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(run_simulated):
     async def run():
-        testbed = SimulatedTestbed(sim=hovering(Station, 2.0, links=(("gcs", "gcs"),)).sim)
+        testbed = SimulatedTestbed(sim=station_in_hover(Station, 2.0, links=(("gcs", "gcs"),)).sim)
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             with pytest.raises(Refused, match="no obstacle sensor") as refused:
                 await vehicle.offboard.avoidance.switch_on("over")
             assert "DISTANCE_SENSOR" in refused.value.remedy

@@ -19,11 +19,11 @@ from tests.protocol.command_numbers import (
     TAKEOFF_COMMAND,
 )
 from tests.protocol.fake_autopilot import IN_AIR, ON_GROUND
-from tests.protocol.one_vehicle import LOSS, run_scenario
+from tests.protocol.one_vehicle import PACKET_LOSS_CASES, run_scenario
 from vehicle_sim.mavlink import generated_dialect as sim
 
 
-@pytest.mark.parametrize(("loss", "seed"), LOSS)
+@pytest.mark.parametrize(("loss", "seed"), PACKET_LOSS_CASES)
 def test_each_command_of_a_flight_reaches_its_state_in_time(run_simulated, loss, seed):
     async def scenario(testbed, vehicle, autopilot):
         async def finish_within(limit_s, call):
@@ -39,13 +39,13 @@ def test_each_command_of_a_flight_reaches_its_state_in_time(run_simulated, loss,
         assert vehicle.status.armed
         assert vehicle.status.mode == "takeoff"
         assert autopilot.target[2] == pytest.approx(499.0, abs=0.01)
-        assert len([m for m in autopilot.commands(ARM_DISARM) if m.param1 == 1]) >= 2
+        assert len([m for m in autopilot.received_commands(ARM_DISARM) if m.param1 == 1]) >= 2
         autopilot.landed_state, autopilot.position[2] = IN_AIR, 499.0
         await finish_within(6, vehicle.command.hold())
         assert vehicle.status.mode == "hold"
         await finish_within(6, vehicle.command.goto(47.398, 8.546, alt_home_m=12, yaw_ned_deg=90))
         assert autopilot.target == pytest.approx((47.398, 8.546, 501.0))
-        command = autopilot.commands(DO_REPOSITION)[-1]
+        command = autopilot.received_commands(DO_REPOSITION)[-1]
         assert command.get_type() == "COMMAND_INT"
         assert command.param4 == pytest.approx(math.pi / 2)
         await finish_within(6, vehicle.command.rtl())
@@ -54,7 +54,7 @@ def test_each_command_of_a_flight_reaches_its_state_in_time(run_simulated, loss,
         assert vehicle.status.mode == "land"
         await finish_within(6, vehicle.command.kill())
         assert not vehicle.status.armed
-        assert autopilot.commands(ARM_DISARM)[-1].param2 == FORCE
+        assert autopilot.received_commands(ARM_DISARM)[-1].param2 == FORCE
 
     run_scenario(run_simulated, scenario, loss=loss, seed=seed)
 
@@ -83,9 +83,9 @@ def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success
 
         autopilot.handlers.append(drop_first_two)
         await vehicle.command.arm()
-        assert [m.confirmation for m in autopilot.commands(ARM_DISARM)] == [0, 1, 2]
+        assert [m.confirmation for m in autopilot.received_commands(ARM_DISARM)] == [0, 1, 2]
         await asyncio.sleep(10)
-        assert len(autopilot.commands(ARM_DISARM)) == 3
+        assert len(autopilot.received_commands(ARM_DISARM)) == 3
 
     run_scenario(run_simulated, scenario)
 
@@ -110,11 +110,11 @@ def test_a_refusal_to_arm_lists_the_failed_checks(run_simulated):
         autopilot.arm_denied = True
         # The events of an arming report with failed checks.
         summary = struct.pack("<BIIII", 0, 1048576, 128, 0, 0)
-        autopilot.event(ARMING_SUMMARY_ID, 0x88, summary)
-        autopilot.event(30612409, 0x33, struct.pack("<IB", 8257660, 17))
-        autopilot.event(19865031, 0x33, struct.pack("<IB", 16384, 20))
-        autopilot.event(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
-        autopilot.event(HEALTH_SUMMARY_ID, 0x88)
+        autopilot.send_event(ARMING_SUMMARY_ID, 0x88, summary)
+        autopilot.send_event(30612409, 0x33, struct.pack("<IB", 8257660, 17))
+        autopilot.send_event(19865031, 0x33, struct.pack("<IB", 16384, 20))
+        autopilot.send_event(17231145, 0x44, struct.pack("<IB", 0xFFFFFFFF, 7))
+        autopilot.send_event(HEALTH_SUMMARY_ID, 0x88)
         await asyncio.sleep(1)
         with pytest.raises(Rejected) as caught:
             await vehicle.command.arm()
@@ -125,7 +125,7 @@ def test_a_refusal_to_arm_lists_the_failed_checks(run_simulated):
         )
         with pytest.raises(Rejected):
             await vehicle.command.takeoff(5)
-        assert autopilot.commands(RUN_PREARM_CHECKS)
+        assert autopilot.received_commands(RUN_PREARM_CHECKS)
         assert vehicle.status.mode == "hold"  # in Takeoff mode, the vehicle would climb when it is armed
 
     run_scenario(run_simulated, scenario)
@@ -146,7 +146,7 @@ def test_an_acknowledgement_without_the_commanded_state_is_not_a_success(run_sim
         def only_acknowledge(m):
             if m.get_type() != "COMMAND_LONG" or m.command != ARM_DISARM:
                 return False
-            autopilot.ack(ARM_DISARM, 0)
+            autopilot.send_ack(ARM_DISARM, 0)
             return True
 
         autopilot.handlers.append(only_acknowledge)
@@ -158,7 +158,7 @@ def test_an_acknowledgement_without_the_commanded_state_is_not_a_success(run_sim
 
 def test_the_commanded_state_without_an_acknowledgement_is_a_success(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
-        autopilot.ack = lambda *_: None
+        autopilot.send_ack = lambda *_: None
         await vehicle.command.arm()
         await vehicle.command.set_mode("offboard")
         assert vehicle.status.mode == "offboard"
@@ -203,7 +203,7 @@ def test_a_progress_report_extends_the_deadline_and_is_published(run_simulated):
                 return False
             for second in range(1, 15):
                 testbed.loop.call_later(
-                    second, autopilot.ack, ARM_DISARM, sim.MAV_RESULT_IN_PROGRESS, second * 6
+                    second, autopilot.send_ack, ARM_DISARM, sim.MAV_RESULT_IN_PROGRESS, second * 6
                 )
             testbed.loop.call_later(15, lambda: setattr(autopilot, "armed", True))
             return True
@@ -235,12 +235,15 @@ def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(run_sim
         def refuse_command_long(m):
             if m.get_type() != "COMMAND_LONG" or m.command != ARM_DISARM:
                 return False
-            autopilot.ack(ARM_DISARM, sim.MAV_RESULT_COMMAND_INT_ONLY)
+            autopilot.send_ack(ARM_DISARM, sim.MAV_RESULT_COMMAND_INT_ONLY)
             return True
 
         autopilot.handlers.append(refuse_command_long)
         await vehicle.command.arm()
-        assert [m.get_type() for m in autopilot.commands(ARM_DISARM)] == ["COMMAND_LONG", "COMMAND_INT"]
+        assert [m.get_type() for m in autopilot.received_commands(ARM_DISARM)] == [
+            "COMMAND_LONG",
+            "COMMAND_INT",
+        ]
 
     run_scenario(run_simulated, scenario)
 
@@ -297,11 +300,11 @@ def test_a_lost_link_fails_pending_commands_at_once(run_simulated):
 )
 def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(run_simulated, call, field):
     async def scenario(testbed, vehicle, autopilot):
-        count = len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")])
+        count = len([m for m in autopilot.received_messages if m.get_type().startswith("COMMAND_")])
         with pytest.raises(InvalidRequest) as caught:
             await call(vehicle.command)
         assert caught.value.field == field
-        assert len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")]) == count
+        assert len([m for m in autopilot.received_messages if m.get_type().startswith("COMMAND_")]) == count
 
     run_scenario(run_simulated, scenario)
 
@@ -322,7 +325,7 @@ def test_the_server_refuses_commands_that_px4_would_accept(run_simulated):
         await asyncio.sleep(5)
         with pytest.raises(Refused, match="no global position"):
             await vehicle.command.takeoff(10)
-        assert not [c for c in (DO_REPOSITION, TAKEOFF_COMMAND) if autopilot.commands(c)]
+        assert not [c for c in (DO_REPOSITION, TAKEOFF_COMMAND) if autopilot.received_commands(c)]
 
     run_scenario(run_simulated, scenario)
 
@@ -335,7 +338,7 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_a
             await vehicle.command.takeoff(10)
         assert caught.value.field == "alt_home_m"
         assert "Use at least 32 m" in caught.value.remedy
-        assert not autopilot.commands(TAKEOFF_COMMAND)
+        assert not autopilot.received_commands(TAKEOFF_COMMAND)
         assert not vehicle.status.armed
         await vehicle.command.takeoff(32)
         assert vehicle.status.mode == "takeoff"
@@ -351,11 +354,11 @@ def test_unverified_vehicles_are_shown_and_commands_to_them_are_refused(
     async def scenario(testbed, vehicle, autopilot):
         autopilot.autopilot_type, autopilot.vehicle_type = autopilot_type, vehicle_type
         await asyncio.sleep(2)
-        count = len(autopilot.commands(ARM_DISARM))
+        count = len(autopilot.received_commands(ARM_DISARM))
         for call in (vehicle.command.arm, vehicle.command.kill, vehicle.gimbal.take_control):
             with pytest.raises(NotVerified):
                 await call()
-        assert len(autopilot.commands(ARM_DISARM)) == count
+        assert len(autopilot.received_commands(ARM_DISARM)) == count
         (shown,) = testbed.fleet.all()
         assert (shown.identity.autopilot, shown.identity.vehicle_type) == (autopilot_type, vehicle_type)
 

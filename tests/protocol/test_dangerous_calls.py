@@ -10,10 +10,10 @@ from gcs_server.api import models, offboard_routes, vehicle_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
-from tests.protocol.api_calls import journal_lines, station_of
+from tests.protocol.api_calls import journal_entries, new_station
 from tests.protocol.command_numbers import ARM_DISARM
-from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_testbed import OffboardTestbed, seconds, stream_request
+from tests.protocol.fake_autopilot import OFFBOARD_MODE
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep, stream_request
 
 ME, ANNA, BERT, CARLA = (Principal.from_identity(name, name) for name in ("me", "anna", "bert", "carla"))
 HOVER = {"type": "position", "position_ned_m": [0, 0, -5]}
@@ -29,17 +29,17 @@ def run_with_equal_system_ids(run_simulated, scenario):
         autopilots = {}
         for number, name in enumerate(("one", "two")):
             autopilots[name] = testbed.offboard_autopilot(
-                testbed.link(name), uid=number + 7, boot_s=900.0 - 50 * number
+                testbed.link(name), uid=number + 7, booted_at_s=900.0 - 50 * number
             )
-            autopilots[name].fly()
+            autopilots[name].set_hovering()
         try:
             for vehicle_id in ("1", "1~2"):
-                await testbed.ready(vehicle_id)
-            await seconds(1.5)
+                await testbed.wait_for_vehicle(vehicle_id)
+            await sleep(1.5)
             first_autopilot, second_autopilot = (
                 autopilots[testbed.fleet.get(i).links[0]] for i in ("1", "1~2")
             )
-            await scenario(testbed, station_of(testbed), first_autopilot, second_autopilot)
+            await scenario(testbed, new_station(testbed), first_autopilot, second_autopilot)
         finally:
             await testbed.close()
 
@@ -62,11 +62,11 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id,
     async def scenario(testbed, station, first_autopilot, second_autopilot):
         with pytest.raises(InvalidRequest, match="nothing was sent"):
             await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
-        await seconds(1)
+        await sleep(1)
         for autopilot in (first_autopilot, second_autopilot):
             assert autopilot.armed
-            assert not autopilot.commands(ARM_DISARM)
-        assert journal_lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
+            assert not autopilot.received_commands(ARM_DISARM)
+        assert journal_entries(station) == [("me", "kill", vehicle_id, "invalid_request")]
 
     run_with_equal_system_ids(run_simulated, scenario)
 
@@ -81,7 +81,7 @@ def test_kill_is_sent_only_to_the_named_vehicle(run_simulated, vehicle_id):
         )
         assert not named_autopilot.armed
         assert other_autopilot.armed
-        assert not other_autopilot.commands(ARM_DISARM)
+        assert not other_autopilot.received_commands(ARM_DISARM)
 
     run_with_equal_system_ids(run_simulated, scenario)
 
@@ -89,7 +89,7 @@ def test_kill_is_sent_only_to_the_named_vehicle(run_simulated, vehicle_id):
 def test_kill_is_sent_to_a_vehicle_without_connection(run_simulated):
     async def scenario(testbed, station, first_autopilot, second_autopilot):
         first_autopilot.send_raw = lambda raw: None
-        await seconds(4)
+        await sleep(4)
         with pytest.raises(Disconnected):
             await vehicle_routes.land("1", station, ME)
         with pytest.raises((NoReply, Disconnected)):
@@ -106,7 +106,7 @@ def test_kill_of_an_unknown_vehicle_is_refused_and_journaled(run_simulated):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
             await vehicle_routes.kill("3", body, station, ME)
-        assert journal_lines(station) == [("me", "kill", "3", "unknown_vehicle")]
+        assert journal_entries(station) == [("me", "kill", "3", "unknown_vehicle")]
 
     run_with_equal_system_ids(run_simulated, scenario)
 
@@ -120,7 +120,7 @@ def test_a_vehicle_identified_as_another_vehicle_loses_its_stream_and_reports_it
         await merged.offboard.start(stream_request())
         testbed.fleet._merge(kept, merged)
         count = len(second_autopilot.setpoints)
-        await seconds(6)
+        await sleep(6)
         assert len(second_autopilot.setpoints) == count
         assert not first_autopilot.setpoints
         assert not merged.offboard.status().streaming
@@ -147,13 +147,13 @@ def test_a_handover_of_control_journals_both_clients(run_simulated):
             assert json.loads(response.body)["client"] == client.name
             with pytest.raises(NotInControl, match=f"{client} has control"):
                 await offboard_routes.setpoint("1", target, station, other_client)
-            await seconds(0.1)
+            await sleep(0.1)
         with pytest.raises(NotInControl, match="bert has control"):
             await offboard_routes.stop("1", station, CARLA)
         await offboard_routes.stop("1", station, BERT)
         with pytest.raises(Refused, match="no setpoint stream"):
             await offboard_routes.setpoint("1", setpoint_request(HOVER), station, BERT)
-        journal = journal_lines(station)
+        journal = journal_entries(station)
         assert journal[0] == ("anna", "offboard/start", "1", "ok")
         setpoints = {
             (client, result) for client, command, _, result in journal if command == "offboard/setpoint"
@@ -175,11 +175,11 @@ def test_hold_by_another_client_ends_the_stream(run_simulated):
     async def scenario(testbed, station, first_autopilot, second_autopilot):
         body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
-        assert first_autopilot.mode == OFFBOARD
+        assert first_autopilot.mode == OFFBOARD_MODE
         await vehicle_routes.hold("1", station, BERT)
-        await seconds(0.15)
+        await sleep(0.15)
         count = len(first_autopilot.setpoints)
-        await seconds(3)
+        await sleep(3)
         assert len(first_autopilot.setpoints) == count
         assert "bert" in testbed.fleet.get("1").offboard.status().ended
 
@@ -238,7 +238,7 @@ def test_targets_more_than_a_kilometre_away_are_refused_at_the_start_and_in_flig
         await offboard_routes.start("1", start_request, station, ME)
         with pytest.raises(Refused, match="at most 1000 m"):
             await offboard_routes.setpoint("1", setpoint_request(far_setpoint), station, ME)
-        await seconds(0.2)
+        await sleep(0.2)
         assert first_autopilot.setpoints[-1][1].z == -5.0
 
     run_with_equal_system_ids(run_simulated, scenario)

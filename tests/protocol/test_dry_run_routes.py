@@ -4,9 +4,9 @@ nothing to the vehicle."""
 import json
 
 from gcs_server.api import control_routes, dry_run_models, dry_run_routes
-from tests.protocol.api_calls import ANNA, BOB, TAKE_BY_FORCE, json_of, run_with_routes
+from tests.protocol.api_calls import ANNA, BOB, FORCED_CONTROL_REQUEST, json_of, run_with_routes
 from tests.protocol.command_numbers import REQUEST_MESSAGE, RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL
-from tests.protocol.offboard_testbed import seconds
+from tests.protocol.offboard_testbed import sleep
 
 AT_20_M = {"value_m": 20, "reference": "home"}
 POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
@@ -43,7 +43,7 @@ def commands_with_effect(autopilot):
     types = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET")
     received = [
         m
-        for m in autopilot.received
+        for m in autopilot.received_messages
         if m.get_type() in types or m.get_type().startswith(("MISSION_", "SET_"))
     ]
     return [m for m in received if getattr(m, "command", 0) not in MESSAGE_REQUESTS]
@@ -79,11 +79,11 @@ def test_a_dry_run_of_a_vehicle_in_flight_starts_at_its_home(run_simulated):
 
 def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(run_simulated):
     async def scenario(rig):
-        await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE)
-        await seconds(1.0)
+        await control_routes.take("1", rig.station, BOB, FORCED_CONTROL_REQUEST)
+        await sleep(1.0)
         count_before = len(commands_with_effect(rig.autopilot))
         await request_dry_run(rig, ANNA, flights=50)
-        await seconds(1.0)
+        await sleep(1.0)
         assert [str(m) for m in commands_with_effect(rig.autopilot)[count_before:]] == []
         assert rig.station.authority.control("1").status().holder_key == BOB.key
 

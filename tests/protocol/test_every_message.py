@@ -27,9 +27,9 @@ from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
 from gcs_server.telemetry.hub import ALL_TOPICS, EncodedSamples
 from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.samples import TOPICS
-from tests.protocol.fake_autopilot import OFFBOARD
+from tests.protocol.fake_autopilot import OFFBOARD_MODE
 from tests.protocol.offboard_testbed import OffboardTestbed, stream_request
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 
 PEERS = ("a", "b")
 """The peers of vehicles 1 and 2."""
@@ -177,14 +177,14 @@ def run_with_outputs(scenario: Any) -> None:
             link = testbed.link()
             autopilots = [testbed.offboard_autopilot(link, peer=PEERS[n], system=n + 1) for n in range(2)]
             for autopilot in autopilots:
-                autopilot.fly()
-            await testbed.ready("1")
-            await testbed.ready("2")
+                autopilot.set_hovering()
+            await testbed.wait_for_vehicle("1")
+            await testbed.wait_for_vehicle("2")
             for autopilot in autopilots:
-                autopilot.mode = autopilot.requested_mode = OFFBOARD
+                autopilot.mode = autopilot.requested_mode = OFFBOARD_MODE
                 autopilot.has_stream = lambda: True
-                autopilot.heartbeat()
-                autopilot.autopilot_version()
+                autopilot.send_heartbeat()
+                autopilot.send_autopilot_version()
             await testbed.clock.sleep(0.2)
             for autopilot in autopilots:
                 autopilot.alive = False
@@ -208,7 +208,7 @@ def run_with_outputs(scenario: Any) -> None:
         finally:
             await testbed.close()
 
-    run_in_simulated_time(run)
+    run_on_simulated_time(run)
 
 
 @pytest.mark.parametrize("msg_id", DECODED, ids=lambda msg_id: LAYOUTS[msg_id].name)

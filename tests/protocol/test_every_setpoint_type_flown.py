@@ -24,9 +24,9 @@ from missions.setpoints import (
     Velocity,
     VelocityBody,
 )
-from tests.protocol.offboard_testbed import offboard_event_codes, seconds
+from tests.protocol.offboard_testbed import offboard_event_codes, sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
-from tests.unit.vehicle_sim.prepared_stations import hovering
+from tests.unit.vehicle_sim.prepared_stations import station_in_hover
 from tests.unit.vehicle_sim.sim_station import Station
 
 METRES_PER_DEGREE = 111_195
@@ -36,9 +36,9 @@ def run_with_hovering_vehicle(run_simulated, scenario, alt_home_m=8.0):
     """Runs a test that begins with one vehicle in Hold at this altitude above home."""
 
     async def run():
-        testbed = SimulatedTestbed(sim=hovering(Station, alt_home_m).sim)
+        testbed = SimulatedTestbed(sim=station_in_hover(Station, alt_home_m).sim)
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             await until(lambda: vehicle.status.mode == "hold" and vehicle.topic("home"), 10)
             await scenario(testbed, vehicle)
         finally:
@@ -62,7 +62,7 @@ def stream_request(setpoint, valid_for_s=60.0, **expiry):
 async def fly(vehicle, setpoint, duration_s):
     """Sends a setpoint on the running stream and flies it."""
     await vehicle.offboard.setpoint(stream_request(setpoint))
-    await seconds(duration_s)
+    await sleep(duration_s)
     status = vehicle.offboard.status()
     assert status.state == "streaming", (setpoint, status.ended, offboard_event_codes(vehicle))
     assert vehicle.status.mode == "offboard"
@@ -78,7 +78,7 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(run_simulated):
     async def scenario(testbed, vehicle):
         status = await vehicle.offboard.start(stream_request(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
         assert status.ordered_type == "position"
-        await seconds(6)
+        await sleep(6)
         assert distance_m(vehicle, (3.0, 2.0, -8.0)) < 0.6
         assert attitude(vehicle).yaw_ned_rad == pytest.approx(1.0, abs=0.1)
         health = vehicle.offboard.status().health
@@ -144,11 +144,11 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(run_simulated):
             Attitude((1.0, 0.0, 0.0, 0.0), thrust), 0.5, action="hold", hold_for_s=4.0
         )
         await vehicle.offboard.setpoint(expiring_request)
-        await seconds(0.8)
+        await sleep(0.8)
         status = vehicle.offboard.status()
         assert (status.state, status.setpoint["type"]) == ("holding", "position")
         hold_position_ned_m = status.setpoint["position_ned_m"]
-        await seconds(3)
+        await sleep(3)
         assert distance_m(vehicle, hold_position_ned_m) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 5)
 
@@ -172,11 +172,11 @@ def test_thrust_torque_and_motor_setpoints_of_another_program_are_detected(run_s
 
         async with asyncio.TaskGroup() as group:
             streaming = group.create_task(call_repeatedly(hover, 2.5))
-            await seconds(1.2)
+            await sleep(1.2)
             await vehicle.command.set_mode("offboard")
             with pytest.raises(Refused, match="another program"):
                 await vehicle.offboard.start(stream_request(Position((0.0, 0.0, -8.0))))
-            await seconds(0.6)
+            await sleep(0.6)
             assert abs(local_position(vehicle).position_ned_m[2] + 8) < 2
             await streaming
         motors = (0.5, 0.5, 0.5, 0.5)
@@ -199,14 +199,14 @@ def test_a_path_is_flown_to_its_end_without_further_messages_of_the_client(run_s
         assert status.valid_left_s == pytest.approx(17.0, abs=0.1)
         max_distance_m = 0.0
         for index in range(1, 5):
-            await seconds(4)
+            await sleep(4)
             max_distance_m = max(max_distance_m, distance_m(vehicle, points[index].position_ned_m))
             assert vehicle.offboard.status().ordered_type == "path"
         assert max_distance_m < 1.6  # the vehicle lags behind a moving setpoint
-        await seconds(0.5)
+        await sleep(0.5)
         assert distance_m(vehicle, points[-1].position_ned_m) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 6)  # expired a second after the path's end
-        await seconds(0.3)
+        await sleep(0.3)
         assert offboard_event_codes(vehicle) == ["expired", "held"]
         with pytest.raises(Refused, match="begins 2"):
             far_points = tuple(
@@ -231,20 +231,20 @@ def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(run_simulated
         await vehicle.offboard.operator_limits.set(
             OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0), by="test"
         )
-        with pytest.raises(Refused, match="outside the operator's fence"):
+        with pytest.raises(Refused, match="outside the operator's geofence"):
             await vehicle.offboard.start(stream_request(Position((40.0, 0.0, -8.0))))
         with pytest.raises(Refused, match="altitude limits"):
             await vehicle.offboard.start(stream_request(Position((10.0, 0.0, -14.0))))
         await vehicle.offboard.start(stream_request(Velocity((6.0, 0.0, -1.0), yaw_ned_rad=0.0)))
         farthest_m = highest_m = 0.0
         for _ in range(160):
-            await seconds(0.1)
+            await sleep(0.1)
             n, e, d = local_position(vehicle).position_ned_m
             farthest_m, highest_m = max(farthest_m, math.hypot(n, e)), max(highest_m, -d)
         assert 20 < farthest_m < 25.2
         assert 10.5 < highest_m < 12.5  # the estimated altitude drifts by a few decimetres
         status = vehicle.offboard.status()
-        assert any("before the fence" in text for text in status.limited)
+        assert any("before the geofence" in text for text in status.limited)
         assert math.hypot(*local_position(vehicle).velocity_ned_m_s[:2]) < 0.4
         assert "limited" in offboard_event_codes(vehicle)
         # Attitude setpoints control no position: the server stops the vehicle before the fence.
@@ -254,7 +254,7 @@ def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(run_simulated
         )
         farthest_m = 0.0
         for _ in range(120):
-            await seconds(0.1)
+            await sleep(0.1)
             n, e, _ = local_position(vehicle).position_ned_m
             farthest_m = max(farthest_m, math.hypot(n, e))
         assert "fence" in offboard_event_codes(vehicle)
@@ -278,9 +278,9 @@ def test_one_vehicle_follows_another_until_the_other_is_lost(run_simulated):
         await leader.offboard.start(stream_request(Velocity((0.0, 0.0, 0.0), yaw_ned_rad=0.0)))
         beside_leader = Follow("1", offset_ned_m=(0.0, 4.0, -3.0), yaw="same")
         await follower.offboard.start(stream_request(beside_leader, valid_for_s=300, hold_for_s=2.0))
-        await seconds(4)
+        await sleep(4)
         await leader.offboard.setpoint(stream_request(Velocity((2.0, 1.0, 0.0), yaw_ned_rad=0.5)))
-        await seconds(8)
+        await sleep(8)
         leader_position, follower_position = (
             leader.topic("global_position").value,
             follower.topic("global_position").value,
@@ -295,7 +295,7 @@ def test_one_vehicle_follows_another_until_the_other_is_lost(run_simulated):
         assert follower_position.alt_amsl_m - leader_position.alt_amsl_m == pytest.approx(3.0, abs=0.8)
         assert attitude(follower).yaw_ned_rad == pytest.approx(0.5, abs=0.15)
         testbed.sim.set_link_up(0, "gcs", False)
-        await seconds(2.5)
+        await sleep(2.5)
         assert "leader_lost" in offboard_event_codes(follower)
         assert follower.offboard.status().state in ("holding", "to_hold", "idle")
         await until(lambda: follower.status.mode == "hold", 6)

@@ -55,8 +55,8 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(run_s
     async def scenario(testbed):
         links = [testbed.link(name) for name in ("a", "b")]
         autopilot = testbed.offboard_autopilot(links[0], peer="real")
-        autopilot.fly()
-        real_vehicle = await testbed.ready()
+        autopilot.set_hovering()
+        real_vehicle = await testbed.wait_for_vehicle()
         autopilot.alive = False  # the vehicle is silent, and may return on any link
         for _ in range(2):
             for n, link in enumerate(links):
@@ -86,7 +86,7 @@ def test_a_new_vehicle_replaces_a_fake_vehicle_that_stopped_sending(run_simulate
             "the new vehicle replaced a connected vehicle"
         )
         await asyncio.sleep(REMOVABLE_AFTER_S)
-        assert (await testbed.ready()).id == "1"
+        assert (await testbed.wait_for_vehicle()).id == "1"
         assert len(testbed.fleet.all()) <= MAX_VEHICLES_ON_LINK
 
     run_test(run_simulated, scenario, OffboardTestbed)
@@ -97,8 +97,8 @@ def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_vehicle(run_simula
         testbed.fleet.on_vehicle_removed(testbed.streamer.detach)
         link = testbed.link()
         autopilot = testbed.offboard_autopilot(link)
-        autopilot.fly()
-        vehicle = await testbed.ready()
+        autopilot.set_hovering()
+        vehicle = await testbed.wait_for_vehicle()
         with pytest.raises(Refused, match="is connected"):
             testbed.fleet.remove("1", "test")
         await vehicle.offboard.start(stream_request(valid_for_s=600.0))
@@ -113,7 +113,7 @@ def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_vehicle(run_simula
         with pytest.raises(UnknownVehicle):
             testbed.streamer._find("1")
         autopilot.alive = True
-        new_vehicle = await testbed.ready()
+        new_vehicle = await testbed.wait_for_vehicle()
         assert new_vehicle is not vehicle
         await new_vehicle.offboard.start(stream_request(valid_for_s=60.0))
         assert new_vehicle.status.mode == "offboard"

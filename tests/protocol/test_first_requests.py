@@ -16,7 +16,7 @@ PX4, ARDUPILOT = sim.MAV_AUTOPILOT_PX4, sim.MAV_AUTOPILOT_ARDUPILOTMEGA
 
 
 def requests_for(autopilot, msg_id):
-    return sum(int(m.param1) == msg_id for m in autopilot.commands(REQUEST_MESSAGE))
+    return sum(int(m.param1) == msg_id for m in autopilot.received_commands(REQUEST_MESSAGE))
 
 
 def reply_with_gimbal_limits(autopilot, lost_requests):
@@ -46,8 +46,8 @@ def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(
     async def scenario(testbed):
         autopilot = testbed.autopilot(testbed.link())
         reply_with_gimbal_limits(autopilot, lost_requests=2)
-        vehicle = await testbed.ready()
-        autopilot.gimbal_attitude()
+        vehicle = await testbed.wait_for_vehicle()
+        autopilot.send_gimbal_attitude()
         await asyncio.sleep(4)
         assert requests_for(autopilot, GIMBAL_INFORMATION_ID) == 3
         gimbal = vehicle.topic("gimbal").value
@@ -73,7 +73,7 @@ def test_gimbal_limits_are_requested_from_px4_always_and_from_other_autopilots_i
     async def scenario(testbed):
         autopilot = testbed.autopilot(testbed.link())
         autopilot.autopilot_type, autopilot.has_gimbal = autopilot_type, has_gimbal
-        await testbed.ready()
+        await testbed.wait_for_vehicle()
         await asyncio.sleep(30)
         assert requests_for(autopilot, GIMBAL_INFORMATION_ID) == request_count
 
@@ -90,9 +90,9 @@ def test_the_version_is_requested_at_the_first_heartbeat_and_simulated_is_null_b
         testbed.fleet.on_vehicle_added(
             lambda v: states_when_added.append((v.identity.simulated, requests_for(autopilot, VERSION_ID)))
         )
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         assert states_when_added[0][0] is None
-        first_command = next(m for m in autopilot.received if m.get_type() == "COMMAND_LONG")
+        first_command = next(m for m in autopilot.received_messages if m.get_type() == "COMMAND_LONG")
         assert int(first_command.param1) == VERSION_ID
         assert vehicle.identity.simulated is None
         encoded_samples = EncodedSamples(testbed.clock, testbed.fleet)
@@ -116,12 +116,12 @@ def test_simulated_is_false_for_a_px4_board_and_unknown_for_another_autopilot(
     async def scenario(testbed):
         autopilot = testbed.autopilot(testbed.link(), uid=0x1122)
         autopilot.autopilot_type = autopilot_type
-        autopilot.autopilot_version = lambda: autopilot.send(
+        autopilot.send_autopilot_version = lambda: autopilot.send(
             sim.MAVLink_autopilot_version_message(
                 1, 0x011000FF, 0, 0, 56, [0] * 8, [0] * 8, [0] * 8, 0x26AC, 0x11, 0x1122, [0] * 18
             )
         )
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.simulated is simulated
 

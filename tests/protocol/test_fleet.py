@@ -6,7 +6,7 @@ import pytest
 
 from gcs_server.errors import InvalidRequest, Refused, UnknownLink, UnknownVehicle
 from tests.protocol.command_numbers import ARM_DISARM, REQUEST_MESSAGE, SET_MESSAGE_INTERVAL
-from tests.protocol.fake_autopilot import TAKEOFF
+from tests.protocol.fake_autopilot import TAKEOFF_MODE
 from tests.protocol.memory_testbed import MemoryTestbed, run_test
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -24,11 +24,11 @@ def vehicle_ids(testbed):
 def test_a_simulator_is_identified_by_its_uid(run_simulated):
     async def scenario(testbed):
         autopilot = testbed.autopilot(testbed.link())
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         assert (vehicle.identity.simulated, vehicle.identity.replayed) == (True, False)
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.uid == "4954414c44494e4f"
-        assert len(autopilot.commands(REQUEST_MESSAGE)) >= 1
+        assert len(autopilot.received_commands(REQUEST_MESSAGE)) >= 1
         with pytest.raises(UnknownVehicle):
             testbed.fleet.get("9")
 
@@ -39,7 +39,7 @@ def test_several_vehicles_share_a_link(run_simulated):
     async def scenario(testbed):
         link = testbed.link()
         autopilots = [testbed.autopilot(link, peer=f"127.0.0.1:{18570 + n}", system=n + 1) for n in range(3)]
-        await testbed.ready("3")
+        await testbed.wait_for_vehicle("3")
         assert vehicle_ids(testbed) == ["1", "2", "3"]
         await testbed.fleet.get("2").command.arm()
         assert [autopilot.armed for autopilot in autopilots] == [False, True, False]
@@ -55,10 +55,10 @@ def test_two_peers_with_the_same_system_id_are_two_vehicles(run_simulated, first
     async def scenario(testbed):
         link = testbed.link()
         first_autopilot = testbed.autopilot(link, peer="a", uid=first_uid)
-        await testbed.ready("1")
-        second_autopilot = testbed.autopilot(link, peer="b", uid=second_uid, boot_s=500.0)
+        await testbed.wait_for_vehicle("1")
+        second_autopilot = testbed.autopilot(link, peer="b", uid=second_uid, booted_at_s=500.0)
         second_autopilot.position[2] = 600.0
-        other = await testbed.ready("1~2")
+        other = await testbed.wait_for_vehicle("1~2")
         vehicle = testbed.fleet.get("1")
         for _ in range(20):
             await asyncio.sleep(0.1)
@@ -77,7 +77,7 @@ def test_a_vehicle_with_a_hardware_uid_that_is_connected_over_two_links_is_shown
         cable, radio = testbed.link("cable"), testbed.link("radio")
         testbed.autopilot(cable, uid=HARDWARE_UID_A)
         second = testbed.autopilot(radio, uid=HARDWARE_UID_A)
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         await asyncio.sleep(5)
         assert vehicle_ids(testbed) == ["1"]
         assert set(vehicle.links) == {"cable", "radio"}
@@ -94,8 +94,8 @@ def test_a_vehicle_with_a_hardware_uid_that_is_connected_over_two_links_is_shown
 def test_simulators_on_two_links_are_distinguished_by_their_boot_time(run_simulated, other_boot_s, expected):
     async def scenario(testbed):
         testbed.autopilot(testbed.link("gcs"))
-        await testbed.ready()
-        testbed.autopilot(testbed.link("api"), boot_s=other_boot_s)
+        await testbed.wait_for_vehicle()
+        testbed.autopilot(testbed.link("api"), booted_at_s=other_boot_s)
         await asyncio.sleep(6)
         assert vehicle_ids(testbed) == expected
 
@@ -123,11 +123,11 @@ def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(run_simula
     async def scenario(testbed):
         link = testbed.link()
         first = testbed.autopilot(link, peer="a")
-        await testbed.ready()
+        await testbed.wait_for_vehicle()
         first.alive = False
         await asyncio.sleep(6)
         assert testbed.fleet.get("1").status.link_lost
-        returned = testbed.autopilot(link, peer="b", boot_s=1010.0)
+        returned = testbed.autopilot(link, peer="b", booted_at_s=1010.0)
         await asyncio.sleep(5)
         assert vehicle_ids(testbed) == ["1"]
         await testbed.fleet.get("1").command.arm()
@@ -140,7 +140,7 @@ def test_other_stations_and_companions_are_not_vehicles(run_simulated):
     async def scenario(testbed):
         link = testbed.link()
         autopilot = testbed.autopilot(link)
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         for system, component in ((255, 190), (245, 191), (1, 191)):
             mav = sim.MAVLink(None, srcSystem=system, srcComponent=component)
             link.inject(sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "other")
@@ -154,10 +154,10 @@ def test_other_stations_and_companions_are_not_vehicles(run_simulated):
 def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_commands(run_simulated):
     async def scenario(testbed):
         testbed.autopilot(testbed.link())
-        await testbed.ready()
+        await testbed.wait_for_vehicle()
         replay = testbed.link("replay", replay=True)
         testbed.autopilot(replay)
-        vehicle = await testbed.ready("1~2")
+        vehicle = await testbed.wait_for_vehicle("1~2")
         assert (vehicle.identity.replayed, vehicle.identity.warnings) == (True, ())
         for call in (
             vehicle.command.arm(),
@@ -168,7 +168,7 @@ def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_command
             with pytest.raises(Refused, match="recording"):
                 await call
         assert not vehicle.send(sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-        assert replay.sent == []
+        assert replay.sent_packets == []
         await testbed.router.remove_link("replay")
         assert vehicle_ids(testbed) == ["1"]
 
@@ -179,15 +179,15 @@ def test_heartbeats_are_sent_once_a_second_to_every_peer(run_simulated):
     async def scenario(testbed):
         link = testbed.link()
         autopilots = [testbed.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
-        await testbed.ready("2")
-        before = [sum(m.get_type() == "HEARTBEAT" for m in a.received) for a in autopilots]
+        await testbed.wait_for_vehicle("2")
+        before = [sum(m.get_type() == "HEARTBEAT" for m in a.received_messages) for a in autopilots]
         await asyncio.sleep(10)
-        after = [sum(m.get_type() == "HEARTBEAT" for m in a.received) for a in autopilots]
+        after = [sum(m.get_type() == "HEARTBEAT" for m in a.received_messages) for a in autopilots]
         assert [a - b for a, b in zip(after, before, strict=True)] == pytest.approx([10, 10], abs=1)
-        newest = autopilots[0].received[-1]
+        newest = autopilots[0].received_messages[-1]
         assert (newest.get_srcSystem(), newest.get_srcComponent()) == (42, 190)
         for autopilot in autopilots:  # sequence numbers per peer, without gaps
-            seqs = [m.get_seq() for m in autopilot.received]
+            seqs = [m.get_seq() for m in autopilot.received_messages]
             assert seqs == [(seqs[0] + i) % 256 for i in range(len(seqs))]
 
     run_test(run_simulated, scenario, lambda: MemoryTestbed(system_id=42))
@@ -196,10 +196,10 @@ def test_heartbeats_are_sent_once_a_second_to_every_peer(run_simulated):
 def test_stream_rates_are_not_changed(run_simulated):
     async def scenario(testbed):
         autopilot = testbed.autopilot(testbed.link())
-        await testbed.ready()
+        await testbed.wait_for_vehicle()
         await asyncio.sleep(30)
-        assert autopilot.commands(SET_MESSAGE_INTERVAL) == []
-        assert not [m for m in autopilot.received if m.get_type() == "REQUEST_DATA_STREAM"]
+        assert autopilot.received_commands(SET_MESSAGE_INTERVAL) == []
+        assert not [m for m in autopilot.received_messages if m.get_type() == "REQUEST_DATA_STREAM"]
 
     run_test(run_simulated, scenario)
 
@@ -211,20 +211,24 @@ def test_another_station_gets_all_messages_and_its_command_reaches_only_the_targ
         station = testbed.link("qgc", forward=True)
         qgc = sim.MAVLink(None, srcSystem=255, srcComponent=190)
         station.inject(sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(qgc), "qgc")
-        await testbed.ready("2")
-        system_ids = {system_id_of(frame) for frame, _ in station.sent}
+        await testbed.wait_for_vehicle("2")
+        system_ids = {system_id_of(frame) for frame, _ in station.sent_packets}
         assert system_ids == {1, 2}
-        before = [len(autopilot.commands(ARM_DISARM)) for autopilot in autopilots]
+        before = [len(autopilot.received_commands(ARM_DISARM)) for autopilot in autopilots]
         station.inject(
             sim.MAVLink_command_long_message(2, 1, ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
         )
         await asyncio.sleep(0.05)
-        assert [len(a.commands(ARM_DISARM)) - b for a, b in zip(autopilots, before, strict=True)] == [0, 1]
+        assert [
+            len(a.received_commands(ARM_DISARM)) - b for a, b in zip(autopilots, before, strict=True)
+        ] == [0, 1]
         # A frame of vehicle 1 that the station sends back must not reach the vehicles.
         vehicle_1 = sim.MAVLink(None, srcSystem=1, srcComponent=1)
         station.inject(sim.MAVLink_ping_message(1, 2, 0, 0).pack(vehicle_1), "qgc")
         await asyncio.sleep(0.02)
-        assert not [m for autopilot in autopilots for m in autopilot.received if m.get_type() == "PING"]
+        assert not [
+            m for autopilot in autopilots for m in autopilot.received_messages if m.get_type() == "PING"
+        ]
         assert vehicle_ids(testbed) == ["1", "2"]
 
     run_test(run_simulated, scenario)
@@ -250,17 +254,17 @@ def test_a_link_name_is_unique_and_an_unknown_link_cannot_be_removed(run_simulat
 def test_each_text_event_and_mode_change_is_reported_once(run_simulated):
     async def scenario(testbed):
         autopilot = testbed.autopilot(testbed.link())
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         start = vehicle.events.last_index
-        autopilot.text("A text without an event", 4)
-        autopilot.text("x" * 60 + " end", 6, 9)
-        autopilot.text("Takeoff detected\t", 6)
-        autopilot.event(TAKEOFF_DETECTED, 0x66)
-        autopilot.text("Only the text came\t", 4)
+        autopilot.send_text("A text without an event", 4)
+        autopilot.send_text("x" * 60 + " end", 6, 9)
+        autopilot.send_text("Takeoff detected\t", 6)
+        autopilot.send_event(TAKEOFF_DETECTED, 0x66)
+        autopilot.send_text("Only the text came\t", 4)
         await asyncio.sleep(1)
-        autopilot.event(99999, 0x44)
+        autopilot.send_event(99999, 0x44)
         await asyncio.sleep(2)
-        autopilot.armed, autopilot.mode = True, TAKEOFF
+        autopilot.armed, autopilot.mode = True, TAKEOFF_MODE
         await asyncio.sleep(2)
         reported = [(e.kind, e.text) for e in vehicle.events.since(start)]
         texts, changes = reported[:5], reported[5:]
@@ -280,7 +284,7 @@ def test_each_text_event_and_mode_change_is_reported_once(run_simulated):
 def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(run_simulated):
     async def scenario(testbed):
         testbed.autopilot(testbed.link())
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         await asyncio.sleep(20)
         samples = vehicle.history(("global_position",), testbed.clock.unix_s() - 10)
         assert len(samples) == pytest.approx(40, abs=3)
@@ -296,7 +300,7 @@ def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(run_simu
 def test_a_topic_is_decoded_once_for_each_message(run_simulated):
     async def scenario(testbed):
         testbed.autopilot(testbed.link())
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         assert vehicle.topic("home") is vehicle.topic("home")
         assert vehicle.topic("battery") is None
         with pytest.raises(KeyError):

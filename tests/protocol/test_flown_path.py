@@ -9,8 +9,8 @@ from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import Refused
 from tests.protocol.api_calls import json_of, run_with_routes
-from tests.protocol.mission_flights import Missions, run_in_flight
-from tests.protocol.offboard_testbed import seconds
+from tests.protocol.mission_flights import MissionsTestbed, run_in_flight
+from tests.protocol.offboard_testbed import sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed
 from tests.support.offboard_missions import mission
 
@@ -34,14 +34,14 @@ async def flown_path(missions, vehicle):
 def test_an_ended_mission_is_compared_with_its_plan(run_simulated, tmp_path):
     async def scenario():
         testbed = SimulatedTestbed()
-        missions = Missions(testbed, tmp_path)
+        missions = MissionsTestbed(testbed, tmp_path)
         try:
-            vehicle = await testbed.ready_to_arm()
+            vehicle = await testbed.wait_for_vehicle_ready_to_arm()
             home = vehicle.topic("home").value
             missions.begin(vehicle, mission(FLIGHT))
             await missions.reach("done")
             flown = await flown_path(missions, vehicle)
-            await seconds(5)
+            await sleep(5)
             assert await flown_path(missions, vehicle) == flown, "samples were recorded after the end"
         finally:
             await testbed.close()
@@ -72,14 +72,14 @@ def test_the_flown_path_is_shown_in_flight_and_its_duration_stays_the_same_after
 ):
     async def scenario(missions, vehicle, autopilot):
         first_view = await flown_path(missions, vehicle)
-        await seconds(5)
+        await sleep(5)
         later_view = await flown_path(missions, vehicle)
         assert (first_view["over"], later_view["over"]) == (False, False)
         assert later_view["duration_s"] == pytest.approx(first_view["duration_s"] + 5, abs=0.2)
         assert later_view["started_unix_s"] == missions.flight.status().started_unix_s
         missions.flight.abort("Alice", "hold")
         ended_view = await flown_path(missions, vehicle)
-        await seconds(5)
+        await sleep(5)
         assert ended_view["over"]
         assert (await flown_path(missions, vehicle))["duration_s"] == ended_view["duration_s"]
 

@@ -23,7 +23,7 @@ def run_with_ftp(run_simulated, scenario, *, loss=0.0, seed=0):
         testbed = MemoryTestbed()
         autopilot = SimulatedAutopilot(testbed.link())
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             autopilot.loss = loss
             autopilot.random.seed(seed)
             await scenario(testbed, FtpService(vehicle), autopilot, vehicle)
@@ -87,7 +87,7 @@ def test_a_repeated_request_has_the_same_sequence_number(run_simulated):
         # Before the FTP payload: 10 bytes of MAVLink header, 3 bytes of receiver; after it: the checksum.
         headers = [
             HEADER.unpack_from(frame[13:-2].ljust(12, b"\0"))
-            for frame in autopilot.received
+            for frame in autopilot.received_frames
             if frame[7] == FTP_MESSAGE_ID and not frame[8]
         ]
         request_by_sequence = {}
@@ -121,7 +121,7 @@ def test_a_vehicle_that_does_not_reply_is_reported_at_the_deadline(run_simulated
         testbed = MemoryTestbed()
         testbed.autopilot(testbed.link())  # a vehicle without FTP
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             with pytest.raises(NoReply, match="did not answer: listing"):
                 await FtpService(vehicle).list("/")
         finally:

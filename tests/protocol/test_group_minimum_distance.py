@@ -17,7 +17,7 @@ import pytest
 from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Attitude, Position, Velocity
-from tests.protocol.api_calls import station_of
+from tests.protocol.api_calls import new_station
 from tests.protocol.group_testbed import ANNA, start_group
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
 
@@ -94,7 +94,7 @@ def smallest_distances_m(
         try:
             async with asyncio.TaskGroup() as tasks:
                 take_offs = [tasks.create_task(testbed.take_off(v, 10.0)) for v in "12"]
-            rig = SimpleNamespace(testbed=testbed, station=station_of(testbed))
+            rig = SimpleNamespace(testbed=testbed, station=new_station(testbed))
             simulation = testbed.sim.simulation
             simulation.set_wind(np.array([0.0, wind_m_s, 0.0]))
             simulation.set_gusts(1.0)

@@ -5,9 +5,9 @@ import pytest
 from gcs_server.errors import NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
-from tests.protocol.fake_autopilot import HOLD, OFFBOARD
+from tests.protocol.fake_autopilot import HOLD_MODE, OFFBOARD_MODE
 from tests.protocol.memory_testbed import MemoryTestbed
-from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
+from tests.protocol.one_vehicle import HOLD_MODE_BIT, run_scenario, send_arming_report
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
@@ -22,7 +22,7 @@ def run_with_simulated_vehicle(run_simulated, scenario, *, loss=0.0, seed=0, **o
         testbed = MemoryTestbed()
         autopilot = SimulatedAutopilot(testbed.link(), seed=seed, **options)
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             autopilot.loss = loss
             await scenario(testbed, vehicle, autopilot)
         finally:
@@ -106,7 +106,7 @@ def test_lost_events_are_recovered_and_reported_once(run_simulated, loss, seed):
 def test_a_report_that_is_never_sent_is_requested_once(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         await testbed.clock.sleep(30)
-        requests = autopilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)
+        requests = autopilot.received_commands(d.MAV_CMD_RUN_PREARM_CHECKS)
         assert 1 <= len(requests) <= 4  # one request and its repeats
         with pytest.raises(NoReply, match="did not report its checks"):
             await vehicle.health.check()
@@ -116,7 +116,7 @@ def test_a_report_that_is_never_sent_is_requested_once(run_simulated):
         testbed = MemoryTestbed()
         autopilot = testbed.autopilot(testbed.link())  # acknowledges none of these requests
         try:
-            await scenario(testbed, await testbed.ready(), autopilot)
+            await scenario(testbed, await testbed.wait_for_vehicle(), autopilot)
         finally:
             await testbed.close()
 
@@ -144,15 +144,15 @@ def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selecte
     async def scenario(testbed, vehicle, autopilot):
         readiness_events = []
         vehicle.events.subscribe(lambda e: readiness_events.append(e) if e.kind == "readiness" else None)
-        autopilot.mode = OFFBOARD
+        autopilot.mode = OFFBOARD_MODE
         await testbed.clock.sleep(3)
-        send_readiness(autopilot, HOLD_ONLY)
+        send_arming_report(autopilot, HOLD_MODE_BIT)
         await testbed.clock.sleep(3)
         (suggestion,) = vehicle.health.readiness.offers
         assert (suggestion.code, suggestion.mode, suggestion.label) == ("choose_mode", "hold", "Hold")
         assert suggestion.text == "The vehicle is in Offboard and cannot be armed in it. Choose Hold."
         event_count = len(readiness_events)
-        autopilot.mode = HOLD
+        autopilot.mode = HOLD_MODE
         await testbed.clock.sleep(3)
         assert vehicle.health.readiness.offers == ()
         assert len(readiness_events) > event_count

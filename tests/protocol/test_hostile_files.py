@@ -5,7 +5,7 @@ import pytest
 from gcs_server.errors import NoReply
 from gcs_server.vehicle.services.ftp import EXTRA_TIME_S, LIST_TIMEOUT_S, MIN_BYTES_S, FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpFailed
-from tests.protocol.hostile_files import BURST, READ, HostileFiles
+from tests.protocol.hostile_files import BURST, READ, HostileFtpServer
 from tests.protocol.one_vehicle import run_scenario
 
 SIZE = 20_000
@@ -19,11 +19,11 @@ def read_until_error(run_simulated, text, *, size=SIZE, error=FtpFailed, within_
     requests = {}
 
     async def scenario(testbed, vehicle, autopilot):
-        files = HostileFiles(autopilot, size, **behaviour)
+        files = HostileFtpServer(autopilot, size, **behaviour)
         began_s = testbed.loop.time()
         with pytest.raises(error, match=text):
             await FtpService(vehicle).read("etc/file")
-        requests.update(files.requests)
+        requests.update(files.request_counts)
         limit_s = EXTRA_TIME_S + size / MIN_BYTES_S if within_s is None else within_s
         assert testbed.loop.time() - began_s <= limit_s + TOLERANCE_S
 
@@ -61,7 +61,7 @@ def test_an_endless_burst_without_data_is_cancelled(run_simulated):
         run_simulated,
         "too many pieces|not finished within",
         burst=lambda offset, size: [(offset, b"")] * 100_000,
-        every_s=0.3,
+        reply_interval_s=0.3,
     )
 
 
@@ -70,7 +70,7 @@ def test_a_read_that_exceeds_the_time_limit_of_its_size_is_cancelled(run_simulat
     def pieces(offset, size):
         return [(offset + PIECE_BYTES * i, b"x" * PIECE_BYTES) for i in range(2000)]
 
-    read_until_error(run_simulated, "not finished within", size=400_000, burst=pieces, every_s=0.58)
+    read_until_error(run_simulated, "not finished within", size=400_000, burst=pieces, reply_interval_s=0.58)
 
 
 def test_a_file_that_claims_to_be_larger_than_allowed_is_not_read(run_simulated):
@@ -87,7 +87,7 @@ def test_a_read_from_a_vehicle_that_replies_only_to_the_open_request_is_an_error
 
 def test_an_endless_directory_list_is_cancelled(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
-        HostileFiles(autopilot, SIZE, every_s=0.2)
+        HostileFtpServer(autopilot, SIZE, reply_interval_s=0.2)
         began_s = testbed.loop.time()
         with pytest.raises(FtpFailed, match="not finished within"):
             await FtpService(vehicle).list("etc")
@@ -100,7 +100,7 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(run_simulated):
     """All pieces of a burst are already queued when the reader runs."""
 
     async def scenario(testbed, vehicle, autopilot):
-        HostileFiles(
+        HostileFtpServer(
             autopilot,
             PIECE_BYTES * 1000,
             burst=lambda offset, size: [(offset + PIECE_BYTES * i, b"x" * PIECE_BYTES) for i in range(1000)],

@@ -19,11 +19,16 @@ REAL32, INT32 = 9, 6
 
 
 class HostileParams:
-    """Sends `replies` for each request of the list or of an index, at intervals of `every_s`; `checksum`: the
-    bytes of _HASH_CHECK, None: no reply to its request."""
+    """Sends `replies` for each request of the list or of an index, at intervals of `reply_interval_s`.
+    `checksum`: the bytes of _HASH_CHECK, None: no reply to its request."""
 
-    def __init__(self, autopilot, replies, *, checksum=None, every_s=None) -> None:
-        self.autopilot, self.replies, self.checksum, self.every_s = autopilot, replies, checksum, every_s
+    def __init__(self, autopilot, replies, *, checksum=None, reply_interval_s=None) -> None:
+        self.autopilot, self.replies, self.checksum, self.reply_interval_s = (
+            autopilot,
+            replies,
+            checksum,
+            reply_interval_s,
+        )
         self.requests = 0
         autopilot.handlers.append(self.handle)
 
@@ -37,10 +42,10 @@ class HostileParams:
             return False
         self.requests += 1
         for n, value in enumerate(self.replies()):
-            if self.every_s is None:
+            if self.reply_interval_s is None:
                 self.send_value(*value)
             else:
-                self.autopilot.loop.call_later(n * self.every_s, self.send_value, *value)
+                self.autopilot.loop.call_later(n * self.reply_interval_s, self.send_value, *value)
         return True
 
     def send_value(self, name, index, count, bits=NAN, param_type=REAL32) -> None:
@@ -83,14 +88,22 @@ def test_a_list_that_claims_65535_parameters_is_not_read(run_simulated):
 
 def test_a_list_that_repeats_one_parameter_endlessly_is_cancelled(run_simulated):
     check_refresh(
-        run_simulated, lambda: [(b"A", 0, 5)] * 6000, no_check, raises="repeats values", every_s=0.001
+        run_simulated,
+        lambda: [(b"A", 0, 5)] * 6000,
+        no_check,
+        raises="repeats values",
+        reply_interval_s=0.001,
     )
 
 
 @pytest.mark.story
 def test_a_list_that_never_completes_is_cancelled(run_simulated):
     check_refresh(
-        run_simulated, lambda: [(b"A", 0, 5)] * 2000, no_check, raises="not complete within", every_s=0.45
+        run_simulated,
+        lambda: [(b"A", 0, 5)] * 2000,
+        no_check,
+        raises="not complete within",
+        reply_interval_s=0.45,
     )
 
 

@@ -18,8 +18,8 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from missions.offboard import document
 from missions.offboard.reader import read
 from tests.protocol import two_vehicles
-from tests.protocol.api_calls import ANNA, BOB, journal_lines, json_of
-from tests.protocol.offboard_testbed import seconds
+from tests.protocol.api_calls import ANNA, BOB, journal_entries, json_of
+from tests.protocol.offboard_testbed import sleep
 from tests.protocol.simulated_testbed import until
 
 APART_M = 20.0
@@ -142,10 +142,10 @@ def test_two_vehicles_that_come_too_near_are_put_into_hold_by_the_guard_and_thei
         truth = rig.testbed.sim.simulation.truth.position_ned_m
         while "flying" in states(rig):
             min_distance_m = min(min_distance_m, float(np.linalg.norm(truth[0] - truth[1])))
-            await seconds(0.1)
+            await sleep(0.1)
         assert states(rig) == ["stopped", "stopped"]
         await until(lambda: all(v.status.mode == "hold" for v in rig.vehicles), 5)
-        await seconds(5)
+        await sleep(5)
         min_distance_m = min(min_distance_m, float(np.linalg.norm(truth[0] - truth[1])))
         assert min_distance_m >= 5.0
         reasons = {vehicle.offboard_mission.status().reason for vehicle in rig.vehicles}
@@ -160,7 +160,7 @@ def test_hold_of_one_vehicle_puts_the_other_into_hold_and_ends_the_mission(run_s
         await start_crossing(rig)
         await vehicle_routes.hold("2", rig.station, BOB)
         await reach(rig, "stopped", "stopped", within_s=3)
-        await seconds(3)
+        await sleep(3)
         assert [vehicle.status.mode for vehicle in rig.vehicles] == ["hold", "hold"]
         assert "left has left the mission" in rig.vehicles[0].offboard_mission.status().reason
 
@@ -188,7 +188,9 @@ def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(run_
         assert states(rig) == ["aborted", "aborted"]
         await until(lambda: not any(vehicle.status.armed for vehicle in rig.vehicles), 40)
         commands = [
-            (command, vehicle) for _, command, vehicle, result in journal_lines(rig.station) if result == "ok"
+            (command, vehicle)
+            for _, command, vehicle, result in journal_entries(rig.station)
+            if result == "ok"
         ]
         assert (
             commands.count(("offboard_mission/abort", "1"))
@@ -227,7 +229,7 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(run_simulated):
         await until(lambda: rig.vehicles[1].topic("health").value.ready_to_arm is False, 20)
         with pytest.raises(Refused, match="Vehicle 2 cannot be armed now, so none of the vehicles starts"):
             await start(rig, crossing_mission())
-        await seconds(2)
+        await sleep(2)
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
 
     run_with_two_vehicles(run_simulated, scenario)

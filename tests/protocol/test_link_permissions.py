@@ -11,8 +11,15 @@ from gcs_server.api import (
     vehicle_routes,
 )
 from gcs_server.errors import NotInControl, Refused, UnknownLink
-from tests.protocol.api_calls import ANNA, BOB, START, TAKE_BY_FORCE, journal_lines, run_with_routes
-from tests.protocol.offboard_testbed import seconds
+from tests.protocol.api_calls import (
+    ANNA,
+    BOB,
+    FORCED_CONTROL_REQUEST,
+    START_REQUEST,
+    journal_entries,
+    run_with_routes,
+)
+from tests.protocol.offboard_testbed import sleep
 
 CONFIRMATION = "link memory closes, vehicle 1 in flight loses its last link"
 
@@ -27,13 +34,13 @@ async def close_link(rig, client, confirm=None, name="memory"):
 
 def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(run_simulated):
     async def scenario(rig):
-        await offboard_routes.start("1", START, rig.station, ANNA)
+        await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
         for confirm in (None, CONFIRMATION):
             with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
                 await close_link(rig, BOB, confirm)
-        assert journal_lines(rig.station)[-1] == ("bob", "links/remove", None, "not_in_control")
+        assert journal_entries(rig.station)[-1] == ("bob", "links/remove", None, "not_in_control")
         setpoint_count = len(rig.autopilot.setpoints)
-        await seconds(1)
+        await sleep(1)
         assert len(rig.autopilot.setpoints) > setpoint_count + 30  # sent at 50 Hz
         assert link_names(rig) == ["memory"]
 
@@ -44,7 +51,7 @@ def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(
 def test_the_last_link_in_flight_is_closed_only_with_confirmation(run_simulated, situation):
     async def scenario(rig):
         if situation == "streaming":
-            await offboard_routes.start("1", START, rig.station, ANNA)
+            await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
         elif situation == "armed":
             await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
         for confirm in (None, "", "yes", CONFIRMATION.replace("1", "2"), CONFIRMATION.upper()):
@@ -52,10 +59,10 @@ def test_the_last_link_in_flight_is_closed_only_with_confirmation(run_simulated,
                 await close_link(rig, ANNA, confirm)
             assert refused.value.remedy == f"To close it anyway, send confirm={CONFIRMATION!r}."
         assert link_names(rig) == ["memory"]
-        assert journal_lines(rig.station)[-1] == ("anna", "links/remove", None, "refused")
+        assert journal_entries(rig.station)[-1] == ("anna", "links/remove", None, "refused")
         await close_link(rig, ANNA, CONFIRMATION)
         assert link_names(rig) == []
-        assert ("anna", "links/remove", None, "ok") in journal_lines(rig.station)
+        assert ("anna", "links/remove", None, "ok") in journal_entries(rig.station)
 
     run_with_routes(run_simulated, scenario)
 
@@ -63,8 +70,8 @@ def test_the_last_link_in_flight_is_closed_only_with_confirmation(run_simulated,
 def test_with_a_second_link_no_confirmation_is_needed(run_simulated):
     async def scenario(rig):
         second = rig.testbed.link("second")
-        rig.testbed.offboard_autopilot(second).fly()
-        await seconds(8)
+        rig.testbed.offboard_autopilot(second).set_hovering()
+        await sleep(8)
         assert set(rig.vehicle.links) == {"memory", "second"}
         await close_link(rig, ANNA)
         assert link_names(rig) == ["second"]
@@ -84,7 +91,7 @@ def test_on_the_ground_any_client_can_close_a_link_if_no_client_has_control(run_
 
 def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_open(run_simulated):
     async def scenario(rig):
-        await control_routes.take("1", rig.station, ANNA, TAKE_BY_FORCE)
+        await control_routes.take("1", rig.station, ANNA, FORCED_CONTROL_REQUEST)
         with pytest.raises(NotInControl):
             await close_link(rig, BOB)
         await close_link(rig, ANNA)

@@ -11,7 +11,7 @@ def test_invalid_bytes_remain_counted_after_their_peer_is_removed(run_simulated)
     async def scenario(testbed):
         link = testbed.link()
         testbed.autopilot(link)
-        await testbed.ready()
+        await testbed.wait_for_vehicle()
         before = testbed.router.links()[0]
         assert (before.bytes_skipped, before.crc_errors, before.frames_lost) == (0, 0, 0)
         invalid_frame = bytearray(
@@ -46,7 +46,7 @@ def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(
         assert (no_recording.file, no_recording.bytes) == (None, 0)
         assert (no_recording.started_unix_s, no_recording.stopped) == (None, None)
         testbed.autopilot(link)
-        await testbed.ready()
+        await testbed.wait_for_vehicle()
         recorder = testbed.router._recorder
         recorder.flush()
         running_recording = testbed.router.links()[0].recording

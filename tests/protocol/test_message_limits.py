@@ -12,7 +12,7 @@ from gcs_server.vehicle.px4_events import TEXTS
 from gcs_server.vehicle.services.health import DESCRIPTION_TIMEOUT_S
 from gcs_server.vehicle.texts import MAX_BURST_LINES, MAX_CHUNKS, MAX_LINES_PER_S, MAX_PENDING, TextJoiner
 from tests.protocol.memory_testbed import MemoryTestbed
-from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
+from tests.protocol.one_vehicle import HOLD_MODE_BIT, run_scenario, send_arming_report
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
 
@@ -39,7 +39,7 @@ def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last
         reports = []
         vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
         for n in range(2000):
-            send_readiness(autopilot, HOLD_ONLY if n % 2 else 0, present=n)
+            send_arming_report(autopilot, HOLD_MODE_BIT if n % 2 else 0, present=n)
         await testbed.clock.sleep(1)
         assert 1 <= len(reports) <= 5
         assert [m.can_arm for m in vehicle.health.readiness.modes if m.mode == "hold"] == [True]
@@ -52,7 +52,7 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(run_si
         testbed = MemoryTestbed()
         autopilot = SimulatedAutopilot(testbed.link())
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
 
             async def run_inline(function):
                 return function()
@@ -82,12 +82,14 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(run_si
 def test_the_text_of_an_event_without_description_names_its_component(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         for _ in range(100):
-            autopilot.event(UNKNOWN_EVENT, 0x66)
+            autopilot.send_event(UNKNOWN_EVENT, 0x66)
             await testbed.clock.sleep(1)
         texts = event_texts(vehicle, "event")
         assert set(texts) == {f"unknown event {UNKNOWN_EVENT} from component 1 (autopilot)"}
         assert len(texts) >= 95
-        requests = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
+        requests = [
+            m for m in autopilot.received_commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID
+        ]
         # The server reads the metadata up to three times, each time with up to 6 requests.
         assert 1 <= len(requests) <= 3 * 6
 
@@ -96,8 +98,8 @@ def test_the_text_of_an_event_without_description_names_its_component(run_simula
 
 def test_a_status_text_describes_an_event_without_metadata(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
-        autopilot.event(99999, 0x44)
-        autopilot.text("The event's text\t", 4)
+        autopilot.send_event(99999, 0x44)
+        autopilot.send_text("The event's text\t", 4)
         await testbed.clock.sleep(2)
         assert event_texts(vehicle, "event", "status_text") == ["The event's text"]
 
@@ -113,7 +115,7 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is
         assert len(texts) <= MAX_BURST_LINES + MAX_LINES_PER_S * 5
         (warning,) = [text for text in event_texts(vehicle, "warning") if "too many messages" in text]
         assert f"{100_000 - len(texts):,}" in warning
-        autopilot.text("The next text", 4)
+        autopilot.send_text("The next text", 4)
         await testbed.clock.sleep(1)
         assert event_texts(vehicle, "status_text")[-1] == "The next text"
 

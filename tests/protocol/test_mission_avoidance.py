@@ -6,10 +6,10 @@ import math
 import pytest
 
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from tests.protocol.mission_flights import Missions, event_codes
+from tests.protocol.mission_flights import MissionsTestbed, event_codes
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.support.offboard_missions import mission
-from tests.unit.vehicle_sim.prepared_stations import hovering
+from tests.unit.vehicle_sim.prepared_stations import station_in_hover
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.world.files import load_world
 
@@ -29,11 +29,11 @@ def run_towards_the_box(run_simulated, tmp_path, scenario, avoidance):
     """
 
     async def run():
-        station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
+        station = station_in_hover(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
         testbed = SimulatedTestbed(sim=station.sim)
-        missions = Missions(testbed, tmp_path)
+        missions = MissionsTestbed(testbed, tmp_path)
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             await vehicle.offboard.operator_limits.set(
                 OperatorLimits(obstacle_brake=avoidance != "no brake"), by="test"
             )

@@ -10,7 +10,7 @@ import pytest
 
 from missions.offboard import samples
 from missions.offboard.reader import read
-from tests.protocol.mission_flights import Missions, event_codes
+from tests.protocol.mission_flights import MissionsTestbed, event_codes
 from tests.protocol.simulated_testbed import SimulatedTestbed
 
 pytestmark = [pytest.mark.flight, pytest.mark.broad]
@@ -67,9 +67,9 @@ def fly_example(run_simulated, tmp_path, name):
 
     async def run():
         testbed = SimulatedTestbed(camera=True)
-        missions = Missions(testbed, tmp_path)
+        missions = MissionsTestbed(testbed, tmp_path)
         try:
-            vehicle = await testbed.ready_to_arm()
+            vehicle = await testbed.wait_for_vehicle_ready_to_arm()
             missions.begin(vehicle, read((EXAMPLES / name).read_text(encoding="utf-8")))
             recorder = FlightRecorder(testbed, missions, vehicle)
             await recorder.record()

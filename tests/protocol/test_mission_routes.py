@@ -12,10 +12,10 @@ from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refuse
 from gcs_server.plans.store import PlanStore
 from missions.offboard.document import OffboardMission
 from missions.offboard.steps import Land
-from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, journal_lines, json_of, station_of
+from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, journal_entries, json_of, new_station
 from tests.protocol.fake_autopilot import IN_AIR
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
-from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
 ALTITUDE_20_M = {"value_m": 20, "reference": "home"}
 POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": ALTITUDE_20_M}
@@ -42,9 +42,9 @@ def run_with_rig(run_simulated, tmp_path, scenario, **autopilot_options):
         link = testbed.link()
         autopilot = link.autopilots["peer"] = MissionAutopilot(link, **autopilot_options)
         try:
-            vehicle = await testbed.ready()
-            await seconds(1.5)
-            station = station_of(testbed)
+            vehicle = await testbed.wait_for_vehicle()
+            await sleep(1.5)
+            station = new_station(testbed)
             station.plans = PlanStore(tmp_path / "plans", testbed.clock)
             await scenario(
                 SimpleNamespace(testbed=testbed, vehicle=vehicle, autopilot=autopilot, station=station)
@@ -98,7 +98,7 @@ def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simu
             mission_view["mission"]["current"],
             mission_view["transfer"],
         ) == (3, 0, None)
-        assert ("anna", "mission/upload", "1", "ok") in journal_lines(rig.station)
+        assert ("anna", "mission/upload", "1", "ok") in journal_entries(rig.station)
         view = json_of(await mission_routes.downloaded_plan(rig.vehicle))
         assert [item["kind"] for item in view["plan"]["items"]] == [
             "takeoff",
@@ -119,10 +119,10 @@ def test_a_cancelled_upload_leaves_the_vehicles_previous_mission(run_simulated, 
         await upload(rig)
         long_plan = {**PLAN, "items": PLAN["items"][:2] * 20}
         started = json_of(await upload(rig, long_plan, wait=False))
-        await seconds(0.15)
+        await sleep(0.15)
         ended = json_of(await operation_routes.cancel_operation(started["id"], rig.station, ANNA))
         assert ended["state"] == "cancelled"
-        await seconds(2)
+        await sleep(2)
         mission_view = await get_mission(rig)
         assert (mission_view["holds"]["state"], mission_view["mission"]["count"]) == ("plan", 3)
 
@@ -149,7 +149,7 @@ def test_changing_the_mission_in_flight_needs_confirmation(run_simulated, tmp_pa
     async def scenario(rig):
         await upload(rig)
         rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed_state = True, MISSION_MODE, IN_AIR
-        await seconds(2.5)
+        await sleep(2.5)
         for request in (
             upload(rig),
             upload(rig, confirm="yes"),
@@ -184,7 +184,7 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(run_simu
         response = json_of(await start(rig, despite=sorted(codes)))
         assert (response["status"]["armed"], response["status"]["mode"]) == (True, "mission")
         await UploadingStation(rig.autopilot).upload([])
-        await seconds(2)
+        await sleep(2)
 
     run_with_rig(run_simulated, tmp_path, scenario)
 
@@ -222,7 +222,7 @@ def test_a_mission_starts_at_an_item_and_continues_after_hold(run_simulated, tmp
         )
         rig.autopilot.landed_state = IN_AIR
         await rig.vehicle.command.hold()
-        await seconds(1.5)
+        await sleep(1.5)
         await mission_routes.resume("1", rig.station, ANNA)
         assert (rig.autopilot.mode, rig.autopilot.flight.current) == (MISSION_MODE, 1)
 
@@ -235,7 +235,7 @@ def test_a_refused_start_does_not_leave_the_vehicle_in_mission_mode(run_simulate
         rig.autopilot.arm_denied = True
         with pytest.raises(Rejected):
             await start(rig)
-        await seconds(1)
+        await sleep(1)
         assert (rig.autopilot.armed, rig.vehicle.status.mode) == (False, "hold")
 
     run_with_rig(run_simulated, tmp_path, scenario)
@@ -283,7 +283,7 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(run_simulated
             assert (await get_mission(rig))["holds"]["plan"]["id"] == plan_id
         other_item = rig.vehicle.mission.items_on_vehicle.items["mission"][1]
         await UploadingStation(rig.autopilot).upload([replace(other_item, seq=0, z=9.0)])
-        await seconds(2)
+        await sleep(2)
         await mission_routes.compare(rig.vehicle, which_plan({"plan_id": stored.id}), rig.station)
         assert (await get_mission(rig))["holds"]["state"] == "another"
 
@@ -298,7 +298,7 @@ def test_a_download_shows_the_mission_of_another_station(run_simulated, tmp_path
         item = rig.vehicle.mission.items_on_vehicle.items["mission"][1]
         other_item = item.__class__(0, item.frame, 16, 0, 0, 0, 0, item.x, item.y, 9.0)
         await UploadingStation(rig.autopilot).upload([other_item])
-        await seconds(2)
+        await sleep(2)
         assert (await get_mission(rig))["holds"]["state"] == "another"
         body = mission_models.DownloadRequest(wait=True)
         response = json_of(await mission_routes.download(rig.vehicle, rig.station, BOB, body))
@@ -318,7 +318,7 @@ def test_a_request_without_a_plan_or_with_several_plans_is_refused(body):
 def test_an_upload_to_a_vehicle_that_is_lost_fails_with_a_reason(run_simulated, tmp_path):
     async def scenario(rig):
         uploading = asyncio.ensure_future(upload(rig, {**PLAN, "items": PLAN["items"][:2] * 50}))
-        await seconds(0.2)
+        await sleep(0.2)
         rig.autopilot.alive = False
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert "lost" in str(result)

@@ -12,7 +12,7 @@ from gcs_server.vehicle.services.mission_dialogue import PARTS
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import WireItem
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
-from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
 PLAN = PlanReference("abc", 3, "Tower")
 LOSS = [(0.0, 1), (0.05, 2), (0.3, 3)]
@@ -29,8 +29,8 @@ def run_with_rig(run_simulated, scenario, *, loss=0.0, seed=0):
         link = testbed.link()
         autopilot = link.autopilots["peer"] = MissionAutopilot(link, seed=seed)
         try:
-            vehicle = await testbed.ready()
-            await seconds(1.5)
+            vehicle = await testbed.wait_for_vehicle()
+            await sleep(1.5)
             autopilot.loss = loss
             rig = SimpleNamespace(
                 testbed=testbed, vehicle=vehicle, autopilot=autopilot, link=link, mission=vehicle.mission
@@ -116,7 +116,7 @@ def test_small_plans_replace_each_other_and_empty_parts_are_cleared(run_simulate
         assert [len(downloaded.items[part]) for part in ("mission", "fence", "rally")] == [7, 0, 0]
         assert downloaded.plan.id == "def", "the downloaded plan is not the uploaded plan"
         await rig.mission.clear()
-        await seconds(3)
+        await sleep(3)
         assert rig.vehicle.topic("mission").value.count == 0
         assert rig.mission.items_on_vehicle.plan is None
 
@@ -146,7 +146,7 @@ def test_parts_that_were_stored_before_the_refusal_are_listed(run_simulated):
         refused_plan = {**plan(), "mission": (waypoint(0, command=UNSUPPORTED),), "fence": square(9_000)}
         with pytest.raises(Rejected, match=r"now has a new geofence\. Its rally points and mission are as"):
             await rig.mission.upload(refused_plan, PlanReference("bad", 1, "Bad"))
-        await seconds(1.5)
+        await sleep(1.5)
         assert rig.mission.plan_on_vehicle() == "another"
 
     run_with_rig(run_simulated, scenario)
@@ -161,7 +161,7 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
         old, new = plan(5), plan(60, seed=4)
         await rig.mission.upload(old, PLAN)
         uploading = asyncio.ensure_future(rig.mission.upload(new, PlanReference("new", 1, "New")))
-        await seconds(cancel_after_s)
+        await sleep(cancel_after_s)
         uploading.cancel()  # at 3 s without loss the upload is already finished
         await asyncio.wait([uploading])
         assert rig.mission.running_transfer is None
@@ -184,7 +184,7 @@ def test_a_later_upload_by_another_station_is_detected_as_another_plan(run_simul
     async def scenario(rig):
         await rig.mission.upload(plan(4), PLAN)
         await UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(3)])
-        await seconds(2)
+        await sleep(2)
         assert rig.mission.plan_on_vehicle() == "another"
         downloaded = await rig.mission.download()
         assert (len(downloaded.items["mission"]), downloaded.plan, rig.mission.plan_on_vehicle()) == (
@@ -206,11 +206,11 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(run_simulated, ot
     async def scenario(rig):
         uploaded, other_items = plan(12, seed=5), [waypoint(n) for n in range(8)]
         uploading = asyncio.ensure_future(rig.mission.upload(uploaded, PLAN))
-        await seconds(other_after_s)
+        await sleep(other_after_s)
         await UploadingStation(rig.autopilot).upload(other_items)
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert isinstance(result, GcsError) or result.items_on_vehicle.plan == PLAN
-        await seconds(2)
+        await sleep(2)
         server_knows_plan = rig.mission.plan_on_vehicle() == "plan"
         downloaded = await rig.mission.download()
         has_uploaded_plan = bytes_of(downloaded.items["mission"]) == bytes_of(uploaded["mission"])
@@ -224,14 +224,14 @@ def test_an_upload_waits_for_a_busy_vehicle_and_fails_if_the_vehicle_stays_busy(
         short_upload = asyncio.ensure_future(
             UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(40)])
         )
-        await seconds(0.3)
+        await sleep(0.3)
         await rig.mission.upload(plan(3), PLAN)
         await short_upload
         assert rig.mission.plan_on_vehicle() == "plan"
         long_upload = asyncio.ensure_future(
             UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(60)], 0.5)
         )
-        await seconds(1.1)
+        await sleep(1.1)
         with pytest.raises(Rejected, match="busy with another transfer"):
             await rig.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
         long_upload.cancel()
@@ -242,7 +242,7 @@ def test_an_upload_waits_for_a_busy_vehicle_and_fails_if_the_vehicle_stays_busy(
 def test_a_transfer_is_refused_until_another_transfer_has_ended(run_simulated):
     async def scenario(rig):
         first = asyncio.ensure_future(rig.mission.upload(plan(30), PLAN))
-        await seconds(0.05)
+        await sleep(0.05)
         for second in (rig.mission.download(), rig.mission.clear(), rig.mission.upload(plan(2), PLAN)):
             with pytest.raises(Refused, match="is busy with"):
                 await second

@@ -44,7 +44,7 @@ class ModeProgram:
 def test_a_mode_of_another_program_has_the_name_that_the_program_gave_it(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed(mavlink=True)
-        vehicle = await testbed.ready_to_arm()
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         await until(lambda: "MAVLink" in vehicle.reach.protocols, 10)
         program, names = ModeProgram(testbed), vehicle.mode_names.announced
         program.register()
@@ -65,7 +65,7 @@ def test_a_mode_that_was_registered_before_the_server_connected_has_its_name_whe
 ) -> None:
     async def run() -> None:
         testbed = Ros2Testbed(mavlink=True)
-        vehicle = await testbed.ready_to_arm()
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         await until(lambda: "MAVLink" in vehicle.reach.protocols, 10)
         ModeProgram(testbed).register()
         names = vehicle.mode_names.announced

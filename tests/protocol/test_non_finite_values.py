@@ -13,8 +13,9 @@ from gcs_server.api.responses import history_pieces, history_view, json_response
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.samples import TOPICS
+from tests.protocol.fake_autopilot import POSITION_MODE
 from tests.protocol.memory_testbed import run_test
-from tests.protocol.offboard_testbed import POSITION, OffboardTestbed, stream_request
+from tests.protocol.offboard_testbed import OffboardTestbed, stream_request
 
 INVALID = [math.inf, -math.inf, math.nan, 1e38]
 
@@ -25,9 +26,9 @@ async def connect_two_vehicles(testbed) -> tuple[Any, Any]:
     invalid_autopilot = testbed.offboard_autopilot(link, peer="a")
     other_autopilot = testbed.offboard_autopilot(link, peer="b", system=2)
     for autopilot in (invalid_autopilot, other_autopilot):
-        autopilot.fly()
-    await testbed.ready("1")
-    await testbed.ready("2")
+        autopilot.set_hovering()
+    await testbed.wait_for_vehicle("1")
+    await testbed.wait_for_vehicle("2")
     return invalid_autopilot, other_autopilot
 
 
@@ -138,8 +139,8 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
         assert [v.status.mode for v in testbed.fleet.all()] == ["offboard", "offboard"]
         (warning,) = [w for w in testbed.fleet.warnings() if w.kind == "fault"]
         assert (warning.vehicle, "snapshot" in warning.text) == ("1", True)
-        invalid_autopilot.mode = invalid_autopilot.requested_mode = POSITION
-        invalid_autopilot.heartbeat()
+        invalid_autopilot.mode = invalid_autopilot.requested_mode = POSITION_MODE
+        invalid_autopilot.send_heartbeat()
         await asyncio.sleep(0.5)
         phases = [testbed.streamer._streams.state(v).phase for v in ("1", "2")]
         assert phases == ["idle", "streaming"], "the stream did not end although the vehicle left Offboard"

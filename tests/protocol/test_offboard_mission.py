@@ -10,11 +10,11 @@ from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
 from gcs_server.streamer.missions.readings import reported_values
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from tests.protocol.api_calls import ANNA, InlinePlanWork, journal_lines, json_of, run_with_routes
+from tests.protocol.api_calls import ANNA, InlinePlanWork, journal_entries, json_of, run_with_routes
 from tests.protocol.api_calls import BOB as ROUTE_BOB
-from tests.protocol.fake_autopilot import HOLD, OFFBOARD
-from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, run_in_flight
-from tests.protocol.offboard_testbed import POSITION, assert_silent, mode_requests, seconds, stream_request
+from tests.protocol.fake_autopilot import HOLD_MODE, OFFBOARD_MODE, POSITION_MODE
+from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, MissionsTestbed, event_codes, run_in_flight
+from tests.protocol.offboard_testbed import assert_nothing_sent, mode_requests, sleep, stream_request
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.support.offboard_missions import mission
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -39,9 +39,9 @@ def hover_mission(**actions):
 def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lands(run_simulated, tmp_path):
     async def scenario():
         testbed = SimulatedTestbed(camera=True)
-        missions = Missions(testbed, tmp_path)
+        missions = MissionsTestbed(testbed, tmp_path)
         try:
-            vehicle = await testbed.ready_to_arm()
+            vehicle = await testbed.wait_for_vehicle_ready_to_arm()
             flight = missions.begin(vehicle, mission(FLIGHT))
             await missions.reach("flying")
             assert flight.status().if_stream_stops
@@ -50,7 +50,7 @@ def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lan
                 deviation_max_m = max(deviation_max_m, flight.status().deviation_m or 0.0)
                 gimbal = vehicle.topic("gimbal")
                 gimbal_pointed_down |= gimbal is not None and gimbal.value.pitch_rad < -0.2
-                await seconds(0.1)
+                await sleep(0.1)
             assert deviation_max_m < 3.0  # the reported position is some tenths of a second old
             assert gimbal_pointed_down
             assert (missions.state, flight.status().question) == ("waiting", "Sharp?")
@@ -72,10 +72,10 @@ def test_a_paused_mission_holds_in_offboard_and_resumes(run_simulated, tmp_path)
         missions.flight.pause("Alice")
         await missions.reach("paused", within_s=5)
         remaining_s = missions.flight.status().remaining_s
-        await seconds(5)
-        assert (autopilot.mode, missions.flight.status().remaining_s) == (OFFBOARD, remaining_s)
+        await sleep(5)
+        assert (autopilot.mode, missions.flight.status().remaining_s) == (OFFBOARD_MODE, remaining_s)
         missions.flight.resume("Alice")
-        await seconds(5)
+        await sleep(5)
         assert missions.flight.status().remaining_s < remaining_s - 2
 
     run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
@@ -100,11 +100,11 @@ def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(run_simulate
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
         assert "Bob" in missions.flight.status().reason
-        await assert_silent(autopilot, None)
-        assert autopilot.mode == HOLD
+        await assert_nothing_sent(autopilot, None)
+        assert autopilot.mode == HOLD_MODE
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
-        assert autopilot.mode == OFFBOARD
+        assert autopilot.mode == OFFBOARD_MODE
 
     run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
@@ -113,8 +113,8 @@ def test_a_stop_of_the_stream_suspends_the_mission_like_hold(run_simulated, tmp_
     async def scenario(missions, vehicle, autopilot):
         await vehicle.offboard.stop()
         await missions.reach("suspended", within_s=2)
-        await assert_silent(autopilot, None)
-        assert autopilot.mode == HOLD
+        await assert_nothing_sent(autopilot, None)
+        assert autopilot.mode == HOLD_MODE
 
     run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
@@ -123,8 +123,8 @@ def test_an_aborted_mission_switches_to_hold_and_nothing_more_is_sent(run_simula
     async def scenario(missions, vehicle, autopilot):
         missions.flight.abort("Alice", "hold")
         assert missions.state == "aborted"
-        await until(lambda: autopilot.mode == HOLD, 5)
-        await assert_silent(autopilot, None, settle_s=1.0)
+        await until(lambda: autopilot.mode == HOLD_MODE, 5)
+        await assert_nothing_sent(autopilot, None, settle_s=1.0)
         with pytest.raises(Refused, match="has ended"):
             missions.flight.resume("Alice")
 
@@ -135,11 +135,11 @@ def test_after_a_pilot_takes_over_nothing_is_sent_until_an_operator_resumes_the_
     run_simulated, tmp_path
 ):
     async def scenario(missions, vehicle, autopilot):
-        autopilot.mode = autopilot.requested_mode = POSITION
-        autopilot.current_mode()
+        autopilot.mode = autopilot.requested_mode = POSITION_MODE
+        autopilot.send_current_mode()
         await missions.reach("suspended", within_s=2)
-        await assert_silent(autopilot, None, 10.0, settle_s=0.3)
-        assert autopilot.mode == POSITION
+        await assert_nothing_sent(autopilot, None, 10.0, settle_s=0.3)
+        assert autopilot.mode == POSITION_MODE
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
@@ -152,14 +152,15 @@ def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(run_simulate
     async def scenario(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
-        request_count = len(mode_requests(autopilot, OFFBOARD))
+        request_count = len(mode_requests(autopilot, OFFBOARD_MODE))
         missions.flight.resume("Alice")
-        await seconds(0.6)  # setpoints are sent; Offboard is not requested yet
-        autopilot.mode = autopilot.requested_mode = POSITION
-        autopilot.current_mode()
+        await sleep(0.6)  # setpoints are sent; Offboard is not requested yet
+        autopilot.mode = autopilot.requested_mode = POSITION_MODE
+        autopilot.send_current_mode()
         await missions.reach("suspended", within_s=2)
-        await assert_silent(autopilot, None, 5.0, settle_s=0.3)
-        assert (len(mode_requests(autopilot, OFFBOARD)), autopilot.mode) == (request_count, POSITION)
+        await assert_nothing_sent(autopilot, None, 5.0, settle_s=0.3)
+        assert len(mode_requests(autopilot, OFFBOARD_MODE)) == request_count
+        assert autopilot.mode == POSITION_MODE
 
     run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
@@ -169,19 +170,19 @@ def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
         # 20 m behind the mission's position, so that the path back is straight ahead
-        autopilot.ned = [-20 * math.cos(YAW_RAD), -20 * math.sin(YAW_RAD), -5.0]
+        autopilot.position_ned_m = [-20 * math.cos(YAW_RAD), -20 * math.sin(YAW_RAD), -5.0]
 
         def send_obstacle():
             message = sim.MAVLink_distance_sensor_message(autopilot.boot_ms(), 10, 2000, 300, 0, 0, 0, 0)
             autopilot.send(message)
 
         autopilot._every(0.2, send_obstacle)
-        await seconds(1)
+        await sleep(1)
         missions.flight.resume("Alice")
-        await seconds(1)
+        await sleep(1)
         assert missions.state == "suspended"
         assert "An obstacle is measured 3 m ahead" in missions.flight.status().reason
-        assert autopilot.mode == HOLD
+        assert autopilot.mode == HOLD_MODE
         vehicle.offboard.avoidance.way = "over"
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
@@ -199,11 +200,11 @@ def test_conditions_use_the_wind_and_the_distance_of_the_downward_sensor(run_sim
                 )
             )
         autopilot.send(sim.MAVLink_wind_cov_message(0, 3.0, -4.0, math.nan, 0, 0, 0, 0, 0))
-        await seconds(0.3)
+        await sleep(0.3)
         reading = missions.flight.reading()
         assert (reading.distance_m, reading.wind_speed_m_s) == (pytest.approx(4.2), pytest.approx(5.0))
         assert {"distance_m", "wind_speed_m_s"} <= set(reported_values(vehicle))
-        await seconds(11)
+        await sleep(11)
         reading = missions.flight.reading()
         assert (reading.distance_m, reading.wind_speed_m_s) == (None, None)
 
@@ -219,21 +220,21 @@ def test_a_change_of_control_pauses_the_mission_in_offboard(run_simulated, tmp_p
         lease.request(BOB)
         lease.grant(ALICE, "bob")
         await missions.reach("paused", within_s=5)
-        assert autopilot.mode == OFFBOARD
+        assert autopilot.mode == OFFBOARD_MODE
         assert "control_taken" in event_codes(vehicle)
 
     run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
 
 @pytest.mark.parametrize(
-    ("action", "state", "mode"), [("hold", "suspended", HOLD), ("continue", "flying", OFFBOARD)]
+    ("action", "state", "mode"), [("hold", "suspended", HOLD_MODE), ("continue", "flying", OFFBOARD_MODE)]
 )
 def test_expired_control_triggers_the_control_lost_action(run_simulated, tmp_path, action, state, mode):
     async def scenario(missions, vehicle, autopilot):
         missions.authority.control("1").lease.release(ALICE)
-        await seconds(LEASE_S + 3)
+        await sleep(LEASE_S + 3)
         assert (missions.state, autopilot.mode) == (state, mode)
-        assert autopilot.failsafes == 0
+        assert autopilot.failsafe_count == 0
 
     run_in_flight(run_simulated, tmp_path, hover_mission(control_lost=action), scenario)
 
@@ -247,9 +248,9 @@ def test_a_mission_executes_its_link_loss_action_when_the_link_returns(
 ):
     async def scenario(missions, vehicle, autopilot):
         autopilot.loss = 1.0
-        await seconds(8)
+        await sleep(8)
         autopilot.loss = 0.0
-        autopilot.mode = autopilot.requested_mode = HOLD  # the vehicle received the stream's last command
+        autopilot.mode = autopilot.requested_mode = HOLD_MODE  # the stream's last command was received
         await until(lambda: not vehicle.status.link_lost, 10)
         await missions.reach(state, within_s=12)
 
@@ -261,10 +262,10 @@ def test_a_mission_without_updates_from_the_server_holds_position_and_then_switc
 ):
     async def scenario(missions, vehicle, autopilot):
         missions.offboard.update = lambda: None
-        await seconds(4)
+        await sleep(4)
         assert vehicle.offboard.status().state == "holding"
-        await until(lambda: autopilot.mode == HOLD, 10)
-        assert autopilot.failsafes == 0
+        await until(lambda: autopilot.mode == HOLD_MODE, 10)
+        assert autopilot.failsafe_count == 0
 
     run_in_flight(run_simulated, tmp_path, hover_mission(), scenario)
 
@@ -275,11 +276,11 @@ def test_a_stalled_server_leads_to_the_announced_failsafe(run_simulated, tmp_pat
         streamer, update = missions.testbed.streamer, missions.offboard.update
         update_once = streamer.update_once
         streamer.update_once = missions.offboard.update = lambda: None
-        await until(lambda: autopilot.mode == POSITION, 6)
+        await until(lambda: autopilot.mode == POSITION_MODE, 6)
         streamer.update_once, missions.offboard.update = update_once, update
         await missions.reach("suspended", within_s=3)
-        await assert_silent(autopilot, None, settle_s=0.5)
-        assert autopilot.failsafes == 1
+        await assert_nothing_sent(autopilot, None, settle_s=0.5)
+        assert autopilot.failsafe_count == 1
 
     run_in_flight(run_simulated, tmp_path, hover_mission(link_loss="continue", failure="return"), scenario)
 
@@ -287,7 +288,7 @@ def test_a_stalled_server_leads_to_the_announced_failsafe(run_simulated, tmp_pat
 def test_a_server_shutdown_puts_the_vehicle_of_a_mission_into_hold(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         await missions.testbed.streamer.stop_all()
-        assert autopilot.mode == HOLD
+        assert autopilot.mode == HOLD_MODE
         await asyncio.sleep(0.3)
         assert missions.state == "suspended"
 
@@ -344,7 +345,7 @@ def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_comma
         assert (ended["state"], ended["reason"]) == ("aborted", "anna aborted the mission")
         mission_view = json_of(await routes.show_mission(rig.vehicle, rig.station))["mission"]
         assert mission_view["state"] == "aborted"
-        commands = [line[1] for line in journal_lines(rig.station) if line[3] == "ok"]
+        commands = [line[1] for line in journal_entries(rig.station) if line[3] == "ok"]
         assert commands == [f"offboard_mission/{a}" for a in ("start", "pause", "resume", "skip", "abort")]
 
     run_with_missions(run_simulated, scenario)
@@ -381,7 +382,7 @@ def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(run_simul
 def test_without_a_position_a_mission_is_refused_before_anything_is_sent(run_simulated):
     async def scenario(rig):
         rig.autopilot.has_estimates = False
-        await seconds(2)
+        await sleep(2)
         with pytest.raises(Refused, match="no valid position"):
             await start_mission(rig)
         assert rig.autopilot.setpoints == []

@@ -21,8 +21,8 @@ from missions.setpoints import (
     Velocity,
 )
 from tests.protocol.command_numbers import DO_SET_MODE
-from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_testbed import offboard_event_codes, run_offboard, seconds, stream_request
+from tests.protocol.fake_autopilot import OFFBOARD_MODE, REAL32
+from tests.protocol.offboard_testbed import offboard_event_codes, run_offboard, sleep, stream_request
 from vehicle_sim.mavlink import generated_dialect as sim
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -57,7 +57,7 @@ NEED_POSITION = {"position", "position_global", "position_body", "path", "follow
 def test_setpoints_are_unavailable_without_the_estimates_that_they_need(run_simulated, flags, expected):
     async def scenario(testbed, vehicle, autopilot, link):
         send_estimator_flags(autopilot, flags)
-        await seconds(0.1)
+        await sleep(0.1)
         assert unavailable_setpoints(vehicle) == expected
         for name in expected - NEVER_AVAILABLE:
             assert "estimate" in vehicle.offboard.available()[name].why_not
@@ -70,7 +70,7 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
 ):
     async def scenario(testbed, vehicle, autopilot, link):
         autopilot.has_estimates = False
-        await seconds(1.5)
+        await sleep(1.5)
         for setpoint, text in (
             (Position((0.0, 0.0, -5.0)), "no fresh position"),
             (Velocity((0.0, 0.0, 0.0)), "no fresh velocity"),
@@ -78,9 +78,9 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
         ):
             with pytest.raises(Refused, match=text):
                 await vehicle.offboard.start(StreamRequest(setpoint))
-        assert autopilot.commands(DO_SET_MODE) == []
+        assert autopilot.received_commands(DO_SET_MODE) == []
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
-        assert autopilot.mode == OFFBOARD
+        assert autopilot.mode == OFFBOARD_MODE
 
     run_offboard(run_simulated, scenario)
 
@@ -105,35 +105,35 @@ def test_after_a_rates_setpoint_expires_without_an_estimate_the_stream_levels_th
 ):
     async def scenario(testbed, vehicle, autopilot, link):
         autopilot.has_estimates = False
-        autopilot.params["MPC_THR_HOVER"] = (9, 0.44)
-        await seconds(1.5)
-        targets = autopilot.other_targets
+        autopilot.params["MPC_THR_HOVER"] = (REAL32, 0.44)
+        await sleep(1.5)
+        targets = autopilot.attitude_and_global_setpoints
         await vehicle.offboard.start(StreamRequest(Rates((0.0, 0.0, 1.0), 0.6), 0.5, OnExpiry("hold", 1.0)))
         assert targets[-1][1].type_mask == RATES_ONLY
         autopilot.silent_commands.add(DO_SET_MODE)
-        await seconds(1.0)
+        await sleep(1.0)
         assert "expired" in offboard_event_codes(vehicle)
         assert (targets[-1][1].type_mask, targets[-1][1].thrust) == (ATTITUDE_ONLY, pytest.approx(0.44))
         assert abs(targets[-1][1].q[1]) < 1e-6
-        assert int(autopilot.commands(DO_SET_MODE)[-1].param3) == 6  # Land
+        assert int(autopilot.received_commands(DO_SET_MODE)[-1].param3) == 6  # Land
 
     run_offboard(run_simulated, scenario)
 
 
 def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_stall(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
-        targets = autopilot.other_targets
+        targets = autopilot.attitude_and_global_setpoints
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
         update_snapshots, testbed.streamer._streams.update_snapshots = (
             testbed.streamer._streams.update_snapshots,
             lambda snapshots: None,
         )
-        await seconds(0.4)
+        await sleep(0.4)
         assert max(b[0] - a[0] for a, b in itertools.pairwise(targets[-15:])) < 0.03
-        await seconds(1.6)
+        await sleep(1.6)
         assert testbed.loop.time() - targets[-1][0] > 0.3
         testbed.streamer._streams.update_snapshots = update_snapshots
-        await seconds(0.2)
+        await sleep(0.2)
         assert "server_silent" in offboard_event_codes(vehicle)
 
     run_offboard(run_simulated, scenario)
@@ -142,12 +142,12 @@ def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_
 def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         autopilot.params |= {
-            "MPC_XY_VEL_MAX": (9, 4.0),
-            "MPC_TILTMAX_AIR": (9, 30.0),
-            "GF_MAX_HOR_DIST": (9, 60.0),
+            "MPC_XY_VEL_MAX": (REAL32, 4.0),
+            "MPC_TILTMAX_AIR": (REAL32, 30.0),
+            "GF_MAX_HOR_DIST": (REAL32, 60.0),
         }
         await vehicle.offboard.start(stream_request(velocity=(9.0, 0.0, 0.0)))
-        await seconds(0.2)
+        await sleep(0.2)
         status = vehicle.offboard.status()
         assert status.setpoint["velocity_ned_m_s"] == pytest.approx((4.0, 0.0, 0.0))
         assert status.limited == ("speed limited to 4 m/s",)
@@ -157,10 +157,10 @@ def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(run_simulated
         limits = vehicle.offboard.limits()
         assert limits.vehicle.tilt_max_rad == pytest.approx(0.5236, abs=1e-3)
         assert limits.vehicle.distance_max_m == 60.0
-        await seconds(0.5)
+        await sleep(0.5)
         assert autopilot.setpoints[-1][1].vx == pytest.approx(2.0, abs=0.01)
         await vehicle.offboard.setpoint(stream_request(velocity=(-2.0, 0.0, 0.0)))
-        await seconds(1.0)
+        await sleep(1.0)
         assert autopilot.setpoints[-1][1].vx == pytest.approx(1.0, abs=0.1)  # slew rate 1 m/s²
         with pytest.raises(Refused, match="limit of 60 m from home"):
             await vehicle.offboard.setpoint(stream_request(position=(70.0, 0.0, -5.0)))
@@ -174,17 +174,17 @@ def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(ru
         await vehicle.offboard.operator_limits.set(
             OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="test"
         )
-        await seconds(1.5)
+        await sleep(1.5)
         with pytest.raises(Refused, match="limits cannot be enforced"):
             await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5)))
-        assert autopilot.commands(DO_SET_MODE) == []
+        assert autopilot.received_commands(DO_SET_MODE) == []
 
     run_offboard(run_simulated, scenario)
 
 
 def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
-        targets = autopilot.other_targets
+        targets = autopilot.attitude_and_global_setpoints
         setpoint = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
         await vehicle.offboard.start(StreamRequest(setpoint, 60.0))
         assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (
@@ -221,9 +221,9 @@ def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_v
 def test_health_reports_the_time_until_the_failsafe(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         assert vehicle.offboard.status().health.failsafe_in_s is None
-        autopilot.params["COM_OF_LOSS_T"] = (9, 0.5)
+        autopilot.params["COM_OF_LOSS_T"] = (REAL32, 0.5)
         await vehicle.offboard.start(stream_request(valid_for_s=3.0))
-        await seconds(1.0)
+        await sleep(1.0)
         health = vehicle.offboard.status().health
         assert health.rate_achieved_hz == pytest.approx(50, rel=0.05)
         assert 0.45 < health.failsafe_in_s <= 0.5
@@ -242,7 +242,7 @@ def test_a_limit_changed_in_flight_applies_at_once(run_simulated):
         values = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
         known = {name: Param(name, value, is_integer=False) for name, value in values.items()}
         vehicle.params.known_each = lambda names: tuple(map(known.get, names))
-        await seconds(0.3)
+        await sleep(0.3)
         assert autopilot.setpoints[-1][1].vx == pytest.approx(3.0)
         assert vehicle.offboard.failsafe().action == "land"
 
@@ -252,7 +252,7 @@ def test_a_limit_changed_in_flight_applies_at_once(run_simulated):
 def test_a_setpoint_after_the_end_is_refused_with_the_reason(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5, client="anna"))
-        await seconds(3)
+        await sleep(3)
         with pytest.raises(
             Refused, match=r"no setpoint stream.*in Hold.*the setpoint of anna expired after 0.5 s"
         ):

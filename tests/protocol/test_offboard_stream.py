@@ -9,9 +9,9 @@ import pytest
 
 from gcs_server.api.offboard_stream import CLOSE_FLOOD, FLOOD_PER_S, MAX_RESPONSES_BYTES, SetpointSocket
 from gcs_server.control.principal import Principal
-from tests.protocol.api_calls import station_of
-from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_testbed import run_offboard, seconds, stream_request
+from tests.protocol.api_calls import new_station
+from tests.protocol.fake_autopilot import OFFBOARD_MODE
+from tests.protocol.offboard_testbed import run_offboard, sleep, stream_request
 
 
 class Closed(Exception):
@@ -52,7 +52,7 @@ def position_request(north_m, **fields):
 
 def run_with_socket(run_simulated, scenario, *, start=True):
     async def with_socket(testbed, vehicle, autopilot, link):
-        station = station_of(testbed)
+        station = new_station(testbed)
         if start:
             await vehicle.offboard.start(stream_request())
         socket = FakeSocket()
@@ -75,7 +75,7 @@ def test_each_setpoint_is_sent_at_once_and_acknowledged_with_the_applied_values(
         for seq in range(1, 51):
             setpoint_count = len(autopilot.setpoints)
             socket.submit(seq=seq, **position_request(seq / 10))
-            await seconds(0.0101)
+            await sleep(0.0101)
             new_north_m = [m.x for _, m in autopilot.setpoints[setpoint_count:]]
             assert any(x == pytest.approx(seq / 10) for x in new_north_m), (seq, new_north_m)
         assert [reply["seq"] for reply in socket.received] == list(range(1, 51))
@@ -95,7 +95,7 @@ def test_the_newest_valid_of_several_pending_setpoints_is_sent(run_simulated):
         for seq in range(10):
             socket.submit(seq=seq, **position_request(seq))
         socket.submit(seq=10, setpoint={"type": "position", "position_ned_m": ["far", 0, 0]})
-        await seconds(0.1)
+        await sleep(0.1)
         replies = {reply["seq"]: reply for reply in socket.received}
         assert replies[10]["error"]["field"] == "setpoint.position_ned_m.0"
         assert replies[9]["applied"]["position_ned_m"] == [9.0, 0.0, -5.0]
@@ -166,10 +166,10 @@ def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(
     run_simulated, message, text, field
 ):
     async def scenario(vehicle, autopilot, socket):
-        await seconds(0.1)
+        await sleep(0.1)
         before = (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask)
         socket.inbox.put_nowait(message)
-        await seconds(0.1)
+        await sleep(0.1)
         (reply,) = socket.received
         assert text in reply["error"]["detail"]
         assert field is None or reply["error"]["field"] == field
@@ -181,7 +181,7 @@ def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(
 def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         socket.submit(seq=1, **position_request(1))
-        await seconds(0.1)
+        await sleep(0.1)
         assert socket.received[0]["error"]["code"] == "refused"
         assert "offboard/start" in socket.received[0]["error"]["remedy"]
         assert autopilot.setpoints == []
@@ -195,10 +195,10 @@ def test_setpoints_of_a_client_that_reads_no_replies_are_applied(run_simulated):
         socket.client_reads.clear()
         for seq in range(1000):
             socket.submit(seq=seq, **position_request(seq / 100))
-            await seconds(0.01)
+            await sleep(0.01)
         assert autopilot.setpoints[-1][1].x == pytest.approx(9.99, abs=0.03)
         socket.client_reads.set()
-        await seconds(0.2)
+        await sleep(0.2)
         # 200 waiting replies and those being sent; the oldest were dropped.
         assert len(socket.received) <= 202
         assert socket.received[-1]["seq"] == 999
@@ -221,12 +221,12 @@ def test_unread_replies_to_invalid_setpoints_use_limited_memory_and_do_not_end_t
         socket.client_reads.clear()
         for _ in range(100):
             socket.inbox.put_nowait(text)
-            await seconds(0.02)
+            await sleep(0.02)
         socket.submit(seq=7, **position_request(3))
-        await seconds(0.1)
+        await sleep(0.1)
         assert autopilot.setpoints[-1][1].x == pytest.approx(3, abs=0.03)
         socket.client_reads.set()
-        await seconds(0.2)
+        await sleep(0.2)
         assert sum(len(json.dumps(reply)) for reply in socket.received) < MAX_RESPONSES_BYTES + 10_000
         assert socket.received[-1]["seq"] == 7
 
@@ -237,11 +237,11 @@ def test_a_client_that_sends_too_many_messages_is_disconnected_and_its_last_setp
     async def scenario(vehicle, autopilot, socket):
         for seq in range(FLOOD_PER_S + 10):
             socket.submit(seq=seq, **position_request(seq / 1000, valid_for_s=0.5))
-        await seconds(0.1)
+        await sleep(0.1)
         assert socket.closed[0] == CLOSE_FLOOD
-        await seconds(7)
-        assert autopilot.mode != OFFBOARD  # position hold in Offboard, then Hold
-        assert autopilot.failsafes == 0
+        await sleep(7)
+        assert autopilot.mode != OFFBOARD_MODE  # position hold in Offboard, then Hold
+        assert autopilot.failsafe_count == 0
 
     run_with_socket(run_simulated, scenario)
 
@@ -249,13 +249,13 @@ def test_a_client_that_sends_too_many_messages_is_disconnected_and_its_last_setp
 def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         socket.submit(seq=1, **position_request(3, valid_for_s=4))
-        await seconds(0.1)
+        await sleep(0.1)
         socket.inbox.put_nowait(None)
-        await seconds(3)
-        assert (autopilot.mode, vehicle.offboard.status().state) == (OFFBOARD, "streaming")
-        await seconds(7)
-        assert autopilot.mode != OFFBOARD
-        assert autopilot.failsafes == 0
+        await sleep(3)
+        assert (autopilot.mode, vehicle.offboard.status().state) == (OFFBOARD_MODE, "streaming")
+        await sleep(7)
+        assert autopilot.mode != OFFBOARD_MODE
+        assert autopilot.failsafe_count == 0
         assert vehicle.offboard.status().state == "idle"
 
     run_with_socket(run_simulated, scenario)

@@ -10,8 +10,8 @@ from gcs_server.api import control_routes, operation_routes, param_routes
 from gcs_server.errors import Disconnected, NotInControl
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import metadata_files
-from tests.protocol.api_calls import ANNA, BOB, journal_lines, json_of, station_of
-from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.api_calls import ANNA, BOB, journal_entries, json_of, new_station
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
 WAIT_FOR_END = param_routes.RefreshRequest(wait=True)
@@ -30,9 +30,9 @@ def run_with_rig(run_simulated, scenario):
         testbed = OffboardTestbed()
         autopilot = SimulatedAutopilot(testbed.link(), seed=1)
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             vehicle.metadata.run_in_thread, vehicle.metadata.read = run_inline, read_inline
-            station = station_of(testbed)
+            station = new_station(testbed)
             await scenario(
                 SimpleNamespace(testbed=testbed, vehicle=vehicle, autopilot=autopilot, station=station)
             )
@@ -83,10 +83,10 @@ def test_an_operation_is_cancelled_by_the_client_in_control_and_not_by_another_c
         await control_routes.take("1", rig.station, ANNA)
         with pytest.raises(NotInControl):
             await operation_routes.cancel_operation(started["id"], rig.station, BOB)
-        assert journal_lines(rig.station)[-1] == ("bob", "operations/cancel", None, "not_in_control")
+        assert journal_entries(rig.station)[-1] == ("bob", "operations/cancel", None, "not_in_control")
         ended = json_of(await operation_routes.cancel_operation(started["id"], rig.station, ANNA))
         assert (ended["state"], ended["error"]) == ("cancelled", None)
-        assert ("anna", "operations/cancel", None, "ok") in journal_lines(rig.station)
+        assert ("anna", "operations/cancel", None, "ok") in journal_entries(rig.station)
         with pytest.raises(Exception, match="was cancelled"):
             await reading
         assert rig.vehicle.params.list.state == "failed"
@@ -128,7 +128,7 @@ def test_an_operation_fails_with_a_reason_if_the_link_is_lost_during_the_read(ru
             503,
         )
         assert json.loads(json.dumps(failed)) == failed
-        await seconds(2)
+        await sleep(2)
 
     run_with_rig(run_simulated, scenario)
 

@@ -38,7 +38,7 @@ def run_with_vehicle(run_simulated, scenario, *, loss=0.0, seed=0, cache=None):
         testbed = MemoryTestbed()
         autopilot = SimulatedAutopilot(testbed.link(), seed=seed)
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             vehicle.metadata.cache, vehicle.metadata.run_in_thread = cache, run_inline
             vehicle.metadata.read = read_inline
             autopilot.loss = loss
@@ -153,7 +153,7 @@ def test_a_vehicle_that_sends_no_parameter_list_is_reported_and_accepts_single_p
         testbed = MemoryTestbed()
         autopilot = testbed.autopilot(testbed.link())
         try:
-            vehicle = await testbed.ready()
+            vehicle = await testbed.wait_for_vehicle()
             vehicle.metadata.run_in_thread, vehicle.metadata.read = run_inline, read_inline
             with pytest.raises(NoReply, match="did not send its parameters"):
                 await vehicle.params.refresh()

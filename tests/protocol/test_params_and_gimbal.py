@@ -8,13 +8,14 @@ from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.gimbal import Roi
 from tests.protocol.command_numbers import DO_SET_ROI_LOCATION, GIMBAL_PITCHYAW
-from tests.protocol.one_vehicle import LOSS, run_scenario
+from tests.protocol.fake_autopilot import INT32
+from tests.protocol.one_vehicle import PACKET_LOSS_CASES, run_scenario
 
 SERVER, OTHER_STATION = (255, 190), (42, 99)
 """System and component of each."""
 
 
-@pytest.mark.parametrize(("loss", "seed"), LOSS)
+@pytest.mark.parametrize(("loss", "seed"), PACKET_LOSS_CASES)
 def test_parameters_are_read_and_written_bit_for_bit(run_simulated, loss, seed):
     async def scenario(testbed, vehicle, autopilot):
         assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
@@ -22,7 +23,7 @@ def test_parameters_are_read_and_written_bit_for_bit(run_simulated, loss, seed):
         for value in (-1, 0, 77, -8388607, 2**31 - 1):
             param = await vehicle.params.set("NAV_DLL_ACT", value)
             assert (param.value, param.is_integer) == (value, True)
-            assert autopilot.params["NAV_DLL_ACT"] == (6, value)
+            assert autopilot.params["NAV_DLL_ACT"] == (INT32, value)
 
     run_scenario(run_simulated, scenario, loss=loss, seed=seed)
 
@@ -69,7 +70,7 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
     run_scenario(run_simulated, scenario)
 
 
-@pytest.mark.parametrize(("loss", "seed"), LOSS)
+@pytest.mark.parametrize(("loss", "seed"), PACKET_LOSS_CASES)
 def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
     async def scenario(testbed, vehicle, autopilot):
         with pytest.raises(Refused, match="not controlled"):
@@ -80,19 +81,19 @@ def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
         await vehicle.gimbal.take_control()
         assert autopilot.gimbal_control == SERVER
         await vehicle.gimbal.set_angles(-30, 190, yaw_lock=True)
-        command = autopilot.commands(GIMBAL_PITCHYAW)[-1]
+        command = autopilot.received_commands(GIMBAL_PITCHYAW)[-1]
         assert (command.param1, command.param2, command.param5) == (
             -30,
             pytest.approx(-170),
             d.GIMBAL_MANAGER_FLAGS_YAW_LOCK,
         )
         await vehicle.gimbal.set_rates(10, -5)
-        command = autopilot.commands(GIMBAL_PITCHYAW)[-1]
+        command = autopilot.received_commands(GIMBAL_PITCHYAW)[-1]
         assert (command.param3, command.param4) == (10, -5)
         await vehicle.gimbal.set_angles(-20, 10, roll_deg=5)
         assert autopilot.gimbal_q[1] != 0
         await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
-        assert autopilot.commands(DO_SET_ROI_LOCATION)[-1].get_type() == "COMMAND_INT"
+        assert autopilot.received_commands(DO_SET_ROI_LOCATION)[-1].get_type() == "COMMAND_INT"
         assert vehicle.gimbal.roi == Roi(47.3982, 8.5456, 490)
         await vehicle.gimbal.clear_roi()
         assert vehicle.gimbal.roi is None
@@ -139,7 +140,7 @@ def simulate_turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
     autopilot._every(0.05, step)
 
 
-@pytest.mark.parametrize(("loss", "seed"), LOSS)
+@pytest.mark.parametrize(("loss", "seed"), PACKET_LOSS_CASES)
 def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(run_simulated, loss, seed):
     async def scenario(testbed, vehicle, autopilot):
         simulate_turning(autopilot, pitch_min_deg=-45.0)
@@ -171,7 +172,7 @@ def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(run
         began_s = testbed.loop.time()
         assert await vehicle.gimbal.set_angles(-90, 0) is None
         assert testbed.loop.time() - began_s < 4.0
-        autopilot.gimbal_attitude = lambda: None
+        autopilot.send_gimbal_attitude = lambda: None
         assert await vehicle.gimbal.set_angles(0, 0) is None
 
     run_scenario(run_simulated, scenario)

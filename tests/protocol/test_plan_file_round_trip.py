@@ -10,8 +10,8 @@ import pytest
 from gcs_server.api import mission_models, mission_routes, plan_models, plan_routes
 from gcs_server.plans.store import PlanStore
 from missions import plan as documents
-from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, station_of
-from tests.protocol.offboard_testbed import seconds
+from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, new_station
+from tests.protocol.offboard_testbed import sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -34,8 +34,8 @@ def run_with_rig(run_simulated, tmp_path, scenario):
     async def run():
         testbed = SimulatedTestbed()
         try:
-            vehicle = await testbed.ready_to_arm()
-            station = station_of(testbed)
+            vehicle = await testbed.wait_for_vehicle_ready_to_arm()
+            station = new_station(testbed)
             station.plans, station.plan_work = PlanStore(tmp_path / "plans", testbed.clock), InlinePlanWork()
             station.waypoint_flights.start()
             await scenario(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
@@ -117,7 +117,7 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
         executed = await flown_commands(rig)
         planned = [item.COMMAND for _, item in plan.simple_items() if item.COMMAND in COMMANDS_OF_ITEMS]
         assert executed == planned
-        await seconds(5)
+        await sleep(5)
         response = json_of(await mission_routes.show_mission(rig.vehicle, rig.station))
         assert (response["flight"]["state"], response["flight"]["plan_id"]) == ("done", stored.id)
         assert (response["mission"]["reached"], response["holds"]["state"]) == (18, "plan")

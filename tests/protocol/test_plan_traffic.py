@@ -20,7 +20,7 @@ from missions.offboard import document
 from missions.offboard.reader import read
 from tests.protocol import two_vehicles
 from tests.protocol.api_calls import ANNA, json_of
-from tests.protocol.offboard_testbed import seconds
+from tests.protocol.offboard_testbed import sleep
 from tests.protocol.simulated_testbed import until
 
 ORIGIN = LocalOrigin(47.397742, 8.545594, 488.0)
@@ -57,7 +57,7 @@ run_with_two_vehicles = functools.partial(two_vehicles.run_with_two_vehicles, ap
 async def upload(rig, vehicle_id, plan):
     body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": True})
     await mission_routes.upload(vehicle_id, body, rig.station, ANNA)
-    await seconds(1.2)
+    await sleep(1.2)
 
 
 async def start(rig, vehicle_id, *despite, item=0):
@@ -145,12 +145,12 @@ def test_a_check_near_an_unknown_path_gives_a_warning_and_a_start_over_a_hoverin
     async def scenario(rig):
         await upload(rig, "2", {"items": ITEMS_OVER_VEHICLE_1})
         await rig.first.command.takeoff(6.0)
-        await seconds(4)
+        await sleep(4)
         assert await separation_warnings(rig, {"items": ITEMS_OVER_VEHICLE_1}) == [
             ("separation_unknown", None)
         ]
         await until(lambda: rig.first.status.mode == "hold", 40)
-        await seconds(2)
+        await sleep(2)
         refusal = await refusal_of_start(rig)
         assert "of vehicle 1 (hovering)" in refusal.reasons[0]
         assert "The time of vehicle 1 at this position is not known." in refusal.reasons[0]
@@ -179,7 +179,7 @@ def test_an_offboard_mission_that_comes_too_near_is_refused_and_can_be_accepted(
         (reason,) = caught.value.reasons
         assert reason.startswith("step 2: ")
         assert "of vehicle 1 (item " in reason
-        await seconds(1.0)
+        await sleep(1.0)
         assert not rig.second.status.armed
         await start_mission(rig, "2", FLY_OVER_VEHICLE_1, "separation")
         await until(lambda: rig.second.status.armed, 10)
@@ -195,7 +195,7 @@ def test_the_second_of_two_offboard_missions_started_at_the_same_time_is_refused
         results = await asyncio.gather(*missions, return_exceptions=True)
         assert results[0] is None
         assert results[1].codes == ("separation",)
-        await seconds(1.0)
+        await sleep(1.0)
         assert not rig.second.status.armed
 
     run_with_two_vehicles(run_simulated, scenario)

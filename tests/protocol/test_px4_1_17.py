@@ -11,10 +11,10 @@ from gcs_server.errors import Rejected
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
 from missions.setpoints import Position
-from tests.protocol.offboard_testbed import seconds
-from tests.protocol.ros2_testbed import request_of
+from tests.protocol.offboard_testbed import sleep
+from tests.protocol.ros2_testbed import stream_request_for
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
-from tests.protocol.small_plan import plan_about
+from tests.protocol.small_plan import plan_around
 from vehicle_sim.mavlink import generated_dialect as sim
 
 FIRMWARE = 0x011100FF
@@ -104,7 +104,7 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(run
         testbed = SimulatedTestbed()
         converter = Px4V117Converter(testbed)
         try:
-            vehicle = await testbed.ready_to_arm()
+            vehicle = await testbed.wait_for_vehicle_ready_to_arm()
             await until(lambda: vehicle.identity.firmware == "1.17.0", 5)
             assert vehicle.topic("hud").value.airspeed_m_s is None
             assert vehicle.topic("mission").value.count == 0
@@ -114,14 +114,14 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(run
 
             await vehicle.command.takeoff(5.0)
             await until(lambda: vehicle.status.mode == "hold", 40)
-            await vehicle.offboard.start(request_of(Position((6.0, 0.0, -5.0), yaw_ned_rad=0.0)))
+            await vehicle.offboard.start(stream_request_for(Position((6.0, 0.0, -5.0), yaw_ned_rad=0.0)))
             assert vehicle.status.mode == "offboard"
             await until(lambda: vehicle.topic("local_position").value.position_ned_m[0] > 5.0, 15)
             await vehicle.offboard.stop()
             assert vehicle.status.mode == "hold"
 
             home = vehicle.topic("home").value
-            plan = plan_about(home.lat_deg, home.lon_deg)
+            plan = plan_around(home.lat_deg, home.lon_deg)
             parts = {"mission": mission_items(plan), "fence": fence_items(plan), "rally": rally_items(plan)}
             await vehicle.mission.upload(parts, PlanReference("a", 1, "Out and back"))
             await vehicle.command.start_mission()
@@ -131,7 +131,7 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(run
             await until(lambda: vehicle.status.mode == "altitude_cruise", 3)
             converter.in_altitude_cruise = False
             await until(lambda: vehicle.status.mode != "altitude_cruise", 3)
-            await seconds(1)
+            await sleep(1)
             (link,) = (connection.info() for connection in testbed.router.connections())
             assert (link.frames_lost, link.crc_errors, link.bytes_skipped) == (0, 0, 0)
             assert link.frames_unknown > 40

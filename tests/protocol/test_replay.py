@@ -41,8 +41,8 @@ def records(path):
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_the_topics_have_the_values_of_the_recording(shared, run_simulated, name):
-    path = shared / "px4" / "tlogs" / name
+def test_the_topics_have_the_values_of_the_recording(reference_data, run_simulated, name):
+    path = reference_data / "px4" / "tlogs" / name
 
     async def scenario():
         testbed = MemoryTestbed()
@@ -71,7 +71,7 @@ def test_the_topics_have_the_values_of_the_recording(shared, run_simulated, name
             await asyncio.sleep(0)
             assert comparison_count > 20
             assert vehicle.identity.replayed
-            assert link.sent == []
+            assert link.sent_packets == []
             assert testbed.router.connection("replay").counts()["log"].bytes_skipped == 0
         finally:
             await testbed.close()

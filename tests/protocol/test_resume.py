@@ -9,11 +9,11 @@ from gcs_server.errors import NotInControl, PlanFindings, Refused
 from gcs_server.plans.store import PlanStore
 from gcs_server.storage.records import Records
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
-from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, json_of, station_of
+from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, json_of, new_station
 from tests.protocol.command_numbers import DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST
-from tests.protocol.fake_autopilot import HOLD, IN_AIR, ON_GROUND, RTL
+from tests.protocol.fake_autopilot import HOLD_MODE, IN_AIR, ON_GROUND, RTL_MODE
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
-from tests.protocol.offboard_testbed import OffboardTestbed, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
 
 LAT, LON = 47.397742, 8.545594
@@ -54,8 +54,8 @@ def run_with_rig(run_simulated, tmp_path, scenario):
         autopilot = link.autopilots["peer"] = MissionAutopilot(link)
         rig = SimpleNamespace(testbed=testbed, autopilot=autopilot, folder=tmp_path)
         try:
-            rig.vehicle = await testbed.ready()
-            await seconds(1.5)
+            rig.vehicle = await testbed.wait_for_vehicle()
+            await sleep(1.5)
             await start_server(rig)
             await scenario(rig)
             rig.progress.close()
@@ -70,7 +70,7 @@ async def start_server(rig):
     """Starts a server on the data folder of the test."""
     rig.progress = ProgressStore(Records(rig.folder / "flights"))
     await rig.progress.load()
-    rig.station = station_of(rig.testbed, rig.progress)
+    rig.station = new_station(rig.testbed, rig.progress)
     rig.station.plans = PlanStore(rig.folder / "plans", rig.testbed.clock)
     rig.flights = rig.station.waypoint_flights
 
@@ -79,13 +79,13 @@ async def monitor_for(rig, duration_s):
     """Lets the server monitor the vehicle for this time."""
     for _ in range(int(duration_s * 10)):
         rig.flights.update()
-        await seconds(0.1)
+        await sleep(0.1)
 
 
 async def upload(rig, plan=PLAN):
     body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": True})
     await mission_routes.upload("1", body, rig.station, ANNA)
-    await seconds(1.5)
+    await sleep(1.5)
 
 
 async def start(rig, by=ANNA, **body):
@@ -106,10 +106,10 @@ async def fly_to(rig, current, north_m):
 
 async def land(rig, north_m=0.0):
     """Lets the vehicle return as with a low battery, land and disarm."""
-    rig.autopilot.mode = RTL
+    rig.autopilot.mode = RTL_MODE
     await monitor_for(rig, 2.5)
     rig.autopilot.position[0] = LAT + north_m * DEG_PER_M
-    rig.autopilot.armed, rig.autopilot.landed_state, rig.autopilot.mode = False, ON_GROUND, HOLD
+    rig.autopilot.armed, rig.autopilot.landed_state, rig.autopilot.mode = False, ON_GROUND, HOLD_MODE
     await monitor_for(rig, 2.5)
 
 
@@ -207,7 +207,7 @@ def test_another_plan_is_not_resumed_and_the_reason_is_shown(run_simulated, tmp_
             "distance_m": (await mission_view(rig))["resume"]["distance_m"],
         }
         await UploadingStation(rig.autopilot).upload([])
-        await seconds(2)
+        await sleep(2)
         assert (await mission_view(rig))["resume"] is None
 
     run_with_rig(run_simulated, tmp_path, scenario)
@@ -248,7 +248,7 @@ def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_sim
         stored = await rig.station.plans.create("Field", plan, by=("anna", "key"))
         body = mission_models.UploadRequest(plan_id=stored.id, wait=True)
         await mission_routes.upload("1", body, rig.station, ANNA)
-        await seconds(1.5)
+        await sleep(1.5)
         await start(rig, item=0)
         await fly_to(rig, 3, 90)
         await land(rig, north_m=260)
@@ -296,24 +296,24 @@ def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_the_plans_speed_
         testbed = SimulatedTestbed(parameters=QUICK_RETURN_PARAMS)
         rig = SimpleNamespace(testbed=testbed, folder=tmp_path)
         try:
-            rig.vehicle = await testbed.ready_to_arm()
+            rig.vehicle = await testbed.wait_for_vehicle_ready_to_arm()
             await start_server(rig)
             rig.flights.start()
             mission = testbed.sim.autopilots[0].navigator.mission
             await upload(rig, SHORT_PLAN)
             await start(rig, item=0)
             await until(lambda: mission.current == 4, 40)
-            await seconds(4)
+            await sleep(4)
             testbed.sim.simulation.set_battery_remaining(0, 0.06)
             await until(lambda: rig.vehicle.status.mode == "rtl", 15)
             await until(lambda: not rig.vehicle.status.armed, 60)
             testbed.sim.simulation.set_battery_remaining(0, 1.0)
             testbed.sim.set_link_up(0, "gcs", False)
-            await seconds(12)
+            await sleep(12)
             testbed.sim.set_link_up(0, "gcs", True)
             await until(lambda: not rig.vehicle.status.link_lost, 10)
-            await seconds(3)
-            await testbed.ready_to_arm()
+            await sleep(3)
+            await testbed.wait_for_vehicle_ready_to_arm()
             offer = (await mission_view(rig))["resume"]
             assert (offer["item"], offer["interrupted_item"], offer["cautions"]) == (2, 4, [])
             executed = []
@@ -325,10 +325,10 @@ def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_the_plans_speed_
             assert [number for number in executed if number in RESTORING_COMMANDS] == RESTORING_COMMANDS, (
                 "PX4 did not restore the speed and then the pictures"
             )
-            await seconds(6)
+            await sleep(6)
             assert rig.vehicle.topic("local_position").value.velocity_ned_m_s[0] == pytest.approx(3, abs=0.7)
             await until(lambda: not rig.vehicle.status.armed, 60)
-            await seconds(1)
+            await sleep(1)
             assert (await mission_view(rig))["no_resume"] == "Vehicle 1 has flown the plan to its end."
             rig.progress.close()
         finally:

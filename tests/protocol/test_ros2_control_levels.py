@@ -30,7 +30,7 @@ from missions.setpoints import (
     ThrustTorque,
     Velocity,
 )
-from tests.protocol.ros2_testbed import Ros2Testbed, request_of, value_of
+from tests.protocol.ros2_testbed import Ros2Testbed, newest_value, stream_request_for
 from tests.protocol.simulated_testbed import until
 
 ALTITUDE_M = 20.0
@@ -55,7 +55,7 @@ class Motion:
 
     @classmethod
     def from_vehicle(cls, vehicle: Vehicle) -> Motion:
-        local, attitude = value_of(vehicle, "local_position"), value_of(vehicle, "attitude")
+        local, attitude = newest_value(vehicle, "local_position"), newest_value(vehicle, "attitude")
         angles = attitude.roll_rad, attitude.pitch_rad, attitude.yaw_ned_rad
         return cls(local.position_ned_m, local.velocity_ned_m_s, *angles)
 
@@ -161,7 +161,7 @@ def test_the_seven_control_levels_are_flown_in_one_flight(run_simulated: Any) ->
     async def run() -> None:
         testbed = Ros2Testbed()
         vehicle = await testbed.take_off(alt_home_m=ALTITUDE_M)
-        await vehicle.offboard.start(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
+        await vehicle.offboard.start(stream_request_for(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
         for level in LEVELS:
             await hover(vehicle)
             await fly_level(testbed, vehicle, level)
@@ -176,7 +176,7 @@ def test_the_seven_control_levels_are_flown_in_one_flight(run_simulated: Any) ->
 
 async def hover(vehicle: Vehicle) -> None:
     """Flies back to the first position and waits until the vehicle hovers there."""
-    await vehicle.offboard.setpoint(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
+    await vehicle.offboard.setpoint(stream_request_for(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
 
     def is_hovering() -> bool:
         motion = Motion.from_vehicle(vehicle)
@@ -191,9 +191,9 @@ async def hover(vehicle: Vehicle) -> None:
 
 async def fly_level(testbed: Ros2Testbed, vehicle: Vehicle, level: Level) -> None:
     """Flies a control level; checks the messages and the motion."""
-    sent = testbed.topics[0].sent
+    sent = testbed.topics[0].sent_messages
     sent_before = len(sent)
-    await vehicle.offboard.setpoint(request_of(level.setpoint))
+    await vehicle.offboard.setpoint(stream_request_for(level.setpoint))
     await asyncio.sleep(SWITCHED_S)
     begin = Motion.from_vehicle(vehicle)
     await asyncio.sleep(level.duration_s)

@@ -15,7 +15,7 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError, Refused
 from gcs_server.vehicle.reach import FEATURES, NEEDS_MAVLINK
 from missions.plan import Plan, write
-from tests.protocol.api_calls import json_of, station_of
+from tests.protocol.api_calls import json_of, new_station
 from tests.protocol.ros2_testbed import Ros2Testbed
 from tests.protocol.simulated_testbed import until
 
@@ -37,16 +37,16 @@ def test_requests_has_one_request_for_each_feature() -> None:
 def test_a_request_that_needs_mavlink_is_refused_immediately_without_mavlink(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed()
-        vehicle = await testbed.ready_to_arm()
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         assert vehicle.reach.missing == FEATURES
-        sent_count = len(testbed.topics[0].sent)
+        sent_count = len(testbed.topics[0].sent_messages)
         for feature, request in REQUESTS.items():
             began_s = testbed.loop.time()
             with pytest.raises(Refused, match=f"carries no {NEEDS_MAVLINK[feature]}") as refused:
                 await request(vehicle)
             assert "needs a MAVLink link" in (refused.value.remedy or "")
             assert testbed.loop.time() == began_s
-        assert len(testbed.topics[0].sent) == sent_count
+        assert len(testbed.topics[0].sent_messages) == sent_count
         await testbed.close()
 
     run_simulated(run)
@@ -55,8 +55,8 @@ def test_a_request_that_needs_mavlink_is_refused_immediately_without_mavlink(run
 def test_routes_that_need_mavlink_refuse_and_start_no_operation_without_mavlink(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed()
-        vehicle = await testbed.ready_to_arm()
-        station = station_of(testbed)
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
+        station = new_station(testbed)
         plan = mission_models.UploadRequest.model_validate({"plan": json.loads(write(Plan()))})
         for call in (
             lambda: upload("1", plan, station, ANNA),
@@ -83,7 +83,7 @@ def test_routes_that_need_mavlink_refuse_and_start_no_operation_without_mavlink(
 def test_with_both_protocols_commands_use_mavlink_and_setpoints_ros_2(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed(mavlink=True)
-        vehicle = await testbed.ready_to_arm()
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         await until(lambda: len(vehicle.reach.protocols) == 2, 10)
         reach = vehicle.reach
         assert (reach.telemetry, reach.commands, reach.setpoints) == ("MAVLink", "MAVLink", "ROS 2")

@@ -15,11 +15,11 @@ from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
-from tests.protocol.api_calls import ANNA, station_of
-from tests.protocol.group_testbed import setpoints_request, start_group, velocity
-from tests.protocol.mission_flights import Missions, event_codes
+from tests.protocol.api_calls import ANNA, new_station
+from tests.protocol.group_testbed import setpoints_request, start_group, velocity_setpoint
+from tests.protocol.mission_flights import MissionsTestbed, event_codes
 from tests.protocol.mission_modes_testbed import OtherStation
-from tests.protocol.ros2_testbed import Ros2Testbed, request_of, value_of
+from tests.protocol.ros2_testbed import Ros2Testbed, newest_value, stream_request_for
 from tests.protocol.simulated_testbed import until
 from tests.support.offboard_missions import mission
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -35,8 +35,8 @@ MISSION = """
 def test_an_offboard_mission_takes_off_flies_and_lands(run_simulated: Any, tmp_path: Path) -> None:
     async def run() -> None:
         testbed = Ros2Testbed()
-        missions = Missions(testbed, tmp_path)
-        vehicle = await testbed.ready_to_arm()
+        missions = MissionsTestbed(testbed, tmp_path)
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         flight = missions.begin(vehicle, mission(MISSION))
         await missions.reach("flying")
         deviation_max_m = 0.0
@@ -57,8 +57,8 @@ def test_a_mission_with_a_picture_is_flown_and_reports_that_ros2_carries_no_came
 ) -> None:
     async def run() -> None:
         testbed = Ros2Testbed()
-        missions = Missions(testbed, tmp_path)
-        vehicle = await testbed.ready_to_arm()
+        missions = MissionsTestbed(testbed, tmp_path)
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         missions.begin(vehicle, mission("- {step: take_off, height_m: 4}\n- {step: photo}\n- {step: land}\n"))
         await missions.reach("done")
         texts = [event.text for event in vehicle.events.since()]
@@ -73,12 +73,12 @@ def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: An
     async def run() -> None:
         testbed = Ros2Testbed(2)
         vehicles = [await testbed.take_off(v, alt_home_m=10.0) for v in ("1", "2")]
-        rig = SimpleNamespace(testbed=testbed, station=station_of(testbed))
+        rig = SimpleNamespace(testbed=testbed, station=new_station(testbed))
         await fly_6_m_east(vehicles[1])
 
         goals_ned_m: dict[str, Vector3] = {}
         for vehicle in vehicles:
-            north_m, east_m, down_m = value_of(vehicle, "local_position").position_ned_m
+            north_m, east_m, down_m = newest_value(vehicle, "local_position").position_ned_m
             goals_ned_m[vehicle.id] = (north_m + 5.0, east_m, down_m)
         setpoints = {
             v: {"type": "position", "position_ned_m": goal_ned_m} for v, goal_ned_m in goals_ned_m.items()
@@ -88,8 +88,8 @@ def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: An
         assert [vehicle.status.mode for vehicle in vehicles] == ["offboard", "offboard"]
 
         with pytest.raises(Refused, match="group"):
-            await vehicles[0].offboard.setpoint(request_of(Velocity((1.0, 0.0, 0.0))))
-        crossing_setpoints = setpoints_request({"1": velocity(0, 3), "2": velocity(0, -3)})
+            await vehicles[0].offboard.setpoint(stream_request_for(Velocity((1.0, 0.0, 0.0))))
+        crossing_setpoints = setpoints_request({"1": velocity_setpoint(0, 3), "2": velocity_setpoint(0, -3)})
         with pytest.raises(NotTogether):
             await group_routes.setpoints("1", crossing_setpoints, rig.station, ANNA)
         await group_routes.hold("1", rig.station, ANNA)
@@ -101,27 +101,27 @@ def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: An
 
 async def fly_6_m_east(vehicle: Vehicle) -> None:
     """Flies a vehicle 6 m to the east and waits until it hovers: the two vehicles took off 3 m apart."""
-    north_m, east_m, down_m = value_of(vehicle, "local_position").position_ned_m
+    north_m, east_m, down_m = newest_value(vehicle, "local_position").position_ned_m
     goal_ned_m = (north_m, east_m + 6.0, down_m)
-    await vehicle.offboard.start(request_of(Position(goal_ned_m, yaw_ned_rad=0.0)))
+    await vehicle.offboard.start(stream_request_for(Position(goal_ned_m, yaw_ned_rad=0.0)))
     await until(lambda: distance_m(vehicle, goal_ned_m) < 0.5, 20)
     await vehicle.offboard.stop()
-    await until(lambda: math.hypot(*value_of(vehicle, "local_position").velocity_ned_m_s) < 0.3, 10)
+    await until(lambda: math.hypot(*newest_value(vehicle, "local_position").velocity_ned_m_s) < 0.3, 10)
 
 
 def distance_m(vehicle: Vehicle, position_ned_m: Vector3) -> float:
-    return math.dist(value_of(vehicle, "local_position").position_ned_m, position_ned_m)
+    return math.dist(newest_value(vehicle, "local_position").position_ned_m, position_ned_m)
 
 
 def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_over_ros2(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed(mavlink=True)
         testbed.mavlink_on = False
-        vehicle = await testbed.ready_to_arm()
-        position = value_of(vehicle, "global_position")
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
+        position = newest_value(vehicle, "global_position")
         home = (position.lat_deg, position.lon_deg, position.alt_amsl_m - 30.0)
         OtherStation(testbed).command(sim.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, *home)
-        await until(lambda: value_of(vehicle, "home").alt_amsl_m < position.alt_amsl_m - 29, 5)
+        await until(lambda: newest_value(vehicle, "home").alt_amsl_m < position.alt_amsl_m - 29, 5)
         with pytest.raises(InvalidRequest, match="is not above vehicle 1") as caught:
             await vehicle.command.takeoff(10)
         assert caught.value.field == "alt_home_m"

@@ -15,9 +15,9 @@ from gcs_server.ros2.topics import wire_name
 from gcs_server.ros2.versions import TopicVersions
 from gcs_server.streamer.transport.ros2 import CONTROL_MODE, SETPOINT_TOPICS
 from missions.setpoints import Attitude, Position
-from tests.protocol.mission_flights import Missions
-from tests.protocol.mission_modes_testbed import Modes, run_with_modes
-from tests.protocol.ros2_testbed import Ros2Testbed, request_of
+from tests.protocol.mission_flights import MissionsTestbed
+from tests.protocol.mission_modes_testbed import MissionModesTestbed, run_with_mission_modes
+from tests.protocol.ros2_testbed import Ros2Testbed, stream_request_for
 from tests.protocol.simulated_testbed import until
 from tests.support.offboard_missions import mission
 
@@ -29,7 +29,7 @@ def set_version_7(testbed: Ros2Testbed, topic: str, row: int = 0) -> None:
     """Gives the vehicle only version 7 of this topic."""
     namespace, versions = f"px4_{row}", TopicVersions()
     versions.add_topic(wire_name(f"{topic}_v7", namespace), publishes=False)
-    testbed.ros2.unusable[namespace] = versions.unusable(namespace)
+    testbed.ros2.unusable_by_peer[namespace] = versions.unusable(namespace)
 
 
 @pytest.mark.parametrize("topic", [TRAJECTORY, CONTROL_MODE])
@@ -38,26 +38,31 @@ def test_a_stream_on_an_unknown_version_is_refused_and_other_vehicles_and_setpoi
 ) -> None:
     async def run() -> None:
         testbed = Ros2Testbed(2)
-        vehicle, other_vehicle = await testbed.ready_to_arm("1"), await testbed.ready_to_arm("2")
+        vehicle, other_vehicle = (
+            await testbed.wait_for_vehicle_ready_to_arm("1"),
+            await testbed.wait_for_vehicle_ready_to_arm("2"),
+        )
         set_version_7(testbed, topic)
-        sent_count = len(testbed.topics[0].sent)
+        sent_count = len(testbed.topics[0].sent_messages)
         with pytest.raises(
             Refused, match=rf"{topic}_v7 has version 7, but this server knows version 0"
         ) as refused:
-            await testbed.streamer.offboard("1").start(request_of(ABOVE_HOME))
+            await testbed.streamer.offboard("1").start(stream_request_for(ABOVE_HOME))
         assert "connect the vehicle over MAVLink" in (refused.value.remedy or "")
-        assert len(testbed.topics[0].sent) == sent_count
+        assert len(testbed.topics[0].sent_messages) == sent_count
         available = testbed.streamer.offboard("1").available()
         assert not available["position"].can
         assert f"{topic}_v7" in (available["position_global"].why_not or "")
         assert available["attitude"].can is (topic == TRAJECTORY)
-        await testbed.streamer.offboard("2").start(request_of(ABOVE_HOME))
+        await testbed.streamer.offboard("2").start(stream_request_for(ABOVE_HOME))
         assert other_vehicle.status.mode == "offboard"
         if topic == TRAJECTORY:
-            await testbed.streamer.offboard("1").start(request_of(Attitude((1.0, 0.0, 0.0, 0.0), 0.1)))
+            await testbed.streamer.offboard("1").start(
+                stream_request_for(Attitude((1.0, 0.0, 0.0, 0.0), 0.1))
+            )
             assert vehicle.status.mode == "offboard"
             with pytest.raises(Refused, match="has version 7"):
-                await testbed.streamer.offboard("1").setpoint(request_of(ABOVE_HOME))
+                await testbed.streamer.offboard("1").setpoint(stream_request_for(ABOVE_HOME))
         await testbed.close()
 
     run_simulated(run)
@@ -66,20 +71,20 @@ def test_a_stream_on_an_unknown_version_is_refused_and_other_vehicles_and_setpoi
 def test_setpoints_are_sent_over_mavlink_while_a_mavlink_link_is_connected(run_simulated: Any) -> None:
     async def run() -> None:
         testbed = Ros2Testbed(mavlink=True)
-        vehicle = await testbed.ready_to_arm()
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         offboard = testbed.streamer.offboard(vehicle.id)
         await until(lambda: vehicle.reach.setpoints == "ROS 2", 10.0)
         set_version_7(testbed, TRAJECTORY)
         assert vehicle.reach.setpoints == "MAVLink"
-        sent_count = len(testbed.topics[0].sent)
-        await offboard.start(request_of(ABOVE_HOME))
+        sent_count = len(testbed.topics[0].sent_messages)
+        await offboard.start(stream_request_for(ABOVE_HOME))
         assert vehicle.status.mode == "offboard"
-        assert len(testbed.topics[0].sent) == sent_count
+        assert len(testbed.topics[0].sent_messages) == sent_count
         await offboard.stop()
         testbed.mavlink_on = False
         await asyncio.sleep(2.0)
         with pytest.raises(Refused, match="has version 7"):
-            await offboard.start(request_of(ABOVE_HOME))
+            await offboard.start(stream_request_for(ABOVE_HOME))
         await testbed.close()
 
     run_simulated(run)
@@ -88,8 +93,8 @@ def test_setpoints_are_sent_over_mavlink_while_a_mavlink_link_is_connected(run_s
 def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path) -> None:
     async def run() -> None:
         testbed = Ros2Testbed()
-        missions = Missions(testbed, tmp_path)
-        vehicle = await testbed.ready_to_arm()
+        missions = MissionsTestbed(testbed, tmp_path)
+        vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         set_version_7(testbed, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
         attitude = "{step: attitude, roll_rad: 0.1, thrust: 0.5, duration_s: 1}"
         with pytest.raises(Refused, match="Not available: attitude setpoints"):
@@ -105,13 +110,13 @@ def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path
 
 @pytest.mark.parametrize("topic", [REGISTER, TRAJECTORY])
 def test_the_registration_of_a_mode_is_refused_at_once(run_simulated: Any, topic: str) -> None:
-    async def scenario(modes: Modes) -> None:
+    async def scenario(modes: MissionModesTestbed) -> None:
         testbed = modes.testbed
         set_version_7(testbed, topic)
         began_s = testbed.loop.time()
         with pytest.raises(Refused, match=f"{topic}_v7 has version 7"):
             await modes.register()
         assert testbed.loop.time() - began_s < 1.0
-        assert not modes.sent(REGISTER)
+        assert not modes.sent_messages(REGISTER)
 
-    run_with_modes(run_simulated, scenario)
+    run_with_mission_modes(run_simulated, scenario)

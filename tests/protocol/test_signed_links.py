@@ -36,11 +36,11 @@ class SignedTestbed(MemoryTestbed):
         if not keys.names():
             keys.add("field", SecretKey(KEY))
         super().__init__(signing_dir=tmp_path / "signing", **settings)
-        self.autopilots, self.sent = {}, []
+        self.autopilots, self.sent_packets = {}, []
 
     def signed_link(self, name="radio", *, required=True, forward=False):
         def outgoing(data, peer):
-            self.sent.append((data, peer.name))
+            self.sent_packets.append((data, peer.name))
             if peer.name in self.autopilots:
                 self.autopilots[peer.name].receive(data)
 
@@ -80,13 +80,13 @@ def run_with_signed_links(run_simulated, scenario, tmp_path, **settings):
 def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(run_simulated, tmp_path, required):
     async def scenario(testbed):
         autopilot = testbed.signed_autopilot(testbed.signed_link(required=required))
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         await vehicle.command.arm()
         assert autopilot.armed
-        assert len(testbed.sent) > 5
-        assert all(is_signed(data) for data, _ in testbed.sent)
+        assert len(testbed.sent_packets) > 5
+        assert all(is_signed(data) for data, _ in testbed.sent_packets)
         signing = autopilot.parser.signing
-        assert signing.goodsig_count == len(testbed.sent)
+        assert signing.goodsig_count == len(testbed.sent_packets)
         assert (signing.badsig_count, signing.unsigned_count, signing.reject_count) == (0, 0, 0)
         info = testbed.info()
         assert (info.frames_refused, info.signing.key, info.signing.link_id) == (0, "field", 0)
@@ -98,7 +98,7 @@ def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(run_simulat
 def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(run_simulated, tmp_path):
     async def scenario(testbed):
         testbed.signed_autopilot(testbed.signed_link(), timestamp=0)
-        await testbed.ready()
+        await testbed.wait_for_vehicle()
         signing = testbed.info().signing
         assert signing.too_old > 0
         assert signing.wrong_signature == signing.unsigned == signing.replayed == 0
@@ -128,7 +128,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(run_simula
             inject(data, peer)
 
         autopilot.link.inject = record_and_inject
-        vehicle = await testbed.ready()
+        vehicle = await testbed.wait_for_vehicle()
         recorded_frame = received[-1]
         for _ in range(20):
             for raw in (*intruder_frames(testbed), recorded_frame):
@@ -140,7 +140,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(run_simula
         signing = testbed.info().signing
         assert (signing.unsigned, signing.wrong_signature) == (20, 20)
         assert signing.replayed >= 20
-        assert {data for data, _ in station.sent} <= set(received)
+        assert {data for data, _ in station.sent_packets} <= set(received)
         texts = [
             text for kind, name, text in testbed.router.warnings() if (kind, name) == ("signing", "radio")
         ]

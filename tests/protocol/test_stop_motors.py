@@ -17,10 +17,10 @@ from tests.protocol.command_numbers import (
     FORCE,
     TAKEOFF_COMMAND,
 )
-from tests.protocol.fake_autopilot import HOLD, ON_GROUND
-from tests.protocol.group_testbed import ANNA, position, run_with_vehicles, start_group
-from tests.protocol.offboard_testbed import run_offboard, seconds, stream_request
-from tests.protocol.one_vehicle import LOSS
+from tests.protocol.fake_autopilot import HOLD_MODE, ON_GROUND
+from tests.protocol.group_testbed import ANNA, position_setpoint, run_with_vehicles, start_group
+from tests.protocol.offboard_testbed import run_offboard, sleep, stream_request
+from tests.protocol.one_vehicle import PACKET_LOSS_CASES
 
 GOTO = {"lat_deg": 47.398, "lon_deg": 8.546, "alt_home_m": 12}
 CALLS = {
@@ -44,7 +44,7 @@ def other_commands(autopilot):
     """All other received commands that could move the vehicle: arm, modes, take-off, go to."""
     return [
         message
-        for message in autopilot.received
+        for message in autopilot.received_messages
         if getattr(message, "command", None) in MOVING_COMMANDS and not is_kill(message)
     ]
 
@@ -68,7 +68,7 @@ def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(r
     async def scenario(testbed, vehicle, autopilot, link):
         kill_times_s = ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill(by="anna"))
-        await seconds(1.0)
+        await sleep(1.0)
         command_count = len(other_commands(autopilot))
         with pytest.raises(Refused, match="Stop motors was commanded by anna") as caught:
             await CALLS[command](vehicle)
@@ -86,14 +86,14 @@ def test_stop_motors_ends_pending_commands(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         autopilot.silent_commands.add(DO_SET_MODE)
         hold = asyncio.ensure_future(vehicle.command.hold())
-        await seconds(0.2)
+        await sleep(0.2)
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         with pytest.raises(Refused, match="stop motors"):
             await hold
-        mode_request_count = len(autopilot.commands(DO_SET_MODE))
+        mode_request_count = len(autopilot.received_commands(DO_SET_MODE))
         await kill
-        assert len(autopilot.commands(DO_SET_MODE)) == mode_request_count
+        assert len(autopilot.received_commands(DO_SET_MODE)) == mode_request_count
 
     run_offboard(run_simulated, scenario)
 
@@ -102,11 +102,11 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=2.0, hold_for_s=0.5))
         ignore_kill(autopilot, 5.0)
-        mode_request_count = len(autopilot.commands(DO_SET_MODE))
+        mode_request_count = len(autopilot.received_commands(DO_SET_MODE))
         await vehicle.command.kill()  # 2.5 s later the stream would request Hold
         assert not autopilot.armed
-        await seconds(0.3)
-        assert len(autopilot.commands(DO_SET_MODE)) == mode_request_count
+        await sleep(0.3)
+        assert len(autopilot.received_commands(DO_SET_MODE)) == mode_request_count
         assert not vehicle.offboard.status().streaming
 
     run_offboard(run_simulated, scenario)
@@ -115,14 +115,14 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(run_simulated):
 def test_a_stop_of_the_stream_waits_for_stop_motors(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
-        mode_request_count = len(autopilot.commands(DO_SET_MODE))
+        mode_request_count = len(autopilot.received_commands(DO_SET_MODE))
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
-        await seconds(0.5)
+        await sleep(0.5)
         stop = asyncio.ensure_future(vehicle.offboard.stop())
-        await seconds(1.0)
+        await sleep(1.0)
         assert not stop.done()
-        assert len(autopilot.commands(DO_SET_MODE)) == mode_request_count
+        assert len(autopilot.received_commands(DO_SET_MODE)) == mode_request_count
         await kill
         await stop
         assert not vehicle.offboard.status().streaming
@@ -132,19 +132,19 @@ def test_a_stop_of_the_stream_waits_for_stop_motors(run_simulated):
 
 def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(run_simulated):
     async def scenario(rig):
-        await start_group(rig, {"1": position(), "2": position()})
-        await seconds(2.0)
+        await start_group(rig, {"1": position_setpoint(), "2": position_setpoint()})
+        await sleep(2.0)
         kill_times_s = ignore_kill(rig.autopilots["1"], 3.0)
-        mode_request_count = len(rig.autopilots["1"].commands(DO_SET_MODE))
+        mode_request_count = len(rig.autopilots["1"].received_commands(DO_SET_MODE))
         kill = asyncio.ensure_future(rig.vehicles["1"].command.kill())
-        await seconds(0.3)
+        await sleep(0.3)
         rig.testbed.streamer._streams.force_hold("1", "the guard's finding")
         await rig.testbed.streamer.groups.hold("1", ANNA)
         await kill
         assert not rig.autopilots["1"].armed
         assert all(b - a < 0.3 for a, b in itertools.pairwise(kill_times_s))
         # Hold follows when stop motors has ended.
-        assert len(rig.autopilots["1"].commands(DO_SET_MODE)) - mode_request_count <= 1
+        assert len(rig.autopilots["1"].received_commands(DO_SET_MODE)) - mode_request_count <= 1
         assert rig.vehicles["2"].status.mode == "hold"
         assert rig.autopilots["2"].armed
 
@@ -159,15 +159,15 @@ def test_neither_a_refusal_nor_an_acceptance_without_effect_ends_stop_motors(run
         def acknowledge(message):
             if not is_kill(message) or testbed.loop.time() - began_s > 5.0:
                 return False
-            autopilot.ack(ARM_DISARM, next(results))
+            autopilot.send_ack(ARM_DISARM, next(results))
             return True
 
         autopilot.handlers.append(acknowledge)
         await vehicle.command.kill()
         assert not autopilot.armed
         autopilot.armed = True
-        autopilot.handlers.append(lambda m: is_kill(m) and not autopilot.ack(ARM_DISARM, 2))
-        await seconds(2.0)
+        autopilot.handlers.append(lambda m: is_kill(m) and not autopilot.send_ack(ARM_DISARM, 2))
+        await sleep(2.0)
         with pytest.raises(Rejected, match="refused to stop its motors"):
             await vehicle.command.kill()
 
@@ -178,12 +178,12 @@ def test_stop_motors_continues_after_its_caller_is_cancelled(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
-        await seconds(0.5)
+        await sleep(0.5)
         kill.cancel()
-        await seconds(1.0)
+        await sleep(1.0)
         with pytest.raises(Refused):
             await vehicle.command.hold()
-        await seconds(2.0)
+        await sleep(2.0)
         assert not autopilot.armed
         await vehicle.command.hold()
 
@@ -195,7 +195,7 @@ def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(run_simulated)
         send_raw = autopilot.send_raw
         autopilot.send_raw = lambda raw: None
         kill_times_s = ignore_kill(autopilot, 100.0)
-        await seconds(1.0)  # no messages for 3.5 s, so it is lost during the command
+        await sleep(1.0)  # no messages for 3.5 s, so it is lost during the command
         began_s = testbed.loop.time()
         with pytest.raises(NoReply):
             await vehicle.command.kill()
@@ -210,7 +210,7 @@ def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(run_simulated)
 def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         autopilot.armed, autopilot.landed_state = False, ON_GROUND
-        await seconds(2.0)
+        await sleep(2.0)
         delayed = []
 
         def delay_first_arm(message):
@@ -223,31 +223,31 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
 
         autopilot.handlers.append(delay_first_arm)
         arm = asyncio.ensure_future(vehicle.command.arm())
-        await seconds(0.05)
+        await sleep(0.05)
         await vehicle.command.kill()
         assert not autopilot.armed
         with pytest.raises(Refused):
             await arm
-        await seconds(2.0)
+        await sleep(2.0)
         assert not autopilot.armed
 
     run_offboard(run_simulated, scenario)
 
 
-@pytest.mark.parametrize(("ignored_s", "mode_after"), [(2.0, None), (20.0, HOLD)])
+@pytest.mark.parametrize(("ignored_s", "mode_after"), [(2.0, None), (20.0, HOLD_MODE)])
 def test_the_action_at_the_expiry_of_control_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
     async def scenario(rig):
         rig.autopilot.mode = MISSION_MODE
-        await seconds(2.5)
+        await sleep(2.5)
         await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry="hold"))
-        await seconds(28.5)
+        await sleep(28.5)
         ignore_kill(rig.autopilot, ignored_s)
         kill = asyncio.ensure_future(rig.vehicle.command.kill())
-        await seconds(3.0)  # the 30 s control lease expires during stop motors
-        assert not rig.autopilot.commands(DO_SET_MODE)
+        await sleep(3.0)  # the 30 s control lease expires during stop motors
+        assert not rig.autopilot.received_commands(DO_SET_MODE)
         await asyncio.gather(kill, return_exceptions=True)
-        await seconds(3.0)
-        assert bool(rig.autopilot.commands(DO_SET_MODE)) == (mode_after is not None)
+        await sleep(3.0)
+        assert bool(rig.autopilot.received_commands(DO_SET_MODE)) == (mode_after is not None)
         assert rig.autopilot.mode == (mode_after or MISSION_MODE)
 
     run_with_routes(run_simulated, scenario)
@@ -257,7 +257,7 @@ def test_a_server_shutdown_waits_for_stop_motors(run_simulated):
     async def scenario(testbed, vehicle, autopilot, link):
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
-        await seconds(0.1)
+        await sleep(0.1)
         assert await testbed.streamer.stop_all() == []
         assert not autopilot.armed
         await kill
@@ -265,7 +265,7 @@ def test_a_server_shutdown_waits_for_stop_motors(run_simulated):
     run_offboard(run_simulated, scenario)
 
 
-@pytest.mark.parametrize(("loss", "seed"), [*LOSS, *((0.2, seed) for seed in range(20, 40))])
+@pytest.mark.parametrize(("loss", "seed"), [*PACKET_LOSS_CASES, *((0.2, seed) for seed in range(20, 40))])
 def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simulated, loss, seed):
     async def scenario(testbed, vehicle, autopilot, link):
         rng = random.Random(seed)
@@ -286,13 +286,13 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simul
         other_calls.append(
             asyncio.ensure_future(call_after(lambda v: v.offboard.stop(), rng.uniform(0.0, 4.0)))
         )
-        await seconds(rng.uniform(0.0, 2.0))
+        await sleep(rng.uniform(0.0, 2.0))
         ignore_kill(autopilot, rng.uniform(0.0, 3.0))
-        received_before = len(autopilot.received)
+        received_before = len(autopilot.received_messages)
         kills = [asyncio.ensure_future(vehicle.command.kill()) for _ in range(rng.choice([1, 2]))]
         await asyncio.gather(*kills)
         assert not autopilot.armed
-        received = autopilot.received[received_before:]
+        received = autopilot.received_messages[received_before:]
         last_kill = max(i for i, m in enumerate(received) if is_kill(m))
         first_kill = next(i for i, m in enumerate(received) if is_kill(m))
         commands_between = [m for m in received[first_kill : last_kill + 1] if m in other_commands(autopilot)]

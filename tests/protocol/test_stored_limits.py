@@ -20,8 +20,8 @@ from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from missions.fence import CircleFence, PolygonFence
 from tests.in_loop_scheduler import InLoopScheduler
-from tests.protocol.api_calls import json_of, station_of
-from tests.protocol.offboard_testbed import OffboardTestbed, offboard_event_codes, seconds, stream_request
+from tests.protocol.api_calls import json_of, new_station
+from tests.protocol.offboard_testbed import OffboardTestbed, offboard_event_codes, sleep, stream_request
 
 SITL_UID = 0x4954414C44494E4F
 START = StartRequest.model_validate({"setpoint": {"type": "velocity", "velocity_ned_m_s": [9, 0, 0]}})
@@ -55,13 +55,15 @@ def run_server(run_simulated, folder, scenario, *, uid=7, sends_version=True, se
         testbed.fleet.start()
         autopilot = testbed.offboard_autopilot(testbed.link(), uid=uid)
         autopilot.sends_version = sends_version
-        autopilot.fly()
+        autopilot.set_hovering()
         if second_uid is not None:
-            second_autopilot = testbed.offboard_autopilot(testbed.link("two"), uid=second_uid, boot_s=500.0)
-            second_autopilot.fly()
+            second_autopilot = testbed.offboard_autopilot(
+                testbed.link("two"), uid=second_uid, booted_at_s=500.0
+            )
+            second_autopilot.set_hovering()
         try:
-            vehicle = await testbed.ready()
-            await seconds(1.5)
+            vehicle = await testbed.wait_for_vehicle()
+            await sleep(1.5)
             await scenario(testbed, vehicle, store)
         finally:
             await testbed.close()
@@ -91,7 +93,7 @@ def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_pat
         assert "restored after a restart, set by anna" in origin.text
         assert offboard_event_codes(vehicle) == ["limits_restored"]
         bob = Principal.from_identity("bob")
-        response = json_of(await offboard_routes.start("1", START, station_of(testbed), bob))
+        response = json_of(await offboard_routes.start("1", START, new_station(testbed), bob))
         assert response["limits"]["operator"]["speed_max_m_s"] == 4.0
         origin_view = response["limits"]["origin"]
         assert (origin_view["restored"], origin_view["set_by"], origin_view["set_unix_s"]) == (
@@ -101,7 +103,7 @@ def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_pat
         )
         # Reported again to the client that starts a stream.
         assert offboard_event_codes(vehicle).count("limits_restored") == 2
-        await seconds(0.3)
+        await sleep(0.3)
         assert vehicle.offboard.status().setpoint["velocity_ned_m_s"][0] == pytest.approx(4.0)
 
     run_server(run_simulated, tmp_path, check_restored, uid=uid)
@@ -151,8 +153,8 @@ def test_limits_are_removed_when_the_vehicle_sends_another_uid(run_simulated, tm
         assert vehicle.offboard.limits().operator == LIMITS
         autopilot = next(iter(testbed.router._connections.values())).link.autopilots["peer"]
         autopilot.uid = 8
-        autopilot.autopilot_version()
-        await seconds(0.3)
+        autopilot.send_autopilot_version()
+        await sleep(0.3)
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert "limits_other_vehicle" in offboard_event_codes(vehicle)
 

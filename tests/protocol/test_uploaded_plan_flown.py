@@ -2,18 +2,18 @@
 
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
-from tests.protocol.offboard_testbed import seconds
+from tests.protocol.offboard_testbed import sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
-from tests.protocol.small_plan import plan_about
+from tests.protocol.small_plan import plan_around
 
 
 def test_a_vehicle_flies_an_uploaded_plan_pauses_resumes_and_lands(run_simulated):
     async def scenario():
         testbed = SimulatedTestbed()
         try:
-            vehicle = await testbed.ready_to_arm()
+            vehicle = await testbed.wait_for_vehicle_ready_to_arm()
             home = vehicle.topic("home").value
-            plan = plan_about(home.lat_deg, home.lon_deg)
+            plan = plan_around(home.lat_deg, home.lon_deg)
             parts = {"mission": mission_items(plan), "fence": fence_items(plan), "rally": rally_items(plan)}
             uploaded = await vehicle.mission.upload(parts, PlanReference("a", 1, "Out and back"))
             assert (vehicle.mission.plan_on_vehicle(), uploaded.not_kept) == ("plan", [])
@@ -24,9 +24,9 @@ def test_a_vehicle_flies_an_uploaded_plan_pauses_resumes_and_lands(run_simulated
                 return vehicle.topic("mission").value.current
 
             await until(lambda: current_item() == 1, 40)
-            await seconds(1)
+            await sleep(1)
             await vehicle.command.hold()
-            await seconds(3)
+            await sleep(3)
             assert (current_item(), vehicle.status.mode) == (1, "hold")
             await vehicle.command.set_mode("mission")
             await until(lambda: current_item() == 2, 40)

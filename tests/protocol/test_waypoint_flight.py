@@ -12,7 +12,7 @@ from gcs_server.storage.cache import Cache
 from gcs_server.streamer.waypoints.link_loss import PARAMETERS
 from gcs_server.vehicle.services.items_cache import ItemsCache
 from missions.dry_run import task
-from tests.protocol.api_calls import ANNA, MISSION_MODE, json_of, station_of
+from tests.protocol.api_calls import ANNA, MISSION_MODE, json_of, new_station
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_PAUSE_CONTINUE,
@@ -20,9 +20,9 @@ from tests.protocol.command_numbers import (
     DO_SET_MODE,
     MISSION_START,
 )
-from tests.protocol.fake_autopilot import IN_AIR
+from tests.protocol.fake_autopilot import IN_AIR, INT32, POSITION_MODE, REAL32
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
-from tests.protocol.offboard_testbed import POSITION, OffboardTestbed, seconds
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
 
 LAT, LON = 47.397742, 8.545594
@@ -65,7 +65,7 @@ async def run_dry_run(rig, **fields):
 async def upload(rig, plan=PLAN):
     body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": True})
     await mission_routes.upload("1", body, rig.station, ANNA)
-    await seconds(1.5)
+    await sleep(1.5)
 
 
 async def start(rig, **fields):
@@ -90,8 +90,8 @@ def run_with_simulated_vehicle(run_simulated, monkeypatch, scenario):
     async def run():
         testbed = SimulatedTestbed()
         try:
-            vehicle = await testbed.ready_to_arm()
-            station = station_of(testbed)
+            vehicle = await testbed.wait_for_vehicle_ready_to_arm()
+            station = new_station(testbed)
             station.waypoint_flights.start()
             await scenario(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
         finally:
@@ -121,7 +121,7 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         assert start_view["remaining_s"] == pytest.approx(start_view["duration_s"], abs=4)
 
         await until(lambda: rig.vehicle.topic("mission").value.current == 1, 30)
-        await seconds(3)
+        await sleep(3)
         leg_view = await flight_view(rig)
         assert (leg_view["place"], leg_view["title"]) == ("item 2", "Waypoint")
         assert leg_view["deviation_horizontal_m"] < 1.5
@@ -141,7 +141,7 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         await until(lambda: "corridor_back" in event_codes(rig), 12)
 
         await until(lambda: not rig.vehicle.status.armed, 60)
-        await seconds(0.3)
+        await sleep(0.3)
         end_view = await flight_view(rig)
         assert (end_view["state"], end_view["reason"], end_view["remaining_s"]) == ("done", None, None)
         response = json_of(await mission_routes.show_flown(rig.vehicle, rig.station))
@@ -154,7 +154,7 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         assert [leg["place"] for leg in flown["planned_legs"]] == ["item 1", "item 2", "item 3"]
         assert flown["deviation_max_m"] > outside_view["outside_corridor_m"]
         assert {sample["place"] for sample in flown["samples"]} == {"item 1", "item 2", "item 3"}
-        await seconds(2)
+        await sleep(2)
         assert json_of(await mission_routes.show_flown(rig.vehicle, rig.station)) == response, (
             "the flown mission changed after the flight"
         )
@@ -171,9 +171,9 @@ def run_with_scripted_vehicle(run_simulated, scenario):
         autopilot = link.autopilots["peer"] = MissionAutopilot(link)
         rig = SimpleNamespace(testbed=testbed, autopilot=autopilot)
         try:
-            rig.vehicle = await testbed.ready()
-            await seconds(1.5)
-            rig.station = station_of(testbed)
+            rig.vehicle = await testbed.wait_for_vehicle()
+            await sleep(1.5)
+            rig.station = new_station(testbed)
             rig.station.waypoint_flights.start()
             await scenario(rig)
         finally:
@@ -192,23 +192,23 @@ def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_ano
     async def scenario(rig):
         await upload(rig)
         fly_in_mode(rig, MISSION_MODE)
-        await seconds(2.5)
+        await sleep(2.5)
         flight = await flight_view(rig)
         assert (flight["state"], flight["client"], flight["dry_run"]) == ("flying", None, None)
         assert (flight["planned_by"], flight["place"], flight["count"]) == ("plan", "item 1", 3)
         assert flight["not_compared"] == "The vehicle has no valid position estimate."
-        fly_in_mode(rig, POSITION)
-        await seconds(2.5)
+        fly_in_mode(rig, POSITION_MODE)
+        await sleep(2.5)
         flight = await flight_view(rig)
         assert flight["state"] == "paused"
         assert flight["reason"].startswith("The vehicle has left Mission mode: ")
         fly_in_mode(rig, MISSION_MODE)
-        await seconds(2.5)
+        await sleep(2.5)
         assert (await flight_view(rig))["state"] == "flying"
         assert event_codes(rig) == ["monitoring_paused", "monitoring_resumed"]
         items = rig.vehicle.mission.items_on_vehicle.items["mission"]
         await UploadingStation(rig.autopilot).upload(items[:2])
-        await seconds(2.5)
+        await sleep(2.5)
         end_view = await flight_view(rig)
         assert (end_view["state"], end_view["reason"]) == ("stopped", "The vehicle has another plan now.")
         flown = json_of(await mission_routes.show_flown(rig.vehicle, rig.station))["flown"]
@@ -223,15 +223,15 @@ def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_t
     async def scenario(rig):
         await upload(rig)
         fly_in_mode(rig, MISSION_MODE)
-        await seconds(2.5)
+        await sleep(2.5)
         rig.station.waypoint_flights.detach(rig.vehicle)  # as after a restart of the server
         rig.station.waypoint_flights.attach(rig.vehicle)
-        await seconds(1)
+        await sleep(1)
         flight = await flight_view(rig)
         assert (flight["state"], flight["planned_by"], flight["place"]) == ("flying", "plan", "item 1")
         assert flight["not_compared"] == "The vehicle has no valid position estimate."
         rig.autopilot.armed = False
-        await seconds(2.5)
+        await sleep(2.5)
         assert (await flight_view(rig))["state"] == "stopped"
 
     run_with_scripted_vehicle(run_simulated, scenario)
@@ -254,11 +254,11 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         rig.autopilot.link = rig.link = rig.testbed.link()
         rig.link.autopilots["peer"] = rig.autopilot
         rig.testbed.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(cache))
-        rig.vehicle = await rig.testbed.ready()
-        rig.station = station_of(rig.testbed)
+        rig.vehicle = await rig.testbed.wait_for_vehicle()
+        rig.station = new_station(rig.testbed)
         rig.station.waypoint_flights.start()
-        rig.autopilot.received.clear()
-        await seconds(4)
+        rig.autopilot.received_messages.clear()
+        await sleep(4)
 
     async def scenario(rig):
         rig.vehicle.mission.set_cache(cache)
@@ -266,7 +266,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         before = rig.vehicle.mission.items_on_vehicle
         fly_in_mode(rig, MISSION_MODE)
         rig.autopilot.flight.current = 1
-        await seconds(2.5)
+        await sleep(2.5)
         (cache_file,) = tmp_path.iterdir()
         content = cache_file.read_bytes()
         if damage is not None:
@@ -275,10 +275,12 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
             )
         await restart(rig)
         flight = await flight_view(rig)
-        sent = {data[7] | data[8] << 8 | data[9] << 16 for data, _ in rig.link.sent}
+        sent = {data[7] | data[8] << 8 | data[9] << 16 for data, _ in rig.link.sent_packets}
         assert not sent & (MISSION_MESSAGES | FLIGHT_MESSAGES)
         assert (
-            not {message.command for message in rig.autopilot.received if hasattr(message, "command")}
+            not {
+                message.command for message in rig.autopilot.received_messages if hasattr(message, "command")
+            }
             & FLIGHT_COMMANDS
         )
         if damage is not None:
@@ -294,7 +296,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         assert repr(after.items) == repr(before.items)
         assert (flight["state"], flight["item"], flight["count"], flight["client"]) == ("flying", 1, 3, None)
         await UploadingStation(rig.autopilot).upload(before.items["mission"][:2])
-        await seconds(2.5)
+        await sleep(2.5)
         assert (await flight_view(rig))["reason"] == "The vehicle has another plan now."
 
     run_with_scripted_vehicle(run_simulated, scenario)
@@ -303,26 +305,30 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
 def test_before_the_start_the_server_states_what_px4_does_without_a_ground_station(run_simulated):
     async def announced_action(rig):
         response = json_of(await mission_routes.show_mission(rig.vehicle, rig.station))
-        await seconds(2)
+        await sleep(2)
         return response["if_link_lost"]
 
     async def scenario(rig):
-        rig.autopilot.params |= {"COM_DL_LOSS_T": (6, 12), "COM_DLL_EXCEPT": (6, 0), "COM_FAIL_ACT_T": (9, 0)}
+        rig.autopilot.params |= {
+            "COM_DL_LOSS_T": (INT32, 12),
+            "COM_DLL_EXCEPT": (INT32, 0),
+            "COM_FAIL_ACT_T": (REAL32, 0),
+        }
         assert await announced_action(rig) is None
         assert await announced_action(rig) is None, "the parameters were read without a plan on the vehicle"
         await upload(rig)
         await announced_action(rig)
         rtl_text = "After about 12 s without any ground station, the vehicle returns (RTL) (NAV_DLL_ACT 2)."
         assert await announced_action(rig) == rtl_text
-        rig.autopilot.params["NAV_DLL_ACT"] = (6, 0)
-        await seconds(7)
+        rig.autopilot.params["NAV_DLL_ACT"] = (INT32, 0)
+        await sleep(7)
         assert await announced_action(rig) == rtl_text, (
             "the text changed before the parameters were read again"
         )
         assert await announced_action(rig) == "The vehicle continues the mission (NAV_DLL_ACT 0)."
         read_parameters = [
             message.param_id
-            for message in rig.autopilot.received
+            for message in rig.autopilot.received_messages
             if message.get_type() == "PARAM_REQUEST_READ"
         ]
         assert read_parameters == [*PARAMETERS, *PARAMETERS]
@@ -338,7 +344,7 @@ def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(run_
         rig.autopilot.arm_denied = True
         with pytest.raises(Rejected):
             await start(rig)
-        await seconds(1)
+        await sleep(1)
         assert await flight_view(rig) is None
         rig.autopilot.arm_denied = False
         with pytest.raises(UnknownDryRun):
@@ -368,7 +374,7 @@ def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(run_si
     async def scenario(rig):
         await upload(rig)
         fly_in_mode(rig, MISSION_MODE)
-        await seconds(2.5)
+        await sleep(2.5)
         first = await flight_view(rig)
         await start(rig, item=1)
         assert (await flight_view(rig))["started_unix_s"] == first["started_unix_s"]

@@ -3,12 +3,12 @@
 import functools
 from types import SimpleNamespace
 
-from tests.protocol.api_calls import InlinePlanWork, station_of
+from tests.protocol.api_calls import InlinePlanWork, new_station
 from tests.protocol.simulated_testbed import SimulatedTestbed
-from tests.support.ready_fleet import ready_in_a_row
+from tests.support.ready_fleet import row_of_ready_vehicles
 from tests.support.snapshot import snapshot
 
-cached_ready_fleet = functools.cache(ready_in_a_row)
+cached_ready_fleet = functools.cache(row_of_ready_vehicles)
 
 
 def run_with_two_vehicles(run_simulated, scenario, apart_m):
@@ -17,8 +17,8 @@ def run_with_two_vehicles(run_simulated, scenario, apart_m):
     async def run():
         testbed = SimulatedTestbed(2, sim=snapshot(cached_ready_fleet(2, apart_m)))
         try:
-            vehicles = [await testbed.ready_to_arm(vehicle_id) for vehicle_id in ("1", "2")]
-            station = station_of(testbed)
+            vehicles = [await testbed.wait_for_vehicle_ready_to_arm(vehicle_id) for vehicle_id in ("1", "2")]
+            station = new_station(testbed)
             station.plan_work = InlinePlanWork()
             for vehicle in vehicles:
                 station.missions.attach(vehicle)

@@ -19,7 +19,12 @@ def settings_for(data: Path, *, scene: bool = False, record: bool = False) -> Se
 
 @contextmanager
 def api_client(
-    data: Path, *, path: str = "", record: bool = False, raises: bool = True, static: Path | None = None
+    data: Path,
+    *,
+    path: str = "",
+    record: bool = False,
+    raise_server_exceptions: bool = True,
+    static: Path | None = None,
 ) -> Iterator[TestClient]:
     """A client of a new server with this data folder.
 
@@ -31,5 +36,7 @@ def api_client(
         static: folder of the built page; None: no page.
     """
     app = create_app(settings_for(data, record=record), static=static or data / "none")
-    with TestClient(app, base_url=f"http://localhost{path}", raise_server_exceptions=raises) as client:
+    with TestClient(
+        app, base_url=f"http://localhost{path}", raise_server_exceptions=raise_server_exceptions
+    ) as client:
         yield client

@@ -12,17 +12,17 @@ from cyclonedds.topic import Topic
 from gcs_server.ros2.dds_types import Sample, idl_type
 from gcs_server.ros2.message_types import SHOWN
 from gcs_server.ros2.topics import wire_name
-from tests.support.dds_samples import recorded
+from tests.support.dds_samples import recorded_samples
 
-STATUS = "/fmu/out/vehicle_status_v1"
+VEHICLE_STATUS = "/fmu/out/vehicle_status_v1"
 PX4_QOS = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
 """Quality of service with which PX4 publishes its topics."""
 
 
-def status(**changes: object) -> bytes:
+def status_bytes(**changes: object) -> bytes:
     """Bytes of a recorded VehicleStatus with these fields changed."""
     message_type = SHOWN["VehicleStatus"]
-    return message_type.encode(message_type.decode(recorded()[STATUS]) | changes)
+    return message_type.encode(message_type.decode(recorded_samples()[VEHICLE_STATUS]) | changes)
 
 
 class Publisher:

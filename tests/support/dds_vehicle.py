@@ -13,14 +13,14 @@ from cyclonedds.topic import Topic
 from gcs_server.ros2.dds_types import Sample, idl_type
 from gcs_server.ros2.message_types import SHOWN
 from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, wire_name
-from tests.support.dds_publisher import STATUS, Publisher, status
-from tests.support.dds_samples import recorded
+from tests.support.dds_publisher import VEHICLE_STATUS, Publisher, status_bytes
+from tests.support.dds_samples import recorded_samples
 
-ATTITUDE = "/fmu/out/vehicle_attitude"
+VEHICLE_ATTITUDE = "/fmu/out/vehicle_attitude"
 MESSAGES_OF_TOPICS = {
     "/fmu/out/timesync_status": "TimesyncStatus",
     "/fmu/out/vehicle_land_detected": "VehicleLandDetected",
-    ATTITUDE: "VehicleAttitude",
+    VEHICLE_ATTITUDE: "VehicleAttitude",
     "/fmu/out/vehicle_local_position": "VehicleLocalPosition",
 }
 ARM_DISARM = 400
@@ -45,10 +45,12 @@ class AcknowledgingVehicle:
         for sample in self._commands.take(8):
             if isinstance(sample, Sample):
                 self._acknowledge(SHOWN["VehicleCommand"].decode(sample.cdr))
-        status_bytes = status(system_id=self._system_id, arming_state=ARMED if self._armed else DISARMED)
-        self._publisher.send(STATUS, status_bytes)
+        vehicle_status = status_bytes(
+            system_id=self._system_id, arming_state=ARMED if self._armed else DISARMED
+        )
+        self._publisher.send(VEHICLE_STATUS, vehicle_status)
         for topic, message in MESSAGES_OF_TOPICS.items():
-            self._publisher.send(topic, recorded()[topic], message)
+            self._publisher.send(topic, recorded_samples()[topic], message)
 
     def _acknowledge(self, command: dict[str, Any]) -> None:
         self._armed = command["command"] == ARM_DISARM and command["param1"] == 1.0
@@ -79,4 +81,5 @@ class PeriodicThread:
     def close(self) -> None:
         self._stop.set()
         self._thread.join(10.0)
-        assert not self.errors
+        if self.errors:
+            raise self.errors[0]

@@ -42,6 +42,6 @@ def short_plan(north_m: float = 15.0, *, fence_radius_m: float | None = None, la
     return Plan(planned_home=HOME, items=tuple(items), fence=fence)
 
 
-def flyable(plan: Plan, aircraft: Aircraft = AIRCRAFT) -> FlyablePlan:
+def flyable_plan(plan: Plan, aircraft: Aircraft = AIRCRAFT) -> FlyablePlan:
     """The plan, resolved for the tests' aircraft."""
     return FlyablePlan.from_plan(plan, aircraft)

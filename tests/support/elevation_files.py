@@ -17,7 +17,7 @@ STEP_DEG = 0.0003
 Elevation = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def write(
+def write_elevation_file(
     path: Path,
     elevation: Elevation,
     *,
@@ -58,12 +58,12 @@ def write(
     return path
 
 
-def flat(amsl_m: float) -> Elevation:
+def flat_elevation(amsl_m: float) -> Elevation:
     """The same altitude everywhere."""
     return lambda lat, lon: np.full_like(lat, amsl_m)
 
 
-def hill(
+def hill_elevation(
     amsl_m: float,
     height_m: float,
     *,

@@ -31,6 +31,6 @@ class LinkRecorder:
                 await asyncio.sleep(0.005)
 
 
-def run(scenario):
+def run_in_real_time(scenario):
     """Runs a coroutine function in a new event loop in real time."""
     asyncio.run(scenario())

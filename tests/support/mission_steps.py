@@ -86,7 +86,7 @@ def slope(first_down_m: float = -10.0, duration_s: float = 12.0) -> str:
     return "\n".join(rows)
 
 
-def flight_during(kind: str, **actions: str) -> FakeFlight:
+def flight_in_step(kind: str, **actions: str) -> FakeFlight:
     """A running mission in the middle of a step of this kind."""
     flight = _flight_with_meeting(actions) if kind == "meet" else _flight_of_one_vehicle(kind, actions)
     if kind in FLOWN_BY_PX4:
@@ -130,7 +130,7 @@ def end_wait(flight: FakeFlight, kind: str) -> FakeFlight:
 
 def assert_nothing_is_requested(flight: FakeFlight, for_s: float = 5.0) -> None:
     """Checks that the mission requests nothing and sends no setpoint for this time [s]."""
-    request_count, sent_count = len(flight.requests), len(flight.sent)
+    request_count, sent_count = len(flight.requests), len(flight.sent_setpoints)
     flight.fly(for_s)
     assert flight.requests[request_count:] == []
-    assert len(flight.sent) == sent_count
+    assert len(flight.sent_setpoints) == sent_count

@@ -39,11 +39,11 @@ class FakeFlight:
         )  # fmt: skip
         self.sampler: ScriptSampler | None = None
         self.requests: list[Request] = []
-        self.sent: list[tuple[float, Any]] = []
+        self.sent_setpoints: list[tuple[float, Any]] = []
         """The time [s] and the setpoint of each sent setpoint."""
-        self.path: list[tuple[float, float, float]] = []
+        self.flown_path: list[tuple[float, float, float]] = []
         """The position in NED [m] after each step."""
-        self.failures: dict[type, str] = {}
+        self.refused_requests: dict[type, str] = {}
         """Classes of requests that the vehicle refuses, with the reason."""
         self._take_off_down_m = 0.0
         self._blocked_at: tuple[float, float, float] | None = None
@@ -135,11 +135,11 @@ class FakeFlight:
         """Texts of the events."""
         return [request.text for request in self.requests if isinstance(request, Notify)]
 
-    def modes(self) -> list[str]:
+    def requested_modes(self) -> list[str]:
         """Requested modes."""
         return [request.mode for request in self.requests if isinstance(request, SetMode)]
 
-    def count(self, request_class: type) -> int:
+    def count_requests(self, request_class: type) -> int:
         return sum(isinstance(request, request_class) for request in self.requests)
 
     # --- the vehicle ------------------------------------------------------------------------------
@@ -148,8 +148,8 @@ class FakeFlight:
         """Executes the runner's requests."""
         for request in requests:
             self.requests.append(request)
-            if type(request) in self.failures:
-                text = self.failures[type(request)]
+            if type(request) in self.refused_requests:
+                text = self.refused_requests[type(request)]
                 self.execute(self.runner.request_failed(request, self.reading, text))
             elif isinstance(request, TakeOff):
                 self._take_off_down_m = self._down_m - request.height_m
@@ -175,11 +175,11 @@ class FakeFlight:
         return (self.reading.position_ned_m or (0.0, 0.0, 0.0))[2]
 
     def _move(self) -> None:
-        n, e, d = self.reading.position_ned_m or (self.path[-1] if self.path else (0.0, 0.0, 0.0))
+        n, e, d = self.reading.position_ned_m or (self.flown_path[-1] if self.flown_path else (0.0, 0.0, 0.0))
         velocity = (0.0, 0.0, 0.0)
         if self.sampler is not None:
             setpoint = self.sampler.at(self.now_s, self.reading.position_ned_m, self.reading.velocity_ned_m_s)
-            self.sent.append((self.now_s, setpoint))
+            self.sent_setpoints.append((self.now_s, setpoint))
             self.set_reading(progress=self.sampler.progress)
             if isinstance(setpoint, Trajectory | Position):
                 n, e, d = (axis or 0.0 for axis in setpoint.position_ned_m)
@@ -201,6 +201,6 @@ class FakeFlight:
                 self.set_reading(landed="on_ground", armed=False)
         if self._blocked_at is not None:
             (n, e, d), velocity = self._blocked_at, (0.0, 0.0, 0.0)
-        self.path.append((n, e, d))
+        self.flown_path.append((n, e, d))
         if self.reading.position_ned_m is not None:
             self.set_reading(position_ned_m=(n, e, d), velocity_ned_m_s=velocity)

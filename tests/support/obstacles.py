@@ -6,7 +6,7 @@ from missions.geodesy import LocalOrigin
 from missions.values import Altitude, Obstacle, Point, Reference
 
 
-def block(
+def box_obstacle(
     origin: LocalOrigin,
     north_m: tuple[float, float],
     east_m: tuple[float, float],

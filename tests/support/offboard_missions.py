@@ -32,11 +32,11 @@ def timeline(steps: str, start: Start | None = None, files: dict[str, bytes] | N
     return compile_mission(mission(steps), start=start, files=files)
 
 
-def codes(compiled_timeline: Timeline) -> set[str]:
+def finding_codes(compiled_timeline: Timeline) -> set[str]:
     return {finding.code for finding in compiled_timeline.findings}
 
 
-def titles(compiled_timeline: Timeline) -> list[str]:
+def segment_titles(compiled_timeline: Timeline) -> list[str]:
     return [segment.title for segment in compiled_timeline.segments]
 
 

@@ -18,7 +18,7 @@ def float32(value: float) -> float:
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
 
 
-def numbers(low: float, high: float) -> st.SearchStrategy[float]:
+def float32_numbers(low: float, high: float) -> st.SearchStrategy[float]:
     """Numbers of this range that a 32-bit float represents exactly."""
     return (
         st.floats(low, high, allow_nan=False)
@@ -28,23 +28,25 @@ def numbers(low: float, high: float) -> st.SearchStrategy[float]:
     )
 
 
-PARAMS = numbers(-1e6, 1e6) | st.integers(-100, 100).map(float)
+PARAMS = float32_numbers(-1e6, 1e6) | st.integers(-100, 100).map(float)
 LAT_DEG = st.integers(-900_000_000, 900_000_000).map(lambda e7: e7 / 1e7)
 LON_DEG = st.integers(-1_800_000_000, 1_800_000_000).map(lambda e7: e7 / 1e7)
 ALTITUDES = st.builds(
-    Altitude, value_m=numbers(-400.0, 9000.0), reference=st.sampled_from(["home", "amsl", "terrain"])
+    Altitude, value_m=float32_numbers(-400.0, 9000.0), reference=st.sampled_from(["home", "amsl", "terrain"])
 )
 RESOLVED_ALTITUDES = ALTITUDES | st.builds(
     Altitude,
-    value_m=numbers(-400.0, 9000.0),
+    value_m=float32_numbers(-400.0, 9000.0),
     reference=st.just("terrain"),
-    resolved_amsl_m=numbers(-400.0, 9000.0),
+    resolved_amsl_m=float32_numbers(-400.0, 9000.0),
 )
 POINTS = st.builds(Point, lat_deg=LAT_DEG, lon_deg=LON_DEG)
-HOMES = st.builds(HomePosition, lat_deg=LAT_DEG, lon_deg=LON_DEG, alt_amsl_m=numbers(-400.0, 9000.0))
+HOMES = st.builds(HomePosition, lat_deg=LAT_DEG, lon_deg=LON_DEG, alt_amsl_m=float32_numbers(-400.0, 9000.0))
 ANY_HOME = HOMES | st.none()
 RALLY_POINTS = st.builds(RallyPoint, lat_deg=LAT_DEG, lon_deg=LON_DEG, altitude=ALTITUDES)
-CIRCLES = st.builds(FenceCircle, inclusion=st.booleans(), center=POINTS, radius_m=numbers(0.5, 10_000.0))
+CIRCLES = st.builds(
+    FenceCircle, inclusion=st.booleans(), center=POINTS, radius_m=float32_numbers(0.5, 10_000.0)
+)
 POLYGONS = st.builds(
     FencePolygon, inclusion=st.booleans(), polygon=st.lists(POINTS, min_size=3, max_size=8).map(tuple)
 )
@@ -52,7 +54,9 @@ OBSTACLES = st.builds(
     Obstacle,
     name=st.sampled_from(["", "Barn"]),
     polygon=st.lists(POINTS, min_size=3, max_size=5).map(tuple),
-    top=st.builds(Altitude, value_m=numbers(-50.0, 300.0), reference=st.sampled_from(["home", "amsl"])),
+    top=st.builds(
+        Altitude, value_m=float32_numbers(-50.0, 300.0), reference=st.sampled_from(["home", "amsl"])
+    ),
 )
 
 
@@ -100,6 +104,6 @@ def plans(
         rally_points=st.lists(RALLY_POINTS, max_size=3).map(tuple),
         obstacles=st.lists(OBSTACLES, max_size=2).map(tuple),
         planned_home=homes,
-        cruise_speed_m_s=st.none() | numbers(0.5, 50.0),
-        hover_speed_m_s=st.none() | numbers(0.5, 50.0),
+        cruise_speed_m_s=st.none() | float32_numbers(0.5, 50.0),
+        hover_speed_m_s=st.none() | float32_numbers(0.5, 50.0),
     )

@@ -37,12 +37,13 @@ class FaultKind:
     inject: Callable[[Simulation, int, np.random.Generator], None]
     aided: bool | None
     """Whether GNSS still aids the estimate after the fault; None: this depends on the random flight."""
-    horizontal: tuple[float, float]
+    horizontal_ratios: tuple[float, float]
     """Smallest and largest horizontal ratio of the recorded flights."""
-    vertical: tuple[float, float]
+    vertical_ratios: tuple[float, float]
     tolerance: float = 1.1
-    """Nine of ten flights have ratios below this factor times the upper value of `horizontal` and `vertical`.
-    The factor is greater for faults whose random flights differ from the recorded flights."""
+    """Nine of ten flights have ratios below this factor times the upper value of `horizontal_ratios` and
+    `vertical_ratios`. The factor is greater for faults whose random flights differ from the recorded
+    flights."""
 
 
 def _set_parameter(sim: Simulation, row: int, name: str, value: float) -> None:
@@ -105,7 +106,7 @@ TILTED_HORIZONTAL, TILTED_TOLERANCE = (0.4, 2.7), 1.3
 has a horizontal component."""
 SHORT_LOSS_TOLERANCE = 1.3
 """Some of the random GPS losses are shorter than the recorded losses and cause smaller errors."""
-KINDS = {
+FAULT_KINDS = {
     TEMPORARY_GPS_LOSS: FaultKind(_remove_fix, None, (1.0, 3.6), (0.4, 4.6), SHORT_LOSS_TOLERANCE),
     "few satellites": FaultKind(_reduce_satellites, False, (1.0, 3.6), (0.4, 4.6)),
     "silent GPS": FaultKind(_stop(Driver.GPS), False, (1.0, 3.6), (0.4, 4.6)),
@@ -144,7 +145,7 @@ class FaultFlight:
     vertical_ratio: float = 0.0
 
 
-def fly(count: int, seed: int, seconds: float) -> list[FaultFlight]:
+def fly_with_random_faults(count: int, seed: int, seconds: float) -> list[FaultFlight]:
     """Flies random setpoints with one fault for each vehicle.
 
     Raises:
@@ -153,7 +154,7 @@ def fly(count: int, seed: int, seconds: float) -> list[FaultFlight]:
     random = np.random.default_rng(seed)
     sim = Simulation(count, seed=seed, start_ned_m=np.zeros((count, 3)))
     fixes_s: list[float] = []
-    kinds = list(KINDS)
+    kinds = list(FAULT_KINDS)
     flights = [
         FaultFlight(kinds[row % len(kinds)], fixes_s, float(random.uniform(0.5, 1.5 * seconds)))
         for row in range(count)
@@ -173,7 +174,7 @@ def fly(count: int, seed: int, seconds: float) -> list[FaultFlight]:
             assert sim.estimate.valid_position.all()
             for row, flight in enumerate(flights):
                 flight.origin_ned_m = _origin(sim, row)
-                KINDS[flight.kind].inject(sim, row, random)
+                FAULT_KINDS[flight.kind].inject(sim, row, random)
         for row, flight in enumerate(flights):
             if flight.kind == TEMPORARY_GPS_LOSS and step == fault_step + round(
                 flight.gps_returns_s / sim.dt_s

@@ -10,7 +10,7 @@ from vehicle_sim.fleet import VehicleSim
 READY_WITHIN_S = 40.0
 
 
-def ready_in_a_row(count: int, apart_m: float) -> VehicleSim:
+def row_of_ready_vehicles(count: int, apart_m: float) -> VehicleSim:
     """Vehicles 1, 2, …, each `apart_m` east of the previous one; the bytes of their start are discarded.
 
     Raises:

@@ -12,7 +12,7 @@ from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, INPUTS, OUTPUTS, SERVI
 READY_S = 4.0
 NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
 """Without time synchronization the vehicle publishes on ROS 2 1.3 s after its boot, otherwise after 6.4 s."""
-TYPES = {topic.name: topic.message for topic in (*OUTPUTS, *INPUTS)} | {
+MESSAGE_TYPES = {topic.name: topic.message for topic in (*OUTPUTS, *INPUTS)} | {
     SERVICE_REQUEST: MESSAGES["VehicleCommand"], SERVICE_REPLY: MESSAGES["VehicleCommandAck"],
 }  # fmt: skip
 ADDRESSES = {"target_system": 1, "target_component": 1, "source_system": 1, "source_component": 1}
@@ -22,24 +22,29 @@ ARM_DISARM, TAKEOFF = 400, 22
 
 
 class Ros2Vehicle:
-    """One vehicle after its boot; `received` has (time [s], topic, fields) of each message it published."""
+    """One vehicle after its boot; `received_messages` has (time [s], topic, fields) of each message it
+    published."""
 
     def __init__(
-        self, *, boot_s: float = READY_S, parameters: Mapping[str, float] = NO_TIME_SYNC, **options: Any
+        self,
+        *,
+        time_since_boot_s: float = READY_S,
+        parameters: Mapping[str, float] = NO_TIME_SYNC,
+        **options: Any,
     ) -> None:
         options = {"sensor_noise": False, "links": ()} | options
         self.sim = VehicleSim(1, parameters=parameters, **options)
-        self.received: list[tuple[float, str, dict[str, Any]]] = []
+        self.received_messages: list[tuple[float, str, dict[str, Any]]] = []
         self.reports: list[str] = []
         self._inbox: list[tuple[str, bytes]] = []
         self.sim.open_ros2(0, self, self.reports.append)
-        self.run(boot_s)
+        self.run(time_since_boot_s)
 
     # --- transport -------------------------------------------------------------------------------------
 
     def publish(self, topic: str, data: bytes) -> None:
         """Receives a message from the vehicle."""
-        self.received.append((self.sim.time_s, topic, TYPES[topic].decode(data)))
+        self.received_messages.append((self.sim.time_s, topic, MESSAGE_TYPES[topic].decode(data)))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
         """Removes and returns the messages for the vehicle."""
@@ -50,16 +55,18 @@ class Ros2Vehicle:
 
     def send(self, topic: str, fields: Mapping[str, Any] = {}, **more_fields: Any) -> None:
         """Sends a message; fields that are not given are zero."""
-        self._inbox.append((topic, TYPES[topic].encode({**fields, **more_fields})))
+        self._inbox.append((topic, MESSAGE_TYPES[topic].encode({**fields, **more_fields})))
 
     def send_bytes(self, topic: str, data: bytes) -> None:
         """Sends these bytes, which need not be a valid message."""
         self._inbox.append((topic, data))
 
-    def command(self, number: int, *parameters: float, topic: str = COMMAND, **fields: Any) -> None:
+    def command(self, command_id: int, *parameters: float, topic: str = COMMAND, **fields: Any) -> None:
         """Sends a VehicleCommand."""
         parameter_fields = {f"param{n + 1}": value for n, value in enumerate(parameters)}
-        self.send(topic, ADDRESSES | parameter_fields | {"command": number, "from_external": True} | fields)
+        self.send(
+            topic, ADDRESSES | parameter_fields | {"command": command_id, "from_external": True} | fields
+        )
 
     def run(self, seconds: float) -> None:
         """Simulates this time [s]."""
@@ -72,22 +79,22 @@ class Ros2Vehicle:
                 self.send(topic, fields)
             self.run(1.0 / hz)
 
-    def last(self, topic: str) -> dict[str, Any]:
+    def newest_fields(self, topic: str) -> dict[str, Any]:
         """Fields of the newest message on a topic."""
-        return next(fields for _, name, fields in reversed(self.received) if name == topic)
+        return next(fields for _, name, fields in reversed(self.received_messages) if name == topic)
 
-    def all(self, topic: str, since_s: float = 0.0) -> list[dict[str, Any]]:
+    def all_fields(self, topic: str, since_s: float = 0.0) -> list[dict[str, Any]]:
         """Fields of each message on a topic since this time [s]."""
-        return [fields for at_s, name, fields in self.received if name == topic and at_s >= since_s]
+        return [fields for at_s, name, fields in self.received_messages if name == topic and at_s >= since_s]
 
     def acks(self, since_s: float = 0.0) -> list[tuple[int, int]]:
         """(command, result) of each VehicleCommandAck since this time [s]."""
-        return [(ack["command"], ack["result"]) for ack in self.all(COMMAND_ACK, since_s)]
+        return [(ack["command"], ack["result"]) for ack in self.all_fields(COMMAND_ACK, since_s)]
 
     @property
     def position_ned_m(self) -> tuple[float, float, float]:
         """The position that the vehicle reports."""
-        local = self.last("/fmu/out/vehicle_local_position")
+        local = self.newest_fields("/fmu/out/vehicle_local_position")
         return local["x"], local["y"], local["z"]
 
     def hover(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-CAMERA: dict[str, Any] = {
+CAMERA_MESSAGE: dict[str, Any] = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),
     "position": (-3.0, 0.0, 1.0),

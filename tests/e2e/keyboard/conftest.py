@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from gcs_server.client import SyncGcs
-from tests.e2e.fast_station import FAST, Station
-from tests.station import free_port, server, vehicle
+from tests.e2e.fast_station import FAST_OPTIONS, Station
+from tests.station import free_port, running_server, running_vehicles
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def port() -> int:
 @pytest.fixture(scope="module")
 def vehicles_pid(port: int) -> Iterator[int]:
     """Two simulated vehicles, 101 and 102, so that groups are available; the process id of the simulator."""
-    with vehicle(port, instances=2, arguments=FAST) as process:
+    with running_vehicles(port, instances=2, arguments=FAST_OPTIONS) as process:
         yield process.pid
 
 
@@ -28,7 +28,7 @@ def vehicles_pid(port: int) -> Iterator[int]:
 def module_station(port: int, vehicles_pid: int) -> Iterator[Station]:
     """One server and its two vehicles, for all tests of the module."""
     assert vehicles_pid
-    with server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url, client="e2e") as gcs:
+    with running_server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url, client="e2e") as gcs:
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         gcs.wait_for_vehicle("102", ready=True, timeout_s=120)
         yield Station(url, gcs, drone)

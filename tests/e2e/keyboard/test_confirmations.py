@@ -26,7 +26,7 @@ def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
     with open_page(browser, flying_station.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         # Wait for the link's rate, because the name of its button changes when the rate becomes known.
-        page.get_by_role("button", name=re.compile(r"^Link .* packet loss")).first.wait_for()
+        page.get_by_role("button", name=re.compile(r"^Link .* loss")).first.wait_for()
         commands = refuse_commands(page)
         # all views of the flying vehicle 101; of the landed vehicle 102 only the view whose buttons differ
         for vehicle_key, view_count in (("1", None), ("2", 1)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.e2e.browser import open_page, press, violations_in_both_themes
+from tests.e2e.browser import open_page, press_key, violations_in_both_themes
 from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.confirmation import Confirmation, await_command, refuse_commands
 from tests.station import wait_until
@@ -79,9 +79,9 @@ def test_the_hold_key_works_on_a_checkbox_and_a_list_but_not_in_a_text_field_or_
 
         # With shortcuts disabled only Escape works; the page shows this, also after a reload.
         page.keyboard.press("Escape")
-        press(page.get_by_role("button", name="Fly", exact=True), "Enter")
+        press_key(page.get_by_role("button", name="Fly", exact=True), "Enter")
         page.keyboard.press("?")
-        press(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
+        press_key(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
         expect(page.get_by_role("status").filter(has_text="The H key is off")).to_be_visible()
         assert violations_in_both_themes(page) == []
         page.keyboard.press("Escape")
@@ -92,8 +92,8 @@ def test_the_hold_key_works_on_a_checkbox_and_a_list_but_not_in_a_text_field_or_
         for key in ("h", "t", "Shift+K", "?", "1"):
             page.keyboard.press(key)
         expect(page.get_by_role("alertdialog")).to_have_count(0)
-        press(keys_off, "Enter")
-        press(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
+        press_key(keys_off, "Enter")
+        press_key(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
         page.keyboard.press("h")
         await_command(page, commands, "Hold, after the keys were enabled again")
     assert drone.status()["armed"]
@@ -102,7 +102,7 @@ def test_the_hold_key_works_on_a_checkbox_and_a_list_but_not_in_a_text_field_or_
 def test_the_gimbal_is_pointed_by_keys(browser: Browser, flying_station: Station) -> None:
     with open_page(browser, flying_station.url, scene=False) as page:
         card = page.get_by_label("Gimbal", exact=True)
-        press(card.get_by_role("button", name="Take"), "Enter")
+        press_key(card.get_by_role("button", name="Take"), "Enter")
         pad = card.get_by_role("slider", name="Gimbal pad")
         pad.press("Home")
         expect(pad).to_have_attribute("aria-valuetext", "0° up, 0° right")
@@ -116,4 +116,4 @@ def test_the_gimbal_is_pointed_by_keys(browser: Browser, flying_station: Station
             return 0.0 if gimbal is None else float(gimbal["pitch_rad"])
 
         wait_until(lambda: pitch_rad() < -0.3, "the gimbal moved by keys")
-        press(card.get_by_role("button", name="Release"), "Enter")
+        press_key(card.get_by_role("button", name="Release"), "Enter")

@@ -44,7 +44,7 @@ def open_type_list(page: Page) -> Locator:
 def open_control_panel(page: Page) -> Locator:
     """Opens the panel about control of the vehicle by keyboard."""
     page.keyboard.press("c")
-    panel = page.get_by_role("dialog", name="Control of 101 Quad")
+    panel = page.get_by_role("dialog", name="Control of Quad 101")
     expect(panel.get_by_role("button", name="Release control")).to_be_focused()
     return panel
 
@@ -147,7 +147,7 @@ def test_escape_closes_only_the_menu_list_or_panel_and_returns_the_focus_to_its_
         readiness_panel = open_readiness_panel(page)
         for name, panel_name in (
             ("Battery", "Battery: details"),
-            ("You have control", "Control of 101 Quad"),
+            ("You have control", "Control of Quad 101"),
         ):
             button = page.get_by_role("button", name=name)
             button.press("Enter")

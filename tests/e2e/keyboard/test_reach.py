@@ -82,7 +82,9 @@ def test_screen_readers_do_not_announce_changing_numbers(
         os.killpg(vehicles_pid, signal.SIGSTOP)
         try:
             expect(page.locator(".pill b")).to_have_text("Connection lost")
-            expect(page.get_by_role("button", name=re.compile("^101"))).to_contain_text("connection lost")
+            expect(page.get_by_role("button", name=re.compile("^Quad 101"))).to_contain_text(
+                "connection lost"
+            )
             page.wait_for_timeout(500)
             assert page.evaluate(RECORD_ANNOUNCEMENTS, LISTEN_MS) == []
         finally:

@@ -21,7 +21,7 @@ from missions.errors import PlanError
 from missions.items import Takeoff
 from missions.plan import Plan
 from missions.values import Altitude
-from tests.support.dry_runs import AIRCRAFT, HOME, flyable, item_at, short_plan
+from tests.support.dry_runs import AIRCRAFT, HOME, flyable_plan, item_at, short_plan
 
 pytestmark = pytest.mark.flight
 
@@ -32,14 +32,14 @@ POST = Obstacle("post", 8.0, 6.0, 1.0, 1.0, 10.0)
 @pytest.fixture(scope="module")
 def single_run() -> DryRun:
     return dry_run(
-        flyable(short_plan(fence_radius_m=30.0)), AIRCRAFT, WINDY_CONDITIONS, seed=4, site=Site([POST])
+        flyable_plan(short_plan(fence_radius_m=30.0)), AIRCRAFT, WINDY_CONDITIONS, seed=4, site=Site([POST])
     )
 
 
 @pytest.fixture(scope="module")
 def batch() -> MonteCarlo:
     return monte_carlo(
-        flyable(short_plan(fence_radius_m=30.0)),
+        flyable_plan(short_plan(fence_radius_m=30.0)),
         AIRCRAFT,
         WINDY_CONDITIONS,
         flights=3,
@@ -104,11 +104,11 @@ def test_the_progress_callback_can_end_a_dry_run():
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        dry_run(flyable(short_plan()), AIRCRAFT, report=cancel)
+        dry_run(flyable_plan(short_plan()), AIRCRAFT, report=cancel)
 
 
 def test_a_mission_that_px4_refuses_is_refused_with_its_reason():
-    run = dry_run(flyable(short_plan(fence_radius_m=10.0)), AIRCRAFT)
+    run = dry_run(flyable_plan(short_plan(fence_radius_m=10.0)), AIRCRAFT)
     assert not run.finished
     assert [finding.code for finding in run.findings] == ["start_refused"]
     assert "an item lies outside the geofence" in run.findings[0].message
@@ -120,14 +120,14 @@ def test_the_error_names_the_item_that_px4_does_not_accept():
         update={"altitude": Altitude(value_m=5.0, reference="terrain")}
     )
     with pytest.raises(PlanError, match="item 1: PX4 does not accept command 22 in frame 11"):
-        flyable(Plan(planned_home=HOME, items=(terrain_takeoff,)))
+        flyable_plan(Plan(planned_home=HOME, items=(terrain_takeoff,)))
     with pytest.raises(PlanError, match="nothing to fly"):
-        flyable(Plan(planned_home=HOME))
+        flyable_plan(Plan(planned_home=HOME))
 
 
 def test_too_many_flights_are_refused():
     with pytest.raises(PlanError, match=f"1 to {MAX_FLIGHTS}"):
-        monte_carlo(flyable(short_plan()), AIRCRAFT, flights=MAX_FLIGHTS + 1)
+        monte_carlo(flyable_plan(short_plan()), AIRCRAFT, flights=MAX_FLIGHTS + 1)
 
 
 # --- findings about a flight ------------------------------------------------------------------------
@@ -142,7 +142,7 @@ def evaluate_flight(*, fence_radius_m: float | None = None, battery_end: float =
     steps = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
     track = Track(t_s, positions, battery, step, steps)
     flight = Flight(Conditions(), track, finished=True, collided=False, landed=True, findings=())
-    plan = flyable(short_plan(5.0, fence_radius_m=fence_radius_m))
+    plan = flyable_plan(short_plan(5.0, fence_radius_m=fence_radius_m))
     return evaluate(flight, plan, AIRCRAFT, Site(obstacles), computing_s=1.0)
 
 

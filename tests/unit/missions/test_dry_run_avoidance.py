@@ -15,12 +15,12 @@ from missions.dry_run.task import NOTHING_TO_AVOID, SIMULATED_SENSORS, run
 from missions.offboard.document import OffboardMission
 from missions.values import FencePolygon
 from tests.support.dry_runs import AIRCRAFT, FAST_PARAMETERS, HOME, ORIGIN
-from tests.support.obstacles import block
+from tests.support.obstacles import box_obstacle
 from tests.support.offboard_missions import mission
 
 pytestmark = pytest.mark.flight
 
-BOX = block(ORIGIN, (12.0, 14.0), (-3.0, 3.0), 6.0, name="the box")
+BOX = box_obstacle(ORIGIN, (12.0, 14.0), (-3.0, 3.0), 6.0, name="the box")
 
 
 def mission_through_the_box(avoidance: str, obstacle=BOX) -> OffboardMission:
@@ -68,8 +68,8 @@ def test_with_avoidance_the_vehicle_climbs_over_the_box_and_descends_behind_it()
 
 @pytest.mark.story
 def test_if_avoidance_finds_no_path_the_vehicle_stops_in_front_of_the_obstacle() -> None:
-    corridor = block(ORIGIN, (-10.0, 40.0), (-1.5, 1.5), 0.0).polygon
-    wall = block(ORIGIN, (12.0, 14.0), (-20.0, 20.0), 40.0, name="the wall")
+    corridor = box_obstacle(ORIGIN, (-10.0, 40.0), (-1.5, 1.5), 0.0).polygon
+    wall = box_obstacle(ORIGIN, (12.0, 14.0), (-20.0, 20.0), 40.0, name="the wall")
     fence = (FencePolygon(inclusion=True, polygon=corridor),)
     document = mission_through_the_box("around", wall).model_copy(update={"fence": fence})
     result = dry_run_among_obstacles(document, max_duration_s=21.0)

@@ -16,7 +16,7 @@ from missions.dry_run.together import dry_run_together
 from missions.offboard.reader import read
 from missions.terrain.ground import Ground
 from missions.values import HomePosition
-from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN, flyable, short_plan
+from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN, flyable_plan, short_plan
 
 STEP_DEG = 1e-4
 """Size of a cell; about 11 m from north to south."""
@@ -79,7 +79,7 @@ def test_unknown_ground_is_level_and_reported():
 
 @pytest.mark.flight
 def test_a_vehicle_lands_on_higher_ground():
-    run = dry_run(flyable(short_plan(45.0)), AIRCRAFT, site=Site(ground=plateau(2.0)))
+    run = dry_run(flyable_plan(short_plan(45.0)), AIRCRAFT, site=Site(ground=plateau(2.0)))
     assert (run.finished, run.landed) == (True, True)
     assert run.track is not None
     assert run.track.position_ned_m[-1][2] == pytest.approx(-2.0, abs=0.1)
@@ -90,7 +90,7 @@ def test_a_vehicle_lands_on_higher_ground():
 
 @pytest.mark.flight
 def test_every_flight_of_a_path_into_rising_ground_ends_with_a_collision():
-    batch = monte_carlo(flyable(short_plan(45.0)), AIRCRAFT, flights=1, site=Site(ground=plateau(20.0)))
+    batch = monte_carlo(flyable_plan(short_plan(45.0)), AIRCRAFT, flights=1, site=Site(ground=plateau(20.0)))
     (finding,) = [each for each in batch.nominal.findings if each.code == "obstacle_hit"]
     assert "the ground" in finding.message
     assert finding.position_ned_m is not None
@@ -103,7 +103,7 @@ def test_every_flight_of_a_path_into_rising_ground_ends_with_a_collision():
 def test_a_flight_that_touches_a_gentle_slope_has_a_finding_with_its_position():
     slope = GroundGrid(-60.0, -60.0, 10.0, np.repeat(np.arange(25.0)[:, None] * 0.8, 13, axis=1))
     site = Site(ground=replace(slope, altitudes_home_m=slope.altitudes_home_m - 4.8))
-    run = dry_run(flyable(short_plan(100.0)), AIRCRAFT, site=site)
+    run = dry_run(flyable_plan(short_plan(100.0)), AIRCRAFT, site=site)
     (finding,) = [each for each in run.findings if each.code == "ground_touched"]
     assert (finding.severity, finding.step) == ("error", "item 2")
     assert finding.position_ned_m is not None

@@ -10,7 +10,7 @@ import pytest
 from missions.dry_run.monte_carlo import FlightSummary, monte_carlo
 from missions.dry_run.setup import Conditions
 from missions.dry_run.spread import Spread
-from tests.support.dry_runs import AIRCRAFT, flyable, short_plan
+from tests.support.dry_runs import AIRCRAFT, flyable_plan, short_plan
 
 pytestmark = pytest.mark.flight
 
@@ -24,7 +24,7 @@ SPREAD_OF = {"mass_scale": "mass", "battery_scale": "battery", "sensor_noise": "
 @functools.cache
 def flights(spread: Spread, conditions: Conditions) -> tuple[FlightSummary, ...]:
     return monte_carlo(
-        flyable(short_plan(8.0, fence_radius_m=30.0)), AIRCRAFT, conditions, spread, flights=2, seed=4
+        flyable_plan(short_plan(8.0, fence_radius_m=30.0)), AIRCRAFT, conditions, spread, flights=2, seed=4
     ).flights
 
 

@@ -19,7 +19,7 @@ from missions.offboard.positions import Start
 from missions.offboard.reader import read_json
 from missions.offboard.roles import planned_starts
 from missions.offboard.steps import Call, Fly, Repeat, Table
-from tests.support.offboard_missions import codes
+from tests.support.offboard_missions import finding_codes
 
 FORMAT = "offboard-gcs-mission"
 HOME = {"lat_deg": 47.0, "lon_deg": 8.0, "alt_amsl_m": 480.0}
@@ -59,7 +59,7 @@ def segment_ends(document: OffboardMission) -> list[tuple[float, ...]]:
     """The ends of the planned segments, as positions relative to HOME (NED)."""
     assert document.home is not None
     timeline = compile_mission(document)
-    assert not {"step_invalid", "estimate_missing"} & codes(timeline)
+    assert not {"step_invalid", "estimate_missing"} & finding_codes(timeline)
     origin = LocalOrigin(**document.home.model_dump())
     ends = [segment.end_ned_m for segment in timeline.segments if segment.title in ("Fly", "Table", "Orbit")]
     return [LocalOrigin(**HOME).to_ned(*origin.to_geodetic(end)) for end in ends]
@@ -82,8 +82,8 @@ def test_take_off_and_landing_are_omitted_from_a_mission_that_is_flown_in_the_ai
     assert result.notes == (
         "Take-off and landing of 'Tower' are left out. The vehicle flies straight to its first position.",
     )
-    assert "takeoff_in_air" in codes(compile_mission(insert(FIELD, added, ("steps", 2)).mission))
-    assert not codes(compile_mission(result.mission))
+    assert "takeoff_in_air" in finding_codes(compile_mission(insert(FIELD, added, ("steps", 2)).mission))
+    assert not finding_codes(compile_mission(result.mission))
     two_takeoffs = tower(TAKE_OFF, LAND, TAKE_OFF, fly(30, 0, -12))
     remaining_steps = insert(FIELD, two_takeoffs, ("steps", 2), in_air=True).mission.missions["Tower"]
     assert [step.step for step in remaining_steps] == ["land", "take_off", "fly"]

@@ -24,12 +24,12 @@ from missions.offboard.timeline import Timeline
 from missions.offboard.writer import write_yaml
 from missions.plan import Plan
 from missions.values import Altitude, HomePosition, Obstacle
-from tests.support.obstacles import block
-from tests.support.offboard_missions import codes, flight_steps, mission
+from tests.support.obstacles import box_obstacle
+from tests.support.offboard_missions import finding_codes, flight_steps, mission
 
 HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
 ORIGIN = LocalOrigin(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
-BARN = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 8.0, name="Barn")
+BARN = box_obstacle(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 8.0, name="Barn")
 
 
 def shapes(*obstacles: Obstacle) -> ObstacleShapes:
@@ -74,7 +74,7 @@ def test_the_distance_of_a_path_equals_the_minimum_over_many_of_its_positions(st
 
 
 def test_a_top_above_sea_level_is_converted_with_the_altitude_of_home() -> None:
-    amsl_obstacle = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 488.0, reference="amsl")
+    amsl_obstacle = box_obstacle(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 488.0, reference="amsl")
     path = np.array([(0.0, 0.0, -9.0), (40.0, 0.0, -9.0)])
     (home_clearance,), (amsl_clearance,) = (
         list(shapes(each).clearances(path)) for each in (BARN, amsl_obstacle)
@@ -114,10 +114,10 @@ def test_the_paths_of_a_plan_are_checked_including_climb_and_landing(items, find
 
 
 def test_a_return_and_the_take_off_at_home_are_checked() -> None:
-    tower = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 60.0)
+    tower = box_obstacle(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 60.0)
     outward_items = (item_at(Takeoff, 0, 70), item_at(Waypoint, 50, 70), item_at(Waypoint, 60, 10))
     assert findings_of(*outward_items, ReturnHome(), obstacle=tower) == [("obstacle_hit", 3)]
-    roof = block(ORIGIN, (1.0, 5.0), (-5.0, 5.0), 10.0)
+    roof = box_obstacle(ORIGIN, (1.0, 5.0), (-5.0, 5.0), 10.0)
     assert findings_of(item_at(Takeoff, 0, 30), obstacle=roof) == [("obstacle_near", 0)]
 
 
@@ -136,8 +136,8 @@ def test_the_compiled_path_of_a_mission_is_checked_with_step_and_position() -> N
         "obstacle_hit", "error", "step 2", 0,
     )  # fmt: skip
     assert "passes through Barn near north 2" in finding.message
-    assert codes(compile_step(FLY_NORTH % -9.5)) == {"obstacle_near"}
-    assert codes(compile_step(FLY_NORTH % -10.5)) == set()
+    assert finding_codes(compile_step(FLY_NORTH % -9.5)) == {"obstacle_near"}
+    assert finding_codes(compile_step(FLY_NORTH % -10.5)) == set()
 
 
 def test_a_step_with_avoidance_that_passes_through_an_obstacle_is_a_warning() -> None:
@@ -148,23 +148,23 @@ def test_a_step_with_avoidance_that_passes_through_an_obstacle_is_a_warning() ->
 
 def test_avoidance_does_not_apply_to_landings_and_velocities() -> None:
     step_over_barn = "step: fly, points: [{offset_ned_m: [25, 0, -12]}]"
-    assert codes(compile_step(step_over_barn, avoidance="over")) == {"obstacle_hit"}
+    assert finding_codes(compile_step(step_over_barn, avoidance="over")) == {"obstacle_hit"}
     velocity_step = "step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 15"
     low_mission = mission(
         "- {step: take_off, height_m: 5}\n- {" + velocity_step + "}\n- {step: land}\n",
         home=HOME, obstacles=(BARN,), avoidance="over",
     )  # fmt: skip
-    assert "obstacle_hit" in codes(compile_mission(low_mission))
+    assert "obstacle_hit" in finding_codes(compile_mission(low_mission))
 
 
 def test_obstacles_without_a_global_position_are_an_error() -> None:
-    assert codes(compile_step(FLY_NORTH % -5, home=None)) == {"obstacles_unknown"}
+    assert finding_codes(compile_step(FLY_NORTH % -5, home=None)) == {"obstacles_unknown"}
 
 
 def test_an_obstacle_whose_sides_cross_is_an_error_in_plans_and_missions() -> None:
     a, b, c, d = BARN.polygon
     crossed_barn = BARN.model_copy(update={"polygon": (a, c, b, d)})
-    assert "obstacle_invalid" in codes(compile_step(FLY_NORTH % -30, obstacles=(crossed_barn,)))
+    assert "obstacle_invalid" in finding_codes(compile_step(FLY_NORTH % -30, obstacles=(crossed_barn,)))
     assert ("obstacle_invalid", None) in findings_of(item_at(Takeoff, 0, 30), obstacle=crossed_barn)
 
 

@@ -20,7 +20,7 @@ from missions.offboard.state import MissionVehicle, OperatorArea
 from missions.trajectory.limits import MotionLimits
 from missions.vehicle import PowerModel, VehicleModel
 from tests.support.mission_steps import STEPS, mission_for_two
-from tests.support.offboard_missions import HOME, LAND, TAKE_OFF, codes, flight_steps, mission
+from tests.support.offboard_missions import HOME, LAND, TAKE_OFF, finding_codes, flight_steps, mission
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -56,7 +56,7 @@ def test_each_fault_causes_its_finding(steps: str, code: str) -> None:
     )
     reported = frozenset({"battery_share", "satellites"})
     compiled = compile_mission(mission(steps), MissionVehicle(MotionLimits(), limits, reported))
-    assert code in codes(compiled)
+    assert code in finding_codes(compiled)
     assert all(finding.message.endswith(".") for finding in compiled.findings)
 
 
@@ -66,9 +66,9 @@ FENCE = "fence:\n- {shape: circle, inclusion: true, center: {lat_deg: 47, lon_de
 def test_a_path_outside_the_geofence_causes_a_finding_with_its_position() -> None:
     fly = "- {step: fly, points: [{offset_ned_m: [60, 0, -10]}]}\n"
     text = f"name: Test\n{FENCE}steps:\n{TAKE_OFF}{fly}{LAND}"
-    assert codes(compile_mission(read(text))) == {"fence_unknown"}
+    assert finding_codes(compile_mission(read(text))) == {"fence_unknown"}
     compiled = compile_mission(read(text).model_copy(update={"home": HOME}))
-    assert codes(compiled) == {"fence_crossed"}
+    assert finding_codes(compiled) == {"fence_crossed"}
     assert compiled.findings[0].step == "step 2"
     assert "north" in compiled.findings[0].message
     text_inside = text.replace("60, 0", "40, 0")
@@ -86,8 +86,8 @@ RECTANGLE = PolygonFence(tuple((HOME_DEG[0] + north, HOME_DEG[1] + east) for nor
     [
         (OperatorArea(height_max_m=9.0), "climbs to 10 m above home, your limit is 9 m"),
         (OperatorArea(distance_max_m=59.0), "up to 60 m from the start, your limit is 59 m from home"),
-        (OperatorArea(fence=CircleFence(*HOME_DEG, 50.0)), "leaves your fence near north 5"),
-        (OperatorArea(fence=RECTANGLE), "leaves your fence near north 4"),
+        (OperatorArea(fence=CircleFence(*HOME_DEG, 50.0)), "leaves your geofence near north 5"),
+        (OperatorArea(fence=RECTANGLE), "leaves your geofence near north 4"),
     ],
 )
 def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, text: str) -> None:
@@ -99,7 +99,9 @@ def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, text
     assert finding.severity == "error"
     assert text in finding.message
     larger_area = OperatorArea(11.0, 61.0, CircleFence(*HOME_DEG, 70.0))
-    assert "limit_exceeded" not in codes(compile_mission(plan, MissionVehicle(operator=larger_area), start))
+    assert "limit_exceeded" not in finding_codes(
+        compile_mission(plan, MissionVehicle(operator=larger_area), start)
+    )
 
 
 def test_unknown_parameters_cause_one_finding_that_names_them_also_for_several_vehicles() -> None:
@@ -119,9 +121,9 @@ def test_unknown_parameters_cause_one_finding_that_names_them_also_for_several_v
 
 def test_a_condition_that_can_become_true_causes_no_finding_with_or_without_known_reports() -> None:
     wait = flight_steps("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9")
-    assert codes(compile_mission(mission(wait))) == set()
+    assert finding_codes(compile_mission(mission(wait))) == set()
     vehicle = MissionVehicle(reported=frozenset({"wind_speed_m_s"}))
-    assert codes(compile_mission(mission(wait), vehicle)) == set()
+    assert finding_codes(compile_mission(mission(wait), vehicle)) == set()
 
 
 def test_each_finding_code_is_explained_in_the_documentation() -> None:

@@ -20,7 +20,7 @@ from missions.patterns import document
 from missions.plan import Plan
 from missions.setpoints import Trajectory
 from missions.vehicle import VehicleModel
-from tests.support.offboard_missions import HOME, codes
+from tests.support.offboard_missions import HOME, finding_codes
 from tests.support.survey_camera import CAMERA
 
 NORTH_DEG_PER_M = 1.0 / 111_194.9
@@ -73,7 +73,7 @@ def compile_steps(steps: tuple[MissionStep, ...]) -> Timeline:
 def test_a_pattern_is_flown_without_errors_along_the_length_of_its_items(kind: str) -> None:
     _, plan, steps = make_pattern(kind)
     compiled = compile_steps(steps)
-    assert codes(compiled) == {"landing_missing"}
+    assert finding_codes(compiled) == {"landing_missing"}
     approach_m = next(each for each in compiled.segments if isinstance(each, CurveSegment)).length_m
     path_m = sum(each.length_m for each in compiled.segments if isinstance(each, CurveSegment)) - approach_m
     assert path_m == pytest.approx(estimate(plan, VehicleModel()).length_m, rel=0.05)

@@ -15,7 +15,7 @@ from missions.offboard.reader import read
 from missions.offboard.segments import WaitSegment
 from missions.plan import Plan
 from missions.values import Altitude
-from tests.support.offboard_missions import HOME, codes, titles
+from tests.support.offboard_missions import HOME, finding_codes, segment_titles
 from tests.support.plan_strategies import RESOLVED_ALTITUDES, plans
 
 DEG_PER_M = 1.0 / 111_194.9
@@ -39,8 +39,8 @@ def test_a_waypoint_plan_becomes_a_mission() -> None:
     )
     converted = from_plan(plan, "From a plan")
     compiled = compile_mission(converted.mission)
-    assert titles(compiled)[:5] == ["Take off", "Fly", "Hold", "Fly", "Hold"]
-    assert codes(compiled) <= {"landing_missing"}
+    assert segment_titles(compiled)[:5] == ["Take off", "Fly", "Hold", "Fly", "Hold"]
+    assert finding_codes(compiled) <= {"landing_missing"}
     assert [segment.kind for segment in compiled.segments if isinstance(segment, WaitSegment)] == [
         "take_off",
         "person",

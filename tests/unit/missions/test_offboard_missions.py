@@ -24,12 +24,12 @@ from tests.support.offboard_missions import (
     HOME,
     LAND,
     TAKE_OFF,
-    codes,
+    finding_codes,
     flight_steps,
     mission,
     position_at,
+    segment_titles,
     timeline,
-    titles,
 )
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -131,7 +131,7 @@ def test_positions_are_local_relative_or_global() -> None:
 
 def test_a_global_position_needs_an_origin_or_a_planned_home() -> None:
     steps = TAKE_OFF + "- {step: fly, points: [{lat_deg: 47, lon_deg: 8, alt_home_m: 12}]}\n" + LAND
-    assert codes(timeline(steps)) == {"estimate_missing"}
+    assert finding_codes(timeline(steps)) == {"estimate_missing"}
     assert compile_mission(mission(steps, home=HOME)).findings == ()
 
 
@@ -141,7 +141,7 @@ def test_a_point_with_a_wait_ends_the_path_and_adds_a_hold() -> None:
             "step: fly, points: [{offset_ned_m: [9, 0, -10], hold_s: 4}, {offset_ned_m: [9, 9, -10]}]"
         )
     )
-    assert titles(compiled) == ["Take off", "Fly", "Hold", "Fly", "Land"]
+    assert segment_titles(compiled) == ["Take off", "Fly", "Hold", "Fly", "Land"]
     assert compiled.segments[2].duration_s == 4.0
     assert position_at(compiled.segments[2], 2.0) == pytest.approx((9, 0, -10))
 
@@ -153,7 +153,7 @@ def test_an_orbit_begins_at_the_nearest_point_after_an_approach_and_a_turn() -> 
             " look_at: {offset_ned_m: [20, 0, 0]}"
         )
     )
-    assert titles(compiled) == ["Take off", "Approach", "Orbit", "Land"]
+    assert segment_titles(compiled) == ["Take off", "Approach", "Orbit", "Land"]
     assert compiled.segments[1].end_ned_m == pytest.approx((15, 0, -10))
     assert compiled.segments[2].length_m == pytest.approx(math.tau * 5.0, rel=1e-4)
 
@@ -165,7 +165,7 @@ def test_a_velocity_step_accelerates_and_brakes_within_its_duration() -> None:
     assert segment.at(10.0) == Velocity((0.0, 0.0, 0.0), 0.0)
     # At 3 m/s, with 3 m/s² and 4 m/s³, accelerating and braking take v/a + a/j each.
     assert segment.end_ned_m[0] == pytest.approx(3.0 * (10.0 - 3.0 / 3.0 - 3.0 / 4.0))
-    assert codes(compiled) == {"position_not_held"}
+    assert finding_codes(compiled) == {"position_not_held"}
 
 
 def test_an_attitude_step_sends_its_attitude_for_its_duration_and_then_a_position() -> None:
@@ -174,7 +174,7 @@ def test_an_attitude_step_sends_its_attitude_for_its_duration_and_then_a_positio
     assert isinstance(setpoint, Attitude)
     assert setpoint.thrust == 0.5
     assert isinstance(compiled.segments[1].at(2.0), Position)
-    assert codes(compiled) == {"position_not_held"}
+    assert finding_codes(compiled) == {"position_not_held"}
 
 
 CSV = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n10,20,0,-10\n20,20,20,-10\n"
@@ -223,7 +223,7 @@ def test_an_invalid_table_causes_a_finding_that_names_the_row(data: bytes, text:
 def test_a_table_faster_than_the_vehicles_limits_causes_a_finding() -> None:
     fast = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n1,40,0,-10\n2,80,0,-30\n"
     compiled = timeline(TAKE_OFF + "- {step: table, file: a}\n" + LAND, files={"a": fast})
-    assert {"speed_exceeded", "acceleration_exceeded"} <= codes(compiled)
+    assert {"speed_exceeded", "acceleration_exceeded"} <= finding_codes(compiled)
 
 
 def test_the_gimbal_follows_its_track() -> None:
@@ -301,7 +301,7 @@ def test_repeats_and_calls_are_expanded() -> None:
         + "missions:\n  a: [{step: hold, duration_s: 1}, {step: photo}]\n"
     )
     compiled = compile_mission(read(text))
-    assert titles(compiled) == ["Take off", "Hold", "Photo", "Hold", "Photo", "Land"]
+    assert segment_titles(compiled) == ["Take off", "Hold", "Photo", "Hold", "Photo", "Land"]
     assert [segment.place for segment in compiled.segments][1:3] == ["step 2.1, a 1", "step 2.1, a 2"]
 
 
@@ -311,12 +311,12 @@ def test_a_branch_gives_two_timelines_that_each_contain_the_following_steps() ->
             "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: hold, duration_s: 9}]"
         )
     )
-    assert titles(compiled) == ["Take off"]
+    assert segment_titles(compiled) == ["Take off"]
     assert compiled.decision is not None
     assert (compiled.decision.value, compiled.decision.above) == ("battery_share", 0.5)
     assert compiled.then is not None
     assert compiled.otherwise is not None
-    assert (titles(compiled.then), titles(compiled.otherwise)) == (["Hold", "Land"], ["Land"])
+    assert (segment_titles(compiled.then), segment_titles(compiled.otherwise)) == (["Hold", "Land"], ["Land"])
     assert compiled.duration_s == pytest.approx(compiled.own_duration_s + compiled.then.duration_s)
 
 

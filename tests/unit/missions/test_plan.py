@@ -65,7 +65,7 @@ def test_a_written_plan_is_read_unchanged() -> None:
         (["items", 1, "colour"], "red", "item 2 (waypoint), field colour", "not permitted"),
         (["items", 1, "kind"], "teleport", "item 2", "'waypoint'"),
         (["items", 2, "target_index"], 1.5, "item 3 (jump), field target_index", "valid integer"),
-        (["fence", 0, "polygon"], [], "fence zone 1 (polygon), field polygon", "at least 3"),
+        (["fence", 0, "polygon"], [], "geofence zone 1 (polygon), field polygon", "at least 3"),
         (["planned_home", "alt_amsl_m"], None, "field planned_home.alt_amsl_m", "valid number"),
         (["surprise"], 1, "field surprise", "not permitted"),
     ],

@@ -66,7 +66,7 @@ def test_leaving_and_reentering_the_corridor_are_reported():
     fake = FakeFlight(
         mission(flight_steps("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=CORRIDOR
     ).start()
-    fake.until(lambda: fake.path[-1:] != [] and fake.path[-1][0] > 10.0)
+    fake.until(lambda: fake.flown_path[-1:] != [] and fake.flown_path[-1][0] > 10.0)
     assert fake.status.outside_corridor_m == 0.0
     fake.set_reading(position_ned_m=(12.0, 7.0, -10.0))
     fake.block()

@@ -10,7 +10,7 @@ from tests.support.mission_steps import (
     STEPS,
     assert_nothing_is_requested,
     end_wait,
-    flight_during,
+    flight_in_step,
 )
 from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import flight_steps, mission
@@ -19,51 +19,51 @@ from tests.support.offboard_missions import flight_steps, mission
 @pytest.mark.parametrize("kind", STEPS)
 @pytest.mark.parametrize("action", ["hold", "return", "land", "continue"])
 def test_a_low_battery_triggers_the_low_battery_action_once(kind, action):
-    fake = flight_during(kind, low_battery=action)
-    modes_before = fake.modes()
+    fake = flight_in_step(kind, low_battery=action)
+    modes_before = fake.requested_modes()
     fake.set_reading(battery_share=0.1, satellites=14)
     fake.fly(0.2)
     if action == "continue" or kind == "land":
-        assert fake.modes() == modes_before
+        assert fake.requested_modes() == modes_before
         end_wait(fake, kind).until_state("done")
     else:
-        assert fake.modes() == [{"hold": "hold", "return": "rtl", "land": "land"}[action]]
+        assert fake.requested_modes() == [{"hold": "hold", "return": "rtl", "land": "land"}[action]]
         assert fake.status.state == "suspended"
     assert sum("Battery" in text for text in fake.event_texts) == 1
 
 
 @pytest.mark.parametrize("kind", FLOWN_BY_SETPOINTS)
 def test_a_lost_position_estimate_triggers_a_landing(kind):
-    fake = flight_during(kind, failure="continue")
+    fake = flight_in_step(kind, failure="continue")
     fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
     fake.fly(0.5)
-    assert fake.modes() == []
+    assert fake.requested_modes() == []
     fake.fly(1.0)
-    assert fake.modes() == ["land"]
+    assert fake.requested_modes() == ["land"]
     assert fake.status.state == "suspended"
     assert "No valid estimate of position" in str(fake.status.reason)
 
 
 def test_px4_handles_a_position_lost_during_take_off_and_the_mission_then_lands():
-    fake = flight_during("take_off", failure="continue")
+    fake = flight_in_step("take_off", failure="continue")
     fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
     fake.fly(2.0)
-    assert (fake.modes(), fake.status.state, fake.sent) == ([], "taking_off", [])
+    assert (fake.requested_modes(), fake.status.state, fake.sent_setpoints) == ([], "taking_off", [])
     fake.until_state("suspended")
-    assert fake.modes() == ["land"]
+    assert fake.requested_modes() == ["land"]
     assert "position" in str(fake.status.reason)
 
 
 def test_a_landing_continues_after_a_lost_position():
-    fake = flight_during("land", failure="hold")
-    modes_before = fake.modes()
+    fake = flight_in_step("land", failure="hold")
+    modes_before = fake.requested_modes()
     fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
     fake.until_state("done")
-    assert (fake.modes(), fake.reading.armed) == (modes_before, False)
+    assert (fake.requested_modes(), fake.reading.armed) == (modes_before, False)
 
 
 def test_an_estimate_that_is_missing_for_a_moment_does_not_stop_the_mission():
-    fake = flight_during("orbit")
+    fake = flight_in_step("orbit")
     fake.set_reading(estimates=frozenset({"heading"}))
     fake.fly(0.5)
     fake.set_reading(estimates=None)
@@ -73,61 +73,61 @@ def test_an_estimate_that_is_missing_for_a_moment_does_not_stop_the_mission():
 @pytest.mark.parametrize("kind", FLOWN_BY_SETPOINTS)
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
 def test_the_link_loss_action_is_executed_when_the_link_is_restored(kind, action, modes):
-    fake = flight_during(kind, link_loss=action)
+    fake = flight_in_step(kind, link_loss=action)
     fake.lose_link()
     assert_nothing_is_requested(fake, 10.0)
     fake.set_reading(link_active=True)
     fake.fly(0.2)
-    assert (fake.modes(), fake.status.state) == (modes, "suspended")
+    assert (fake.requested_modes(), fake.status.state) == (modes, "suspended")
 
 
 @pytest.mark.parametrize("kind", FLOWN_BY_SETPOINTS)
 def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
-    fake = flight_during(kind, link_loss="continue")
+    fake = flight_in_step(kind, link_loss="continue")
     fake.lose_link()
     fake.fly(10.0)
     fake.set_reading(link_active=True, satellites=14)
-    fake.until(lambda: "The link was lost and is back: continuing." in fake.event_texts)
+    fake.until(lambda: "Connection lost and restored: continuing." in fake.event_texts)
     end_wait(fake, kind).until_state("done")
 
 
 @pytest.mark.parametrize("action", ["continue", "hold", "return", "land"])
 def test_a_vehicle_in_failsafe_is_not_commanded_after_a_lost_link(action):
-    fake = flight_during("orbit", link_loss=action)
+    fake = flight_in_step("orbit", link_loss=action)
     fake.change_mode("rtl", "failsafe", "failsafe")
     fake.set_reading(link_active=False)
     fake.fly(10.0)
     fake.set_reading(link_active=True)
     fake.fly(5.0)
-    assert (fake.modes(), fake.status.state) == ([], "suspended")
+    assert (fake.requested_modes(), fake.status.state) == ([], "suspended")
 
 
 @pytest.mark.parametrize("kind", ["take_off", "land"])
 def test_px4_continues_take_off_and_landing_during_a_lost_link(kind):
-    fake = flight_during(kind, link_loss="return")
+    fake = flight_in_step(kind, link_loss="return")
     fake.set_reading(link_active=False)
     fake.fly(1.0)
     fake.set_reading(link_active=True)
     fake.until_state("done")
-    assert fake.modes() == ["land"]
+    assert fake.requested_modes() == ["land"]
 
 
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
 def test_a_stream_that_ends_by_itself_triggers_the_failure_action(action, modes):
-    fake = flight_during("orbit", failure=action)
+    fake = flight_in_step("orbit", failure=action)
     fake.set_reading(stream="ending", stream_text="The setpoint leaves the fence.")
     fake.fly(0.2)
-    assert (fake.modes(), fake.status.state) == (modes, "suspended")
+    assert (fake.requested_modes(), fake.status.state) == (modes, "suspended")
     assert "The setpoint leaves the fence" in str(fake.status.reason)
 
 
 def test_a_refused_take_off_suspends_the_mission_on_the_ground():
     fake = FakeFlight(mission(flight_steps(FLY)))
-    fake.failures[TakeOff] = "Arming denied: no GPS."
+    fake.refused_requests[TakeOff] = "Arming denied: no GPS."
     fake.start().fly(1.0)
     assert fake.status.state == "suspended"
     assert "Arming denied" in str(fake.status.reason)
-    fake.failures.clear()
+    fake.refused_requests.clear()
     fake.resume()
     fake.until_state("done")
 
@@ -135,25 +135,25 @@ def test_a_refused_take_off_suspends_the_mission_on_the_ground():
 def test_a_take_off_that_takes_too_long_triggers_the_failure_action():
     fake = FakeFlight(mission("- {step: take_off, height_m: 400, timeout_s: 5}\n- {step: land}\n")).start()
     fake.until_state("suspended")
-    assert fake.modes() == ["hold"]
+    assert fake.requested_modes() == ["hold"]
 
 
 def test_a_refused_mode_is_reported_and_the_stream_expires():
-    fake = flight_during("orbit")
-    fake.failures[SetMode] = "No reply within 6 s."
+    fake = flight_in_step("orbit")
+    fake.refused_requests[SetMode] = "No reply within 6 s."
     fake.set_reading(battery_share=0.1)
     fake.fly(0.2)
     assert "did not change its mode" in fake.event_texts[-1]
-    script_change_count = fake.count(ChangeScript)
+    script_change_count = fake.count_requests(ChangeScript)
     fake.fly(3.0)
-    assert fake.count(ChangeScript) == script_change_count
+    assert fake.count_requests(ChangeScript) == script_change_count
 
 
-def test_failed_pictures_are_reported_once_and_the_mission_continues():
+def test_failed_photos_are_reported_once_and_the_mission_continues():
     fake = FakeFlight(mission(flight_steps("step: photo, count: 5, interval_s: 1", FLY)))
-    fake.failures[Photo] = "no camera"
+    fake.refused_requests[Photo] = "no camera"
     fake.start().until_state("done")
-    assert sum("picture" in text for text in fake.event_texts) == 1
+    assert sum("photo" in text for text in fake.event_texts) == 1
 
 
 def test_a_mission_does_not_start_without_the_estimates_it_needs():
@@ -168,4 +168,4 @@ def test_a_flying_step_before_a_take_off_does_not_start_on_the_ground():
     fake.fly(1.0)
     assert fake.status.state == "suspended"
     assert "needs a take-off" in str(fake.status.reason)
-    assert fake.sent == []
+    assert fake.sent_setpoints == []

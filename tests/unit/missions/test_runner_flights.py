@@ -14,7 +14,7 @@ from tests.support.mission_steps import (
     FLY,
     STEPS,
     all_step_kinds,
-    flight_during,
+    flight_in_step,
     mission_with_lists,
     step_kinds,
 )
@@ -38,12 +38,12 @@ def test_a_whole_flight_takes_off_flies_its_path_and_lands():
     assert fake.status.question == "Sharp?"
     fake.continue_after_question()
     fake.until_state("done")
-    assert fake.modes() == ["land"]
-    assert fake.count(TakeOff) == 1
-    assert fake.count(StreamScript) == 1  # one stream from take-off to landing
-    assert fake.count(Photo) == 20
+    assert fake.requested_modes() == ["land"]
+    assert fake.count_requests(TakeOff) == 1
+    assert fake.count_requests(StreamScript) == 1  # one stream from take-off to landing
+    assert fake.count_requests(Photo) == 20
     assert fake.reading.armed is False
-    assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
+    assert math.dist(fake.flown_path[-1][:2], (30.0, 0.0)) < 1.0
 
 
 def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
@@ -56,7 +56,7 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
         )
     )
     fake.start().until_state("done")
-    assert fake.count(Photo) == math.ceil(math.tau * 8 / 5)
+    assert fake.count_requests(Photo) == math.ceil(math.tau * 8 / 5)
     gimbal_requests = [request for request in fake.requests if isinstance(request, PointGimbal)]
     assert all(-math.pi / 2 <= p.pitch_rad < 0 for p in gimbal_requests)
     orbit_s = fake.runner.flight.course.segments[3].duration_s
@@ -76,10 +76,10 @@ def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
     fake = FakeFlight(mission(steps + flight_steps(FLY))).start()
     fake.set_reading(satellites=6)
     fake.fly(5)
-    assert (fake.status.state, fake.sent, fake.count(TakeOff)) == ("waiting", [], 0)
+    assert (fake.status.state, fake.sent_setpoints, fake.count_requests(TakeOff)) == ("waiting", [], 0)
     fake.set_reading(satellites=12)
     fake.fly(1.5)
-    assert fake.count(TakeOff) == 0
+    assert fake.count_requests(TakeOff) == 0
     fake.until_state("taking_off").until_state("done")
 
 
@@ -90,18 +90,18 @@ def test_a_mission_can_take_off_again_after_a_landing():
     ).start()
     fake.until_state("waiting")
     assert fake.reading.armed is False
-    sent_count = len(fake.sent)
+    sent_count = len(fake.sent_setpoints)
     fake.fly(3)
-    assert len(fake.sent) == sent_count
+    assert len(fake.sent_setpoints) == sent_count
     fake.continue_after_question()
     fake.until_state("done")
-    assert (fake.count(TakeOff), fake.modes()) == (2, ["land", "land"])
+    assert (fake.count_requests(TakeOff), fake.requested_modes()) == (2, ["land", "land"])
 
 
 def test_a_mission_that_ends_in_flight_switches_to_hold():
     fake = FakeFlight(mission("- {step: take_off, height_m: 10}\n- {" + FLY + "}\n")).start()
     fake.until_state("done")
-    assert fake.modes() == ["hold"]
+    assert fake.requested_modes() == ["hold"]
 
 
 @pytest.mark.parametrize(("battery_share", "east"), [(0.8, 20.0), (0.3, -20.0), (None, -20.0)])
@@ -114,8 +114,8 @@ def test_a_branch_is_decided_when_it_is_reached(battery_share, east):
     fake = FakeFlight(mission(flight_steps(FLY, branch, "step: hold, duration_s: 1"))).start()
     fake.set_reading(battery_share=battery_share)
     fake.until_state("done")
-    assert fake.path[-1][1] == pytest.approx(east, abs=0.5)
-    assert fake.count(StreamScript) == 1
+    assert fake.flown_path[-1][1] == pytest.approx(east, abs=0.5)
+    assert fake.count_requests(StreamScript) == 1
 
 
 def test_the_next_take_off_or_landing_is_found_from_any_segment_and_again_after_a_branch():
@@ -141,12 +141,12 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_without_stops_between_the
     longest_stop_s = stop_s = 0.0
     fake.fly(2.0)
     while fake.status.state == "flying" and fake.runner.flight.segment is not None:
-        position_before = fake.path[-1]
+        position_before = fake.flown_path[-1]
         fake.step()
-        stop_s = stop_s + STEP_S if math.dist(position_before, fake.path[-1]) < 1e-5 else 0.0
+        stop_s = stop_s + STEP_S if math.dist(position_before, fake.flown_path[-1]) < 1e-5 else 0.0
         longest_stop_s = max(longest_stop_s, stop_s)
     assert longest_stop_s < 1.0
-    assert fake.count(StreamScript) == 1
+    assert fake.count_requests(StreamScript) == 1
     assert sum(bool(r.change.appended) for r in fake.requests if isinstance(r, ChangeScript)) > 3
 
 
@@ -163,7 +163,7 @@ def test_a_wait_that_takes_too_long_executes_its_timeout_action(until, on_timeou
     fake = FakeFlight(mission(flight_steps(wait, FLY))).start()
     fake.set_reading(satellites=6)
     fake.until_state("done" if on_timeout == "continue" else "suspended")
-    assert fake.modes() == modes
+    assert fake.requested_modes() == modes
 
 
 def test_a_wait_ends_only_after_its_condition_was_true_without_interruption():
@@ -182,7 +182,7 @@ def test_a_wait_ends_only_after_its_condition_was_true_without_interruption():
 
 @pytest.mark.parametrize("kind", [k for k in FLOWN_BY_SETPOINTS if k not in ("velocity", "attitude")])
 def test_setpoints_are_continuous_through_pause_resume_skip_and_hold(kind):
-    fake = flight_during(kind)
+    fake = flight_in_step(kind)
     fake.set_reading(satellites=14)
     fake.pause()
     fake.until_state("paused").fly(1.0)
@@ -194,6 +194,8 @@ def test_setpoints_are_continuous_through_pause_resume_skip_and_hold(kind):
     fake.fly(4.0)
     fake.skip()
     fake.until_state("done")
-    positions = [(t, s.position_ned_m) for t, s in fake.sent if isinstance(s, Trajectory | Position)]
+    positions = [
+        (t, s.position_ned_m) for t, s in fake.sent_setpoints if isinstance(s, Trajectory | Position)
+    ]
     for (t0, a), (t1, b) in itertools.pairwise(positions):
         assert math.dist(a, b) <= STEP_S * 12.0 + 0.35, (t0, t1)  # 12 m/s, 0.35 m of tolerance

@@ -48,13 +48,13 @@ def test_a_return_path_outside_the_missions_geofence_is_not_flown(zones, north_m
     fake.change_mode("hold", "command", "Bob commanded 'hold'")
     fake.until_state("suspended")
     fake.set_reading(position_ned_m=(north_m, 0.0, -10.0))
-    streamed_scripts, modes = fake.count(StreamScript), fake.count(SetMode)
+    streamed_scripts, modes = fake.count_requests(StreamScript), fake.count_requests(SetMode)
     fake.resume()
-    assert fake.count(StreamScript) == streamed_scripts + is_flown
+    assert fake.count_requests(StreamScript) == streamed_scripts + is_flown
     assert (fake.status.state == "suspended") != is_flown
     if not is_flown:
         assert "leaves the mission's geofence" in str(fake.status.reason)
-        assert fake.modes()[modes:] == ["hold"]
+        assert fake.requested_modes()[modes:] == ["hold"]
 
 
 def test_skipping_in_a_repeat_skips_one_round_and_continues_with_the_next_round():
@@ -77,15 +77,15 @@ def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_the_delay_once():
     assert fake.reading.position_ned_m == blocked_at
     fake.unblock()
     fake.until_state("done")
-    assert math.dist(fake.path[-1][:2], (60.0, 0.0)) < 1.0
+    assert math.dist(fake.flown_path[-1][:2], (60.0, 0.0)) < 1.0
 
 
 def test_a_path_ends_only_after_the_vehicle_has_arrived():
     fake = FakeFlight(mission(flight_steps("step: fly, points: [{offset_ned_m: [20, 0, -10]}]"))).start()
-    fake.until(lambda: fake.status.state == "flying" and fake.path[-1][0] > 14.0)
+    fake.until(lambda: fake.status.state == "flying" and fake.flown_path[-1][0] > 14.0)
     fake.block()
     fake.fly(20.0)
     assert fake.status.place == "step 2"
-    assert fake.modes() == []
+    assert fake.requested_modes() == []
     fake.unblock()
     fake.until_state("done")

@@ -51,8 +51,8 @@ def in_flight(**actions: str) -> JointFlight:
 
 def test_both_vehicles_take_off_at_the_same_time_and_complete_the_mission():
     joint_flight = JointFlight(mission_text(f"{TAKE_OFF}, {LAND}", f"{HIGH_TAKE_OFF}, {LAND}")).start()
-    joint_flight.until(lambda: joint_flight.flights["lead"].count(TakeOff) > 0)
-    assert joint_flight.flights["left"].count(TakeOff) == 1
+    joint_flight.until(lambda: joint_flight.flights["lead"].count_requests(TakeOff) > 0)
+    assert joint_flight.flights["left"].count_requests(TakeOff) == 1
     joint_flight.until_states(lead="done", left="done")
     assert joint_flight.runner.over
 
@@ -74,14 +74,14 @@ def test_no_vehicle_in_flight_moves_until_all_are_in_offboard():
     delayed_flight.execute = lambda requests: delayed_requests.extend(requests)
     joint_flight.start().fly(5)
     assert joint_flight.current_steps() == {"lead": "lead, start", "left": "left, start"}
-    assert joint_flight.flights["lead"].path[-1][0] == 0.0
+    assert joint_flight.flights["lead"].flown_path[-1][0] == 0.0
     delayed_flight.execute = real_execute
     delayed_flight.execute(delayed_requests)
     joint_flight.until(
         lambda: set(joint_flight.current_steps().values()) == {"lead, step 1", "left, step 1"}, 2
     )
     joint_flight.fly(5)
-    lead, left = (flight.path[-1][0] for flight in joint_flight.flights.values())
+    lead, left = (flight.flown_path[-1][0] for flight in joint_flight.flights.values())
     assert lead == left > 5.0
 
 
@@ -109,7 +109,7 @@ def test_a_meeting_that_one_vehicle_does_not_reach_ends_the_mission_and_all_hold
     assert "Not all vehicles arrived at the meeting 'x' within 5 s" in str(
         joint_flight.flights["left"].status.reason
     )
-    assert [flight.modes() for flight in joint_flight.flights.values()] == [["hold"], ["hold"]]
+    assert [flight.requested_modes() for flight in joint_flight.flights.values()] == [["hold"], ["hold"]]
 
 
 def at_meeting() -> JointFlight:
@@ -153,7 +153,7 @@ def test_when_one_vehicle_leaves_the_mission_the_other_holds_and_the_mission_end
     joint_flight = start_flight()
     EVENTS[event](joint_flight.flights["lead"])
     joint_flight.until(lambda: joint_flight.runner.over, 2)
-    assert joint_flight.flights["left"].modes() == ["hold"]
+    assert joint_flight.flights["left"].requested_modes() == ["hold"]
     assert joint_flight.flights["left"].status.state == "stopped"
     assert "lead has left the mission" in str(joint_flight.flights["left"].status.reason)
     with pytest.raises(CannotDo, match="the mission has ended"):
@@ -167,7 +167,7 @@ def test_when_one_vehicle_leaves_a_take_off_is_stopped_and_a_landing_continues()
     joint_flight.until_states(lead="taking_off", left="landing")
     joint_flight.flights["lead"].change_mode("position", "pilot")
     joint_flight.until(lambda: joint_flight.runner.over, 2)
-    assert joint_flight.flights["left"].modes() == ["land"]
+    assert joint_flight.flights["left"].requested_modes() == ["land"]
     second_flight = (
         JointFlight(mission_text(f"{HIGH_TAKE_OFF}, {fly_step(20)}", f"{TAKE_OFF}, {fly_step(90)}"))
         .start()
@@ -175,18 +175,18 @@ def test_when_one_vehicle_leaves_a_take_off_is_stopped_and_a_landing_continues()
     )
     second_flight.flights["left"].change_mode("position", "pilot")
     second_flight.until(lambda: second_flight.runner.over, 2)
-    assert second_flight.flights["lead"].modes() == ["hold"]
+    assert second_flight.flights["lead"].requested_modes() == ["hold"]
 
 
 def test_a_pause_holds_all_vehicles_and_resume_continues_all():
     joint_flight = in_flight()
     joint_flight.execute(joint_flight.runner.pause(joint_flight.now_s, joint_flight.readings(), "Alice"))
     joint_flight.until_states(lead="paused", left="paused").fly(3)
-    positions_before = [flight.path[-1] for flight in joint_flight.flights.values()]
+    positions_before = [flight.flown_path[-1] for flight in joint_flight.flights.values()]
     joint_flight.execute(joint_flight.runner.resume(joint_flight.now_s, joint_flight.readings(), "Alice"))
     joint_flight.fly(5)
     assert all(
-        flight.path[-1][0] > position[0]
+        flight.flown_path[-1][0] > position[0]
         for flight, position in zip(joint_flight.flights.values(), positions_before, strict=True)
     )
 
@@ -228,7 +228,7 @@ def test_an_abort_ends_the_mission_of_all_vehicles():
     joint_flight.execute(joint_flight.runner.abort(joint_flight.readings(), "Alice", "land"))
     joint_flight.fly(1)
     assert joint_flight.states() == {"lead": "aborted", "left": "aborted"}
-    assert [flight.modes() for flight in joint_flight.flights.values()] == [["land"], ["land"]]
+    assert [flight.requested_modes() for flight in joint_flight.flights.values()] == [["land"], ["land"]]
 
 
 def test_the_two_vehicle_example_is_safe_at_7_m_and_is_flown_to_its_end():
@@ -241,4 +241,4 @@ def test_the_two_vehicle_example_is_safe_at_7_m_and_is_flown_to_its_end():
     }
     assert compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts).findings == ()
     joint_flight = JointFlight(text).start().until_states(lead="done", left="done")
-    assert [flight.modes() for flight in joint_flight.flights.values()] == [["land"], ["land"]]
+    assert [flight.requested_modes() for flight in joint_flight.flights.values()] == [["land"], ["land"]]

@@ -25,7 +25,13 @@ from missions.terrain.follow import follow_ground
 from missions.terrain.ground import Ground, line_positions
 from missions.terrain.profile import mission_profile, plan_profile
 from missions.values import Altitude, HomePosition, RallyPoint
-from tests.support.elevation_files import LAT_DEG, LON_DEG, flat, hill, write
+from tests.support.elevation_files import (
+    LAT_DEG,
+    LON_DEG,
+    flat_elevation,
+    hill_elevation,
+    write_elevation_file,
+)
 
 HOME = HomePosition(lat_deg=LAT_DEG - 0.01, lon_deg=LON_DEG, alt_amsl_m=500.0)
 
@@ -50,14 +56,16 @@ def ground_of(*files: Path, margin_m: float = 3000.0) -> Ground:
 
 @pytest.fixture(scope="module")
 def hill_ground(tmp_path_factory: pytest.TempPathFactory) -> Ground:
-    return ground_of(write(tmp_path_factory.mktemp("elevation") / "hill.tif", hill(500.0, 80.0)))
+    return ground_of(
+        write_elevation_file(tmp_path_factory.mktemp("elevation") / "hill.tif", hill_elevation(500.0, 80.0))
+    )
 
 
 def test_a_slope_is_interpolated_between_cells(tmp_path: Path) -> None:
     def slope(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
         return 500.0 + 2000.0 * (lat - LAT_DEG) + 1000.0 * (lon - LON_DEG)
 
-    ground = ground_of(write(tmp_path / "slope.tif", slope))
+    ground = ground_of(write_elevation_file(tmp_path / "slope.tif", slope))
     rng = np.random.default_rng(1)
     lat, lon = LAT_DEG + rng.uniform(-0.02, 0.02, 200), LON_DEG + rng.uniform(-0.02, 0.02, 200)
     # GDAL rounds positions to an eighth of a cell, which is 0.075 m of altitude on this slope.
@@ -66,9 +74,9 @@ def test_a_slope_is_interpolated_between_cells(tmp_path: Path) -> None:
 
 def test_a_file_in_utm_coordinates_has_the_correct_position(tmp_path: Path) -> None:
     # UTM zone 32: 47.4 N 8.5 E lies at 462 260 E, 5 249 780 N (within 100 m).
-    path = write(
+    path = write_elevation_file(
         tmp_path / "utm.tif",
-        flat(432.0),
+        flat_elevation(432.0),
         west_deg=462_260.0 - 2000.0,
         north_deg=5_249_780.0 + 2000.0,
         step_deg=20.0,
@@ -93,8 +101,8 @@ def test_the_finest_file_is_used_and_a_coarser_file_fills_its_gaps(tmp_path: Pat
     def altitude_with_hole(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
         return np.where(lon > LON_DEG, -9999.0, 100.0)
 
-    fine = write(tmp_path / "fine.tif", altitude_with_hole)
-    coarse = write(tmp_path / "coarse.tif", flat(200.0), step_deg=0.001)
+    fine = write_elevation_file(tmp_path / "fine.tif", altitude_with_hole)
+    coarse = write_elevation_file(tmp_path / "coarse.tif", flat_elevation(200.0), step_deg=0.001)
     for files in ((fine, coarse), (coarse, fine)):
         ground = ground_of(*files, margin_m=1000.0)
         assert ground.altitude_amsl_m(LAT_DEG, LON_DEG - 0.005) == pytest.approx(100.0)
@@ -108,7 +116,7 @@ def test_outside_all_files_the_ground_is_unknown(hill_ground: Ground) -> None:
 
 
 def test_a_file_at_the_date_line_is_used_from_both_sides(tmp_path: Path) -> None:
-    write(tmp_path / "east.tif", flat(12.0), west_deg=180.0 - 0.05, north_deg=0.03)
+    write_elevation_file(tmp_path / "east.tif", flat_elevation(12.0), west_deg=180.0 - 0.05, north_deg=0.03)
     for lon_deg in (179.99, -180.01):
         area = BoundingBox.around_positions([(0.0, lon_deg)], 200.0)
         assert area is not None
@@ -118,7 +126,7 @@ def test_a_file_at_the_date_line_is_used_from_both_sides(tmp_path: Path) -> None
 
 
 def test_a_large_area_is_read_with_a_wider_grid(tmp_path: Path) -> None:
-    path = write(tmp_path / "country.tif", flat(300.0), cells=100, step_deg=0.0001)
+    path = write_elevation_file(tmp_path / "country.tif", flat_elevation(300.0), cells=100, step_deg=0.0001)
     area = BoundingBox(LON_DEG - 2.0, LAT_DEG - 2.0, LON_DEG + 2.0, LAT_DEG + 2.0)
     ground = Elevation.from_files([path]).ground(area)
     assert ground is not None
@@ -131,7 +139,7 @@ def test_files_that_are_not_elevation_files_are_reported_by_name_and_ignored(
 ) -> None:
     (tmp_path / name).write_bytes(b"no picture at all")
     (tmp_path / "notes.txt").write_text("not an elevation file")
-    valid = write(tmp_path / "valid.tif", flat(10.0))
+    valid = write_elevation_file(tmp_path / "valid.tif", flat_elevation(10.0))
     listed_files = [Path(each) for each in elevation_files(tmp_path)]
     assert {each.name for each in listed_files} == {name, "valid.tif"}
     assert tuple(DRIVERS) == ELEVATION_SUFFIXES
@@ -144,7 +152,7 @@ def test_files_that_are_not_elevation_files_are_reported_by_name_and_ignored(
 
 def test_files_with_two_bands_or_without_a_coordinate_system_are_refused(tmp_path: Path) -> None:
     for options, reason in (({"crs": None}, "no coordinate system"), ({"count": 2}, "2 bands")):
-        path = write(tmp_path / "refused.tif", flat(1.0), **options)
+        path = write_elevation_file(tmp_path / "refused.tif", flat_elevation(1.0), **options)
         with pytest.raises(PlanError, match=reason):
             inspect(path)
 

@@ -8,7 +8,10 @@ from typing import Any
 from tests.unit.vehicle_sim.sim_station import NAN, Station
 from vehicle_sim.geodesy import to_global
 
-MISSION_MODE, TERMINATION = 0x4040000, 0x0A0000
+MISSION_MODE, TERMINATION_MODE = 0x4040000, 0x0A0000
+"""Custom modes."""
+MISSION_START = 300
+"""MAV_CMD_MISSION_START."""
 
 
 class PlanStation(Station):
@@ -19,7 +22,7 @@ class PlanStation(Station):
 
     def wait_until_ready_to_arm(self) -> None:
         """Waits until the vehicle can be armed."""
-        self.run_until(lambda: self.ready, 15)
+        self.run_until(lambda: self.can_be_armed, 15)
         self.run(1.0)
 
     def item(
@@ -29,7 +32,7 @@ class PlanStation(Station):
         east_m: float = 0.0,
         alt_home_m: float = 10.0,
         *,
-        p: Sequence[float] = (0.0, 0.0, 0.0, NAN),
+        parameters: Sequence[float] = (0.0, 0.0, 0.0, NAN),
         frame: int = 6,
     ) -> dict[str, Any]:
         home = self.sim.autopilots[0].home
@@ -38,12 +41,12 @@ class PlanStation(Station):
         z = 0.0 if frame == 2 else alt_home_m
         return {
             "command": command, "frame": frame, "x": x, "y": y, "z": z, "autocontinue": 1, "current": 0,
-            "param1": p[0], "param2": p[1], "param3": p[2], "param4": p[3],
+            **{f"param{n}": value for n, value in enumerate(parameters, start=1)},
         }  # fmt: skip
 
-    def command_item(self, command: int, *p: float) -> dict[str, Any]:
+    def command_item(self, command: int, *parameters: float) -> dict[str, Any]:
         """An item without a position."""
-        return self.item(command, p=(*p, 0.0, 0.0, 0.0, 0.0)[:4], frame=2)
+        return self.item(command, parameters=(*parameters, 0.0, 0.0, 0.0, 0.0)[:4], frame=2)
 
     def upload(self, items: Sequence[dict[str, Any]], kind: int = 0) -> int:
         """Uploads a plan; returns the type of MISSION_ACK."""
@@ -57,16 +60,16 @@ class PlanStation(Station):
         return self.received("MISSION_ACK", since_s=begin_s)[-1].type
 
     def start_mission(self) -> None:
-        self.command(300)
+        self.command(MISSION_START)
         self.run(0.1)
-        assert self.acks(300)[-1] == 0
+        assert self.acks(MISSION_START)[-1] == 0
         assert self.active_mode == MISSION_MODE
 
     @property
     def mission(self) -> Any:
         return self.sim.autopilots[0].navigator.mission
 
-    def reached(self) -> list[int]:
+    def reached_items(self) -> list[int]:
         """Reached items in order, each once."""
         items: list[int] = []
         for message in self.received("MISSION_ITEM_REACHED"):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tests.unit.vehicle_sim.prepared_stations import on_ground
-from tests.unit.vehicle_sim.sim_station import Station
+from tests.unit.vehicle_sim.prepared_stations import station_on_ground
+from tests.unit.vehicle_sim.sim_station import LAND_COMMAND, Station
 from vehicle_sim.parameters import Parameters
 
 pytestmark = pytest.mark.flight
@@ -14,7 +14,7 @@ POSITION, ALTITUDE, STABILIZED = 3, 2, 7
 
 @pytest.fixture
 def station() -> Station:
-    return on_ground(Station, sensor_noise=False)
+    return station_on_ground(Station, sensor_noise=False)
 
 
 def run_with_throttle(station: Station, seconds: float, throttle: int) -> None:
@@ -65,7 +65,7 @@ def test_flight_counters_change_without_parameter_messages():
     parameter = station.sim.simulation.parameters[0].get
     assert parameter("COM_FLIGHT_UUID") == 0
     took_off_s, message_count = station.now_s, len(station.received("PARAM_VALUE"))
-    station.command(21)
+    station.command(LAND_COMMAND)
     station.run_until(lambda: not station.armed, 40)
     assert parameter("COM_FLIGHT_UUID") == 1
     flown_us = parameter("LND_FLIGHT_T_LO")

@@ -46,8 +46,8 @@ class Curve:
         return float(self.t_s[np.argmax(self.value >= level)])
 
 
-def recording(shared: Path, name: str) -> dict[str, np.ndarray]:
-    data = json.loads(gzip.decompress((shared / "px4" / "flights" / f"{name}.json.gz").read_bytes()))
+def recording(reference_data: Path, name: str) -> dict[str, np.ndarray]:
+    data = json.loads(gzip.decompress((reference_data / "px4" / "flights" / f"{name}.json.gz").read_bytes()))
     table = np.array([[math.nan if v is None else v for v in row] for row in data["rows"]], dtype=float)
     table = table[table[:, 0] >= 0.0]
     return {name: table[:, k] for k, name in enumerate(data["columns"])}
@@ -116,9 +116,9 @@ def simulated_curves() -> dict[str, Curve]:
 
 @pytest.mark.parametrize("name", TAKEOFFS)
 def test_take_offs_lift_off_and_climb_as_recorded(
-    shared: Path, simulated_curves: dict[str, Curve], name: str
+    reference_data: Path, simulated_curves: dict[str, Curve], name: str
 ) -> None:
-    real, sim = coordinate_curve(recording(shared, name), "z", -1.0), simulated_curves[name]
+    real, sim = coordinate_curve(recording(reference_data, name), "z", -1.0), simulated_curves[name]
     for height_m in (1.0, 2.0) if name == "takeoff_2p5m" else (1.0, 2.0, 5.0, 9.0):
         # The recordings differ by 0.6 s, because the estimated height of the ground drifts by decimetres.
         assert sim.time_reached_s(height_m) == pytest.approx(real.time_reached_s(height_m), abs=0.9), height_m
@@ -144,10 +144,10 @@ def test_the_vehicle_leaves_the_ground_at_the_recorded_time_after_arming() -> No
 
 @pytest.mark.parametrize("name", GOTOS)
 def test_gotos_accelerate_brake_and_overshoot_as_recorded(
-    shared: Path, simulated_curves: dict[str, Curve], name: str
+    reference_data: Path, simulated_curves: dict[str, Curve], name: str
 ) -> None:
     axis, sign = AXIS[name]
-    real, sim = coordinate_curve(recording(shared, name), axis, sign), simulated_curves[name]
+    real, sim = coordinate_curve(recording(reference_data, name), axis, sign), simulated_curves[name]
     until_s = min(real.t_s[-1], sim.t_s[-1])
     grid = np.arange(0.0, until_s, TICK_S)
     simulated_m, recorded_m = (np.interp(grid, c.t_s, c.value) for c in (sim, real))

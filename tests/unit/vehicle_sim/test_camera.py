@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.unit.vehicle_sim.sim_station import BOTH, NAN, Station
+from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, NAN, Station
 from vehicle_sim.mavlink.framing import FrameParser
 from vehicle_sim.payload.picture import HEIGHT, WIDTH, Painter
 from vehicle_sim.world.terrain import Hill, Terrain
@@ -23,7 +23,7 @@ LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 @pytest.fixture
 def station():
-    station = Station(camera=True, links=BOTH)
+    station = Station(camera=True, links=GCS_AND_API_LINKS)
     station.run(4.0)
     return station
 

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from tests.unit.vehicle_sim.plan_station import MISSION_MODE, PlanStation
-from tests.unit.vehicle_sim.prepared_stations import hovering, on_ground
-from tests.unit.vehicle_sim.sim_station import HOLD, NAN, POSITION, RTL, TAKEOFF
+from tests.unit.vehicle_sim.prepared_stations import station_in_hover, station_on_ground
+from tests.unit.vehicle_sim.sim_station import HOLD_MODE, NAN, POSITION_MODE, RTL_MODE, TAKEOFF_MODE
 
 pytestmark = pytest.mark.flight
 
@@ -20,12 +20,12 @@ STABILIZED, MANUAL = 0x70000, 0x10000
 
 @pytest.fixture
 def landed_station() -> PlanStation:
-    return on_ground(PlanStation, 3.0, sensor_noise=False)
+    return station_on_ground(PlanStation, 3.0, sensor_noise=False)
 
 
 @pytest.fixture
 def hovering_station() -> PlanStation:
-    return hovering(PlanStation, 8.0, sensor_noise=False)
+    return station_in_hover(PlanStation, 8.0, sensor_noise=False)
 
 
 def acks_of(station: PlanStation, command: int, *parameters: float) -> list[int]:
@@ -80,7 +80,7 @@ def test_a_mode_change_takes_effect_before_the_command_sent_after_it(hovering_st
     hovering_station.command(SET_MODE, 1, 4, 3)
     hovering_station.command(RETURN)
     hovering_station.run(0.3)
-    assert hovering_station.active_mode == RTL
+    assert hovering_station.active_mode == RTL_MODE
     assert [m.command for m in hovering_station.received("COMMAND_ACK", since_s=begin_s)] == [
         SET_MODE,
         SET_MODE,
@@ -89,7 +89,7 @@ def test_a_mode_change_takes_effect_before_the_command_sent_after_it(hovering_st
     hovering_station.command(RETURN)
     hovering_station.command(SET_MODE, 1, 4, 3)
     hovering_station.run(0.3)
-    assert hovering_station.active_mode == HOLD
+    assert hovering_station.active_mode == HOLD_MODE
 
 
 def test_a_precision_landing_is_reported_as_landing(hovering_station):
@@ -109,7 +109,7 @@ def test_a_change_of_altitude_ends_a_go_to_and_is_flown_at_the_current_position(
     assert north_at_command_m < position_of(hovering_station)[0] < north_at_command_m + 12.0, (
         "the vehicle did not stop"
     )
-    assert hovering_station.active_mode == HOLD
+    assert hovering_station.active_mode == HOLD_MODE
 
 
 def test_a_change_of_altitude_outside_the_fence_is_not_flown(hovering_station):
@@ -164,7 +164,7 @@ def test_a_go_to_outside_the_fence_ends_the_mission_and_holds(hovering_station):
         to_amsl_m(hovering_station, 8.0),
     ) == [ACCEPTED]
     assert "navigator_reposition_outside_geofence" in hovering_station.events(requested_s)
-    assert hovering_station.active_mode == HOLD
+    assert hovering_station.active_mode == HOLD_MODE
     hovering_station.run(8.0)
     assert position_of(hovering_station)[0] < 45.0
 
@@ -216,11 +216,11 @@ def test_an_unsupported_arming_parameter_is_reported_and_not_acknowledged(landed
     ("base_mode", "mode"),
     [
         (4, MISSION_MODE),
-        (64 | 8, POSITION),
+        (64 | 8, POSITION_MODE),
         (64 | 16, STABILIZED),
         (64, MANUAL),
         (128 | 64, MANUAL),
-        (16, HOLD),
+        (16, HOLD_MODE),
     ],
 )
 def test_a_base_mode_alone_selects_a_mode(landed_station, base_mode, mode):
@@ -281,7 +281,7 @@ def test_an_orbit_without_a_position_is_refused(hovering_station):
     hovering_station.run(9.0)
     requested_s = hovering_station.now_s
     assert acks_of(hovering_station, ORBIT, 10, 2, 0, NAN, NAN, NAN, NAN) == [TEMPORARILY_REJECTED]
-    assert "Orbit refused" in hovering_station.texts(requested_s)
+    assert "Orbit refused" in hovering_station.status_texts(requested_s)
 
 
 @pytest.mark.story
@@ -294,12 +294,12 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_stays_on_the_ground_and_is_
     landed_station.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, 7.0)
     landed_station.run(8.0)
     assert landed_station.acks(TAKEOFF_COMMAND) == [ACCEPTED]
-    assert "Already higher than takeoff altitude\t" in landed_station.texts()
-    assert landed_station.active_mode == TAKEOFF
+    assert "Already higher than takeoff altitude\t" in landed_station.status_texts()
+    assert landed_station.active_mode == TAKEOFF_MODE
     assert landed_station.height_m < 0.2
     landed_station.run(3.5)
     assert not landed_station.armed
-    assert landed_station.texts()[-1].startswith("Disarmed by auto preflight disarming")
+    assert landed_station.status_texts()[-1].startswith("Disarmed by auto preflight disarming")
 
 
 @pytest.mark.story
@@ -310,7 +310,7 @@ def test_a_take_off_climbs_to_an_altitude_below_its_default(landed_station: Plan
         TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, landed_station.sim.autopilots[0].home.alt_amsl_m + 1.2
     )
     landed_station.run(12.0)
-    assert landed_station.active_mode == HOLD
+    assert landed_station.active_mode == HOLD_MODE
     assert landed_station.height_m == pytest.approx(1.2, abs=0.3)
 
 
@@ -321,5 +321,5 @@ def test_return_directly_after_hold_is_flown_and_both_commands_are_acknowledged_
     hovering_station.command(SET_MODE, 1, 4, 3)
     hovering_station.command(SET_MODE, 1, 4, 5)
     hovering_station.run(1.5)
-    assert hovering_station.active_mode == RTL
+    assert hovering_station.active_mode == RTL_MODE
     assert hovering_station.acks(SET_MODE, requested_s) == [ACCEPTED] * 4

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from tests.unit.vehicle_sim.sim_station import NAN, Station
+from tests.unit.vehicle_sim.sim_station import ARM_DISARM, NAN, TAKEOFF_COMMAND, Station
 from vehicle_sim.script import script_from_fields
 from vehicle_sim.world.files import load_world
 from vehicle_sim.yaml_fields import parse_yaml
@@ -40,10 +40,10 @@ def fly_with_faults(seed: int, until_s: float = END_S, count: int = 2) -> tuple[
         return frames
 
     station.sim.frames = record
-    station.run_until(lambda: station.ready, 15)
-    station.command(400, 1)
+    station.run_until(lambda: station.can_be_armed, 15)
+    station.command(ARM_DISARM, 1)
     station.run(0.1)
-    station.command(22, -1, 0, 0, NAN, NAN, NAN, station.sim.autopilots[0].home.alt_amsl_m + 5.0)
+    station.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, station.sim.autopilots[0].home.alt_amsl_m + 5.0)
     station.run(EARLY_S)
     early_position_ned_m = station.sim.simulation.truth.position_ned_m.copy()
     station.run(until_s - EARLY_S)

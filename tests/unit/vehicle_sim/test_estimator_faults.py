@@ -244,18 +244,18 @@ def test_flights_with_faults_match_the_recordings():
     for comparison in faults.compare_all([fault_recordings.load_reduced(name) for name in COMPARED_FAULTS]):
         assert not comparison.moments_outside, (comparison.name, comparison.moments_outside)
         # The direction of a drift is random, so a few values lie outside the range of PX4's two runs.
-        assert len(comparison.errors_outside) <= 0.1 * comparison.numbers, (
+        assert len(comparison.errors_outside) <= 0.1 * comparison.number_count, (
             comparison.name,
             comparison.errors_outside,
         )
 
 
-def test_the_reduced_recordings_match_the_full_recordings(shared):
+def test_the_reduced_recordings_match_the_full_recordings(reference_data):
     for name in COMPARED_FAULTS:
         assert fault_recordings.load_reduced(name) == fault_recordings.load(name)
 
 
-def test_every_recorded_fault_can_be_read(shared):
+def test_every_recorded_fault_can_be_read(reference_data):
     scenarios = [fault_recordings.load(name) for name in fault_recordings.names()]
     assert all(len(scenario.runs) == 2 for scenario in scenarios)
     parameters = Parameters()

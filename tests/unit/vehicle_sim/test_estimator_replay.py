@@ -138,8 +138,8 @@ def replay_log(log: _Log) -> Replay:
 
 
 @pytest.fixture(scope="module")
-def replay(shared: Path) -> Replay:
-    return replay_log(_Log(shared / "px4/logs/flight-short.ulg.gz"))
+def replay(reference_data: Path) -> Replay:
+    return replay_log(_Log(reference_data / "px4/logs/flight-short.ulg.gz"))
 
 
 def rms(values: FloatArray) -> FloatArray:

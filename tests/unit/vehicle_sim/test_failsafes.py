@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from tests.unit.vehicle_sim.plan_station import TERMINATION, PlanStation
-from tests.unit.vehicle_sim.prepared_stations import hovering
-from tests.unit.vehicle_sim.sim_station import EVENT_NAMES, HOLD, LAND, RTL
+from tests.unit.vehicle_sim.plan_station import TERMINATION_MODE, PlanStation
+from tests.unit.vehicle_sim.prepared_stations import station_in_hover
+from tests.unit.vehicle_sim.sim_station import EVENT_NAMES, HOLD_MODE, LAND_MODE, RTL_MODE
 from vehicle_sim.autopilot.failsafe import (
     Action,
     ActionOptions,
@@ -142,7 +142,9 @@ def test_a_vehicle_with_stick_input_switches_to_altitude_mode_after_a_lost_posit
 def hovering_station(
     height_m: float = 3.0, *, sensor_noise: bool = False, **parameters: float
 ) -> PlanStation:
-    return hovering(PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=sensor_noise)
+    return station_in_hover(
+        PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=sensor_noise
+    )
 
 
 @pytest.mark.story
@@ -150,29 +152,29 @@ def test_a_return_after_a_lost_link_continues_when_the_link_is_back() -> None:
     station = hovering_station(NAV_DLL_ACT=2, COM_DL_LOSS_T=5, RTL_RETURN_ALT=4.0)
     station.heartbeats = False
     since_s = station.now_s
-    station.run_until(lambda: station.active_mode == RTL, 8)
+    station.run_until(lambda: station.active_mode == RTL_MODE, 8)
     assert station.events(since_s).index("commander_gcs_lost") < station.events(since_s).index(
         "commander_failsafe_enter_hold"
     )
     assert "commander_failsafe_enter" in station.events(since_s)
     station.heartbeats, station._next_heartbeat_s = True, station.now_s
     station.run(0.5)
-    assert "GCS connection regained\t" in station.texts()
-    assert station.active_mode == RTL
+    assert "GCS connection regained\t" in station.status_texts()
+    assert station.active_mode == RTL_MODE
     station.run_until(lambda: not station.armed, 25)
 
 
 def test_lost_sticks_trigger_a_return() -> None:
     station = hovering_station(NAV_RCL_ACT=2, RTL_RETURN_ALT=4.0)
     station.run(1.0, lambda: station.send("MANUAL_CONTROL", target=1, z=500))
-    assert station.active_mode == HOLD
+    assert station.active_mode == HOLD_MODE
     lost_s = station.now_s
     station.run(1.2)
     assert station.events(lost_s).index("commander_rc_lost") < station.events(lost_s).index(
         "commander_failsafe_enter_hold"
     )
     station.run(0.6)
-    assert station.active_mode == RTL
+    assert station.active_mode == RTL_MODE
     station.run(0.2, lambda: station.send("MANUAL_CONTROL", target=1, z=500))
     assert "commander_rc_regained" in station.events()
 
@@ -182,22 +184,27 @@ def test_an_empty_battery_warns_returns_and_lands() -> None:
     simulation = station.sim.simulation
     simulation.set_battery_remaining(0, 0.14)
     station.run(0.1)
-    assert station.texts()[-2:] == ["Low battery\t", "Failsafe activated\t"]
+    assert station.status_texts()[-2:] == ["Low battery\t", "Failsafe activated\t"]
     simulation.set_battery_remaining(0, 0.06)
     station.run(0.1)
     assert "check_battery_critical" in station.events()
-    assert station.texts()[-1] == "Failsafe activated: entering Hold for 1 seconds\t"
-    assert "Critical battery\t" not in station.texts(), "a check that triggers a failsafe sent its text"
+    assert station.status_texts()[-1] == "Failsafe activated: entering Hold for 1 seconds\t"
+    assert "Critical battery\t" not in station.status_texts(), (
+        "a check that triggers a failsafe sent its text"
+    )
     simulation.set_battery_remaining(0, 0.04)
     station.run(1.1)
-    assert (station.active_mode, station.last["CURRENT_MODE"].intended_custom_mode) == (LAND, HOLD)
+    assert (station.active_mode, station.newest_messages["CURRENT_MODE"].intended_custom_mode) == (
+        LAND_MODE,
+        HOLD_MODE,
+    )
     station.run_until(lambda: not station.armed, 25)
 
 
 def test_a_vehicle_returns_when_its_flight_time_is_over() -> None:
     station = hovering_station(COM_FLT_TIME_MAX=14)
-    station.run_until(lambda: station.active_mode == RTL, 15)
-    assert "Approaching max flight time (system will RTL in 10 seconds)\t" in station.texts()
+    station.run_until(lambda: station.active_mode == RTL_MODE, 15)
+    assert "Approaching max flight time (system will RTL in 10 seconds)\t" in station.status_texts()
     assert "check_flight_time_limit" in station.events()
 
 
@@ -212,15 +219,15 @@ def test_wind_is_estimated_and_too_strong_wind_triggers_a_landing() -> None:
     monitors = station.sim.autopilots[0].commander.monitors
     assert monitors.wind_m_s < 0.5
     station.sim.simulation.set_wind([0.0, -6.0, 0.0])
-    station.run_until(lambda: station.active_mode == LAND, 12)
-    assert any(text.startswith("High wind speed detected") for text in station.texts())
+    station.run_until(lambda: station.active_mode == LAND_MODE, 12)
+    assert any(text.startswith("High wind speed detected") for text in station.status_texts())
     station.run(3)
     assert monitors.wind_m_s == pytest.approx(6.0, abs=1.5)
 
 
 def sensor_flags(station: PlanStation) -> tuple[int, ...]:
     """Present, enabled and healthy sensors in SYS_STATUS."""
-    status = station.last["SYS_STATUS"].values
+    status = station.newest_messages["SYS_STATUS"].values
     return tuple(status[f"onboard_control_sensors_{state}"] for state in ("present", "enabled", "health"))
 
 
@@ -252,7 +259,7 @@ def test_a_stopped_motor_is_detected_by_the_tilt_as_recorded(may_terminate: bool
     assert station.now_s - stopped_s == pytest.approx(0.76, abs=0.15)
     station.run(2.5)
     assert station.height_m < 0.5
-    terminated = station.active_mode == TERMINATION
+    terminated = station.active_mode == TERMINATION_MODE
     assert terminated is may_terminate, "CBRK_FLIGHTTERM was ignored"
 
 
@@ -325,7 +332,7 @@ def test_an_injected_empty_battery_is_detected_as_fast_as_recorded() -> None:
     for level, after_s in ((1, 1.3), (2, 2.1), (3, 2.4)):
         station.run_until(lambda level=level: checks.battery_warning >= level, 5)
         assert station.now_s - begin_s == pytest.approx(after_s, abs=0.25)
-    station.run_until(lambda: station.active_mode == LAND, 12)
+    station.run_until(lambda: station.active_mode == LAND_MODE, 12)
     assert station.now_s - begin_s == pytest.approx(7.1, abs=0.4)
-    assert "Emergency battery level\t" in station.texts()
-    assert "Critical battery\t" not in station.texts()
+    assert "Emergency battery level\t" in station.status_texts()
+    assert "Critical battery\t" not in station.status_texts()

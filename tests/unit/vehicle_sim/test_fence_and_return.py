@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from tests.unit.vehicle_sim.plan_station import TERMINATION, PlanStation
-from tests.unit.vehicle_sim.prepared_stations import hovering
-from tests.unit.vehicle_sim.sim_station import HOLD, LAND, NAN, OFFBOARD, RTL
+from tests.unit.vehicle_sim.plan_station import TERMINATION_MODE, PlanStation
+from tests.unit.vehicle_sim.prepared_stations import station_in_hover
+from tests.unit.vehicle_sim.sim_station import HOLD_MODE, LAND_MODE, NAN, OFFBOARD_MODE, RTL_MODE
 from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, inside
 
 pytestmark = pytest.mark.flight
@@ -18,7 +18,7 @@ M_PER_DEG = 111_194.9
 
 
 def hovering_station(height_m: float = 3.0, **parameters: float) -> PlanStation:
-    return hovering(PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=False)
+    return station_in_hover(PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=False)
 
 
 def fly_out(station: PlanStation, speed_m_s: float = 4.0) -> None:
@@ -32,8 +32,8 @@ def fly_out(station: PlanStation, speed_m_s: float = 4.0) -> None:
 
     station.run(1.1, stream)
     station.command(SET_MODE, 1, 6)
-    station.run_until(lambda: station.active_mode == OFFBOARD, 1, stream)
-    station.run_until(lambda: station.active_mode != OFFBOARD, 12, stream)
+    station.run_until(lambda: station.active_mode == OFFBOARD_MODE, 1, stream)
+    station.run_until(lambda: station.active_mode != OFFBOARD_MODE, 12, stream)
 
 
 def to_amsl_m(station: PlanStation, alt_home_m: float) -> float:
@@ -57,51 +57,54 @@ def test_positions_inside_and_outside_of_zones_and_the_cylinder_are_distinguishe
 @pytest.mark.story
 def test_a_vehicle_outside_the_fence_holds_and_then_returns() -> None:
     station = hovering_station(GF_ACTION=3, RTL_RETURN_ALT=5.0, RTL_DESCEND_ALT=4.0)
-    assert station.upload([station.item(VERTEX, *corner, p=(4, 0, 0, 0)) for corner in SQUARE], kind=1) == 0
+    assert (
+        station.upload([station.item(VERTEX, *corner, parameters=(4, 0, 0, 0)) for corner in SQUARE], kind=1)
+        == 0
+    )
     station.send(
         "COMMAND_INT", target_system=1, target_component=1, command=REPOSITION, frame=0, param1=-1, param2=1,
         param4=NAN, x=station.item(WAYPOINT, 30)["x"], y=station.item(WAYPOINT, 30)["y"],
         z=to_amsl_m(station, 3.0),
     )  # fmt: skip
     station.run(0.1)
-    assert (station.acks(REPOSITION), station.texts()[-1]) == ([0], "Reposition is outside geofence\t")
+    assert (station.acks(REPOSITION), station.status_texts()[-1]) == ([0], "Reposition is outside geofence\t")
     fly_out_s = station.now_s
     fly_out(station)
-    assert station.active_mode == HOLD
+    assert station.active_mode == HOLD_MODE
     assert station.position_ne_m[0] == pytest.approx(10, abs=1.5)
-    assert station.texts(fly_out_s) == [
+    assert station.status_texts(fly_out_s) == [
         "Geofence: approaching or outside geofence",
         "Failsafe activated: entering Hold for 1 seconds\t",
     ]
     assert "commander_failsafe_enter_generic_hold" in station.events(fly_out_s)
-    station.run_until(lambda: station.active_mode == RTL, 1.5)
+    station.run_until(lambda: station.active_mode == RTL_MODE, 1.5)
     station.run_until(lambda: not station.armed, 40)
     assert math.hypot(*station.position_ne_m) < 1.5
     station.run(1.1)
-    assert station.mode == OFFBOARD, "not the requested mode after the failsafe"
+    assert station.mode == OFFBOARD_MODE, "not the requested mode after the failsafe"
 
 
-@pytest.mark.parametrize(("action", "mode"), [(2, HOLD), (5, LAND), (4, TERMINATION)])
+@pytest.mark.parametrize(("action", "mode"), [(2, HOLD_MODE), (5, LAND_MODE), (4, TERMINATION_MODE)])
 def test_the_altitude_limit_triggers_its_action(action: int, mode: int) -> None:
     station = hovering_station(2.5, GF_ACTION=action, COM_FAIL_ACT_T=0.0)
     station.run(1)
     station.sim.autopilots[0].view.parameters.set("GF_MAX_VER_DIST", 1.5)
     station.run(0.5)
     assert station.active_mode == mode
-    assert any("maximum altitude" in text for text in station.texts())
+    assert any("maximum altitude" in text for text in station.status_texts())
 
 
 def test_a_fence_that_only_warns_does_not_act_and_an_operator_can_take_over() -> None:
     station = hovering_station(2.5, GF_ACTION=1, GF_MAX_VER_DIST=1.5)
     station.run(1)
-    assert station.active_mode == HOLD
+    assert station.active_mode == HOLD_MODE
     assert "commander_failsafe_enter_generic_warn" in station.events()
     station.sim.autopilots[0].view.parameters.set("GF_ACTION", 5)
     station.run(1.6)
-    assert station.active_mode == LAND
+    assert station.active_mode == LAND_MODE
     station.command(SET_MODE, 1, 4, 3)
     station.run(0.5)
-    assert station.active_mode == HOLD, "the failsafe took over again"
+    assert station.active_mode == HOLD_MODE, "the failsafe took over again"
 
 
 @pytest.mark.story
@@ -130,7 +133,7 @@ def test_rally_points_in_an_unsupported_frame_are_reported() -> None:
     station.wait_until_ready_to_arm()
     station.upload([station.item(RALLY_POINT, 10, 0, 10, frame=6)], kind=2)
     station.run(1.0)
-    assert station.texts()[-1] == "RTL: unsupported MAV_FRAME\t"
+    assert station.status_texts()[-1] == "RTL: unsupported MAV_FRAME\t"
 
 
 @pytest.mark.story
@@ -150,7 +153,7 @@ def test_a_return_may_end_in_flight_and_may_follow_the_mission_back() -> None:
     station.command(RETURN)
     track: list[tuple[float, float]] = []
     station.run_until(
-        lambda: "RTL: completed, loitering\t" in station.texts(),
+        lambda: "RTL: completed, loitering\t" in station.status_texts(),
         40,
         lambda: track.append(station.position_ne_m),
     )
@@ -158,7 +161,7 @@ def test_a_return_may_end_in_flight_and_may_follow_the_mission_back() -> None:
         "not over the waypoint of the outward flight"
     )
     station.run(2)
-    assert (station.active_mode, station.armed) == (RTL, True)
+    assert (station.active_mode, station.armed) == (RTL_MODE, True)
     assert math.hypot(*station.position_ne_m) < 2.5
 
 
@@ -193,7 +196,7 @@ def test_each_kind_of_landing_reports_a_target_below_the_vehicle(sub_mode: int) 
     station.run(10.0)
     station.command(SET_MODE, 1, 4, sub_mode)
     station.run(2.0)
-    target = station.last["POSITION_TARGET_GLOBAL_INT"]
+    target = station.newest_messages["POSITION_TARGET_GLOBAL_INT"]
     assert target.alt == 0.0, "as recorded"
     assert target.lat_int == pytest.approx(item["x"], abs=100)  # about a metre
     assert target.lon_int == pytest.approx(item["y"], abs=150)

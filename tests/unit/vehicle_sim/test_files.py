@@ -100,9 +100,9 @@ def test_general_metadata_names_the_other_files_with_their_checksums():
         assert entry["fileCrc"] == metadata.crc32(metadata.BUILT_IN[path]())
 
 
-def test_the_checksum_equals_the_checksum_that_px4_sends(shared):
-    parameters_file = (shared / "px4" / "parameters.json.xz").read_bytes()
-    general_file = (shared / "px4" / "component_general.json.xz").read_bytes()
+def test_the_checksum_equals_the_checksum_that_px4_sends(reference_data):
+    parameters_file = (reference_data / "px4" / "parameters.json.xz").read_bytes()
+    general_file = (reference_data / "px4" / "component_general.json.xz").read_bytes()
     general = json.loads(lzma.decompress(general_file))
     assert metadata.general_crc(general_file) == 3923591749, "COMPONENT_METADATA as recorded"
     assert metadata.crc32(parameters_file) == general["metadataTypes"][0]["fileCrc"]
@@ -116,8 +116,8 @@ def test_every_live_parameter_has_metadata_and_a_default_within_its_range():
         assert entry.get("min", -1e30) <= entry["default"] <= entry.get("max", 1e30), entry["name"]
 
 
-def test_the_parameter_metadata_match_the_metadata_of_the_build(shared):
-    px4_entries = json.loads(lzma.decompress((shared / "px4" / "parameters.json.xz").read_bytes()))[
+def test_the_parameter_metadata_match_the_metadata_of_the_build(reference_data):
+    px4_entries = json.loads(lzma.decompress((reference_data / "px4" / "parameters.json.xz").read_bytes()))[
         "parameters"
     ]
     px4_entries = {entry["name"]: entry for entry in px4_entries}

@@ -18,7 +18,7 @@ SHORT_FLIGHTS = ("att_roll_10", "rate_roll_pulse", "vel_z_up1p5", "pos_step_z_up
 
 
 @pytest.fixture(scope="module")
-def comparisons(shared):
+def comparisons(reference_data):
     return {each.name: each for each in reference_flights.measure(list(SHORT_FLIGHTS))}
 
 
@@ -44,11 +44,11 @@ def test_the_table_has_a_row_for_each_flight_and_a_sum(comparisons):
     assert rows[-1].split()[2] == str(len(SHORT_FLIGHTS))
 
 
-def test_every_recorded_flight_has_its_manoeuvre(shared):
+def test_every_recorded_flight_has_its_manoeuvre(reference_data):
     assert set(flight_recordings.names()) == set(flight_comparison.MANOEUVRES)
 
 
-def test_recorded_streams_are_expanded_to_single_messages(shared):
+def test_recorded_streams_are_expanded_to_single_messages(reference_data):
     messages = list(flight_recordings.load("vel_x_1").messages())
     assert len(messages) == 30 * 6 + 30 * 6
     assert messages[1][0] - messages[0][0] == pytest.approx(1.0 / 30.0)
@@ -56,7 +56,7 @@ def test_recorded_streams_are_expanded_to_single_messages(shared):
     assert circle_messages[-1][0] == pytest.approx(24.84, abs=0.01), "time on the vehicle's clock"
 
 
-def test_ros2_setpoints_become_messages(shared):
+def test_ros2_setpoints_become_messages(reference_data):
     """Each OffboardControlMode becomes one message with the newest setpoint; motors do not use MAVLink."""
 
     def messages_of(name):
@@ -83,6 +83,6 @@ def test_ros2_setpoints_become_messages(shared):
     assert math.isnan(commands[1]["param7"])
 
 
-def test_each_ros2_flight_has_a_reference_flight_that_was_repeated(shared):
+def test_each_ros2_flight_has_a_reference_flight_that_was_repeated(reference_data):
     references = {reference for _, reference in ros2_flights.MANOEUVRES.values()}
     assert all(flight_recordings.spread_of(reference).comparable for reference in references)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.unit.vehicle_sim.sim_station import BOTH, HOLD, Station
+from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, HOLD_MODE, Station
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS, Layout, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
@@ -118,7 +118,7 @@ def is_working(sim: VehicleSim) -> bool:
 
 @pytest.fixture(scope="module")
 def station() -> Station:
-    station = Station(camera=True, links=BOTH)
+    station = Station(camera=True, links=GCS_AND_API_LINKS)
     station.take_off_and_hover(5.0)
     return station
 
@@ -131,7 +131,7 @@ def test_garbage_does_not_affect_a_flight(station: Station, data: bytes) -> None
     station.sim.feed(0, "api", b"\xfd" + data)
     station.run(0.04)
     assert station.armed
-    assert station.active_mode == HOLD
+    assert station.active_mode == HOLD_MODE
     assert 3.0 < station.height_m < 7.0
 
 

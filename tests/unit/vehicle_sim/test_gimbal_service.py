@@ -20,7 +20,7 @@ def ready_station() -> Station:
 
 
 def pitch_rad(station: Station) -> float:
-    w, x, y, z = station.last["GIMBAL_DEVICE_ATTITUDE_STATUS"].q
+    w, x, y, z = station.newest_messages["GIMBAL_DEVICE_ATTITUDE_STATUS"].q
     return math.asin(2 * (w * y - z * x))
 
 
@@ -45,15 +45,15 @@ def test_a_client_takes_control_moves_the_gimbal_and_releases_control() -> None:
         )  # fmt: skip
 
     station.run(4, lambda: send_attitude(90, 0), tick_s=0.1)
-    assert station.last["MOUNT_ORIENTATION"].roll == pytest.approx(90, abs=1)
+    assert station.newest_messages["MOUNT_ORIENTATION"].roll == pytest.approx(90, abs=1)
     station.run(4, lambda: send_attitude(0, 90), tick_s=0.1)
-    assert abs(station.last["MOUNT_ORIENTATION"].pitch) == pytest.approx(90, abs=1)
+    assert abs(station.newest_messages["MOUNT_ORIENTATION"].pitch) == pytest.approx(90, abs=1)
     station.run(2, lambda: send_attitude(0, 0), tick_s=0.1)
-    mount = station.last["MOUNT_ORIENTATION"]
+    mount = station.newest_messages["MOUNT_ORIENTATION"]
     assert (mount.roll, mount.pitch) == (pytest.approx(0, abs=1), pytest.approx(0, abs=1))
     station.command(GIMBAL_CONFIGURE, -3, -3, -3, -3)
     station.run(2.5)
-    assert station.last["GIMBAL_MANAGER_STATUS"].primary_control_sysid == 0
+    assert station.newest_messages["GIMBAL_MANAGER_STATUS"].primary_control_sysid == 0
 
 
 def test_gimbal_commands_without_control_are_denied_and_messages_ignored() -> None:
@@ -100,7 +100,7 @@ def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> No
     station.run(4)
     assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=1.5)
     assert math.degrees(gimbal.actual.yaw_rad) < 80, "the vehicle has turned"
-    assert station.last["GIMBAL_MANAGER_STATUS"].gimbal_device_id == 154
+    assert station.newest_messages["GIMBAL_MANAGER_STATUS"].gimbal_device_id == 154
 
 
 def test_stabilization_keeps_the_yaw_of_servos_relative_to_north() -> None:
@@ -120,10 +120,10 @@ def test_assigned_outputs_have_the_gimbals_angles_when_armed_or_prearmed() -> No
     station.command(GIMBAL_PITCH_YAW, -22.5, 90, NAN, NAN)
     station.command(MESSAGE_INTERVAL, 36, 100000)
     station.run(1)
-    assert station.last["SERVO_OUTPUT_RAW"].servo5_raw == 900, "outputs are off while disarmed"
+    assert station.newest_messages["SERVO_OUTPUT_RAW"].servo5_raw == 900, "outputs are off while disarmed"
     station.sim.simulation.parameters[0].set("COM_PREARM_MODE", 2)
     station.run(1)
-    outputs = station.last["SERVO_OUTPUT_RAW"]
+    outputs = station.newest_messages["SERVO_OUTPUT_RAW"]
     assert (outputs.servo5_raw, outputs.servo6_raw, outputs.servo7_raw) == (1250, 900, 1750)
     assert outputs.servo1_raw == 900
 
@@ -135,7 +135,7 @@ def test_the_id_minus_two_gives_gimbal_control_to_the_vehicle_itself() -> None:
     station.command(GIMBAL_PITCH_YAW, -20, 0, NAN, NAN)
     station.run(2.5)
     assert station.acks(GIMBAL_PITCH_YAW) == [2]
-    status = station.last["GIMBAL_MANAGER_STATUS"]
+    status = station.newest_messages["GIMBAL_MANAGER_STATUS"]
     assert (status.primary_control_sysid, status.primary_control_compid) == (1, 1)
 
 
@@ -171,7 +171,7 @@ def test_rates_move_the_gimbal_until_nan_stops_it_and_an_incomplete_pair_of_angl
 def test_the_gimbal_points_at_a_region_of_interest_without_control() -> None:
     station = ready_station()
     station.run(4)
-    position = station.last["GLOBAL_POSITION_INT"]
+    position = station.newest_messages["GLOBAL_POSITION_INT"]
     # 50 m east; a degree of longitude has 75 270 m at this latitude.
     lat_deg, lon_deg = position.lat / 1e7, position.lon / 1e7 + 50 / 75270
     station.command(ROI_LOCATION, 0, 0, 0, 0, lat_deg, lon_deg, position.alt / 1000 - 50)
@@ -231,6 +231,8 @@ def test_a_neutral_gimbal_points_ahead_of_the_vehicle_with_any_lock(output: int,
     station.command(GIMBAL_PITCH_YAW, NAN, NAN, NAN, NAN, 2)
     station.run(2)
     assert station.acks(GIMBAL_PITCH_YAW) == [0, 0]
-    assert station.last["MOUNT_ORIENTATION"].pitch == pytest.approx(0.0, abs=0.5)
-    assert math.remainder(station.last["MOUNT_ORIENTATION"].yaw, 360.0) == pytest.approx(0.0, abs=1.0)
-    assert station.last["GIMBAL_MANAGER_STATUS"].flags == lock_flags, "as recorded"
+    assert station.newest_messages["MOUNT_ORIENTATION"].pitch == pytest.approx(0.0, abs=0.5)
+    assert math.remainder(station.newest_messages["MOUNT_ORIENTATION"].yaw, 360.0) == pytest.approx(
+        0.0, abs=1.0
+    )
+    assert station.newest_messages["GIMBAL_MANAGER_STATUS"].flags == lock_flags, "as recorded"

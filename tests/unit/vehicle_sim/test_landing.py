@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.unit.vehicle_sim.sim_station import BOTH, LAND, NAN, OFFBOARD, Station
+from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, LAND_MODE, NAN, OFFBOARD_MODE, Station
 from vehicle_sim.autopilot.land_detector import DetectorInputs, LandDetector, LandingThresholds
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.tasks.descent import Descent
@@ -162,8 +162,8 @@ def test_unused_ranges_have_no_effect() -> None:
 
 
 def hovering_station(alt_home_m: float) -> Station:
-    station = Station(links=BOTH, sensor_noise=False)
-    station.run_until(lambda: station.ready, 10)
+    station = Station(links=GCS_AND_API_LINKS, sensor_noise=False)
+    station.run_until(lambda: station.can_be_armed, 10)
     station.command(ARM, 1)
     station.run(0.1)
     station.command(
@@ -186,26 +186,26 @@ def switch_to_offboard(station: Station, type_mask: int, **fields: float) -> Non
     station.run(0.5, send_setpoint)
     station.command(SET_MODE, 1, 6)
     station.run(0.2, send_setpoint)
-    assert station.mode == OFFBOARD
+    assert station.mode == OFFBOARD_MODE
 
 
 @pytest.mark.story
 def test_a_landing_is_detected_some_seconds_after_the_touch_down() -> None:
     """A real PX4 took 3.3 to 4.3 s, because near the ground the range is below the sensor's minimum."""
     station = hovering_station(5.0)
-    assert station.last["ALTITUDE"].bottom_clearance == pytest.approx(5.0, abs=0.3)
+    assert station.newest_messages["ALTITUDE"].bottom_clearance == pytest.approx(5.0, abs=0.3)
     station.command(LAND_COMMAND, 0, 0, 0, NAN, NAN, NAN, 0)
     truth = station.sim.simulation.truth
     station.run_until(lambda: truth.position_ned_m[0, 2] > -0.5, 20)
-    assert station.mode == LAND
+    assert station.mode == LAND_MODE
     station.run_until(lambda: truth.position_ned_m[0, 2] > -0.4, 5)
     assert truth.velocity_ned_m_s[0, 2] == pytest.approx(0.33, abs=0.05), "no slow descent below one metre"
     station.run_until(lambda: truth.position_ned_m[0, 2] > -0.001, 20)
     touch_down_s = station.now_s
-    station.run_until(lambda: "Landing detected\t" in station.texts(), 10)
+    station.run_until(lambda: "Landing detected\t" in station.status_texts(), 10)
     assert 2.8 < station.now_s - touch_down_s < 4.4
     station.run(2.5)
-    assert station.last["ALTITUDE"].bottom_clearance == pytest.approx(0.1)
+    assert station.newest_messages["ALTITUDE"].bottom_clearance == pytest.approx(0.1)
 
 
 @pytest.mark.story
@@ -217,11 +217,13 @@ def test_a_descent_setpoint_ends_in_a_landing_and_a_position_below_the_ground_do
     station.run(15, send_position_below_ground)
     assert station.sim.simulation.truth.position_ned_m[0, 2] == pytest.approx(0.0, abs=0.01)
     assert station.armed
-    assert "Landing detected\t" not in station.texts()
+    assert "Landing detected\t" not in station.status_texts()
     station.run_until(
-        lambda: "Landing detected\t" in station.texts(), 10, setpoint_sender(station, 0b110111000111, vz=0.5)
+        lambda: "Landing detected\t" in station.status_texts(),
+        10,
+        setpoint_sender(station, 0b110111000111, vz=0.5),
     )
-    assert "Landing detected\t" in station.texts()
+    assert "Landing detected\t" in station.status_texts()
 
 
 PARTIAL_SETPOINTS = (
@@ -240,11 +242,11 @@ def test_a_setpoint_with_an_uncontrolled_axis_stops_the_vehicle() -> None:
     switch_to_offboard(station, 0b110111000111)
     for type_mask, fields in PARTIAL_SETPOINTS:
         station.run(3, setpoint_sender(station, type_mask, **fields))
-        reported_target = station.last["POSITION_TARGET_LOCAL_NED"]
+        reported_target = station.newest_messages["POSITION_TARGET_LOCAL_NED"]
         assert (reported_target.vx, reported_target.vy, reported_target.vz) == (0.0, 0.0, 0.0)
         assert all(map(math.isnan, (reported_target.x, reported_target.y, reported_target.z)))
         assert station.sim.simulation.truth.position_ned_m[0] == pytest.approx(position_before, abs=0.3)
-    assert station.mode == OFFBOARD
+    assert station.mode == OFFBOARD_MODE
 
 
 # --- the trajectory of a landing -----------------------------------------------------------------------

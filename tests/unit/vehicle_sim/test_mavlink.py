@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.unit.vehicle_sim.sim_station import BOTH, Station
+from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, Station
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
@@ -61,7 +61,7 @@ def test_a_frame_with_a_wrong_checksum_is_counted_and_not_handled() -> None:
 
 
 def test_streams_are_sent_at_the_rates_of_the_table() -> None:
-    station = Station(links=BOTH)
+    station = Station(links=GCS_AND_API_LINKS)
     station.run(6)
     start_s = station.now_s
     station.run(10)
@@ -73,10 +73,10 @@ def test_streams_are_sent_at_the_rates_of_the_table() -> None:
             assert message_count == pytest.approx(hz * 10, abs=max(1.0, 0.02 * hz * 10)), (link, name)
 
 
-def test_the_table_has_the_rates_of_a_real_vehicle(shared) -> None:
+def test_the_table_has_the_rates_of_a_real_vehicle(reference_data) -> None:
     import json
 
-    streams = json.loads((shared / "px4" / "streams.json").read_text(encoding="utf-8"))
+    streams = json.loads((reference_data / "px4" / "streams.json").read_text(encoding="utf-8"))
     for key, table in (("gcs_14550", GCS), ("api_14540", API)):
         measured = {row["name"]: row["flying_hold"]["hz"] for row in streams[key].values()}
         assert set(measured) == set(table) - ONLY_IN_ORBIT  # measured in Hold
@@ -98,7 +98,7 @@ def test_events_but_not_texts_are_sent_before_a_ground_station_is_connected() ->
     station.run(6)
     station.command(ARM, 1)
     station.run(0.2)
-    assert station.texts() == []
+    assert station.status_texts() == []
     assert "commander_armed_by" in station.events()
 
 
@@ -114,7 +114,7 @@ def test_all_parameters_are_sent_within_a_second_beginning_with_the_hash() -> No
 
 
 def test_parameters_are_set_bytewise_and_invalid_requests_get_no_reply() -> None:
-    station = Station(links=BOTH)
+    station = Station(links=GCS_AND_API_LINKS)
     station.run(BOOTED_S)
     requested_s = station.now_s
     integer_as_float = struct.unpack("<f", struct.pack("<i", 3))[0]
@@ -143,7 +143,7 @@ def test_an_impossible_airframe_does_not_end_the_simulation() -> None:
         "PARAM_SET", target_system=1, target_component=1, param_id="SIH_MASS", param_value=0.0, param_type=9
     )
     station.run(0.5)
-    assert station.last["PARAM_VALUE"].param_value == 0.0
+    assert station.newest_messages["PARAM_VALUE"].param_value == 0.0
 
 
 def test_an_uploaded_plan_is_downloaded_unchanged() -> None:
@@ -151,24 +151,27 @@ def test_an_uploaded_plan_is_downloaded_unchanged() -> None:
     station.run(0.5)
     station.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
     station.run(0.3)
-    assert station.last["MISSION_REQUEST"].seq == 0, "the first request after boot is for floats"
+    assert station.newest_messages["MISSION_REQUEST"].seq == 0, "the first request after boot is for floats"
     for seq in (0, 0, 1):
         station.send("MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, frame=6, command=16,
                x=473977432 + seq, y=85455942, z=10.0 + seq, autocontinue=1)  # fmt: skip
     station.run(0.1)
-    uploaded = station.last["MISSION_ACK"]
+    uploaded = station.newest_messages["MISSION_ACK"]
     assert uploaded.type == 0
     station.send("MISSION_REQUEST_LIST", target_system=1, target_component=1)
     for seq in (0, 1):
         station.send("MISSION_REQUEST_INT", target_system=1, target_component=1, seq=seq)
     station.run(0.1)
-    assert station.last["MISSION_COUNT"].count == 2
-    assert station.last["MISSION_COUNT"].opaque_id == uploaded.opaque_id != 0
-    assert (station.last["MISSION_ITEM_INT"].x, station.last["MISSION_ITEM_INT"].z) == (473977433, 11.0)
+    assert station.newest_messages["MISSION_COUNT"].count == 2
+    assert station.newest_messages["MISSION_COUNT"].opaque_id == uploaded.opaque_id != 0
+    assert (station.newest_messages["MISSION_ITEM_INT"].x, station.newest_messages["MISSION_ITEM_INT"].z) == (
+        473977433,
+        11.0,
+    )
     station.send("MISSION_ACK", target_system=1, target_component=1)
     station.send("MISSION_CLEAR_ALL", target_system=1, target_component=1)
     station.run(1.2)
-    assert station.last["MISSION_CURRENT"].mission_id == 0
+    assert station.newest_messages["MISSION_CURRENT"].mission_id == 0
 
 
 def test_an_interrupted_upload_times_out_with_a_text() -> None:
@@ -177,7 +180,7 @@ def test_an_interrupted_upload_times_out_with_a_text() -> None:
     station.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
     station.run(5.4)
     assert 15 <= len(station.received("MISSION_REQUEST")) <= 22
-    assert station.texts()[-1] == "Operation timeout\t"
+    assert station.status_texts()[-1] == "Operation timeout\t"
 
 
 def test_requests_for_files_clocks_and_pings_get_replies() -> None:
@@ -188,10 +191,10 @@ def test_requests_for_files_clocks_and_pings_get_replies() -> None:
     station.send("TIMESYNC", ts1=123456789)
     station.send("PING", time_usec=777, seq=5)
     station.run(0.1)
-    reply = bytes(station.last["FILE_TRANSFER_PROTOCOL"].payload)
+    reply = bytes(station.newest_messages["FILE_TRANSFER_PROTOCOL"].payload)
     assert (reply[0], reply[3], reply[5], reply[12]) == (8, 129, 4, 10)
-    assert station.last["TIMESYNC"].ts1 == 123456789
-    assert station.last["TIMESYNC"].tc1 > 0
+    assert station.newest_messages["TIMESYNC"].ts1 == 123456789
+    assert station.newest_messages["TIMESYNC"].tc1 > 0
     assert [m.seq for m in station.received("PING") if m.target_system == 255] == [5]
 
 
@@ -214,7 +217,7 @@ def test_version_and_modes_can_be_requested() -> None:
 
 
 def test_heartbeats_of_a_ground_station_are_forwarded_to_the_other_link() -> None:
-    station = Station(links=BOTH)
+    station = Station(links=GCS_AND_API_LINKS)
     station.run(0.1)
     parser = FrameParser()
     station.send("HEARTBEAT", type=6, autopilot=8)
@@ -235,7 +238,7 @@ def test_lost_events_can_be_requested() -> None:
     )
     station.run(0.1)
     assert len(station.received("EVENT")) == event_count + 1
-    assert station.last["RESPONSE_EVENT_ERROR"].sequence == 60000
+    assert station.newest_messages["RESPONSE_EVENT_ERROR"].sequence == 60000
 
 
 def test_every_streamed_message_is_known_to_the_dialect() -> None:
@@ -270,7 +273,7 @@ def test_extreme_values_in_commands_and_setpoints_do_not_end_the_simulation() ->
         )  # fmt: skip
         station.run(0.02)
     station.run(1.0)
-    assert "HEARTBEAT" in station.last
+    assert "HEARTBEAT" in station.newest_messages
 
 
 def test_an_impossible_parameter_of_the_airframe_is_stored_and_reported() -> None:
@@ -281,4 +284,4 @@ def test_an_impossible_parameter_of_the_airframe_is_stored_and_reported() -> Non
     )
     station.run(0.1)
     assert station.sim.simulation.parameters[0].get("SIH_MASS") == 0.0
-    assert any("SIH_MASS stored but not applied: SIH_MASS is 0" in text for text in station.texts())
+    assert any("SIH_MASS stored but not applied: SIH_MASS is 0" in text for text in station.status_texts())

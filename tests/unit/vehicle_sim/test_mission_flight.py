@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.unit.vehicle_sim.plan_station import PlanStation
-from tests.unit.vehicle_sim.sim_station import RTL
+from tests.unit.vehicle_sim.sim_station import RTL_MODE
 
 pytestmark = [pytest.mark.flight, pytest.mark.story]
 
@@ -18,8 +18,10 @@ TIME_TOLERANCE = 0.06
 """Relative tolerance of the times: only the recorded vehicle drifts with GPS noise."""
 
 
-def test_a_mission_along_a_box_is_flown_as_recorded(shared: Path) -> None:
-    recording = json.loads(gzip.decompress((shared / "px4/flights/mission_box_40m.json.gz").read_bytes()))
+def test_a_mission_along_a_box_is_flown_as_recorded(reference_data: Path) -> None:
+    recording = json.loads(
+        gzip.decompress((reference_data / "px4/flights/mission_box_40m.json.gz").read_bytes())
+    )
     recorded_times_s: dict[int, float] = {}
     for message in recording["messages"]:
         if message["message"] == "MISSION_ITEM_REACHED":
@@ -45,7 +47,7 @@ def test_a_mission_along_a_box_is_flown_as_recorded(shared: Path) -> None:
     station.command(MISSION_START)
     track: list[tuple[float, float, float, float]] = []
     station.run_until(
-        lambda: station.active_mode == RTL,
+        lambda: station.active_mode == RTL_MODE,
         75,
         lambda: track.append((station.now_s - start_s, *station.position_ne_m, station.height_m)),
     )

@@ -77,7 +77,7 @@ def test_a_mission_that_starts_at_a_later_item_uses_the_settings_of_the_items_be
     station.run(0.1)
     numbers = [m.command for m in station.received("COMMAND_LONG") if m.confirmation == 0]
     assert numbers == [CHANGE_SPEED]
-    assert "Climb to 3.0 meters above home\t" in station.texts(), "not the altitude of item 4"
+    assert "Climb to 3.0 meters above home\t" in station.status_texts(), "not the altitude of item 4"
     station.run_until(lambda: station.mission.current == 5, 20)
     station.run(0.1)
     assert [m.command for m in station.received("COMMAND_LONG") if m.confirmation == 0] == [
@@ -85,4 +85,4 @@ def test_a_mission_that_starts_at_a_later_item_uses_the_settings_of_the_items_be
         GIMBAL_PITCH_YAW,
         TRIGGER_DISTANCE,
     ]
-    assert station.reached() == [4]
+    assert station.reached_items() == [4]

@@ -123,8 +123,8 @@ def test_state_topics_are_logged_when_they_change(flight):
     assert flight.data["vehicle_land_detected"]["landed"][0] == 1
 
 
-def test_each_topic_has_the_fields_and_the_rate_of_px4s_log(flight, shared):
-    recording = json.loads((shared / "px4/logs/flight-short.json").read_text())
+def test_each_topic_has_the_fields_and_the_rate_of_px4s_log(flight, reference_data):
+    recording = json.loads((reference_data / "px4/logs/flight-short.json").read_text())
     recorded = {topic["name"]: topic for topic in recording["topics"] if topic["instance"] == 0}
     assert len(recorded.keys() & flight.data.keys()) >= 39
     for name, data in flight.data.items():
@@ -163,7 +163,7 @@ def test_texts_and_events_are_logged(flight):
 )  # fmt: skip
 def test_sdlog_mode_determines_when_a_log_is_written(mode, expected):
     station = Station(log=True, parameters={"SDLOG_MODE": mode})
-    station.run_until(lambda: station.ready, 15)
+    station.run_until(lambda: station.can_be_armed, 15)
     logger, commander = station.sim.loggers[0], station.sim.autopilots[0].commander
     running = [logger.running]
     assert commander.arm()
@@ -191,7 +191,7 @@ def test_the_next_arming_opens_a_new_file_and_reports_it():
     messages = station.received("EVENT", since_s=11.9)
     opened = [bytes(m.arguments)[:7] for m in messages if m.values["id"] == OPEN_FILE_EVENT_ID]
     assert opened == [bytes((0xEA, 0x07, 11, 21, 0, 46, 57))]
-    assert f"[logger] ./{logger.path}\t" in station.texts(since_s=11.9)
+    assert f"[logger] ./{logger.path}\t" in station.status_texts(since_s=11.9)
 
 
 def test_logs_of_the_same_second_get_different_names():
@@ -245,12 +245,12 @@ def test_the_oldest_log_folders_are_removed_beyond_the_limit(tmp_path):
 def test_a_folder_that_cannot_be_written_is_reported_and_the_vehicle_can_be_armed(tmp_path):
     (tmp_path / "log").write_text("in the way")
     station = Station(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_MODE": 0})
-    station.run_until(lambda: station.ready, 15)
+    station.run_until(lambda: station.can_be_armed, 15)
     station.command(ARM, 1)
     station.run(0.3)
     assert station.armed
     assert not station.sim.loggers[0].running
-    assert any(text.startswith("[logger] logging not started: ") for text in station.texts())
+    assert any(text.startswith("[logger] logging not started: ") for text in station.status_texts())
 
 
 def test_a_full_disk_ends_only_the_log():
@@ -260,7 +260,7 @@ def test_a_full_disk_ends_only_the_log():
     logger._file = FileIO("/dev/full", "wb")
     station.run(1)
     assert not logger.running
-    assert "[logger] logging stopped: No space left on device\t" in station.texts()
+    assert "[logger] logging stopped: No space left on device\t" in station.status_texts()
     ended_s = station.now_s
     station.run(1)
     assert station.received("HEARTBEAT", since_s=ended_s)
@@ -273,7 +273,7 @@ def test_too_little_disk_space_is_reported_and_ends_the_log():
     station.run(2)
     assert not logger.start_manually()
     station.run(0.1)
-    assert "[logger] not logging: 10 MiB free, 50 MiB required\t" in station.texts()
+    assert "[logger] not logging: 10 MiB free, 50 MiB required\t" in station.status_texts()
     assert "logger_storage_full" in station.events()
     free_bytes[0] = 10 << 30
     assert logger.start_manually()
@@ -284,12 +284,12 @@ def test_too_little_disk_space_is_reported_and_ends_the_log():
 
 def test_the_size_of_a_log_is_limited_and_the_next_arming_opens_another():
     station = Station(log=True)
-    station.run_until(lambda: station.ready, 15)
+    station.run_until(lambda: station.can_be_armed, 15)
     logger = station.sim.loggers[0]
     first_path, logger.written_bytes = logger.path, (1 << 30) + 1
     station.run(5.1)
     assert not logger.running
-    assert "[logger] logging stopped: the log has reached 1 GiB\t" in station.texts()
+    assert "[logger] logging stopped: the log has reached 1 GiB\t" in station.status_texts()
     assert station.sim.autopilots[0].commander.arm()
     station.run(0.1)
     assert logger.running
@@ -298,7 +298,7 @@ def test_the_size_of_a_log_is_limited_and_the_next_arming_opens_another():
 
 def test_nothing_is_written_or_reported_while_logging_is_disabled():
     station = Station()
-    station.run_until(lambda: station.ready, 15)
+    station.run_until(lambda: station.can_be_armed, 15)
     assert station.sim.autopilots[0].commander.arm()
     station.run(0.5)
     assert not station.sim.loggers[0].start_manually()

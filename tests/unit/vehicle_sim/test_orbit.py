@@ -17,7 +17,7 @@ def test_the_orbit_speed_is_limited_by_the_radius(
     radius_m: float, requested_m_s: float, flown_m_s: float
 ) -> None:
     station = Station(sensor_noise=False)
-    station.run_until(lambda: station.ready, 15)
+    station.run_until(lambda: station.can_be_armed, 15)
     station.command(ORBIT, radius_m, requested_m_s, 0, NAN, NAN, NAN, NAN)
     station.run(0.1)
     circle = station.sim.autopilots[0].navigator.circle

@@ -53,7 +53,7 @@ def test_vision_with_an_origin_gives_a_global_position():
 
 def test_a_new_origin_does_not_change_the_global_positions_of_vehicle_and_home():
     station = Station(sensor_noise=False)
-    station.run_until(lambda: station.ready, 15)
+    station.run_until(lambda: station.can_be_armed, 15)
     estimate_before = station.sim.autopilots[0].view.estimate
     home = station.sim.autopilots[0].home
     home_before = (home.lat_deg, home.lon_deg, home.alt_amsl_m)
@@ -67,12 +67,12 @@ def test_a_new_origin_does_not_change_the_global_positions_of_vehicle_and_home()
     assert estimate.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
     assert (home.lat_deg, home.lon_deg, home.alt_amsl_m) == pytest.approx(home_before, abs=0.2)
     assert home.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
-    assert station.ready, "the vehicle cannot be armed any more"
+    assert station.can_be_armed, "the vehicle cannot be armed any more"
 
 
 def test_an_origin_is_refused_while_armed_or_if_it_is_invalid_or_for_another_vehicle():
     station = Station()
-    station.run_until(lambda: station.ready, 15)
+    station.run_until(lambda: station.can_be_armed, 15)
     station.run(1.5)  # the vehicle has reported its own origin
     assert len(station.received("GPS_GLOBAL_ORIGIN")) == 1
     origin = station.sim.autopilots[0].view.origin
@@ -96,7 +96,7 @@ def test_after_an_invalid_origin_the_vehicle_still_reports_its_own_origin():
     station = Station()
     assert not math.isfinite(station.sim.autopilots[0].view.origin[0])
     set_origin(station, lat=910_000_000)
-    station.run_until(lambda: station.ready, 15)
+    station.run_until(lambda: station.can_be_armed, 15)
     station.run(1.5)
     reports = station.received("GPS_GLOBAL_ORIGIN")
     assert reports[-1].latitude == pytest.approx(station.sim.autopilots[0].view.origin[0] * 1e7, abs=1)

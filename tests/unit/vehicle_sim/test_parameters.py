@@ -28,8 +28,8 @@ def test_the_values_at_boot_equal_the_recorded_values():
     assert parameters.get("MPC_XY_P") == pytest.approx(0.95, abs=1e-6)
 
 
-def test_the_defaults_are_the_values_of_the_real_vehicle(shared):
-    recorded = json.loads((shared / "px4" / "parameters-live.json").read_text(encoding="utf-8"))
+def test_the_defaults_are_the_values_of_the_real_vehicle(reference_data):
+    recorded = json.loads((reference_data / "px4" / "parameters-live.json").read_text(encoding="utf-8"))
     parameters = Parameters()
     for name, entry in recorded.items():
         assert parameters.index_of(name) == entry["index"]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.random_faults import KINDS, TEMPORARY_GPS_LOSS, FaultFlight, fly
+from tests.support.random_faults import FAULT_KINDS, TEMPORARY_GPS_LOSS, FaultFlight, fly_with_random_faults
 from vehicle_sim.estimator.estimator import DEAD_RECKONING_AFTER_S
 from vehicle_sim.estimator.fusion import HORIZON_S, RESET_TIMEOUT_S
 from vehicle_sim.estimator.gnss import RECHECK_S
@@ -49,11 +49,11 @@ def validity_ended_in_time(flight: FaultFlight, seconds: float) -> bool:
     """Whether an estimate was valid while it was aided and for five seconds afterwards."""
     last_fix_s = max(fix_s for fix_s in flight.fixes_s if fix_s < 0.0)
     due_s = last_fix_s + NO_AID_S
-    if KINDS[flight.kind].aided:
+    if FAULT_KINDS[flight.kind].aided:
         return not flight.invalid_at_s
     if not validity_follows_dead_reckoning(flight, seconds):
         return False
-    if KINDS[flight.kind].aided is False:
+    if FAULT_KINDS[flight.kind].aided is False:
         dead_reckoning_in_time = once_in_time(flight.dead_reckoning_at_s, last_fix_s + RECKONING_AFTER_S)
         return dead_reckoning_in_time and once_in_time(flight.invalid_at_s, due_s) and not flight.valid_at_s
     if flight.kind != TEMPORARY_GPS_LOSS:
@@ -116,13 +116,13 @@ def test_the_end_of_validity_is_checked_to_within_50_ms(kind, moments, expected)
     [(36, 1, 7.5), pytest.param(240, 3, 20.0, marks=pytest.mark.broad)],
 )
 def test_the_ratios_of_error_to_accuracy_after_random_faults_match_the_recordings(count, seed, seconds):
-    flights = fly(count, seed, seconds)
+    flights = fly_with_random_faults(count, seed, seconds)
     assert [flight for flight in flights if not validity_ended_in_time(flight, seconds)] == []
-    for name, kind in KINDS.items():
+    for name, kind in FAULT_KINDS.items():
         flights_of_kind = [flight for flight in flights if flight.kind == name]
         for recorded, ratios in (
-            (kind.horizontal, [flight.horizontal_ratio for flight in flights_of_kind]),
-            (kind.vertical, [flight.vertical_ratio for flight in flights_of_kind]),
+            (kind.horizontal_ratios, [flight.horizontal_ratio for flight in flights_of_kind]),
+            (kind.vertical_ratios, [flight.vertical_ratio for flight in flights_of_kind]),
         ):
             assert np.quantile(ratios, 0.9) <= kind.tolerance * recorded[1], (name, ratios)
             if seconds >= 20.0:

@@ -38,7 +38,7 @@ def test_a_constant_pitch_leads_to_the_terminal_speed():
 
 
 @pytest.mark.story
-def test_the_calculated_velocity_equals_the_estimated_velocity_without_noise(shared):
+def test_the_calculated_velocity_equals_the_estimated_velocity_without_noise(reference_data):
     recording = flight_recordings.load("vel_z_up1p5")
     replay = flight_replay.fly([recording])[recording.name]
     calculated = recorded_motion.with_motor_velocity(AIRFRAME, replay)

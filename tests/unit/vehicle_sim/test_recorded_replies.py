@@ -72,7 +72,7 @@ def test_an_unknown_item_is_refused_when_it_is_uploaded(station: PlanStation, co
     begin_s = station.now_s
     plan = [station.item(TAKEOFF), station.item(WAYPOINT, 10.0), station.command_item(command, 1, 1500)]
     assert station.upload(plan) == UNSUPPORTED_ITEM
-    assert "IGN MISSION_ITEM: Invalid item\t" in station.texts(begin_s)
+    assert "IGN MISSION_ITEM: Invalid item\t" in station.status_texts(begin_s)
 
 
 def test_a_mission_with_a_vtol_transition_is_stored_and_reported(station: PlanStation) -> None:

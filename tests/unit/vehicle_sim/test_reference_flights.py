@@ -81,9 +81,9 @@ def _apply_setpoint(sim: Simulation, i: int, entry: dict) -> None:
 
 
 @pytest.fixture(scope="module")
-def flights(shared) -> dict[str, Flight]:
+def flights(reference_data) -> dict[str, Flight]:
     recordings = [
-        json.loads(gzip.decompress((shared / "px4" / "flights" / f"{name}.json.gz").read_bytes()))
+        json.loads(gzip.decompress((reference_data / "px4" / "flights" / f"{name}.json.gz").read_bytes()))
         for name in FLIGHTS
     ]
     tables = [

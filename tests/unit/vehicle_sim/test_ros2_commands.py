@@ -22,7 +22,7 @@ def test_arming_and_disarming_are_acknowledged_within_the_recorded_time(vehicle)
         vehicle.command(ARM, arm)
         vehicle.run(0.036)
         assert vehicle.acks(sent_s) == [(ARM, 0)]
-        assert vehicle.last("/fmu/out/vehicle_status_v1")["arming_state"] == arming_state
+        assert vehicle.newest_fields("/fmu/out/vehicle_status_v1")["arming_state"] == arming_state
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_a_command_to_another_system_or_component_is_not_acknowledged(vehicle, a
 def test_the_acknowledgement_is_addressed_to_the_sender(vehicle):
     vehicle.command(SET_MODE, *HOLD_PARAMETERS, source_system=7, source_component=1003)
     vehicle.run(0.1)
-    ack = vehicle.last(COMMAND_ACK)
+    ack = vehicle.newest_fields(COMMAND_ACK)
     assert (ack["target_system"], ack["target_component"], ack["from_external"]) == (7, 1003, False)
 
 
@@ -64,14 +64,16 @@ def test_a_service_request_gets_a_reply_and_an_acknowledgement(vehicle):
     vehicle.command(SET_MODE, *HOLD_PARAMETERS, topic=SERVICE_REQUEST)
     vehicle.command(31999)
     vehicle.run(0.1)
-    assert [(reply["command"], reply["result"]) for reply in vehicle.all(SERVICE_REPLY)] == [(SET_MODE, 0)]
+    assert [(reply["command"], reply["result"]) for reply in vehicle.all_fields(SERVICE_REPLY)] == [
+        (SET_MODE, 0)
+    ]
     assert vehicle.acks() == [(SET_MODE, 0), (31999, 3)]
 
 
 def test_set_nav_state_uses_the_nav_state_numbers_of_vehicle_status(vehicle):
     vehicle.command(SET_NAV_STATE, 14.0)
     vehicle.run(0.1)
-    assert vehicle.last("/fmu/out/vehicle_status_v1")["nav_state"] == 14
+    assert vehicle.newest_fields("/fmu/out/vehicle_status_v1")["nav_state"] == 14
     vehicle.command(SET_NAV_STATE, 200.0)
     vehicle.run(0.1)
     assert vehicle.acks() == [(SET_NAV_STATE, 0), (SET_NAV_STATE, 0)]
@@ -95,11 +97,11 @@ def test_the_last_command_of_a_flood_is_executed(vehicle):
         vehicle.command(ARM, float(number % 2))
     vehicle.run(0.2)
     assert len(vehicle.acks()) <= 6
-    assert vehicle.last("/fmu/out/vehicle_status_v1")["arming_state"] == 2
+    assert vehicle.newest_fields("/fmu/out/vehicle_status_v1")["arming_state"] == 2
 
 
 def test_messages_before_the_dds_client_has_connected_are_lost():
-    vehicle = Ros2Vehicle(boot_s=1.0)
+    vehicle = Ros2Vehicle(time_since_boot_s=1.0)
     vehicle.command(ARM, 1.0)
     vehicle.run(2.0)
     assert vehicle.acks() == []
@@ -107,6 +109,6 @@ def test_messages_before_the_dds_client_has_connected_are_lost():
 
 def test_only_valid_sticks_over_ros2_count_as_manual_control(vehicle):
     vehicle.stream(1.0, 10.0, ("/fmu/in/manual_control_input", {"valid": True, "data_source": 2}))
-    assert not vehicle.last("/fmu/out/failsafe_flags")["manual_control_signal_lost"]
+    assert not vehicle.newest_fields("/fmu/out/failsafe_flags")["manual_control_signal_lost"]
     vehicle.stream(1.0, 10.0, ("/fmu/in/manual_control_input", {"valid": True, "roll": float("nan")}))
-    assert vehicle.last("/fmu/out/failsafe_flags")["manual_control_signal_lost"]
+    assert vehicle.newest_fields("/fmu/out/failsafe_flags")["manual_control_signal_lost"]

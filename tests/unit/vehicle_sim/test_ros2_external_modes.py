@@ -53,10 +53,10 @@ class Component:
 
     def run(self, seconds: float, *setpoints: tuple[str, Mapping[str, Any]]) -> None:
         for _ in range(round(seconds / 0.02)):
-            for _, topic, fields in self.vehicle.received[self._read_count :]:
+            for _, topic, fields in self.vehicle.received_messages[self._read_count :]:
                 if topic == CHECK_REQUEST and self.replies_to_checks:
                     self._reply(fields["request_id"])
-            self._read_count = len(self.vehicle.received)
+            self._read_count = len(self.vehicle.received_messages)
             for topic, fields in setpoints:
                 self.vehicle.send(topic, fields)
             self.vehicle.run(0.02)
@@ -87,7 +87,7 @@ class Component:
     def status(self) -> dict[str, Any]:
         """The next VehicleStatus; the vehicle sends it twice a second."""
         self.run(0.6)
-        return self.vehicle.last(STATUS)
+        return self.vehicle.newest_fields(STATUS)
 
 
 def test_a_mode_flies_its_setpoints_and_keeps_the_last_setpoint():
@@ -160,7 +160,7 @@ def test_without_controllers_the_motors_keep_their_signals():
     before = simulation.motors_us[0].copy()
     component.run(0.2)
     assert (simulation.motors_us[0] == before).all()
-    flags = component.vehicle.last("/fmu/out/vehicle_control_mode")
+    flags = component.vehicle.newest_fields("/fmu/out/vehicle_control_mode")
     assert not flags["flag_control_allocation_enabled"]
 
 
@@ -170,11 +170,11 @@ def test_after_an_external_mode_offboard_has_its_own_setpoint_type():
     for messages, rates in (((), False), ((offboard,), True)):
         component.select_mode(4.0, 11.0)
         component.run(0.4, *messages)
-        flags = component.vehicle.last("/fmu/out/vehicle_control_mode")
+        flags = component.vehicle.newest_fields("/fmu/out/vehicle_control_mode")
         assert flags["flag_control_position_enabled"]
         component.select_mode(6.0)
         component.run(0.6)
-        flags = component.vehicle.last("/fmu/out/vehicle_control_mode")
+        flags = component.vehicle.newest_fields("/fmu/out/vehicle_control_mode")
         assert flags["flag_control_offboard_enabled"]
         assert (flags["flag_control_rates_enabled"], flags["flag_control_attitude_enabled"]) == (rates, False)
 
@@ -206,7 +206,7 @@ def test_an_executor_takes_off_and_stays_in_the_take_off_mode():
     component.run(12.0)
     status = component.status
     assert (status["nav_state"], status["executor_in_charge"]) == (TAKEOFF, 1)
-    assert [message["nav_state"] for message in component.vehicle.all(COMPLETED)] == [TAKEOFF]
+    assert [message["nav_state"] for message in component.vehicle.all_fields(COMPLETED)] == [TAKEOFF]
     component.select_mode(4.0, 3.0)
     assert component.status["executor_in_charge"] == 0
 

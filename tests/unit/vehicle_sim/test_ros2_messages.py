@@ -66,13 +66,13 @@ def test_a_recorded_sample_decodes_and_encodes(sample):
     _check_sample(sample)
 
 
-def test_every_recorded_sample_decodes_and_encodes(shared):
-    for sample in _read_samples(shared / "px4" / "dds" / "samples.jsonl"):
+def test_every_recorded_sample_decodes_and_encodes(reference_data):
+    for sample in _read_samples(reference_data / "px4" / "dds" / "samples.jsonl"):
         _check_sample(sample)
 
 
-def test_layout_constants_and_hash_match_the_published_types(shared):
-    published_types = json.loads((shared / "px4" / "dds" / "types.json").read_text())["types"]
+def test_layout_constants_and_hash_match_the_published_types(reference_data):
+    published_types = json.loads((reference_data / "px4" / "dds" / "types.json").read_text())["types"]
     assert set(published_types) == set(MESSAGES) - {"PositionSetpoint", "VehicleAngularVelocity"}
     for name, published in published_types.items():
         simulated = MESSAGES[name]

@@ -44,7 +44,7 @@ SETPOINT_TYPES = {
 
 
 def mode_and_failsafe(vehicle: Ros2Vehicle) -> tuple[int, bool]:
-    last = vehicle.last("/fmu/out/vehicle_status_v1")
+    last = vehicle.newest_fields("/fmu/out/vehicle_status_v1")
     return last["nav_state"], last["failsafe"]
 
 
@@ -159,7 +159,7 @@ def test_vehicle_control_mode_matches_the_flag_of_offboard_control_mode():
     control_flags = {}
     for name in SETPOINT_TYPES:
         vehicle.stream(0.6, 20.0, control_mode(name))
-        last = vehicle.last("/fmu/out/vehicle_control_mode")
+        last = vehicle.newest_fields("/fmu/out/vehicle_control_mode")
         controllers = ("position", "attitude", "rates", "allocation")
         control_flags[name] = tuple(last[f"flag_control_{controller}_enabled"] for controller in controllers)
     assert (

@@ -17,11 +17,11 @@ BOOT_TIME_FIELDS = {"nav_state_timestamp", "armed_time", "takeoff_time", "ref_ti
 
 @pytest.fixture(scope="module")
 def idle_vehicle() -> Ros2Vehicle:
-    return Ros2Vehicle(boot_s=12.4, parameters={})
+    return Ros2Vehicle(time_since_boot_s=12.4, parameters={})
 
 
-def test_topic_names_and_types_match_the_recording(shared):
-    recordings = json.loads((shared / "px4" / "dds" / "topics.json").read_text())
+def test_topic_names_and_types_match_the_recording(reference_data):
+    recordings = json.loads((reference_data / "px4" / "dds" / "topics.json").read_text())
     recorded = {(t["name"], t["ros_type"].split("/")[-1], t["direction"]) for t in recordings["topics"]}
     simulated = {(t.name, t.type, "out") for t in OUTPUTS} | {(t.name, t.type, "in") for t in INPUTS}
     assert simulated == recorded
@@ -47,17 +47,17 @@ def simulated_names() -> set[str]:
      ("vtol_vehicle_status", 0), ("vehicle_command_ack", 0)],
 )  # fmt: skip
 def test_a_disarmed_vehicle_publishes_at_the_recorded_rate(idle_vehicle, topic, hz):
-    count = len(idle_vehicle.all(f"/fmu/out/{topic}", since_s=7.4))
+    count = len(idle_vehicle.all_fields(f"/fmu/out/{topic}", since_s=7.4))
     assert abs(count - 5.0 * hz) <= max(1.5, 0.1 * hz)
 
 
 def test_the_first_message_is_sent_when_the_dds_client_has_connected(idle_vehicle):
-    assert 6.3 < min(at_s for at_s, _, _ in idle_vehicle.received) < 6.5
-    assert len(idle_vehicle.all("/fmu/out/home_position")) == 1
+    assert 6.3 < min(at_s for at_s, _, _ in idle_vehicle.received_messages) < 6.5
+    assert len(idle_vehicle.all_fields("/fmu/out/home_position")) == 1
 
 
 def test_timestamps_are_unix_time_and_other_times_count_from_boot(idle_vehicle):
-    for at_s, topic, fields in idle_vehicle.received:
+    for at_s, topic, fields in idle_vehicle.received_messages:
         now_us = BOOT_US + at_s * 1e6
         assert abs(fields["timestamp"] - now_us) < 25_000, topic
         assert abs(fields.get("timestamp_sample", now_us) - now_us) < 200_000 or topic.endswith("setpoint")
@@ -65,33 +65,33 @@ def test_timestamps_are_unix_time_and_other_times_count_from_boot(idle_vehicle):
 
 
 def test_without_time_synchronization_all_times_count_from_boot_and_messages_are_sent_sooner():
-    vehicle = Ros2Vehicle(boot_s=3.0)
-    assert min(at_s for at_s, _, _ in vehicle.received) < 1.5
-    assert vehicle.last("/fmu/out/vehicle_attitude")["timestamp"] == pytest.approx(3e6, abs=10_000)
-    assert not vehicle.all("/fmu/out/timesync_status")
+    vehicle = Ros2Vehicle(time_since_boot_s=3.0)
+    assert min(at_s for at_s, _, _ in vehicle.received_messages) < 1.5
+    assert vehicle.newest_fields("/fmu/out/vehicle_attitude")["timestamp"] == pytest.approx(3e6, abs=10_000)
+    assert not vehicle.all_fields("/fmu/out/timesync_status")
 
 
 def test_topics_have_the_values_of_a_vehicle_on_the_ground(idle_vehicle):
-    status = idle_vehicle.last("/fmu/out/vehicle_status_v1")
+    status = idle_vehicle.newest_fields("/fmu/out/vehicle_status_v1")
     assert (status["arming_state"], status["nav_state"], status["system_id"]) == (1, 4, 1)
-    local = idle_vehicle.last("/fmu/out/vehicle_local_position")
+    local = idle_vehicle.newest_fields("/fmu/out/vehicle_local_position")
     assert local["xy_valid"]
     assert local["z_valid"]
     assert max(abs(local[axis]) for axis in "xyz") < 1.0
     assert math.isinf(local["vxy_max"])
-    odometry = idle_vehicle.last("/fmu/out/vehicle_odometry")
+    odometry = idle_vehicle.newest_fields("/fmu/out/vehicle_odometry")
     assert odometry["pose_frame"] == odometry["velocity_frame"] == 1
     assert odometry["position"] == (local["x"], local["y"], local["z"])
     assert math.hypot(*odometry["q"]) == pytest.approx(1.0)
-    flags = idle_vehicle.last("/fmu/out/failsafe_flags")
+    flags = idle_vehicle.newest_fields("/fmu/out/failsafe_flags")
     assert flags["mode_req_offboard_signal"] == 1 << 14
     assert flags["offboard_control_signal_lost"]
     assert not flags["local_position_invalid"]
-    assert not idle_vehicle.last("/fmu/out/position_setpoint_triplet")["current.valid"]
+    assert not idle_vehicle.newest_fields("/fmu/out/position_setpoint_triplet")["current.valid"]
 
 
 def test_the_battery_message_has_the_values_of_the_logged_topic(idle_vehicle):
-    simulated = idle_vehicle.last("/fmu/out/battery_status")
+    simulated = idle_vehicle.newest_fields("/fmu/out/battery_status")
     logged = next(t for t in idle_vehicle.sim._states[0].topics if t.layout.name == "battery_status").read()
     assert simulated["voltage_v"] == pytest.approx(logged["voltage_v"])
     assert (simulated["cell_count"], simulated["connected"]) == (logged["cell_count"], True)
@@ -100,11 +100,11 @@ def test_the_battery_message_has_the_values_of_the_logged_topic(idle_vehicle):
 def test_the_position_setpoint_has_the_type_of_the_mode_as_recorded_for_a_landing():
     vehicle = Ros2Vehicle()
     vehicle.hover()
-    triplets = vehicle.all("/fmu/out/position_setpoint_triplet")
+    triplets = vehicle.all_fields("/fmu/out/position_setpoint_triplet")
     assert {t["current.type"] for t in triplets if t["current.valid"]} == {2, 3}
     assert {t["current.type"] for t in triplets if not t["current.valid"]} == {5}
     vehicle.command(21)
     vehicle.run(1.0)
-    landing = vehicle.last("/fmu/out/position_setpoint_triplet")
+    landing = vehicle.newest_fields("/fmu/out/position_setpoint_triplet")
     assert (landing["current.valid"], landing["current.type"], landing["current.alt"]) == (True, 4, 0.0)
     assert (landing["next.valid"], landing["next.type"]) == (False, 5)

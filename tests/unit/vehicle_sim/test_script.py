@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tests.unit.vehicle_sim.sim_station import BOTH, Station
+from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, Station
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.script import script_from_fields
 from vehicle_sim.yaml_fields import FileProblem, parse_yaml
@@ -51,7 +51,7 @@ def test_an_event_above_a_height_stops_a_motor_of_the_named_vehicle_only():
 def test_a_link_that_is_down_sends_nothing_until_it_is_up_again():
     station = Station(
         script=script("at_s: 3, link: {name: gcs, up: false}", "at_s: 6, link: {name: gcs, up: true}"),
-        links=BOTH,
+        links=GCS_AND_API_LINKS,
     )
     station.run(9.0)
     heartbeat_times_s = [t for t, link, m in station.log if link == "gcs" and m.name == "HEARTBEAT"]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.unit.vehicle_sim.sim_station import BOTH, Station
+from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, Station
 from vehicle_sim.shell.commands import BUILT_IN
 from vehicle_sim.shell.console import PROMPT, Console
 from vehicle_sim.topics.arrays import ARRAY_TOPICS
@@ -66,7 +66,7 @@ def ready_terminal():
 def test_a_line_is_echoed_and_its_output_ends_with_the_prompt(terminal):
     assert terminal.send_and_read("ver hw\n") == "ver hw\nHW arch: PX4_SITL\npxh> "
     assert terminal.send_and_read("\n") == "\npxh> "
-    reply = terminal.station.last["SERIAL_CONTROL"]
+    reply = terminal.station.newest_messages["SERIAL_CONTROL"]
     assert (reply.device, reply.flags, reply.target_system, reply.target_component) == (10, 1, 255, 190)
 
 
@@ -97,7 +97,7 @@ def test_long_outputs_are_sent_in_parts_of_70_bytes_one_part_per_step(terminal):
 
 
 def test_each_link_has_its_own_console():
-    terminal = Terminal(links=BOTH)
+    terminal = Terminal(links=GCS_AND_API_LINKS)
     terminal.send_and_read("ver ", via="gcs")
     assert terminal.send_and_read("ver hw\n", via="api") == "ver hw\nHW arch: PX4_SITL\npxh> "
     assert terminal.send_and_read("hw\n", via="gcs") == "hw\nHW arch: PX4_SITL\npxh> "
@@ -112,8 +112,8 @@ def test_messages_to_other_devices_and_vehicles_are_ignored(terminal, fields):
     assert terminal.parts(since_s) == []
 
 
-def test_outputs_equal_the_recorded_outputs(ready_terminal, shared):
-    lines = (shared / "px4/dialogues/shell.jsonl").read_text().splitlines()
+def test_outputs_equal_the_recorded_outputs(ready_terminal, reference_data):
+    lines = (reference_data / "px4/dialogues/shell.jsonl").read_text().splitlines()
     dialogues = {dialogue["id"]: dialogue for dialogue in map(json.loads, lines)}
     for name in ("shell_gimbal_status", "shell_help", "shell_param_show", "shell_again_after_exit"):
         recorded_output = "".join(r["fields"]["text"] for r in dialogues[name]["received"])
@@ -169,7 +169,7 @@ def test_commander_commands_arm_take_off_and_land(ready_terminal):
     assert ready_terminal.output_of("commander takeoff") == ""
     station = ready_terminal.station
     assert station.armed
-    assert "Armed by internal command\t" in station.texts()
+    assert "Armed by internal command\t" in station.status_texts()
     station.run(12)
     assert station.height_m > 1.5
     status = ready_terminal.output_of("commander status")

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from tests.unit.vehicle_sim.sim_station import POSITION, Station
+from tests.unit.vehicle_sim.sim_station import ARM_DISARM, DO_SET_MODE, POSITION_MODE, Station
 from vehicle_sim.geodesy import to_global
 
 pytestmark = pytest.mark.flight
 
 ALTITUDE, STABILIZED, ACRO = 0x20000, 0x70000, 0x50000
-MAIN_MODES = {POSITION: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
+MAIN_MODES = {POSITION_MODE: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
 STREAMED_IDS = {0, 1}
 """HEARTBEAT and SYS_STATUS: other streams would take more computing time than the flight."""
 
@@ -61,7 +61,7 @@ class JoystickStation(Station):
         return distance_m < 0.5 and np.abs(self.velocity_m_s).max() < 0.05 and abs(self.euler_rad[2]) < 0.02
 
     def switch_mode(self, mode):
-        self.command(176, 1, MAIN_MODES[mode])
+        self.command(DO_SET_MODE, 1, MAIN_MODES[mode])
         self.fly(0.3)
         assert self.active_mode == mode
 
@@ -91,7 +91,7 @@ def pilot(flying_station):
     """A vehicle in Hold at 10 m with centred sticks; all tests use the same flight."""
     flying_station.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
     flying_station.fly(0.5)
-    flying_station.command(176, 1, 4, 3)
+    flying_station.command(DO_SET_MODE, 1, 4, 3)
     flying_station.fly(2.5)
     flying_station.reposition()
     return flying_station
@@ -99,7 +99,7 @@ def pilot(flying_station):
 
 @pytest.mark.story
 def test_in_position_the_stick_sets_the_speed_and_the_vehicle_stops_when_the_stick_is_centred(pilot):
-    pilot.switch_mode(POSITION)
+    pilot.switch_mode(POSITION_MODE)
     pilot.fly(8.0, x=1000)
     assert pilot.velocity_m_s[0] == pytest.approx(10.0, abs=2.0), "not MPC_VEL_MANUAL minus drag"
     assert abs(pilot.velocity_m_s[1]) < 0.3
@@ -111,7 +111,7 @@ def test_in_position_the_stick_sets_the_speed_and_the_vehicle_stops_when_the_sti
 
 
 def test_a_stick_within_the_dead_zone_has_no_effect(pilot):
-    pilot.switch_mode(POSITION)
+    pilot.switch_mode(POSITION_MODE)
     pilot.fly(4.0, x=90, y=-90, r=90, z=545)
     assert np.abs(pilot.velocity_m_s).max() < 0.1
 
@@ -137,7 +137,7 @@ def test_in_altitude_the_stick_sets_the_tilt_and_the_position_is_not_kept(pilot)
 
 
 def test_the_yaw_stick_sets_the_yaw_rate_and_a_centred_stick_keeps_the_heading(pilot):
-    pilot.switch_mode(POSITION)
+    pilot.switch_mode(POSITION_MODE)
     pilot.fly(1.0, r=500)
     assert pilot.euler_rad[2] > math.radians(10.0)
     pilot.fly(2.0, r=0)
@@ -166,10 +166,10 @@ def test_in_acro_sticks_set_body_rates(pilot):
 @pytest.mark.story
 def test_the_throttle_stick_takes_off_and_lands():
     pilot = JoystickStation()
-    pilot.run_until(lambda: pilot.ready, 15)
+    pilot.run_until(lambda: pilot.can_be_armed, 15)
     pilot.fly(0.5, z=0)
-    pilot.switch_mode(POSITION)
-    pilot.command(400, 1)
+    pilot.switch_mode(POSITION_MODE)
+    pilot.command(ARM_DISARM, 1)
     pilot.fly(2.0)
     assert pilot.armed
     assert pilot.height_m < 0.05, "the vehicle took off with low throttle"
@@ -184,10 +184,10 @@ def test_in_gaps_between_stick_messages_the_vehicle_keeps_its_altitude_and_then_
     """The station sends sticks for half a second, then none for a second; the failsafe for lost sticks is
     disabled."""
     pilot = JoystickStation(parameters={"NAV_RCL_ACT": 0})
-    pilot.run_until(lambda: pilot.ready, 15)
+    pilot.run_until(lambda: pilot.can_be_armed, 15)
     pilot.fly(0.5, z=0)
-    pilot.switch_mode(POSITION)
-    pilot.command(400, 1)
+    pilot.switch_mode(POSITION_MODE)
+    pilot.command(ARM_DISARM, 1)
     pilot.fly(2.0)
     pilot.sticks["z"] = 900
     heights_m = []
@@ -203,19 +203,19 @@ def test_in_gaps_between_stick_messages_the_vehicle_keeps_its_altitude_and_then_
 
 
 def test_lost_sticks_trigger_the_failsafe(pilot):
-    pilot.switch_mode(POSITION)
+    pilot.switch_mode(POSITION_MODE)
     lost_at_s = pilot.now_s
     pilot.run(3.0)
-    assert pilot.active_mode != POSITION, "NAV_RCL_ACT has no effect"
-    assert any("Failsafe" in text for text in pilot.texts(lost_at_s))
+    assert pilot.active_mode != POSITION_MODE, "NAV_RCL_ACT has no effect"
+    assert any("Failsafe" in text for text in pilot.status_texts(lost_at_s))
 
 
 def test_in_hold_a_moved_stick_takes_over_and_centred_sticks_do_not(pilot):
     pilot.fly(2.0)
-    assert pilot.active_mode != POSITION
+    assert pilot.active_mode != POSITION_MODE
     pilot.fly(0.5, x=600)
-    assert pilot.active_mode == POSITION
-    assert any("took over" in text for text in pilot.texts())
+    assert pilot.active_mode == POSITION_MODE
+    assert any("took over" in text for text in pilot.status_texts())
 
 
 def test_sticks_for_other_vehicles_and_disabled_sticks_are_ignored(pilot):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.unit.vehicle_sim.prepared_stations import on_ground
+from tests.unit.vehicle_sim.prepared_stations import station_on_ground
 from tests.unit.vehicle_sim.sim_station import NAN, Station
 
 pytestmark = [pytest.mark.flight, pytest.mark.story]
@@ -13,7 +13,7 @@ ACCEPTED, TEMPORARILY_REJECTED = 0, 1
 
 @pytest.fixture
 def station() -> Station:
-    station = on_ground(Station)
+    station = station_on_ground(Station)
     station.sim.set_parameter(0, "MPC_XY_CRUISE", 7.0)
     station.sim.set_parameter(0, "COM_FLIGHT_UUID", 42)
     station.run(0.2)
@@ -52,7 +52,7 @@ def test_without_calibrations_arming_is_denied_and_a_text_names_each_sensor(stat
     assert station.acks(ARM, requested_s) == [TEMPORARILY_REJECTED]
     assert not station.armed
     for sensor in ("Accel", "Gyro", "Compass"):
-        assert f"Preflight Fail: {sensor} 0 uncalibrated" in station.texts()
+        assert f"Preflight Fail: {sensor} 0 uncalibrated" in station.status_texts()
     assert {"check_accel_not_calibrated", "check_gyro_not_calibrated", "check_mag_not_calibrated"} <= set(
         station.events()
     )

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.unit.vehicle_sim.sim_station import BOTH, Station
+from tests.unit.vehicle_sim.sim_station import DO_SET_MODE, GCS_AND_API_LINKS, Station
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.world.contact import Contact
 from vehicle_sim.world.files import built_in_worlds, load_world, world_from_fields
@@ -131,7 +131,7 @@ def test_distant_obstacles_do_not_change_a_flight():
 
 @pytest.mark.story
 def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
-    station = Station(world=load_world("obstacle-box"), links=BOTH)
+    station = Station(world=load_world("obstacle-box"), links=GCS_AND_API_LINKS)
     station.take_off_and_hover(2.5)
     vehicle_north_m = float(station.sim.simulation.truth.position_ned_m[0, 0])
     forward_message = [m for m in station.received("DISTANCE_SENSOR", via="api") if m.orientation == 0][-1]
@@ -149,9 +149,9 @@ def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
                      type_mask=0b110111000111, vx=2.0)  # fmt: skip
 
     station.run(1.0, send_velocity_north)
-    station.command(176, 1, 6)
+    station.command(DO_SET_MODE, 1, 6)
     station.run_until(lambda: not station.armed, 15, send_velocity_north)
-    assert "Collision with the obstacle box: motors stopped" in station.texts(flight_start_s)
+    assert "Collision with the obstacle box: motors stopped" in station.status_texts(flight_start_s)
     station.run(4.0)
     position = station.sim.simulation.truth.position_ned_m[0]
     assert station.height_m < 0.1, "the vehicle did not fall"
@@ -159,7 +159,7 @@ def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
 
 
 def test_without_a_world_there_is_one_lidar_that_points_down():
-    station = Station(links=BOTH)
+    station = Station(links=GCS_AND_API_LINKS)
     station.take_off_and_hover(8.0)
     messages = station.received("DISTANCE_SENSOR", via="api")
     assert {m.orientation for m in messages} == {25}

@@ -21,7 +21,7 @@ from gcs_server.links.udp import UdpLink
 from gcs_server.links.url import make_link
 from gcs_server.replay.records import read_tlog
 from tests.station import free_port
-from tests.support.link_recorder import LinkRecorder, run
+from tests.support.link_recorder import LinkRecorder, run_in_real_time
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_udpin_link_receives_and_sends_also_from_another_thread():
         assert recorder.link.info().state == "closed"
         assert not recorder.link.send(b"x", peer)
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 def test_a_udpout_link_can_send_before_it_receives():
@@ -76,7 +76,7 @@ def test_a_udpout_link_can_send_before_it_receives():
         vehicle.close()
         await recorder.link.close()
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 @pytest.mark.parametrize("error_number", [errno.EAGAIN, errno.ENOBUFS])
@@ -118,7 +118,7 @@ def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_packets_ar
         vehicle.close()
 
     real_socket = None
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 def test_a_port_in_use_is_reported_and_the_link_opens_when_the_port_is_free():
@@ -136,7 +136,7 @@ def test_a_port_in_use_is_reported_and_the_link_opens_when_the_port_is_free():
         assert recorder.link.info().detail == ""
         await recorder.link.close()
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
@@ -166,7 +166,7 @@ def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
         for link in (client.link, restarted_server.link, other_server.link):
             await link.close()
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 def test_a_full_send_queue_drops_whole_frames():
@@ -184,7 +184,7 @@ def test_a_full_send_queue_drops_whole_frames():
         listener.close()
         await client.link.close()
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 def test_a_serial_link_carries_bytes_and_waits_after_the_device_is_unplugged():
@@ -204,7 +204,7 @@ def test_a_serial_link_carries_bytes_and_waits_after_the_device_is_unplugged():
         assert device in recorder.link.info().detail
         await recorder.link.close()
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 def test_the_errors_of_a_serial_port_are_explained():
@@ -217,7 +217,7 @@ def test_the_errors_of_a_serial_port_are_explained():
         assert "in use" in recorder.link._explain(OSError(errno.EBUSY, "busy"))
         await recorder.link.close()
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 def test_a_missing_permission_for_a_serial_port_is_reported_with_the_command_to_run(monkeypatch):
@@ -237,7 +237,7 @@ def test_a_missing_permission_for_a_serial_port_is_reported_with_the_command_to_
         await recorder.link.close()
 
     monkeypatch.setattr(os, "open", open_without_permission)
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 @pytest.mark.parametrize(
@@ -279,7 +279,7 @@ def test_a_recording_plays_at_the_requested_speed_and_ends(tmp_path, compressed)
         assert fast_recorder.data == frames
         await fast_recorder.link.close()
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 def test_damage_in_a_recording_is_skipped_and_a_recording_without_mavlink_is_reported(tmp_path):
@@ -297,7 +297,7 @@ def test_damage_in_a_recording_is_skipped_and_a_recording_without_mavlink_is_rep
         await recorder.until(lambda: recorder.link.info().state == "ended")
         assert "No MAVLink" in recorder.link.info().detail
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 @pytest.mark.parametrize(

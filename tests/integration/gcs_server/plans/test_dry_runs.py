@@ -11,7 +11,7 @@ from gcs_server.plans import dry_runs
 from gcs_server.plans.dry_runs import MAX_RESULTS, MAX_RUNNING, DryRuns
 from missions import plan as plan_document
 from tests.support.dry_runs import FAST_PARAMETERS, HOME, short_plan
-from tests.support.elevation_files import LAT_DEG, LON_DEG, hill, write
+from tests.support.elevation_files import LAT_DEG, LON_DEG, hill_elevation, write_elevation_file
 
 pytestmark = pytest.mark.flight
 
@@ -74,7 +74,9 @@ def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
     at_8_m = {"altitude": {"value_m": 8, "reference": "home"}}
     items = [{"kind": "takeoff", **south, **at_8_m}, {"kind": "waypoint", **north, **at_8_m}]
     plan = plan_document.read(json.dumps({"items": items}))
-    run_request = request_for(plan, elevation=[str(write(tmp_path / "hill.tif", hill(500.0, 80.0)))])
+    run_request = request_for(
+        plan, elevation=[str(write_elevation_file(tmp_path / "hill.tif", hill_elevation(500.0, 80.0)))]
+    )
     run_request["aircraft"]["home"] = {**south, "alt_amsl_m": 500.0}
 
     async def scenario():

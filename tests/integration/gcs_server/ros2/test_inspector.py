@@ -15,7 +15,7 @@ from gcs_server.ros2.dds_inspection import InspectionPort
 from gcs_server.ros2.inspection import Inspection, TopicView
 from gcs_server.ros2.inspector import DomainInspector
 from gcs_server.ros2.message_types import SHOWN
-from tests.support.dds_publisher import STATUS, Publisher, status
+from tests.support.dds_publisher import VEHICLE_STATUS, Publisher, status_bytes
 
 DOMAIN = 53
 NAMESPACE = f"inspect_{os.getpid()}"
@@ -57,17 +57,17 @@ def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: Doma
     values = {"accelerometer_m_s2": (0.0, 0.5, -9.75)}
 
     def publish() -> None:
-        vehicles[0].send(STATUS, status(system_id=7))
+        vehicles[0].send(VEHICLE_STATUS, status_bytes(system_id=7))
         vehicles[0].send(SENSORS, SHOWN["SensorCombined"].encode(values), "SensorCombined")
 
     def is_shown() -> bool:
         found = topics(inspector.inspect(NAMESPACE))
-        return all(name in found and found[name].rate_hz is not None for name in (STATUS, SENSORS))
+        return all(name in found and found[name].rate_hz is not None for name in (VEHICLE_STATUS, SENSORS))
 
     until(is_shown, publish)
     found = topics(inspector.inspect(NAMESPACE))
-    assert found[STATUS].value is not None
-    assert found[STATUS].value["system_id"] == 7
+    assert found[VEHICLE_STATUS].value is not None
+    assert found[VEHICLE_STATUS].value["system_id"] == 7
     sensors = found[SENSORS]
     assert sensors.value is not None
     assert sensors.value["accelerometer_m_s2"] == values["accelerometer_m_s2"]
@@ -80,14 +80,16 @@ def test_a_flooded_topic_is_shown_as_flooded_and_other_topics_are_read(inspector
     vehicle, flooding_publisher = Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
 
     def publish() -> None:
-        vehicle.send(STATUS, status())
+        vehicle.send(VEHICLE_STATUS, status_bytes())
         for _ in range(200):
             flooding_publisher.send(SENSORS, SHOWN["SensorCombined"].encode({}), "SensorCombined")
 
     def is_shown() -> bool:
         found = topics(inspector.inspect(NAMESPACE))
-        has_both_topics = {STATUS, SENSORS} <= found.keys()
-        return has_both_topics and found[SENSORS].rate_is_minimum and found[STATUS].rate_hz is not None
+        has_both_topics = {VEHICLE_STATUS, SENSORS} <= found.keys()
+        return (
+            has_both_topics and found[SENSORS].rate_is_minimum and found[VEHICLE_STATUS].rate_hz is not None
+        )
 
     until(is_shown, publish)
 

@@ -25,8 +25,8 @@ from gcs_server.ros2.dds_types import idl_type
 from gcs_server.ros2.link import Ros2Link
 from gcs_server.ros2.message_types import HEADER, MESSAGES, SHOWN
 from gcs_server.ros2.topics import wire_name
-from tests.support.dds_publisher import STATUS, Publisher, status
-from tests.support.dds_samples import recorded
+from tests.support.dds_publisher import VEHICLE_STATUS, Publisher, status_bytes
+from tests.support.dds_samples import recorded_samples
 
 DOMAIN = 49
 NAMESPACE = f"link_{os.getpid()}"
@@ -86,9 +86,9 @@ async def test_a_vehicle_is_found_by_its_status_and_its_messages_become_frames()
     link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE)
 
     def publish() -> None:
-        vehicle.send(STATUS, status(system_id=7))
+        vehicle.send(VEHICLE_STATUS, status_bytes(system_id=7))
         topic = "/fmu/out/vehicle_land_detected"
-        vehicle.send(topic, recorded()[topic], "VehicleLandDetected")
+        vehicle.send(topic, recorded_samples()[topic], "VehicleLandDetected")
 
     await link_frames.until(lambda: "EXTENDED_SYS_STATE" in link_frames.names(), publish)
     assert {system for system, _ in link_frames.frames[NAMESPACE]} == {7}
@@ -105,7 +105,7 @@ async def test_each_vehicle_of_the_domain_is_a_separate_peer() -> None:
 
     def publish() -> None:
         for number, vehicle in enumerate(vehicles, 1):
-            vehicle.send(STATUS, status(system_id=number))
+            vehicle.send(VEHICLE_STATUS, status_bytes(system_id=number))
 
     await link_frames.until(lambda: set(namespaces) <= link_frames.frames.keys(), publish)
     for number, name in enumerate(namespaces, 1):
@@ -124,11 +124,11 @@ async def test_malformed_and_flooding_samples_affect_only_their_vehicle() -> Non
 
     def publish() -> None:
         for _ in range(200):
-            flooding_publisher.send(STATUS, status(system_id=0))
-        vehicle.send(STATUS, status())
+            flooding_publisher.send(VEHICLE_STATUS, status_bytes(system_id=0))
+        vehicle.send(VEHICLE_STATUS, status_bytes())
 
     def is_reported() -> bool:
-        return f"/{bad_namespace}{STATUS} cannot be used" in link_frames.link.info().detail
+        return f"/{bad_namespace}{VEHICLE_STATUS} cannot be used" in link_frames.link.info().detail
 
     await link_frames.until(
         lambda: "HEARTBEAT" in link_frames.names(good_namespace) and is_reported(), publish
@@ -148,7 +148,7 @@ async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch
     def is_reported() -> bool:
         return "sends no message of PX4 v1.16's type" in link_frames.link.info().detail
 
-    await link_frames.until(is_reported, lambda: vehicle.send(STATUS, HEADER + bytes(24), "Other"))
+    await link_frames.until(is_reported, lambda: vehicle.send(VEHICLE_STATUS, HEADER + bytes(24), "Other"))
     assert not link_frames.frames
     await link_frames.link.close()
 
@@ -161,12 +161,13 @@ async def test_only_the_first_of_two_vehicles_in_one_namespace_is_read() -> None
         Publisher(DOMAIN, NAMESPACE),
     )
     await link_frames.until(
-        lambda: "HEARTBEAT" in link_frames.names(), lambda: first_vehicle.send(STATUS, status(system_id=1))
+        lambda: "HEARTBEAT" in link_frames.names(),
+        lambda: first_vehicle.send(VEHICLE_STATUS, status_bytes(system_id=1)),
     )
 
     def publish() -> None:
-        first_vehicle.send(STATUS, status(system_id=1))
-        second_vehicle.send(STATUS, status(system_id=2))
+        first_vehicle.send(VEHICLE_STATUS, status_bytes(system_id=1))
+        second_vehicle.send(VEHICLE_STATUS, status_bytes(system_id=2))
 
     await link_frames.until(lambda: "Several vehicles publish" in link_frames.link.info().detail, publish)
     assert {system for system, _ in link_frames.frames[NAMESPACE]} == {1}
@@ -179,7 +180,7 @@ async def test_only_the_first_of_two_vehicles_in_one_namespace_is_read() -> None
         ("/fmu/out/vehicle_status_v2", "VehicleStatus", "has version 2, but this server knows version 1"),
         ("/fmu/out/vehicle_status", "VehicleStatus", "has version 0, but this server knows version 1"),
         ("/fmu/out/vehicle_attitude_v1", "VehicleAttitude", "Not available: attitude."),
-        (STATUS, "HomePosition", "has the type px4_msgs::msg::dds_::HomePosition_ instead of"),
+        (VEHICLE_STATUS, "HomePosition", "has the type px4_msgs::msg::dds_::HomePosition_ instead of"),
         (
             "/fmu/out/vehicle_attitude",
             "HomePosition",
@@ -211,7 +212,8 @@ async def test_a_command_topic_of_another_version_is_reported_and_the_vehicle_is
         return text in link_frames.link.info().detail
 
     await link_frames.until(
-        lambda: is_reported() and "HEARTBEAT" in link_frames.names(), lambda: vehicle.send(STATUS, status())
+        lambda: is_reported() and "HEARTBEAT" in link_frames.names(),
+        lambda: vehicle.send(VEHICLE_STATUS, status_bytes()),
     )
     assert reader
     await link_frames.link.close()
@@ -222,7 +224,10 @@ async def test_without_a_vehicle_the_link_reports_what_is_missing(monkeypatch: p
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.0)
     link_frames = LinkFrames("nobody")
     await link_frames.until(lambda: link_frames.link.info().detail)
-    assert f"No vehicle publishes /nobody{STATUS} in DDS domain {DOMAIN}" in link_frames.link.info().detail
+    assert (
+        f"No vehicle publishes /nobody{VEHICLE_STATUS} in DDS domain {DOMAIN}"
+        in link_frames.link.info().detail
+    )
     await link_frames.link.close()
 
 

@@ -26,7 +26,7 @@ from gcs_server.ros2.topics import wire_name
 from gcs_server.streamer.process.ros2_senders import ModeTopics, Ros2Senders
 from gcs_server.streamer.transport.ros2 import CONTROL_MODE, SETPOINT_TOPICS
 from tests.support.dds_publisher import Publisher
-from tests.support.dds_samples import recorded
+from tests.support.dds_samples import recorded_samples
 
 DOMAIN, MODES_DOMAIN, ENDED_WRITER_DOMAIN = 51, 54, 55
 NAMESPACE = f"senders_{os.getpid()}"
@@ -90,13 +90,13 @@ def test_modes_are_registered_over_their_own_topics() -> None:
     while not (requests and replies):
         assert time.monotonic() < end_s, (len(requests), len(replies))
         with contextlib.suppress(OSError):  # DDS is not open yet
-            topics.send(REGISTER, recorded()[REGISTER])
-        vehicle.send(REGISTER_REPLY, recorded()[REGISTER_REPLY], "RegisterExtComponentReply")
+            topics.send(REGISTER, recorded_samples()[REGISTER])
+        vehicle.send(REGISTER_REPLY, recorded_samples()[REGISTER_REPLY], "RegisterExtComponentReply")
         time.sleep(0.02)
         requests += [sample for sample in reader.take(10) if isinstance(sample, Sample)]
         replies += topics.take()
     request = MESSAGES["RegisterExtComponentRequest"]
-    assert request.decode(requests[0].cdr) == request.decode(recorded()[REGISTER])
+    assert request.decode(requests[0].cdr) == request.decode(recorded_samples()[REGISTER])
     assert replies[0][0] == REGISTER_REPLY
     assert MESSAGES["RegisterExtComponentReply"].decode(replies[0][1])["mode_id"] == 23  # as recorded
     assert domain  # this reference keeps the domain open

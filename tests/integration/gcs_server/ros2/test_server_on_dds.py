@@ -24,9 +24,14 @@ from gcs_server.ros2.message_types import SHOWN
 from gcs_server.ros2.topics import COMMAND
 from gcs_server.settings import Settings
 from tests.station import free_port
-from tests.support.dds_publisher import STATUS, Publisher, status
-from tests.support.dds_samples import recorded
-from tests.support.dds_vehicle import ATTITUDE, MESSAGES_OF_TOPICS, AcknowledgingVehicle, PeriodicThread
+from tests.support.dds_publisher import VEHICLE_STATUS, Publisher, status_bytes
+from tests.support.dds_samples import recorded_samples
+from tests.support.dds_vehicle import (
+    MESSAGES_OF_TOPICS,
+    VEHICLE_ATTITUDE,
+    AcknowledgingVehicle,
+    PeriodicThread,
+)
 
 DOMAIN = 100 + os.getpid() % 100
 """The link reads every vehicle of its domain: no other test may use the same domain."""
@@ -70,25 +75,25 @@ def warning_texts(client: TestClient) -> str:
 
 
 def send_invalid_values(publisher: Publisher) -> None:
-    publisher.send(STATUS, status(system_id=0))
+    publisher.send(VEHICLE_STATUS, status_bytes(system_id=0))
 
 
 def send_wrong_type(publisher: Publisher) -> None:
-    publisher.send(STATUS, bytes(100), "HomePosition")
+    publisher.send(VEHICLE_STATUS, bytes(100), "HomePosition")
 
 
 def send_unknown_version(publisher: Publisher) -> None:
-    publisher.send("/fmu/out/vehicle_status_v7", status())
+    publisher.send("/fmu/out/vehicle_status_v7", status_bytes())
 
 
 def send_nothing(publisher: Publisher) -> None:
-    publisher.prepare(STATUS)
+    publisher.prepare(VEHICLE_STATUS)
 
 
 def send_flood(publisher: Publisher) -> None:
     for _ in range(200):
-        publisher.send(STATUS, status(system_id=7))
-        publisher.send(ATTITUDE, recorded()[ATTITUDE], "VehicleAttitude")
+        publisher.send(VEHICLE_STATUS, status_bytes(system_id=7))
+        publisher.send(VEHICLE_ATTITUDE, recorded_samples()[VEHICLE_ATTITUDE], "VehicleAttitude")
 
 
 @pytest.mark.parametrize(
@@ -140,7 +145,7 @@ def test_topics_are_sent_on_request_and_to_a_telemetry_subscriber(
     until(lambda: is_connected(client, "1"))
     response = client.get("vehicles/1/ros2/topics").json()
     assert (response["state"], response["domain_id"], response["namespace"]) == ("open", DOMAIN, "good")
-    assert {f"/good{topic}" for topic in (STATUS, COMMAND, *MESSAGES_OF_TOPICS)} <= {
+    assert {f"/good{topic}" for topic in (VEHICLE_STATUS, COMMAND, *MESSAGES_OF_TOPICS)} <= {
         topic["name"] for topic in response["topics"]
     }
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as telemetry:
@@ -152,8 +157,8 @@ def test_topics_are_sent_on_request_and_to_a_telemetry_subscriber(
                 assert (sample["vehicle"], sample["topic"]) == ("1", "ros2_topics")
                 value = sample["value"]
     topics = {topic["name"]: topic for topic in value["topics"]}
-    attitude = topics[f"/good{ATTITUDE}"]
-    expected = SHOWN["VehicleAttitude"].decode(recorded()[ATTITUDE])
+    attitude = topics[f"/good{VEHICLE_ATTITUDE}"]
+    expected = SHOWN["VehicleAttitude"].decode(recorded_samples()[VEHICLE_ATTITUDE])
     assert attitude["value"]["q"] == pytest.approx(list(expected["q"]))
     assert 1.0 < attitude["rate_hz"] < 40.0, "the rate is not about 20 Hz (less on a busy machine)"
     assert topics[f"/good{COMMAND}"]["publishers"] == 1

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from tests.integration.gcs_server.scene.scene_server import SceneServer, serving
+from tests.integration.gcs_server.scene.scene_server import SceneServer, running_scene_server
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +14,7 @@ def scene_server():
     server, ready, done = SceneServer(), threading.Event(), threading.Event()
 
     async def run() -> None:
-        async with serving(server):
+        async with running_scene_server(server):
             ready.set()
             await asyncio.to_thread(done.wait)
 

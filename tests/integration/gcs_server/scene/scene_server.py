@@ -74,7 +74,7 @@ class SceneServer:
 
 
 @asynccontextmanager
-async def serving(scene_server: SceneServer):
+async def running_scene_server(scene_server: SceneServer):
     clock = SystemClock()
     supervisor = Supervisor(clock)
     app = FastAPI()

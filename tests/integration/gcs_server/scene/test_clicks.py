@@ -13,7 +13,7 @@ from gcs_server.errors import Refused
 from gcs_server.scene.clicks import REACH_M, ground_point
 from gcs_server.scene.tracks import Tracks
 from tests.integration.gcs_server.scene.scene_server import CLICK_NORTH, open_stream, wait_until
-from tests.support.viser_camera import CAMERA
+from tests.support.viser_camera import CAMERA_MESSAGE
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, flying_vehicle
 
 METRES_PER_DEGREE = 111177.0
@@ -58,7 +58,7 @@ def test_without_a_global_position_a_click_is_refused():
 def test_a_click_is_published_with_the_token_of_its_view(scene_server):
     async def send_clicks():
         async with open_stream(scene_server, "?view=clicked&vehicle=2") as stream:
-            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
             await wait_until(lambda: scene_server.scene.viewers == 1)
             async with httpx.AsyncClient() as client:
                 response = await client.post(scene_server.url + "view/clicked/click", json=CLICK_NORTH)

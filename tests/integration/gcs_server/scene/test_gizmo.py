@@ -16,7 +16,7 @@ from gcs_server.scene.texts import altitude_text
 from gcs_server.scene.views import HANDLES_DISTANCE_M, HANDLES_MAX_OFFSET_RAD, Preview, camera_for_handles
 from missions.frames import q_from_yaw
 from tests.integration.gcs_server.scene.scene_server import DRAG_MESSAGE, open_stream, wait_until
-from tests.support.viser_camera import CAMERA
+from tests.support.viser_camera import CAMERA_MESSAGE
 
 pack = msgspec.msgpack.encode
 DRAG_END_MESSAGE = {"type": "TransformControlsDragEndMessage", "name": GROUND_HANDLE, "owner": "client:1"}
@@ -126,7 +126,7 @@ def test_a_dragged_preview_is_published_with_its_view(scene_server):
 
     async def drag_ground_handle():
         async with httpx.AsyncClient() as http, open_stream(scene_server, "?view=hand&vehicle=2") as stream:
-            await stream.send(pack(CAMERA))
+            await stream.send(pack(CAMERA_MESSAGE))
             await wait_until(lambda: scene_server.scene.viewers == 1)
             assert handle_count(scene_server) == 0
             preview = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
@@ -141,7 +141,7 @@ def test_a_dragged_preview_is_published_with_its_view(scene_server):
             await http.post(scene_server.url + "view/hand", json={"preview": None})
             await wait_until(lambda: handle_count(scene_server) == 0)
             await stream.send(pack(DRAG_MESSAGE))
-            await stream.send(pack(CAMERA))
+            await stream.send(pack(CAMERA_MESSAGE))
             await asyncio.sleep(0.1)
 
     scene_server.gizmos.clear()

@@ -15,7 +15,7 @@ from gcs_server.scene.proxy import STALLED_AFTER_S, Bridges
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.vehicle_node import VehicleNode
 from tests.integration.gcs_server.scene.scene_server import open_stream, wait_until
-from tests.support.viser_camera import CAMERA
+from tests.support.viser_camera import CAMERA_MESSAGE
 from tests.unit.gcs_server.scene.scene_fakes import StillClock, flying_vehicle
 
 
@@ -82,7 +82,7 @@ def test_vehicles_are_added_one_by_one_and_the_followed_vehicle_first(scene_serv
             await wait_until(lambda: scene_server.scene.viewers == 0)
             created_nodes.clear()
             async with open_stream(scene_server, query) as stream:
-                await stream.send(msgspec.msgpack.encode(CAMERA))
+                await stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
                 await wait_until(lambda: len(created_nodes) == len(scene_server.fleet.vehicles))
 
     monkeypatch.setattr(Scene, "_step", count_step)
@@ -101,7 +101,7 @@ def test_drawing_pauses_for_a_browser_that_does_not_read(scene_server, monkeypat
     async def run():
         await wait_until(lambda: scene_server.scene.viewers == 0)
         async with open_stream(scene_server) as stream:
-            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
             await wait_until(lambda: scene_server.scene.viewers == 1 and vehicle.topic_reads > 0)
             monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: bridge != "")
             await asyncio.sleep(0.1)

@@ -14,7 +14,7 @@ from zstandard import ZstdDecompressor
 
 from gcs_server.scene.moving_node import MIN_MOVE_M, MovingNode
 from tests.integration.gcs_server.scene.scene_server import open_stream
-from tests.support.viser_camera import CAMERA
+from tests.support.viser_camera import CAMERA_MESSAGE
 from tests.unit.gcs_server.scene.scene_fakes import local_position
 
 POINTS = np.array([[[0, 0, 0], [1, 2, 3]], [[1, 2, 3], [4, 5, 6]]], np.float32)
@@ -107,7 +107,7 @@ def test_a_browser_gets_a_vehicles_final_position(scene_server, monkeypatch):
 
     async def run():
         async with asyncio.timeout(20), open_stream(scene_server, f"?vehicle={vehicle.id}") as stream:
-            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
             for height_m in (12.0, 9.0):
                 monkeypatch.setitem(vehicle.values, "local_position", local_position(0.0, 0.0, -height_m))
                 await wait_for_height(stream, height_m)

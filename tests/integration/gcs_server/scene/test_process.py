@@ -30,7 +30,7 @@ from tests.integration.gcs_server.scene.scene_server import (
     message_types,
     wait_until,
 )
-from tests.support.viser_camera import CAMERA
+from tests.support.viser_camera import CAMERA_MESSAGE
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying_vehicle, local_position
 
 pack = msgspec.msgpack.encode
@@ -91,7 +91,7 @@ def test_a_view_shows_the_fleet_and_handles_clicks_and_drags():
             assert scene_server.scene.warning() is None, "the start is reported as a failure"
             await scene_server.wait_until_up(http)
             async with scene_server.open_stream("?view=page&vehicle=2") as stream:
-                await stream.send(pack(CAMERA))
+                await stream.send(pack(CAMERA_MESSAGE))
                 received_types: set[str] = set()
                 async with asyncio.timeout(30):
                     while not {"MeshMessage", "LineSegmentsMessage"} <= received_types:
@@ -138,7 +138,7 @@ def test_a_killed_process_is_restarted_with_its_views_and_leaves_no_folder():
             )
             assert folder.exists()
             async with scene_server.open_stream("?view=page") as stream:
-                await stream.send(pack(CAMERA))
+                await stream.send(pack(CAMERA_MESSAGE))
                 os.kill(first_pid, signal.SIGKILL)
                 async with asyncio.timeout(10):
                     await stream.wait_closed()
@@ -165,7 +165,7 @@ def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeyp
             await scene_server.wait_until_up(http)
             first_pid = scene_server.scene.pid
             async with scene_server.open_stream() as stream:
-                await stream.send(pack(CAMERA))
+                await stream.send(pack(CAMERA_MESSAGE))
                 await wait_until(lambda: scene_server.scene.viewers == 1)
                 os.kill(first_pid, signal.SIGSTOP)
                 longest_delay_s = 0.0

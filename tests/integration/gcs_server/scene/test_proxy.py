@@ -26,7 +26,7 @@ from tests.integration.gcs_server.scene.scene_server import (
     open_stream,
     wait_until,
 )
-from tests.support.viser_camera import CAMERA
+from tests.support.viser_camera import CAMERA_MESSAGE
 
 
 def listening_tcp_ports() -> set[int]:
@@ -122,11 +122,11 @@ pack = msgspec.msgpack.encode
 
 
 def test_a_camera_message_passes_without_extra_fields():
-    assert msgspec.msgpack.decode(parse_message(pack(CAMERA)), type=dict) == {
-        k: list(v) if isinstance(v, tuple) else v for k, v in CAMERA.items()
+    assert msgspec.msgpack.decode(parse_message(pack(CAMERA_MESSAGE)), type=dict) == {
+        k: list(v) if isinstance(v, tuple) else v for k, v in CAMERA_MESSAGE.items()
     }
     # A map with two "type" keys: parsers differ in which key they use, so the proxy encodes the map again.
-    two_types = b"\x8a" + pack("type") + pack("ShareUrlRequest") + pack(CAMERA)[1:]
+    two_types = b"\x8a" + pack("type") + pack("ShareUrlRequest") + pack(CAMERA_MESSAGE)[1:]
     passed_message = parse_message(two_types)
     assert passed_message is None or b"Share" not in passed_message
 
@@ -135,13 +135,13 @@ def test_a_camera_message_passes_without_extra_fields():
     "data",
     [
         *(pack({"type": t}) for t in ("ShareUrlRequest", "ShareUrlDisconnect", "GuiUpdateMessage")),
-        pack({**CAMERA, "type": "ShareUrlRequest"}),
-        pack({**CAMERA, "type": ["ViewerCameraMessage"]}),
-        pack({**CAMERA, "more": 1}),
-        pack({**CAMERA, "position": (float("nan"), 0.0, 0.0)}),
-        pack({**CAMERA, "look_at": CAMERA["position"]}),
-        pack({**CAMERA, "up_direction": (0.0, 0.0, 0.0)}),
-        pack({k: v for k, v in CAMERA.items() if k != "fov"}),
+        pack({**CAMERA_MESSAGE, "type": "ShareUrlRequest"}),
+        pack({**CAMERA_MESSAGE, "type": ["ViewerCameraMessage"]}),
+        pack({**CAMERA_MESSAGE, "more": 1}),
+        pack({**CAMERA_MESSAGE, "position": (float("nan"), 0.0, 0.0)}),
+        pack({**CAMERA_MESSAGE, "look_at": CAMERA_MESSAGE["position"]}),
+        pack({**CAMERA_MESSAGE, "up_direction": (0.0, 0.0, 0.0)}),
+        pack({k: v for k, v in CAMERA_MESSAGE.items() if k != "fov"}),
         pack("x" * 5000),
         b"",
         b"\xc1",
@@ -171,7 +171,7 @@ def test_a_request_for_a_public_tunnel_is_dropped(scene_server, monkeypatch):
     async def request_tunnel():
         async with open_stream(scene_server) as stream:
             await stream.send(msgspec.msgpack.encode({"type": "ShareUrlRequest"}))
-            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
             await wait_until(lambda: "ViewerCameraMessage" in received_types)
 
     asyncio.run(request_tunnel())
@@ -187,7 +187,7 @@ def test_a_text_message_ends_only_the_stream_that_sent_it(scene_server):
             await bad_stream.send("hello")
             async with asyncio.timeout(30):
                 await bad_stream.wait_closed()
-            await good_stream.send(msgspec.msgpack.encode(CAMERA))
+            await good_stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
             assert message_types(await good_stream.recv())
 
     asyncio.run(send_to_both_streams())
@@ -227,7 +227,7 @@ def test_a_browser_gets_a_scene_that_is_removed_when_its_stream_ends(scene_serve
             scene_server, "?theme=light", origin=scene_server.url.removesuffix("/scene/")
         ) as stream:
             assert stream.subprotocol == PROTOCOL
-            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
             kinds: set[str] = set()
             async with asyncio.timeout(30):
                 while (
@@ -244,7 +244,7 @@ def test_a_browser_gets_a_scene_that_is_removed_when_its_stream_ends(scene_serve
 def test_an_unchanged_scene_is_not_sent_again(scene_server):
     async def run():
         async with open_stream(scene_server) as stream:
-            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
             received_types: list[str] = []
             try:
                 async with asyncio.timeout(1.5):
@@ -272,7 +272,7 @@ def test_a_page_changes_its_view(scene_server):
 def test_a_new_theme_rebuilds_the_scene(scene_server):
     async def run():
         async with open_stream(scene_server, "?view=page2&theme=dark") as stream:
-            await stream.send(msgspec.msgpack.encode(CAMERA))
+            await stream.send(msgspec.msgpack.encode(CAMERA_MESSAGE))
             await wait_until(lambda: scene_server.scene.viewers == 1)
             async with httpx.AsyncClient() as client:
                 await client.post(scene_server.url + "view/page2", json={"theme": "light"})

@@ -9,7 +9,7 @@ from gcs_server.api.bodies import MAX_DEPTH, MAX_KEYS, BodyReader, json_fault
 from gcs_server.api.problems import MAX_ERRORS, MAX_VALUE_LENGTH
 from gcs_server.api.refusals import BODY_DEADLINE_S, MAX_BODY_BYTES
 from gcs_server.api.request_queue import RequestQueue
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 from tests.support.api_client import api_client
 
 LONGEST_PATH = {
@@ -29,7 +29,7 @@ LONGEST_PATH = {
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
-    with api_client(tmp_path_factory.mktemp("data"), raises=False) as client:
+    with api_client(tmp_path_factory.mktemp("data"), raise_server_exceptions=False) as client:
         yield client
 
 
@@ -152,6 +152,6 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
         await BodyReader(app, RequestQueue(lambda _: False))(scope, receive_nothing, send)
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(BODY_DEADLINE_S)
 
-    run_in_simulated_time(run)
+    run_on_simulated_time(run)
     assert sent_messages[0]["status"] == 408
     assert json.loads(sent_messages[1]["body"])["code"] == "too_slow"

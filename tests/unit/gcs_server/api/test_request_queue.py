@@ -5,7 +5,7 @@ import itertools
 
 from gcs_server.api.request_queue import KNOWN_AFTER_S, MAX_KNOWN_CLIENTS, RequestQueue
 from gcs_server.control.principal import Principal
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 
 
 def client(name, address="1.1.1.1"):
@@ -95,4 +95,4 @@ def test_a_known_client_is_served_before_a_thousand_new_clients():
         assert order.index("innocent") <= 2
         assert len(request_queue._seen) <= MAX_KNOWN_CLIENTS
 
-    run_in_simulated_time(run)
+    run_on_simulated_time(run)

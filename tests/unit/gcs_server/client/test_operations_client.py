@@ -6,7 +6,7 @@ import pytest
 
 from gcs_server.client import NoReply, Timeout
 from gcs_server.client.operations import Operations
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 
 NO_REPLY = {"status": 504, "code": "no_reply", "detail": "The vehicle did not answer."}
 
@@ -29,18 +29,18 @@ class FakeServer:
 
 def test_wait_returns_when_the_operation_has_ended():
     server = FakeServer(operation("running"), operation("running"), operation("succeeded"))
-    ended_operation = run_in_simulated_time(lambda: Operations(server).wait("4"))
+    ended_operation = run_on_simulated_time(lambda: Operations(server).wait("4"))
     assert ended_operation["state"] == "succeeded"
     assert server.calls == [("GET", "/operations/4")] * 3
 
 
 def test_a_failed_operation_raises_its_original_error():
     with pytest.raises(NoReply, match="did not answer"):
-        run_in_simulated_time(lambda: Operations(FakeServer(operation("failed", NO_REPLY))).wait("4"))
+        run_on_simulated_time(lambda: Operations(FakeServer(operation("failed", NO_REPLY))).wait("4"))
 
 
 def test_a_cancelled_operation_is_returned():
-    ended_operation = run_in_simulated_time(lambda: Operations(FakeServer(operation("cancelled"))).wait("4"))
+    ended_operation = run_on_simulated_time(lambda: Operations(FakeServer(operation("cancelled"))).wait("4"))
     assert ended_operation["state"] == "cancelled"
 
 
@@ -51,16 +51,16 @@ def test_a_timeout_reports_the_progress():
             await Operations(FakeServer(operation("running"))).wait("4", timeout_s=5)
         assert 5.0 <= asyncio.get_running_loop().time() - began_s < 6.0
 
-    run_in_simulated_time(scenario)
+    run_on_simulated_time(scenario)
 
 
 def test_operations_are_filtered_by_vehicle():
     server = FakeServer({"operations": [operation("running"), operation("running", vehicle="2")]})
-    operations = run_in_simulated_time(lambda: Operations(server).all("2"))
+    operations = run_on_simulated_time(lambda: Operations(server).all("2"))
     assert [entry["vehicle"] for entry in operations] == ["2"]
 
 
 def test_cancel_returns_the_final_state():
     server = FakeServer(operation("cancelled"))
-    assert run_in_simulated_time(lambda: Operations(server).cancel("4"))["state"] == "cancelled"
+    assert run_on_simulated_time(lambda: Operations(server).cancel("4"))["state"] == "cancelled"
     assert server.calls == [("DELETE", "/operations/4")]

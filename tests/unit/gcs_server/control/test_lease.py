@@ -94,7 +94,7 @@ def test_a_command_takes_free_control_and_commands_of_other_clients_are_refused_
     with pytest.raises(NotInControl, match=r"anna has control of vehicle 7, not you") as error:
         setup.lease.admit(BOB)
     assert error.value.details() == {"holder": "anna", "holder_key": ANNA.key}
-    assert "Hold, Land now and Kill" in error.value.remedy
+    assert "Hold, Land now and Stop motors" in error.value.remedy
     assert setup.actions() == ["taken"]
 
 

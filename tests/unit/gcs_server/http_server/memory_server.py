@@ -13,7 +13,7 @@ from gcs_server.api.connections import Connections
 from gcs_server.clock import LoopClock
 from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.http_protocol import BoundedHttp
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 
 
 class Transport(asyncio.Transport):
@@ -144,4 +144,4 @@ def run_with_server(
     async def run() -> None:
         await scenario(TestedServer(app))
 
-    run_in_simulated_time(run)
+    run_on_simulated_time(run)

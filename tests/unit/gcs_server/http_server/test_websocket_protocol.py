@@ -8,7 +8,7 @@ import pytest
 
 from gcs_server.api.refusals import UNREAD_DEADLINE_S
 from gcs_server.http_server.websocket_protocol import CLOSE_DEADLINE_S, MAX_FRAMES, MAX_FRAMES_PER_S
-from tests.e2e.hostile import frame
+from tests.e2e.attacks import websocket_frame
 from tests.unit.gcs_server.http_server.memory_server import respond_with_size, run_with_server
 
 CONTINUATION, TEXT, BINARY, PING, PONG = 0, 1, 2, 9, 10
@@ -50,7 +50,7 @@ def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_closes_the_connection(o
                 longest_iteration_s = max(longest_iteration_s, time.thread_time() - began_s)
 
         measurement = asyncio.ensure_future(measure_iterations())
-        await server.send(transport, frame(b"", opcode) * 42_000)
+        await server.send(transport, websocket_frame(b"", opcode) * 42_000)
         finished = True
         await measurement
         assert close_frame(transport) == (1008, f"more than {MAX_FRAMES_PER_S} frames in a second")
@@ -74,7 +74,7 @@ def test_the_application_gets_every_message_in_order():
     async def scenario(server):
         transport = await open_websocket(server)
         texts = [f"{n} " + "x" * (n * 37 % 9000) for n in range(300)]
-        await server.send(transport, b"".join(frame(text.encode()) for text in texts), 10_000)
+        await server.send(transport, b"".join(websocket_frame(text.encode()) for text in texts), 10_000)
         await asyncio.sleep(1)
         assert received_texts == texts
 
@@ -89,7 +89,7 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
 
     async def scenario(server):
         transport = await open_websocket(server)
-        received_bytes = await server.send(transport, frame(b"x" * 1000) * 3000)
+        received_bytes = await server.send(transport, websocket_frame(b"x" * 1000) * 3000)
         assert received_bytes <= 262_144
         assert transport.reading_paused
         assert transport.protocol.queue.qsize() <= 3
@@ -100,7 +100,9 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
 def test_a_message_of_too_many_frames_closes_the_connection():
     async def scenario(server):
         transport = await open_websocket(server)
-        message_frames = frame(b"x", TEXT, final=False) + frame(b"", CONTINUATION, final=False) * 2000
+        message_frames = (
+            websocket_frame(b"x", TEXT, final=False) + websocket_frame(b"", CONTINUATION, final=False) * 2000
+        )
         await server.send(transport, message_frames)
         assert close_frame(transport) == (1009, f"a message of more than {MAX_FRAMES} frames")
 
@@ -110,7 +112,7 @@ def test_a_message_of_too_many_frames_closes_the_connection():
 def test_a_too_large_message_closes_the_connection_before_it_is_complete():
     async def scenario(server):
         transport = await open_websocket(server)
-        received_bytes = await server.send(transport, frame(b"x" * 3_000_000))
+        received_bytes = await server.send(transport, websocket_frame(b"x" * 3_000_000))
         assert received_bytes < 300_000
         assert close_frame(transport)[0] == 1009
 
@@ -122,7 +124,7 @@ def test_unread_pongs_are_limited():
         transport = await open_websocket(server)
         transport.client_reads = False
         for _ in range(20):
-            await server.send(transport, frame(b"x" * 125, PING) * 900)
+            await server.send(transport, websocket_frame(b"x" * 125, PING) * 900)
             await server.wait(1)
         assert len(transport.unread) < 70_000
 
@@ -163,14 +165,20 @@ def test_an_open_websocket_without_messages_stays_open():
             # A ping of the server has four bytes of payload.
             pings = transport.written.count(b"\x89\x04")
             payload = transport.written[transport.written.rindex(b"\x89\x04") + 2 :][:4] if pings else b""
-            await server.send(transport, frame(payload, PONG))
+            await server.send(transport, websocket_frame(payload, PONG))
         assert not transport.closed
 
     run_with_server(scenario, respond_with_size)
 
 
 @pytest.mark.parametrize(
-    "early_data", [frame(b"early"), b"\xff" * 5000, frame(b"x", CONTINUATION), frame(b"x" * 3_000_000)]
+    "early_data",
+    [
+        websocket_frame(b"early"),
+        b"\xff" * 5000,
+        websocket_frame(b"x", CONTINUATION),
+        websocket_frame(b"x" * 3_000_000),
+    ],
 )
 @pytest.mark.parametrize("disconnects", [False, True])
 def test_data_received_before_the_accept_is_kept_and_causes_no_log_line(early_data, disconnects, caplog):

@@ -20,7 +20,7 @@ from gcs_server.links.writer import LinkWriter
 from gcs_server.mavlink.codec import FrameParser
 from gcs_server.mavlink.connection import FrameSender
 from tests.serial_line import SimulatedSerialLine
-from tests.support.link_recorder import LinkRecorder, run
+from tests.support.link_recorder import LinkRecorder, run_in_real_time
 
 PEER = Peer("vehicle")
 SETPOINT, PARAM_READ, COMMAND = 84, 20, 76
@@ -67,7 +67,7 @@ class SlowLink(Link):
             self._counts,
             self.faults,
             self.loop.time,
-            pacer=pacer or LinePacer(57600, self.line.in_driver),
+            pacer=pacer or LinePacer(57600, self.line.buffered_bytes),
         )
         self._state = "open"
         self._peers[PEER.name] = PEER
@@ -319,7 +319,7 @@ def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop_moto
         os.close(test_end)
         os.close(serial_end)
 
-    run(scenario)
+    run_in_real_time(scenario)
 
 
 def test_a_writer_updates_the_counters_of_its_link():

@@ -78,8 +78,8 @@ def px4_definitions(shared):
 
 
 @pytest.mark.parametrize("module", [dialect, sim_dialect], ids=["gcs_server", "vehicle_sim"])
-def test_every_message_of_px4_has_the_layout_of_its_definition(shared, module):
-    definitions = px4_definitions(shared)
+def test_every_message_of_px4_has_the_layout_of_its_definition(reference_data, module):
+    definitions = px4_definitions(reference_data)
     assert len(definitions) > 200
     differences = []
     for msg_id, (name, fields, crc_extra) in definitions.items():

@@ -17,7 +17,7 @@ from gcs_server.operations.operations import (
     Operations,
 )
 from gcs_server.supervise import Supervisor
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 
 
 def run_test(work):
@@ -33,7 +33,7 @@ def run_test(work):
         await operations.close()
         await supervisor.close()
 
-    run_in_simulated_time(run)
+    run_on_simulated_time(run)
 
 
 async def work_forever(report):

@@ -14,8 +14,8 @@ from gcs_server.replay.records import open_log
         ("failsafe-battery.tlog", ["Armed", "Takeoff detected", "Low battery", "Critical battery"]),
     ],
 )
-def test_marks_have_the_texts_in_order_and_no_findings_of_health_reports(shared, name, expected):
-    path = shared / "px4" / "tlogs" / name
+def test_marks_have_the_texts_in_order_and_no_findings_of_health_reports(reference_data, name, expected):
+    path = reference_data / "px4" / "tlogs" / name
     with open_log(path) as file:
         index = make_index(file)
     (vehicle,) = make_marks(path, index)

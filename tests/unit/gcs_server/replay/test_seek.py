@@ -127,9 +127,9 @@ def test_seeking_equals_playing_in_a_long_flight_with_checkpoints(tmp_path, frac
     ["flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz", "failsafe-battery.tlog", "offboard-api.tlog.gz"],
 )
 @pytest.mark.parametrize("fraction", [0.2, pytest.param(0.5, marks=pytest.mark.broad), 0.9])
-def test_seeking_equals_playing_in_flights_of_a_real_px4(shared, name, fraction):
+def test_seeking_equals_playing_in_flights_of_a_real_px4(reference_data, name, fraction):
     vehicles, played_count, fed_count = compare_seeking_with_playing(
-        shared / "px4" / "tlogs" / name, fraction
+        reference_data / "px4" / "tlogs" / name, fraction
     )
     assert len(vehicles) == 1
     assert played_count > 10 * fed_count

@@ -24,9 +24,9 @@ from gcs_server.ros2.external_mode import (
     controllers_message,
 )
 from gcs_server.ros2.message_types import MESSAGES, Values
-from tests.support.dds_samples import recorded
+from tests.support.dds_samples import recorded_samples
 
-RECORDED = recorded()
+RECORDED = recorded_samples()
 NAME, REQUEST_ID = "Fly Mode", 2199029506047954537
 """Values of the recorded registration."""
 ACCEPTING_REPLY: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REGISTER_REPLY])

@@ -8,7 +8,7 @@ from gcs_server.ros2 import inspection
 from gcs_server.ros2.inspection import Announcement, DomainTopics, MessageRate, TopicKey, TopicView
 from gcs_server.ros2.inspector import READ_EVERY_S, Session
 from gcs_server.ros2.message_types import HEADER, MessageType
-from tests.support.dds_samples import recorded
+from tests.support.dds_samples import recorded_samples
 
 STATUS = "/fmu/out/vehicle_status_v1"
 STATUS_TYPE = "px4_msgs::msg::dds_::VehicleStatus_"
@@ -74,7 +74,7 @@ def test_a_topic_has_type_rate_age_and_the_fields_of_its_last_message(setup: Ins
     setup.port.announce(key)
     setup.port.announce(key, publishes=False)
     for _ in range(50):
-        setup.read("px4_1", messages={key: [recorded()[STATUS]] * 2})
+        setup.read("px4_1", messages={key: [recorded_samples()[STATUS]] * 2})
     setup.read("px4_1")
     topic = setup.topics()[f"/px4_1{STATUS}"]
     assert (topic.type, topic.publishers, topic.subscribers) == ("px4_msgs/msg/VehicleStatus", 1, 1)
@@ -82,7 +82,7 @@ def test_a_topic_has_type_rate_age_and_the_fields_of_its_last_message(setup: Ins
     assert topic.age_s == pytest.approx(READ_EVERY_S)
     assert topic.value is not None
     assert topic.value["system_id"] == 1
-    assert topic.size_bytes == len(recorded()[STATUS])
+    assert topic.size_bytes == len(recorded_samples()[STATUS])
     assert topic.problem is None
 
 
@@ -110,7 +110,7 @@ def test_a_malformed_message_is_reported_until_a_valid_message_arrives(setup: In
     topic = setup.topics()[f"/px4_1{STATUS}"]
     assert topic.value is None
     assert topic.problem == "The last message is malformed: 9 bytes instead of the 84 of VehicleStatus."
-    setup.read("px4_1", messages={key: [recorded()[STATUS]]})
+    setup.read("px4_1", messages={key: [recorded_samples()[STATUS]]})
     assert setup.topics()[f"/px4_1{STATUS}"].problem is None
 
 
@@ -158,7 +158,7 @@ def test_if_messages_were_dropped_the_rate_is_a_lower_bound(setup: InspectionSet
     setup.port.announce(key)
     setup.port.overflowed = True
     for _ in range(5):
-        setup.read("px4_1", messages={key: [recorded()[STATUS]] * 128})
+        setup.read("px4_1", messages={key: [recorded_samples()[STATUS]] * 128})
     topic = setup.topics()[f"/px4_1{STATUS}"]
     assert topic.rate_is_minimum
     assert topic.rate_hz == pytest.approx(1280, rel=0.05)

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from gcs_server.ros2.message_types import HEADER, MESSAGES, SHOWN, MalformedMessage
-from tests.support.dds_samples import recorded
+from tests.support.dds_samples import recorded_samples
 
 
-def test_layouts_match_the_published_types(shared: Path) -> None:
-    published = json.loads((shared / "px4" / "dds" / "types.json").read_text())["types"]
+def test_layouts_match_the_published_types(reference_data: Path) -> None:
+    published = json.loads((reference_data / "px4" / "dds" / "types.json").read_text())["types"]
     for name, message in SHOWN.items():
         if name not in published:  # a type inside a published type
             assert name == "PositionSetpoint"
@@ -25,9 +25,9 @@ def test_layouts_match_the_published_types(shared: Path) -> None:
         assert [(field.name, field.type, field.length) for field in message.primitive_fields] == fields, name
 
 
-def test_every_recorded_sample_decodes_to_its_fields(shared: Path) -> None:
+def test_every_recorded_sample_decodes_to_its_fields(reference_data: Path) -> None:
     checked_types: set[str] = set()
-    for line in (shared / "px4" / "dds" / "samples.jsonl").read_text().splitlines():
+    for line in (reference_data / "px4" / "dds" / "samples.jsonl").read_text().splitlines():
         sample = json.loads(line)
         message = SHOWN.get(sample["type"])
         if message is None:
@@ -42,14 +42,14 @@ def test_every_recorded_sample_decodes_to_its_fields(shared: Path) -> None:
     assert len(checked_types) > 22
 
 
-@pytest.mark.parametrize("topic", recorded())
+@pytest.mark.parametrize("topic", recorded_samples())
 def test_a_decoded_message_is_encoded_with_the_same_fields_and_its_full_size(topic: str) -> None:
     types_with_other_names = {"vehicle_status_v1": "VehicleStatus", "vehicle_gps_position": "SensorGps"}
     name = topic.rsplit("/", 1)[1]
     message = MESSAGES.get(types_with_other_names.get(name, name.title().replace("_", "")))
     if message is None:
         return  # a topic that the server does not use
-    values = message.decode(recorded()[topic])
+    values = message.decode(recorded_samples()[topic])
     assert message.decode(message.encode(values)).keys() == values.keys()
     assert len(message.encode(values)) == len(HEADER) + message.size
 

@@ -14,7 +14,7 @@ from gcs_server.ros2.message_types import MalformedMessage
 from gcs_server.ros2.to_mavlink import MavlinkConverter
 from gcs_server.ros2.topics import SUBSCRIPTIONS
 from gcs_server.vehicle import decoders, reducers
-from tests.support.dds_samples import recorded
+from tests.support.dds_samples import recorded_samples
 
 Decoder = Callable[[Mapping[int, bytes]], tuple[Any, float | None]]
 TYPES = {each.name: each.message for each in SUBSCRIPTIONS}
@@ -24,7 +24,7 @@ HOME_POSITION, FAILSAFE_FLAGS = "/fmu/out/home_position", "/fmu/out/failsafe_fla
 
 
 def _values(topic: str, **changes: Any) -> dict[str, Any]:
-    return TYPES[topic].decode(recorded()[topic]) | changes
+    return TYPES[topic].decode(recorded_samples()[topic]) | changes
 
 
 class ConverterSetup:

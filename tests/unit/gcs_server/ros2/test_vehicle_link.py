@@ -12,7 +12,7 @@ from gcs_server.mavlink.codec import FrameParser, decode, encode_frame, encode_p
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import SUBSCRIPTIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
-from tests.support.dds_samples import recorded
+from tests.support.dds_samples import recorded_samples
 
 STATUS, ACK = "/fmu/out/vehicle_status_v1", "/fmu/out/vehicle_command_ack"
 FAILSAFE_FLAGS = "/fmu/out/failsafe_flags"
@@ -28,7 +28,7 @@ class VehicleLinkSetup:
     def __init__(self) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
         self.link = VehicleLink("px4_1", self, 255)
-        self.receive((STATUS, recorded()[STATUS]))
+        self.receive((STATUS, recorded_samples()[STATUS]))
 
     def send(self, topic: str, data: bytes) -> None:
         self.sent.append((topic, MESSAGES["VehicleCommand"].decode(data)))
@@ -94,7 +94,7 @@ def test_acknowledgements_to_other_stations_are_received_and_acknowledgements_to
 
 
 def test_a_refusal_is_explained_by_the_flags_of_the_requested_mode(setup: VehicleLinkSetup) -> None:
-    flags = TYPES[FAILSAFE_FLAGS].decode(recorded()[FAILSAFE_FLAGS])
+    flags = TYPES[FAILSAFE_FLAGS].decode(recorded_samples()[FAILSAFE_FLAGS])
     flags |= {"auto_mission_missing": True, "mode_req_mission": 1 << 3, "offboard_control_signal_lost": True}
     setup.receive((FAILSAFE_FLAGS, TYPES[FAILSAFE_FLAGS].encode(flags)))
     setup.command(_command_long(SET_MODE, 1.0, 4.0, 4.0))
@@ -113,7 +113,7 @@ def test_a_heartbeat_and_a_request_for_a_message_are_not_sent(setup: VehicleLink
 
 
 def test_a_request_for_home_returns_the_newest_received_home(setup: VehicleLinkSetup) -> None:
-    setup.receive(("/fmu/out/home_position", recorded()["/fmu/out/home_position"]))
+    setup.receive(("/fmu/out/home_position", recorded_samples()["/fmu/out/home_position"]))
     setup.command(_command_long(REQUEST_MESSAGE, 242.0))
     assert [message.get_type() for message in setup.receive()] == ["HOME_POSITION"]
     assert setup.receive() == []
@@ -127,7 +127,7 @@ def test_a_command_that_ros_2_does_not_carry_is_refused(setup: VehicleLinkSetup)
 def test_a_malformed_sample_is_reported_for_a_minute_and_other_samples_are_used(
     setup: VehicleLinkSetup,
 ) -> None:
-    status = recorded()[STATUS]
+    status = recorded_samples()[STATUS]
     messages = setup.receive((STATUS, status[:20]), (STATUS, b""), (STATUS, status), now_s=5.0)
     assert messages[0].get_type() == "HEARTBEAT"
     problems = setup.link.problems(6.0)
@@ -137,6 +137,6 @@ def test_a_malformed_sample_is_reported_for_a_minute_and_other_samples_are_used(
 
 
 def test_frames_have_consecutive_sequence_numbers(setup: VehicleLinkSetup) -> None:
-    frames = FrameParser().feed(setup.link.to_frames([(STATUS, recorded()[STATUS])] * 2, 0.0), 0.0)
+    frames = FrameParser().feed(setup.link.to_frames([(STATUS, recorded_samples()[STATUS])] * 2, 0.0), 0.0)
     numbers = [frame.seq for frame in frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))

@@ -184,8 +184,8 @@ def test_the_free_view_does_not_move_the_scene():
     assert world_pose("chase", None, 1.0) == WorldPose()
 
 
-def test_vehicles_have_the_colours_of_the_page(shared):
-    tokens = (shared / "design" / "tokens.css").read_text()
+def test_vehicles_have_the_colours_of_the_page(reference_data):
+    tokens = (reference_data / "design" / "tokens.css").read_text()
     dark, light = tokens.split('[data-theme="light"]')
     for css, palette in ((dark, PALETTES["dark"]), (light, PALETTES["light"])):
         for name, colour in zip(("actual", "id-2", "id-3", "id-4"), palette.vehicle_colours, strict=True):

@@ -13,7 +13,7 @@ from gcs_server.isolation import Isolation
 from gcs_server.telemetry.hub import CLOSE_TOO_SLOW, EVENT_QUEUE_CHARACTERS, EVENT_QUEUE_LENGTH, Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.samples import Estimator, Hud, Sample
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 
 LONE_SURROGATE = "\ud800"
 """A character that cannot be encoded as UTF-8."""
@@ -96,7 +96,7 @@ def run_test(scenario):
             await scenario(fleet, socket, hub)
             hub_task.cancel()
 
-    run_in_simulated_time(run)
+    run_on_simulated_time(run)
 
 
 def test_a_slow_client_gets_the_newest_value_and_no_backlog():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gcs_server.vehicle.services import ftp_codec as codec
 from gcs_server.vehicle.services.ftp_pieces import MAX_MISSING_PARTS, PartialFile
-from tests.executed_lines import count_lines_run
+from tests.executed_lines import count_executed_lines
 
 packets = st.builds(
     lambda data, **more: codec.Packet(data=data, size=len(data), **more),
@@ -63,8 +63,8 @@ def test_pieces_in_any_order_are_joined_to_the_file(size, spans):
     assert file.content == content
 
 
-def test_the_recorded_listings_and_refusals_are_read(shared):
-    lines = (shared / "px4/dialogues/ftp.jsonl").read_text().splitlines()
+def test_the_recorded_listings_and_refusals_are_read(reference_data):
+    lines = (reference_data / "px4/dialogues/ftp.jsonl").read_text().splitlines()
     dialogues = {d["id"]: d for d in map(json.loads, lines)}
 
     def reply(name):
@@ -108,7 +108,7 @@ def put_every_second_byte(file):
 
 def test_the_work_for_a_piece_does_not_grow_with_the_number_of_earlier_pieces():
     few_lines, many_lines = (
-        count_lines_run(lambda n=n: put_every_second_byte(PartialFile(n))) for n in (1_000, 4_000)
+        count_executed_lines(lambda n=n: put_every_second_byte(PartialFile(n))) for n in (1_000, 4_000)
     )
     assert many_lines < 5 * few_lines
 

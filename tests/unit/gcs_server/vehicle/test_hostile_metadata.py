@@ -14,7 +14,7 @@ from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import event_document, metadata_files, param_document
 from gcs_server.vehicle.event_definitions import MAX_TEXT_LENGTH
 from gcs_server.vehicle.metadata_files import EVENTS, PARAMETERS, Damaged
-from tests.executed_lines import count_lines_run
+from tests.executed_lines import count_executed_lines
 
 GOOD_ENTRY = {"name": "GOOD", "type": "Float", "max": 3.0}
 EVENT_ID = 1 << 24 | 7
@@ -80,7 +80,7 @@ def test_long_texts_of_parameters_are_cut():
 )
 def test_the_work_and_the_length_of_an_event_text_are_limited(text):
     def lines_run(times):
-        return count_lines_run(lambda: event_document.parse_template(text * times, 500).fill([]))
+        return count_executed_lines(lambda: event_document.parse_template(text * times, 500).fill([]))
 
     assert lines_run(4) == lines_run(1) < 5_000
     assert len(event_document.parse_template(text, 500).fill([])) <= 500
@@ -95,7 +95,7 @@ def test_the_text_of_an_event_has_a_limited_length():
     definition = definitions[EVENT_ID]
     text = definition.text(b"\xff" * 40)
     assert len(text) == MAX_TEXT_LENGTH
-    assert count_lines_run(lambda: definition.text(b"\xff" * 40)) < 10_000
+    assert count_executed_lines(lambda: definition.text(b"\xff" * 40)) < 10_000
 
 
 def test_the_number_of_decimals_in_an_event_text_is_limited():
@@ -200,8 +200,8 @@ def test_parameter_names_with_dots_hyphens_and_lower_case_are_accepted(name):
     assert name in param_document.parse(parameters_json({"name": name, "type": "Int32"}))
 
 
-def test_the_files_of_a_real_px4_are_read_completely(shared):
+def test_the_files_of_a_real_px4_are_read_completely(reference_data):
     for kind, name, count in ((PARAMETERS, "parameters", 1821), (EVENTS, "events", 370)):
-        packed = (shared / f"px4/{name}.json.xz").read_bytes()
+        packed = (reference_data / f"px4/{name}.json.xz").read_bytes()
         parsed = metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, 0))
         assert (len(parsed), parsed.omission_text) == (count, None)

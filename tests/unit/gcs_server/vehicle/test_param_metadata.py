@@ -23,13 +23,13 @@ def payload(name, bits, index=0, count=2, kind=REAL32):
 
 
 @pytest.fixture(scope="module")
-def metadata(shared):
-    return param_document.parse(lzma.decompress((shared / "px4/parameters.json.xz").read_bytes()))
+def metadata(reference_data):
+    return param_document.parse(lzma.decompress((reference_data / "px4/parameters.json.xz").read_bytes()))
 
 
 @pytest.fixture(scope="module")
-def recorded_parameters(shared):
-    content = json.loads((shared / "px4/parameters-live.json").read_text())
+def recorded_parameters(reference_data):
+    content = json.loads((reference_data / "px4/parameters-live.json").read_text())
     return content.get("parameters", content)
 
 

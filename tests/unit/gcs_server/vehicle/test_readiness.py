@@ -23,7 +23,7 @@ from gcs_server.vehicle.readiness import (
     ReportJoiner,
     modes_and_component,
 )
-from tests.executed_lines import count_lines_run
+from tests.executed_lines import count_executed_lines
 
 NO_GLOBAL_POSITION = "no valid global position"
 NO_POSITION = "no valid position estimate"
@@ -81,8 +81,8 @@ def recorded_dialogues(shared, group):
 
 
 @pytest.fixture(scope="module")
-def px4_definitions(shared):
-    return event_document.parse(lzma.decompress((shared / "px4/events.json.xz").read_bytes()))
+def px4_definitions(reference_data):
+    return event_document.parse(lzma.decompress((reference_data / "px4/events.json.xz").read_bytes()))
 
 
 ARMING_CAUSES = {
@@ -120,10 +120,10 @@ RUNNING_CAUSES = {
 
 
 @pytest.mark.parametrize(("expected", "running"), [(ARMING_CAUSES, False), (RUNNING_CAUSES, True)])
-def test_recorded_reports_have_the_expected_causes_for_each_mode(shared, expected, running):
+def test_recorded_reports_have_the_expected_causes_for_each_mode(reference_data, expected, running):
     dialogues = {}
-    for file in sorted((shared / "px4/dialogues").glob("*.jsonl")):
-        for name, payloads in recorded_dialogues(shared, file.stem):
+    for file in sorted((reference_data / "px4/dialogues").glob("*.jsonl")):
+        for name, payloads in recorded_dialogues(reference_data, file.stem):
             dialogues.setdefault(name, payloads)
     for name, by_mode in expected.items():
         causes_of_reports = [
@@ -133,10 +133,10 @@ def test_recorded_reports_have_the_expected_causes_for_each_mode(shared, expecte
         assert by_mode in causes_of_reports, name
 
 
-def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_definitions):
+def test_every_recorded_report_explains_every_unavailable_mode(reference_data, px4_definitions):
     reports = 0
-    for file in sorted((shared / "px4/dialogues").glob("*.jsonl")):
-        for name, payloads in recorded_dialogues(shared, file.stem):
+    for file in sorted((reference_data / "px4/dialogues").glob("*.jsonl")):
+        for name, payloads in recorded_dialogues(reference_data, file.stem):
             for definitions in (None, px4_definitions):
                 report = last_report(payloads, definitions)
                 if report is None:
@@ -158,13 +158,15 @@ def test_every_recorded_report_explains_every_unavailable_mode(shared, px4_defin
     assert reports > 40
 
 
-def test_texts_of_the_vehicle_are_used_before_texts_of_the_server_and_contain_values(shared, px4_definitions):
+def test_texts_of_the_vehicle_are_used_before_texts_of_the_server_and_contain_values(
+    reference_data, px4_definitions
+):
     name = "param_arm_two_mags_required"
     by_name = {}
-    for dialogue, payloads in recorded_dialogues(shared, "command"):
+    for dialogue, payloads in recorded_dialogues(reference_data, "command"):
         by_name[dialogue] = payloads
     for file in ("arming_denied", "param", "arming"):
-        by_name |= dict(recorded_dialogues(shared, file))
+        by_name |= dict(recorded_dialogues(reference_data, file))
     findings = last_report(by_name[name], px4_definitions).findings
     compass = next(f for f in findings if f.name == "check_mag_sys_has_mag_missing")
     assert compass.cause == "Found 1 compass (required: 2)"
@@ -237,10 +239,10 @@ def test_the_restrictions_of_all_chunks_apply_and_a_report_with_a_missing_chunk_
     assert joiner.end(struct.pack("<BIII", 0, 0, 0, 0)) is None
 
 
-def test_every_event_of_recorded_flights_has_a_text(shared, px4_definitions):
+def test_every_event_of_recorded_flights_has_a_text(reference_data, px4_definitions):
     """Every event of every telemetry log has a text, and every report explains the unavailable modes."""
     events = reports = 0
-    for path in sorted((shared / "px4/tlogs").glob("*.tlog*")):
+    for path in sorted((reference_data / "px4/tlogs").glob("*.tlog*")):
         content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
         stream, in_order, parser = EventStream(), [], FrameParser()
         for raw_frame in tlog_frames(content):
@@ -292,7 +294,7 @@ def test_a_too_long_report_is_cut_and_its_findings_are_counted(chunks, findings)
     assert view.left_out == f"The vehicle reported 20,000 findings; {MAX_FINDINGS} of them are shown."
     assert all(len(m.arming) <= MAX_CAUSES and len(m.running) <= MAX_CAUSES for m in view.modes)
     assert len(encode(view)) < 500_000
-    assert count_lines_run(lambda: readiness.readiness_of(report, 0.0, "vehicle")) < 60_000
+    assert count_executed_lines(lambda: readiness.readiness_of(report, 0.0, "vehicle")) < 60_000
 
 
 def test_a_report_of_usual_length_is_complete():

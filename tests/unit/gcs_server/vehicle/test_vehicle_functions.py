@@ -145,8 +145,8 @@ def test_chunks_of_a_status_text_are_joined_in_any_order_and_gaps_are_shown():
     assert joiner.feed(status_text(b"e" * 50, 7, 0), 4.1) == [(6, "d" * 50 + "‹…›")]
 
 
-def test_px4_defines_all_event_ids_in_the_servers_code(shared):
-    metadata = json.loads(lzma.decompress((shared / "px4" / "events.json.xz").read_bytes()))
+def test_px4_defines_all_event_ids_in_the_servers_code(reference_data):
+    metadata = json.loads(lzma.decompress((reference_data / "px4" / "events.json.xz").read_bytes()))
     px4_event_ids = set()
     for component, content in metadata["components"].items():
         for group in content.get("event_groups", {}).values():
@@ -168,9 +168,9 @@ def test_each_mode_has_its_own_name_and_custom_mode():
     assert modes.name_and_label(5, 3) == ("custom_5", "Mode 5")
 
 
-def test_the_modes_match_the_list_of_px4(shared):
+def test_the_modes_match_the_list_of_px4(reference_data):
     px4_modes = set()
-    for line in (shared / "px4" / "dialogues" / "request_message.jsonl").read_text().splitlines():
+    for line in (reference_data / "px4" / "dialogues" / "request_message.jsonl").read_text().splitlines():
         for received in json.loads(line)["received"]:
             if received["msg"] == "AVAILABLE_MODES":
                 px4_modes.add(received["fields"]["custom_mode"])
@@ -178,7 +178,7 @@ def test_the_modes_match_the_list_of_px4(shared):
     assert px4_modes - set(modes.BY_CUSTOM_MODE) == set()
 
 
-def test_a_vehicles_uid_is_read_from_uid2_or_uid(shared):
+def test_a_vehicles_uid_is_read_from_uid2_or_uid(reference_data):
     def version(uid, uid2=(0,) * 18, vendor=0):
         message = d.MAVLink_autopilot_version_message(
             1, 0x011000FF, 0, 0, 1, [0] * 8, [0] * 8, [0] * 8, vendor, 0, uid, list(uid2)

@@ -79,6 +79,7 @@ class ObstacleFlight:
         way: whether the vehicle avoids obstacles over or around them.
         limits: limits of the detour.
         drift_ned_m_s: error of the velocity estimate: true minus estimated velocity.
+        vertical_noise_m_s: amplitude of an oscillation in the estimated vertical velocity.
     """
 
     def __init__(
@@ -91,11 +92,12 @@ class ObstacleFlight:
         way: AvoidanceWay = "over",
         limits: DetourLimits | None = None,
         drift_ned_m_s: Vector3 = (0.0, 0.0, 0.0),
+        vertical_noise_m_s: float = 0.0,
     ) -> None:
         self.boxes = tuple(boxes)
         self.avoider = Avoider(way)
         self.limits = limits or DetourLimits()
-        self.drift = np.array(drift_ned_m_s)
+        self.drift, self.vertical_noise_m_s = np.array(drift_ned_m_s), vertical_noise_m_s
         self.position_ned_m, self.velocity, self.yaw = np.array(start, float), np.zeros(3), 0.0
         self.now_s, self.steps = 100.0, 0
         self.all_directions, self.has_downward_sensor, self.sensors_are_off = all_directions, down, False
@@ -128,7 +130,8 @@ class ObstacleFlight:
         """Simulates STEP_S with this requested motion."""
         if self.steps % SCAN_EVERY == 0 and not self.sensors_are_off:
             self._update_scans()
-        state = MotionState(_vector(self.position_ned_m), _vector(self.velocity), self.yaw)
+        noise_m_s = np.array([0.0, 0.0, self.vertical_noise_m_s * math.sin(7.0 * self.now_s)])
+        state = MotionState(_vector(self.position_ned_m), _vector(self.velocity + noise_m_s), self.yaw)
         self.adjusted = self.avoider.adjust(self.now_s, state, requested, self.scans, self.limits)
         motion = self.adjusted.motion or Position(requested.position_ned_m)
         if isinstance(motion, Position):

@@ -53,6 +53,31 @@ def test_the_vehicle_descends_behind_the_box_and_not_only_at_the_goal():
     assert 5.75 < flight.position_ned_m[0] < 9.0
 
 
+@pytest.mark.parametrize("gap_m", [3.0, 4.0, 6.0])
+@pytest.mark.parametrize("height_m", [2.0, 8.0])
+def test_a_second_box_is_seen_before_the_vehicle_flies_on_to_it(height_m: float, gap_m: float):
+    """Above the first box a level sensor measures nothing of the second one, which is equally high."""
+    start, goal = (0.0, 0.0, -2.0), (28.0, 0.0, -2.0)
+    boxes = [
+        BoxObstacle((4.0, 8.0), (-3.0, 3.0), height_m),
+        BoxObstacle((8.0 + gap_m, 12.0 + gap_m), (-3.0, 3.0), height_m),
+    ]
+    flight = ObstacleFlight(boxes, start=start)
+    flight.fly(goal)
+    assert flight.reached(goal)
+    assert flight.nearest_m > 0.5
+
+
+def test_a_vehicle_that_drifts_back_to_the_box_leaves_it_once():
+    boxes = [BoxObstacle((6.0, 8.0), (-3.0, 3.0), 2.0), BoxObstacle((15.0, 17.0), (-3.0, 3.0), 9.0)]
+    goal = (30.0, 0.0, -2.0)
+    flight = ObstacleFlight(boxes, start=(0.0, 0.0, -2.0), drift_ned_m_s=(-0.2, 0.0, 0.0))
+    flight.fly(goal)
+    assert flight.reached(goal)
+    assert flight.nearest_m > 0.5
+    assert flight.states == ["over", "back", "clear"]
+
+
 def test_avoidance_around_the_box_keeps_the_altitude():
     flight = ObstacleFlight([BOX], start=START, way="around")
     flight.fly(GOAL)
@@ -157,8 +182,9 @@ def test_the_vehicle_does_not_descend_into_an_obstacle_under_the_goal():
     assert flight.nearest_m > 0.5
 
 
-def test_a_moving_path_is_rejoined_behind_the_obstacle():
-    flight = ObstacleFlight([BOX], start=START)
+@pytest.mark.parametrize("vertical_noise_m_s", [0.0, 0.5])
+def test_a_moving_path_is_rejoined_behind_the_obstacle(vertical_noise_m_s: float):
+    flight = ObstacleFlight([BOX], start=START, vertical_noise_m_s=vertical_noise_m_s)
     speed, begin_s = 1.5, flight.now_s
 
     def path_at(time_s: float) -> Vector3:
@@ -174,6 +200,23 @@ def test_a_moving_path_is_rejoined_behind_the_obstacle():
     assert flight.nearest_m > 0.5
 
 
+def test_a_descending_path_is_rejoined_behind_the_obstacle():
+    flight = ObstacleFlight([BoxObstacle((4.25, 5.75), (-2.0, 2.0), 9.0)], start=(0.0, 0.0, -6.0))
+    begin_s, duration_s = flight.now_s, 50.0
+
+    def path_at(time_s: float) -> Vector3:
+        flown_s = min(time_s - begin_s, duration_s)
+        return (0.5 * flown_s, 0.0, -6.0 + 0.1 * flown_s)
+
+    while flight.adjusted.state != "clear" or flight.now_s < begin_s + 10.0:
+        next_positions = tuple(path_at(flight.now_s + dt) for dt in (0.5, 1.0, 2.0, 3.0))
+        flight.step(WantedMotion(path_at(flight.now_s), (0.5, 0.0, 0.1), 0.0, next_positions))
+        assert flight.now_s < begin_s + duration_s, "the path has ended and the vehicle has not rejoined it"
+    assert flight.states == ["clear", "over", "back", "clear"]
+    assert math.dist(flight.position_ned_m, path_at(flight.now_s)) < 1.1
+    assert flight.nearest_m > 0.5
+
+
 def test_a_flight_past_a_wall_is_not_changed():
     flight = ObstacleFlight([BoxObstacle((0.0, 30.0), (2.0, 3.0), 6.0)], start=START)
     flight.fly((25.0, 0.0, -1.0))
@@ -185,7 +228,8 @@ def box_obstacles(draw: st.DrawFn) -> BoxObstacle:
     north_m = draw(st.floats(5.0, 35.0))
     center_m = draw(st.floats(-8.0, 8.0))
     length_m, west_m, east_m = draw(st.floats(1.0, 5.0)), draw(st.floats(1.0, 4.0)), draw(st.floats(1.0, 4.0))
-    height_m = draw(st.sampled_from((2.0, 4.0, 8.0, 30.0)))
+    # A level sensor does not see tops below the path, which is at 2 m.
+    height_m = draw(st.sampled_from((2.2, 4.0, 8.0, 30.0)))
     return BoxObstacle((north_m, north_m + length_m), (center_m - west_m, center_m + east_m), height_m)
 
 

@@ -25,17 +25,18 @@ VELOCITY_ONLY = 2503
 """The type_mask of a velocity with a yaw and without a yaw rate."""
 
 
-class Vehicle:
+class StreamedVehicle:
     """A vehicle's UDP socket, and stand-ins for the server's objects of its link.
 
-    `frames` has the datagrams that the stream process sent to the vehicle, `recorded` the frames that it
-    reported for the recording, and `relayed` the setpoints that the server must send itself.
+    `received_frames` has the datagrams that the stream process sent to the vehicle, `recorded_frames` the
+    frames that it reported for the recording, and `relayed_setpoints` the setpoints that the server must send
+    itself.
     """
 
     def __init__(self):
         self.receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.receiver.bind(("127.0.0.1", 0))
-        self.frames, self.recorded, self.relayed = [], [], []
+        self.received_frames, self.recorded_frames, self.relayed_setpoints = [], [], []
         self.link_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.has_datagram_socket = True
         link = SimpleNamespace(datagram_socket=lambda: self.link_socket if self.has_datagram_socket else None)
@@ -48,23 +49,23 @@ class Vehicle:
     def _listen(self):
         with contextlib.suppress(OSError):
             while True:
-                self.frames.append((time.monotonic(), self.receiver.recv(300)))
+                self.received_frames.append((time.monotonic(), self.receiver.recv(300)))
 
     def _record(self, time_us, raw):
-        self.recorded.append((time_us, raw))
+        self.recorded_frames.append((time_us, raw))
 
     def send_payload(self, msg_id, payload, *, created_s=None):
         self.created_s = created_s
-        self.relayed.append((time.monotonic(), msg_id, payload))
+        self.relayed_setpoints.append((time.monotonic(), msg_id, payload))
         return True
 
     def send_path(self):
         return self.path
 
     async def receive_pending(self):
-        """Waits until `frames` has all datagrams that were sent before this call, and an empty datagram."""
+        """Waits until `received_frames` has all datagrams sent before this call, and an empty datagram."""
         self.link_socket.sendto(b"", self.receiver.getsockname())
-        await until(lambda: self.frames and not self.frames[-1][1])
+        await until(lambda: self.received_frames and not self.received_frames[-1][1])
 
     def close(self):
         self.receiver.close()
@@ -77,7 +78,10 @@ def with_stream_process(scenario):
     @functools.wraps(scenario, assigned=("__name__", "__doc__"))
     def test(**parameters):
         async def run():
-            process, vehicle = StreamProcess(SystemClock(), OWN_IDS, server_silent_limit_s=0.5), Vehicle()
+            process, vehicle = (
+                StreamProcess(SystemClock(), OWN_IDS, server_silent_limit_s=0.5),
+                StreamedVehicle(),
+            )
             process.start()
             try:
                 await scenario(process, vehicle, **parameters)

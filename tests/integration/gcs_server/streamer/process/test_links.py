@@ -13,7 +13,7 @@ from gcs_server.mavlink.signing import TICKS_PER_S, FrameSigner, SecretKey, Sign
 from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     MSG_SET_POSITION_TARGET_LOCAL_NED,
     OWN_IDS,
-    Vehicle,
+    StreamedVehicle,
     block_event_loop,
     is_port_free,
     snapshot,
@@ -26,16 +26,16 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 @with_stream_process
 async def test_sent_frames_have_own_ids_and_continuous_sequence_numbers_and_are_recorded(streams, vehicle):
     await start_stream(streams, "1", vehicle)
-    await until(lambda: len(vehicle.frames) >= 10)
+    await until(lambda: len(vehicle.received_frames) >= 10)
     streams.end("1", "stopped", "")
-    await until(lambda: len(vehicle.recorded) == len(vehicle.frames))
-    frames = [frame for _, frame in vehicle.frames]
-    assert [raw for _, raw in vehicle.recorded] == frames
+    await until(lambda: len(vehicle.recorded_frames) == len(vehicle.received_frames))
+    frames = [frame for _, frame in vehicle.received_frames]
+    assert [raw for _, raw in vehicle.recorded_frames] == frames
     assert {(frame[5], frame[6]) for frame in frames} == {OWN_IDS}
     assert {int.from_bytes(frame[7:10], "little") for frame in frames} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
     assert [frame[4] for frame in frames] == list(range(len(frames)))
-    assert abs(vehicle.recorded[-1][0] / 1e6 - time.clock_gettime(time.CLOCK_REALTIME)) < 5
-    assert vehicle.relayed == []
+    assert abs(vehicle.recorded_frames[-1][0] / 1e6 - time.clock_gettime(time.CLOCK_REALTIME)) < 5
+    assert vehicle.relayed_setpoints == []
 
 
 @with_stream_process
@@ -44,14 +44,14 @@ async def test_sent_frames_are_signed_and_the_key_is_not_in_the_process_argument
     signer = FrameSigner(SecretKey(key), 5, SigningClock(SystemClock().unix_s))
     vehicle.path.connection.signing = SimpleNamespace(signer=signer)
     await start_stream(streams, "1", vehicle)
-    await until(lambda: len(vehicle.frames) >= 10)
+    await until(lambda: len(vehicle.received_frames) >= 10)
     signer.clock.adopt(signer.clock.now() + 100 * TICKS_PER_S)  # the clock of a vehicle is 100 s ahead
-    count = len(vehicle.frames)
+    count = len(vehicle.received_frames)
     for _ in range(25):
         streams.update_snapshots({"1": snapshot()})
         await asyncio.sleep(0.02)
-    await until(lambda: len(vehicle.frames) >= count + 10)
-    frames = [raw for _, raw in vehicle.frames]
+    await until(lambda: len(vehicle.received_frames) >= count + 10)
+    frames = [raw for _, raw in vehicle.received_frames]
     decoder = common.MAVLink(None)
     decoder.signing.secret_key = key
     messages = [decoder.decode(bytearray(raw)) for raw in frames]
@@ -74,10 +74,10 @@ async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams
     vehicle.has_datagram_socket = False
     await start_stream(streams, "1", vehicle)
     block_event_loop(0.4)
-    assert len(vehicle.relayed) >= 10
-    assert {msg_id for _, msg_id, _ in vehicle.relayed} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
-    assert vehicle.frames == []
-    sent_s, created_s = vehicle.relayed[-1][0], vehicle.created_s
+    assert len(vehicle.relayed_setpoints) >= 10
+    assert {msg_id for _, msg_id, _ in vehicle.relayed_setpoints} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
+    assert vehicle.received_frames == []
+    sent_s, created_s = vehicle.relayed_setpoints[-1][0], vehicle.created_s
     assert 0 <= sent_s - created_s < 0.5, (
         "the time of creation is not recent, so the link cannot drop late setpoints"
     )
@@ -86,17 +86,17 @@ async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams
 @with_stream_process
 async def test_a_new_send_path_is_used_from_the_next_update(streams, vehicle):
     await start_stream(streams, "1", vehicle)
-    await until(lambda: vehicle.frames)
-    other_vehicle = Vehicle()
+    await until(lambda: vehicle.received_frames)
+    other_vehicle = StreamedVehicle()
     vehicle.path = other_vehicle.path
     streams.update_snapshots({"1": snapshot()})
-    await until(lambda: len(other_vehicle.frames) >= 3)
-    count = len(vehicle.frames)
+    await until(lambda: len(other_vehicle.received_frames) >= 3)
+    count = len(vehicle.received_frames)
     await asyncio.sleep(0.1)
-    assert len(vehicle.frames) == count
+    assert len(vehicle.received_frames) == count
     vehicle.path = None
     streams.update_snapshots({"1": snapshot()})
-    await until(lambda: len(vehicle.relayed) >= 3)
+    await until(lambda: len(vehicle.relayed_setpoints) >= 3)
     other_vehicle.close()
 
 
@@ -105,14 +105,14 @@ async def test_a_closed_links_port_is_free_after_the_process_used_its_socket(str
     vehicle.link_socket.bind(("127.0.0.1", 0))
     address = vehicle.link_socket.getsockname()
     await start_stream(streams, "1", vehicle)
-    await until(lambda: len(vehicle.frames) >= 2)
+    await until(lambda: len(vehicle.received_frames) >= 2)
     streams.end("1", "stopped", "Test end.")
     assert streams.active() == []
     vehicle.link_socket.close()
     streams.update_snapshots({})
     await until(lambda: is_port_free(address), 1.0)
-    await start_stream(streams, "2", second_vehicle := Vehicle())  # the process still accepts sockets
-    await until(lambda: len(second_vehicle.frames) >= 2)
+    await start_stream(streams, "2", second_vehicle := StreamedVehicle())  # the process still accepts sockets
+    await until(lambda: len(second_vehicle.received_frames) >= 2)
     second_vehicle.close()
 
 
@@ -129,35 +129,37 @@ async def test_a_relay_error_loses_one_setpoint_and_the_stream_continues(streams
 
     vehicle.send_payload = send_payload
     await start_stream(streams, "1", vehicle)
-    await until(lambda: len(vehicle.relayed) >= 5)
+    await until(lambda: len(vehicle.relayed_setpoints) >= 5)
 
 
 @with_stream_process
 async def test_streams_to_vehicles_of_different_links_can_alternate(streams, vehicle):
-    other_vehicle = Vehicle()
+    other_vehicle = StreamedVehicle()
     streams.attach("2", other_vehicle, (8, 1))
     await start_stream(streams, "1", vehicle)
     for name, receiver in (("2", other_vehicle), ("1", vehicle), ("2", other_vehicle), ("1", vehicle)):
         streams.end("1" if name == "2" else "2", "stopped", "")
         streams.take_reports()
         assert len(streams.active()) <= 1
-        count, recorded = len(receiver.frames), len(receiver.recorded)
+        count, recorded = len(receiver.received_frames), len(receiver.recorded_frames)
         await start_stream(streams, name, receiver, attach=False)
         streams.update_snapshots({name: snapshot()})
-        await until(lambda receiver=receiver, count=count: len(receiver.frames) >= count + 3)
-        await until(lambda receiver=receiver, recorded=recorded: len(receiver.recorded) >= recorded + 3)
-    assert vehicle.relayed == other_vehicle.relayed == []
+        await until(lambda receiver=receiver, count=count: len(receiver.received_frames) >= count + 3)
+        await until(
+            lambda receiver=receiver, recorded=recorded: len(receiver.recorded_frames) >= recorded + 3
+        )
+    assert vehicle.relayed_setpoints == other_vehicle.relayed_setpoints == []
     other_vehicle.close()
 
 
 @with_stream_process
 async def test_a_closed_links_port_is_free_at_once_while_another_vehicle_is_streamed_to(streams, vehicle):
     """If the stream process kept its copy of the descriptor, the port could not be opened again."""
-    other_vehicle = Vehicle()
+    other_vehicle = StreamedVehicle()
     other_vehicle.link_socket.bind(("127.0.0.1", 0))
     await start_stream(streams, "1", vehicle)
     await start_stream(streams, "2", other_vehicle)
-    await until(lambda: other_vehicle.frames)
+    await until(lambda: other_vehicle.received_frames)
     address = other_vehicle.link_socket.getsockname()
     other_vehicle.link_socket.close()
     other_vehicle.path = None

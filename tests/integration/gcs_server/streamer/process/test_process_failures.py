@@ -34,7 +34,7 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
     os.kill(pid, signal.SIGKILL)
     await until(lambda: streams.pid != pid)
     await vehicle.receive_pending()
-    count = len(vehicle.frames)
+    count = len(vehicle.received_frames)
     assert [(vehicle_id, report.code) for vehicle_id, report in streams.take_reports()] == [("1", "fault")]
     state = streams.state("1")
     assert (state.phase, state.last_end.code) == ("idle", "fault")
@@ -42,9 +42,9 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
     assert streams.active() == []
     streams.update_snapshots({})
     await asyncio.sleep(0.1)
-    assert len(vehicle.frames) == count
+    assert len(vehicle.received_frames) == count
     assert await start_stream(streams, "1", vehicle, attach=False) > number
-    await until(lambda: len(vehicle.frames) > count)
+    await until(lambda: len(vehicle.received_frames) > count)
 
 
 @with_stream_process
@@ -175,8 +175,8 @@ async def test_signals_for_the_server_do_not_stop_the_streams(streams, vehicle, 
     await start_stream(streams, "1", vehicle)
     os.kill(streams.pid, signal_number)
     await asyncio.sleep(0.1)
-    count = len(vehicle.frames)
-    await until(lambda: len(vehicle.frames) >= count + 3)
+    count = len(vehicle.received_frames)
+    await until(lambda: len(vehicle.received_frames) >= count + 3)
 
 
 def test_overloaded_streams_leave_processor_time_for_other_processes(monkeypatch):

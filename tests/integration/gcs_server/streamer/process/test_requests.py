@@ -19,7 +19,7 @@ from missions.setpoints import Follow, Velocity
 from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     HOVER,
     VELOCITY_ONLY,
-    Vehicle,
+    StreamedVehicle,
     block_event_loop,
     has_ended,
     snapshot,
@@ -38,10 +38,12 @@ async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_a
     streams.update_snapshots({"1": snapshot()})
     block_event_loop(0.8)
     await until(lambda: streams.active() == [])
-    assert 15 <= len(vehicle.frames) <= 40, "not about half a second at 50 Hz plus the setpoints of the start"
-    count = len(vehicle.frames)
+    assert 15 <= len(vehicle.received_frames) <= 40, (
+        "not about half a second at 50 Hz plus the setpoints of the start"
+    )
+    count = len(vehicle.received_frames)
     await asyncio.sleep(0.2)
-    assert len(vehicle.frames) == count
+    assert len(vehicle.received_frames) == count
     assert [report.code for _, report in streams.take_reports()] == ["server_silent"]
     assert streams.take_reports() == []
 
@@ -49,27 +51,29 @@ async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_a
 @with_stream_process
 async def test_a_change_is_sent_at_once(streams, vehicle):
     await start_stream(streams, "1", vehicle, rate_hz=2.0)
-    await until(lambda: vehicle.recorded)
-    count = len(vehicle.recorded)
+    await until(lambda: vehicle.recorded_frames)
+    count = len(vehicle.recorded_frames)
     assert await streams.change("1", StreamRequest(Velocity(velocity_ned_m_s=(1, 0, 0)), 60.0), snapshot())
     changed_us = time.clock_gettime(time.CLOCK_REALTIME) * 1e6
     assert streams.state("1").sent.velocity_ned_m_s == (1, 0, 0)
-    await until(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
-    sent_us = next(time_us for time_us, raw in vehicle.recorded[count:] if type_mask(raw) == VELOCITY_ONLY)
+    await until(lambda: type_mask(vehicle.recorded_frames[-1][1]) == VELOCITY_ONLY)
+    sent_us = next(
+        time_us for time_us, raw in vehicle.recorded_frames[count:] if type_mask(raw) == VELOCITY_ONLY
+    )
     assert sent_us <= changed_us, "sent at the next period, not before the call returned"
 
 
 @with_stream_process
 async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(streams, vehicle):
-    other_vehicle = Vehicle()
+    other_vehicle = StreamedVehicle()
     await start_stream(streams, "1", vehicle)
     await start_stream(streams, "2", other_vehicle)
     for _ in range(8):  # longer than the limit for a silent server
         unpicklable = replace(snapshot(), mode_requested_by=lambda: "cannot be pickled")
         streams.update_snapshots({"1": unpicklable, "2": snapshot()})
         await asyncio.sleep(0.1)
-    count = len(other_vehicle.frames)
-    await until(lambda: len(other_vehicle.frames) > count)
+    count = len(other_vehicle.received_frames)
+    await until(lambda: len(other_vehicle.received_frames) > count)
     assert streams.state("2").phase == "streaming"
     other_vehicle.close()
 
@@ -85,9 +89,9 @@ async def test_a_start_that_is_cancelled_while_the_process_replies_leaves_no_str
         await starting
     await until(lambda: streams.state("1").last_end is not None)
     await asyncio.sleep(0.1)
-    count = len(vehicle.frames)
+    count = len(vehicle.received_frames)
     await asyncio.sleep(0.1)
-    assert (len(vehicle.frames), streams.active()) == (count, [])
+    assert (len(vehicle.received_frames), streams.active()) == (count, [])
     assert await start_stream(streams, "1", vehicle, attach=False) == 2  # the cancelled start was number 1
 
 
@@ -182,9 +186,9 @@ async def test_a_second_start_is_refused_and_close_ends_stream_and_process(strea
     pid = streams.pid
     streams.close()
     await asyncio.sleep(0.1)  # sent frames are received
-    count = len(vehicle.frames)
+    count = len(vehicle.received_frames)
     await asyncio.sleep(0.1)
-    assert len(vehicle.frames) == count
+    assert len(vehicle.received_frames) == count
     assert has_ended(pid)
     with pytest.raises(Refused):
         await streams.ready()

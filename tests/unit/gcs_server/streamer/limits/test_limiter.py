@@ -243,7 +243,7 @@ def test_outside_the_fence_only_velocities_back_inside_are_sent():
     )
     result = apply_limits(Velocity((3.0, 0.0, 0.0)), limits, motion)
     assert result.setpoint.velocity_ned_m_s == (-1.0, 0.0, 0.0)
-    assert "only a velocity back inside" in result.notes[0]
+    assert "only velocities that lead back inside" in result.notes[0]
 
 
 def test_near_the_edge_of_the_fence_the_vehicle_is_moved_back():

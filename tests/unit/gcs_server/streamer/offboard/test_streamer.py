@@ -19,7 +19,7 @@ from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
 from gcs_server.vehicle.services.command import ModeCommand
 from missions.setpoints import Position
 from tests.in_loop_scheduler import InLoopScheduler
-from tests.simulated_time import run_in_simulated_time
+from tests.simulated_time import run_on_simulated_time
 
 POSITION = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
@@ -122,7 +122,7 @@ def run_test(scenario, stalls=()):
             streamer.close()
             await supervisor.close()
 
-    run_in_simulated_time(run)
+    run_on_simulated_time(run)
 
 
 def test_setpoints_are_streamed_before_offboard_is_requested_and_the_failsafe_is_reported():
@@ -243,4 +243,4 @@ def test_shutdown_stops_all_streams_at_the_same_time_within_the_deadline(monkeyp
             streamer.close()
             await supervisor.close()
 
-    run_in_simulated_time(run)
+    run_on_simulated_time(run)

@@ -22,9 +22,9 @@ from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.mode_executor import COMMAND, MODE_COMPLETED, ExecutorCommand, ExecutorState
 from gcs_server.ros2.topics import COMMAND_ACK, STATUS
 from gcs_server.streamer.schedule.external_modes import MAX_MODES, READ_TYPES, ExternalModes
-from tests.support.dds_samples import recorded
+from tests.support.dds_samples import recorded_samples
 
-RECORDED_SAMPLES = recorded()
+RECORDED_SAMPLES = recorded_samples()
 TRAJECTORY = "/fmu/in/trajectory_setpoint"
 ADDRESS = DdsAddress(0, None, "px4_1")
 HOLD, LAND, EXTERNAL_1, EXTERNAL_2 = 4, 18, 23, 24

@@ -1,4 +1,4 @@
-"""When a vehicle counts as lost: no message of its autopilot, or no heartbeat, for too long."""
+"""When the link to a vehicle counts as lost: no message of its autopilot, or no heartbeat, for too long."""
 
 import pytest
 

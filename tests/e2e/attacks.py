@@ -1,4 +1,4 @@
-"""Attacks on a server by a client: `python -m tests.e2e.hostile PORT PID ATTACK`, where PID is the server's
+"""Attacks on a server by a client: `python -m tests.e2e.attacks PORT PID ATTACK`, where PID is the server's
 process id."""
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HOST = "127.0.0.1"
-GET = b"GET /api/v1/health HTTP/1.1\r\nHost: localhost\r\n"
-POST = b"POST /api/v1/vehicles/1/takeoff HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+GET_REQUEST = b"GET /api/v1/health HTTP/1.1\r\nHost: localhost\r\n"
+POST_REQUEST = (
+    b"POST /api/v1/vehicles/1/takeoff HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+)
 
 
 @dataclass
@@ -68,7 +70,7 @@ class Target:
         raise OSError("the server has ended")
 
 
-def frame(payload: bytes, opcode: int = 1, *, final: bool = True) -> bytes:
+def websocket_frame(payload: bytes, opcode: int = 1, *, final: bool = True) -> bytes:
     """A masked WebSocket frame."""
     size = len(payload)
     head = bytes([opcode | (0x80 if final else 0)])
@@ -103,14 +105,14 @@ def idle_sockets(target: Target) -> None:
 def huge_headers(target: Target) -> None:
     for _ in range(4):
         connection = target.connect()
-        target.send(connection, GET + b"x: ")
+        target.send(connection, GET_REQUEST + b"x: ")
         target.send(connection, b"a" * 1_000_000, 50)
 
 
 def many_headers(target: Target) -> None:
     for _ in range(4):
         connection = target.connect()
-        target.send(connection, GET)
+        target.send(connection, GET_REQUEST)
         target.send(connection, b"x:y\r\n" * 200_000, 20)
 
 
@@ -124,21 +126,21 @@ def huge_url(target: Target) -> None:
 def huge_bodies(target: Target) -> None:
     for _ in range(4):
         connection = target.connect()
-        target.send(connection, POST + b"Content-Length: 100000000\r\n\r\n")
+        target.send(connection, POST_REQUEST + b"Content-Length: 100000000\r\n\r\n")
         target.send(connection, b"[" * 1_000_000, 25)
 
 
 def huge_chunked_bodies(target: Target) -> None:
     for _ in range(4):
         connection = target.connect()
-        target.send(connection, POST + b"Transfer-Encoding: chunked\r\n\r\n")
+        target.send(connection, POST_REQUEST + b"Transfer-Encoding: chunked\r\n\r\n")
         target.send(connection, b"f4240\r\n" + b"[" * 1_000_000 + b"\r\n", 25)
 
 
 def tiny_chunks(target: Target) -> None:
     for _ in range(4):
         connection = target.connect()
-        target.send(connection, POST + b"Transfer-Encoding: chunked\r\n\r\n")
+        target.send(connection, POST_REQUEST + b"Transfer-Encoding: chunked\r\n\r\n")
         target.send(connection, b"1\r\n[\r\n" * 100_000, 20)
 
 
@@ -154,7 +156,9 @@ def largest_json(target: Target) -> None:
     for _ in range(5):
         for body in bodies:
             connection = target.connect()
-            head = POST.replace(b"takeoff", b"offboard/setpoint") + b"Content-Length: %d\r\n\r\n" % len(body)
+            head = POST_REQUEST.replace(
+                b"takeoff", b"offboard/setpoint"
+            ) + b"Content-Length: %d\r\n\r\n" % len(body)
             target.send(connection, head + body)
 
 
@@ -162,7 +166,7 @@ def slow_bodies(target: Target) -> None:
     for _ in range(300):
         with contextlib.suppress(OSError):
             connection = target.connect()
-            target.send(connection, POST + b"Content-Length: 1000000\r\n\r\n" + b" " * 250_000)
+            target.send(connection, POST_REQUEST + b"Content-Length: 1000000\r\n\r\n" + b" " * 250_000)
 
 
 def slow_headers(target: Target) -> None:
@@ -184,7 +188,7 @@ def malformed_requests(target: Target) -> None:
 def pipelined_requests(target: Target) -> None:
     for _ in range(4):
         connection = target.connect()
-        target.send(connection, (GET + b"\r\n") * 20_000, 3)
+        target.send(connection, (GET_REQUEST + b"\r\n") * 20_000, 3)
 
 
 def unread_responses(target: Target) -> None:
@@ -197,27 +201,31 @@ def unread_websocket(target: Target) -> None:
     for _ in range(4):
         connection = target.websocket()
         time.sleep(0.1)
-        target.send(connection, frame(b'{"type":"subscribe","topics":["' + b"x" * 60_000 + b'"]}'), 200)
+        target.send(
+            connection, websocket_frame(b'{"type":"subscribe","topics":["' + b"x" * 60_000 + b'"]}'), 200
+        )
 
 
 def unread_offboard(target: Target) -> None:
     for _ in range(4):
         connection = target.websocket("/api/v1/vehicles/1/offboard/stream?client_id=hostile")
         time.sleep(0.1)
-        target.send(connection, frame(b'{"' + b"x" * 500_000 + b'":1}'), 40)
+        target.send(connection, websocket_frame(b'{"' + b"x" * 500_000 + b'":1}'), 40)
 
 
 def tiny_frames(target: Target) -> None:
     for opcode in (1, 9, 10):
         connection = target.websocket()
         time.sleep(0.1)
-        target.send(connection, frame(b"", opcode) * 40_000, 5)
+        target.send(connection, websocket_frame(b"", opcode) * 40_000, 5)
 
 
 def empty_fragments(target: Target) -> None:
     connection = target.websocket()
     time.sleep(0.1)
-    target.send(connection, frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 100_000, 5)
+    target.send(
+        connection, websocket_frame(b"x", 1, final=False) + websocket_frame(b"", 0, final=False) * 100_000, 5
+    )
 
 
 def many_websockets(target: Target) -> None:
@@ -231,7 +239,7 @@ def request_flood(target: Target) -> None:
     end_s = time.monotonic() + 3.0
     while time.monotonic() < end_s:
         for connection in connections:
-            target.send(connection, GET + b"\r\n")
+            target.send(connection, GET_REQUEST + b"\r\n")
 
 
 ATTACKS: list[Callable[[Target], None]] = [
@@ -318,7 +326,7 @@ def running_attack(target: Target, attack: str, headers: bytes = b"") -> Generat
     threads = [threading.Thread(target=task) for task in (measure_new_connections, measure_open_connection)]
     for thread in threads:
         thread.start()
-    command = [sys.executable, "-m", "tests.e2e.hostile", str(target.port), str(target.pid), attack]
+    command = [sys.executable, "-m", "tests.e2e.attacks", str(target.port), str(target.pid), attack]
     try:
         subprocess.run(command, check=True, timeout=120)
         yield effects

@@ -15,7 +15,7 @@ import numpy as np
 from gcs_server.streamer.missions.flight import MissionFlight
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.document import OffboardMission
-from tests.protocol.mission_flights import Missions
+from tests.protocol.mission_flights import MissionsTestbed
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.support.mission_steps import mission_for_two, mission_with_lists, slope
 from tests.support.snapshot import snapshot
@@ -101,10 +101,10 @@ def kinds_flown() -> set[str]:
     return {kind for text in texts for kind in re.findall(r"step: (\w+)", text)}
 
 
-class Squadron:
+class MissionFleet:
     """The vehicles, each named by the kind of step that it flies."""
 
-    def __init__(self, testbed: SimulatedTestbed, missions: Missions, kinds: tuple[str, ...]) -> None:
+    def __init__(self, testbed: SimulatedTestbed, missions: MissionsTestbed, kinds: tuple[str, ...]) -> None:
         self.testbed, self.sim, self.missions, self.kinds = testbed, testbed.sim, missions, kinds
         self.flights: dict[str, MissionFlight] = {}
         self.vehicles: dict[str, Vehicle] = {}
@@ -112,7 +112,7 @@ class Squadron:
     async def begin(self, **actions: str) -> None:
         """Starts all missions and flies to the middle of their steps."""
         for kind in self.kinds:
-            vehicle = self.vehicles[kind] = await self.testbed.ready(str(self.row(kind) + 1))
+            vehicle = self.vehicles[kind] = await self.testbed.wait_for_vehicle(str(self.row(kind) + 1))
             await until(lambda v=vehicle: v.topic("battery") is not None, 10)
         for kind, vehicle in self.vehicles.items():
             document = document_of(kind)
@@ -193,7 +193,7 @@ class Squadron:
         assert "land" not in self.kinds or not self.commander("land").armed
 
 
-def run_with_squadron(
+def run_with_mission_fleet(
     run_simulated: Any, tmp_path: Path, scenario: Any, kinds: Iterable[str] = tuple(STEPS), **actions: str
 ) -> None:
     """Runs a test with vehicles that are in the middle of their steps."""
@@ -201,10 +201,10 @@ def run_with_squadron(
     async def run() -> None:
         chosen_kinds = tuple(kinds)
         testbed = SimulatedTestbed(len(chosen_kinds), sim=snapshot(_hovering_vehicles(chosen_kinds)))
-        squadron = Squadron(testbed, Missions(testbed, tmp_path), chosen_kinds)
+        fleet = MissionFleet(testbed, MissionsTestbed(testbed, tmp_path), chosen_kinds)
         try:
-            await squadron.begin(**actions)
-            await scenario(squadron)
+            await fleet.begin(**actions)
+            await scenario(fleet)
         finally:
             await testbed.close()
 
