@@ -14,7 +14,7 @@ export PYTHONDONTWRITEBYTECODE :=
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
 	@echo "make test-fast     for every save: what needs no socket, process, browser or long flight; under a minute"
-	@echo "make test          Python, page, browser, and beside them style; under six minutes on two cores"
+	@echo "make test          Python, page, browser, and beside them style; six to ten minutes on two cores"
 	@echo "make test-clients  long tests: real time, whole stories, outside clients (MAVSDK, MAVProxy), fuzzing"
 	@echo "make lint          style, imports and types alone"
 	@echo "make bench         print the table of measurements"
