@@ -27,6 +27,8 @@ SETPOINT_UP_M, GOAL_NORTH_M = 1.0, 10.0
 """Height of all setpoints, and distance of the last setpoint, relative to the start."""
 ARM_AT_S, TO_GOAL_AT_S = 2.0, 8.0
 """Times after the start of the setpoints: arming at 2 s, the setpoint at the goal at 8 s."""
+MIN_DISTANCE_M = 0.5
+"""The brake's margin is 1 m; errors of the velocity estimate and a busy machine bring the vehicle nearer."""
 COUNT_DRAWN_LIDARS = """
 () => {
   const nodes = window.__viserMutable.nodeRefFromName;
@@ -121,8 +123,8 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_with_avoidance_flies_over_th
         expect(avoidance_box).not_to_be_checked()
         recorder.wait_until(lambda north_m, _: north_m > 1.5, "the flight towards the box")
         wait_until(lambda: lidar_ahead_m(drone) < 1.5 and is_slow(drone), "the stop before the box")
-        time.sleep(3)  # collision prevention keeps the vehicle at this distance
-        assert lidar_ahead_m(drone) > 0.7, "the vehicle stopped less than 0.7 m before the box"
+        time.sleep(3)  # the brake keeps the vehicle at this distance
+        assert lidar_ahead_m(drone) > MIN_DISTANCE_M, "the brake did not keep its distance from the box"
         assert recorder.highest_m < 2.0
         wait_until(lambda: scene_frame(page).evaluate(COUNT_DRAWN_LIDARS) == 1, "the drawn lidar points", 40)
 

@@ -3,7 +3,8 @@
 The brake acts on horizontal motion, and on a climb towards an obstacle that an upward sensor measures. It
 never acts on a descent, so that a downward sensor does not stop a landing. It uses the measurements of the
 last two seconds, and acts only in directions that a sensor covers. If an obstacle is nearer than the margin,
-the brake moves the vehicle back, because the integrator of PX4's controller still moves it forward.
+the brake moves the vehicle back, because the integrator of PX4's controller still moves it forward, and
+because an error of the velocity estimate moves it as well.
 
 A braked target position stays on the straight track that the vehicle flew when braking began. Otherwise wind
 and the noise of the position estimate would move the vehicle sideways, past the edge of the obstacle.
@@ -23,13 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_server.streamer.limits.braking import (
-    BACK_PER_S,
     BRAKE_DELAY_S,
     BRAKE_M_S2,
     BRAKE_VERTICAL_DELAY_S,
     BRAKE_VERTICAL_M_S2,
     MARGIN_M,
     MARGIN_VERTICAL_M,
+    MAX_BACK_M_S,
     TAKEOVER_DELAY_S,
     TAKEOVER_M_S2,
     braking_speed,
@@ -47,8 +48,10 @@ MAX_SCANS = 100
 HALF_WIDTH_M, MIN_HALF_WIDTH_M = 0.8, 0.35
 """An obstacle nearer than HALF_WIDTH_M to the line of flight blocks the line [m]. Beside an obstacle that is
 nearer to the vehicle, the half width is smaller, but at least MIN_HALF_WIDTH_M."""
-BACK_M_S = 0.5
-"""Maximum speed at which the vehicle is moved back [m/s]."""
+BACK_PER_S = 2.0
+"""Speed at which the vehicle is moved back from an obstacle nearer than the margin, per metre [1/s]. An error
+of the velocity estimate moves the vehicle nearer by this error divided by BACK_PER_S: at 0.35 m/s, as in
+flights of the simulator, 0.2 m."""
 TAKEOVER_MARGIN_M = 0.3
 MAX_CROSS_TRACK_M = 2.0
 """Maximum distance of the vehicle from its track [m]. Beyond this distance the vehicle gets a new track,
@@ -153,9 +156,7 @@ class ObstacleBrake:
             return velocity
         self._add_note(f"speed reduced {reason}")
         if free_m < MARGIN_M:
-            max_m_s = -min(
-                BACK_M_S, BACK_PER_S * self._back_m(velocity[0] / speed, velocity[1] / speed, free_m)
-            )
+            max_m_s = -self._back_m_s(velocity[0] / speed, velocity[1] / speed, free_m)
         return (velocity[0] * max_m_s / speed, velocity[1] * max_m_s / speed)
 
     def limit_position_ne(
@@ -187,10 +188,10 @@ class ObstacleBrake:
         free_m, reason = min(self._free_m(dir_n, dir_e), self._free_m(dir_n, dir_e, vector_to_track))
         if free_m < MARGIN_M:
             self._add_note(f"position limited {reason}")
-            back_m = self._back_m(dir_n, dir_e, free_m)
+            ahead_m = -self._back_m_s(dir_n, dir_e, free_m) / gain
             no_feed = None if feed_forward is None else (0.0, 0.0)
             return self._on_track(
-                position, (dir_n, dir_e), -back_m, vector_to_track, to_target_m, gain
+                position, (dir_n, dir_e), ahead_m, vector_to_track, to_target_m, gain
             ), no_feed
         stop_m = free_m - MARGIN_M
         max_m_s = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
@@ -292,11 +293,11 @@ class ObstacleBrake:
         )
         return north + vector_to_track[0] * fraction, east + vector_to_track[1] * fraction
 
-    def _back_m(self, dir_n: float, dir_e: float, free_m: float) -> float:
-        """Distance by which the vehicle is moved back to the margin [m]; less if an obstacle is behind the
+    def _back_m_s(self, dir_n: float, dir_e: float, free_m: float) -> float:
+        """Speed at which the vehicle is moved back to the margin [m/s]; less if an obstacle is behind the
         vehicle."""
         behind_m, _ = self._free_m(-dir_n, -dir_e, within_range=False)
-        return max(0.0, min(MARGIN_M - free_m, behind_m - MARGIN_M))
+        return min(MAX_BACK_M_S, BACK_PER_S * max(0.0, min(MARGIN_M - free_m, behind_m - MARGIN_M)))
 
     def _free_m(
         self, dir_n: float, dir_e: float, start_ne: NorthEast = (0.0, 0.0), *, within_range: bool = True
