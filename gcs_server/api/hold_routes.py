@@ -54,7 +54,8 @@ class HoldResults(BaseModel):
 async def hold_several(body: HoldRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Switches several vehicles to Hold, even if another client has control; ends their setpoint streams.
 
-    The command is sent to all vehicles at the same time, and a failure of one does not affect the others.
+    The command is sent to all vehicles at the same time, also to those whose connection is lost, and a
+    failure of one does not affect the others.
     Answers once each vehicle has reported Hold or failed.
     """
 
@@ -64,7 +65,7 @@ async def hold_several(body: HoldRequest, station: StationDep, principal: Princi
             with authorized_command(station, principal, "hold", vehicle_id, {}):
                 vehicle = station.fleet.get(vehicle_id)
                 progress = progress_reporter(vehicle, principal, "hold")
-                await vehicle.command.hold(by=principal.name, progress=progress)
+                await vehicle.command.hold(by=principal.name, progress=progress, on_lost_link=True)
         except GcsError as error:
             problem = problem_of(error)
         return {"vehicle": vehicle_id, "held": problem is None, "problem": problem}

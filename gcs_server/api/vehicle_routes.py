@@ -147,7 +147,9 @@ async def disarm(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 
 @router.post("/{v}/hold", response_model=responses.CommandDone, tags=["commands"])
 async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Switches to Hold, even if another client has control; ends a setpoint stream."""
+    """Switches to Hold, even if another client has control; ends a setpoint stream. While the connection to
+    the vehicle is lost, the command is sent for 6 s, because the vehicle may still receive it.
+    """
     return await run_command(
         station,
         principal,
@@ -155,7 +157,9 @@ async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response
         v,
         {},
         lambda vehicle: vehicle.command.hold(
-            by=principal.name, progress=progress_reporter(vehicle, principal, "hold")
+            by=principal.name,
+            progress=progress_reporter(vehicle, principal, "hold"),
+            on_lost_link=True,
         ),
     )
 
@@ -246,12 +250,16 @@ async def land_now(
     v: str, body: control_models.LandNowRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
     """Lands at the current position, even if another client has control; answers once the vehicle is landing.
-    Control does not change."""
+    Control does not change. While the connection to the vehicle is lost, the command is sent for 6 s, because
+    the vehicle may still receive it.
+    """
 
     async def work(vehicle: Vehicle) -> None:
         BY_NAME["land_now"].require_confirmation(body.confirm, vehicle=v)
         await vehicle.command.land(
-            by=principal.name, progress=progress_reporter(vehicle, principal, "land_now")
+            by=principal.name,
+            progress=progress_reporter(vehicle, principal, "land_now"),
+            on_lost_link=True,
         )
 
     return await run_command(station, principal, "land_now", v, body.model_dump(), work)

@@ -212,9 +212,10 @@ class Vehicle:
         frame = self._state.newest(msg_id, component_id, instance)
         return None if frame is None else (full_payload(frame), frame.received_monotonic_s)
 
-    def require_commandable(self) -> None:
+    def require_commandable(self, *, on_lost_link: bool = False) -> None:
         """Raises Refused for a replayed vehicle, NotVerified for a vehicle that the server's commands were
-        not tested with, or Disconnected while the link is lost."""
+        not tested with, or Disconnected while the link is lost; with `on_lost_link`, only if there is no link
+        on which to send."""
         identity = self._identity
         if identity.replayed:
             raise Refused(f"Vehicle {self.id} is a recording; it cannot be commanded.")
@@ -226,7 +227,7 @@ class Vehicle:
                 "Commands are verified only for multicopters with PX4, so nothing was sent.",
                 remedy="Use a ground station that supports it.",
             )
-        if self._state.link_lost:
+        if self._state.link_lost and not (on_lost_link and self._endpoints):
             raise Disconnected(
                 f"Vehicle {self.id} is not connected: {self._state.reason_lost()}.",
                 remedy="Check its link; nothing was sent.",

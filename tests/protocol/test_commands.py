@@ -14,11 +14,12 @@ from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_REPOSITION,
+    DO_SET_MODE,
     FORCE,
     RUN_PREARM_CHECKS,
     TAKEOFF_COMMAND,
 )
-from tests.protocol.fake_autopilot import IN_AIR, ON_GROUND
+from tests.protocol.fake_autopilot import HOLD_MODE, IN_AIR, ON_GROUND, POSITION_MODE
 from tests.protocol.one_vehicle import PACKET_LOSS_CASES, run_scenario
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -248,6 +249,25 @@ def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(run_sim
     run_scenario(run_simulated, scenario)
 
 
+def test_hold_goes_on_when_the_link_is_lost_meanwhile_and_arrives_when_it_is_back(run_simulated):
+    async def scenario(testbed, vehicle, autopilot):
+        autopilot.mode = POSITION_MODE
+        autopilot.silent_commands.add(DO_SET_MODE)
+        await asyncio.sleep(2)
+        autopilot.alive = False
+        await asyncio.sleep(2)
+        holding = asyncio.ensure_future(vehicle.command.hold(on_lost_link=True))
+        await asyncio.sleep(3)
+        assert vehicle.status.link_lost
+        assert not holding.done()
+        autopilot.silent_commands.clear()
+        autopilot.alive = True
+        await holding
+        assert autopilot.mode == HOLD_MODE
+
+    run_scenario(run_simulated, scenario)
+
+
 def test_a_newer_command_ends_an_older_command(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         autopilot.lift_off = lambda: None
@@ -275,6 +295,9 @@ def test_a_lost_link_fails_pending_commands_at_once(run_simulated):
         assert vehicle.status.link_lost
         with pytest.raises(Disconnected):
             await vehicle.command.hold()
+        with pytest.raises(Disconnected, match="not connected") as no_link:
+            await vehicle.command.hold(on_lost_link=True)
+        assert "nothing was sent" in no_link.value.remedy
         assert testbed.fleet.get("1") is vehicle
 
     run_scenario(run_simulated, scenario)

@@ -6,13 +6,13 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from gcs_server.api import models, offboard_routes, vehicle_routes
+from gcs_server.api import control_models, hold_routes, models, offboard_routes, vehicle_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import journal_entries, new_station
-from tests.protocol.command_numbers import ARM_DISARM
-from tests.protocol.fake_autopilot import OFFBOARD_MODE
+from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE
+from tests.protocol.fake_autopilot import HOLD_MODE, LAND_MODE, OFFBOARD_MODE, POSITION_MODE
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep, stream_request
 
 ME, ANNA, BERT, CARLA = (Principal.from_identity(name, name) for name in ("me", "anna", "bert", "carla"))
@@ -97,6 +97,36 @@ def test_kill_is_sent_to_a_vehicle_without_connection(run_simulated):
             await vehicle_routes.kill("1", models.KillRequest(confirm=confirm), station, ME)
         assert not first_autopilot.armed
         assert second_autopilot.armed
+
+    run_with_equal_system_ids(run_simulated, scenario)
+
+
+@pytest.mark.parametrize("action", ["hold", "hold_several", "land_now"])
+def test_hold_and_land_now_are_sent_to_a_vehicle_that_is_received_no_more(run_simulated, action):
+    async def scenario(testbed, station, first_autopilot, second_autopilot):
+        first_autopilot.mode = POSITION_MODE
+        first_autopilot.send_raw = lambda raw: None
+        await sleep(4)
+        for other_action in (vehicle_routes.land, vehicle_routes.rtl):
+            with pytest.raises(Disconnected, match="not connected"):
+                await other_action("1", station, ME)
+        assert first_autopilot.mode == POSITION_MODE
+        if action == "hold_several":
+            answer = await hold_routes.hold_several(
+                hold_routes.HoldRequest(vehicles=("1", "1~2")), station, ME
+            )
+            results = json.loads(answer.body)["results"]
+            assert [result["held"] for result in results] == [False, True]
+            assert "did not answer" in results[0]["problem"]["detail"]
+        else:
+            with pytest.raises(NoReply, match="did not answer the request to switch to"):
+                if action == "hold":
+                    await vehicle_routes.hold("1", station, ANNA)
+                else:
+                    body = control_models.LandNowRequest(confirm="vehicle 1 lands now")
+                    await vehicle_routes.land_now("1", body, station, ANNA)
+        assert first_autopilot.mode == (LAND_MODE if action == "land_now" else HOLD_MODE)
+        assert action == "hold_several" or second_autopilot.received_commands(DO_SET_MODE) == []
 
     run_with_equal_system_ids(run_simulated, scenario)
 

@@ -7,6 +7,7 @@ import math
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.vehicle.samples import GlobalPosition, Home
 from gcs_server.vehicle.services.port import VehiclePort
+from missions.geodesy import distance_m
 
 MAX_POSITION_AGE_S = 3.0
 MIN_CLIMB_M = 0.2
@@ -85,3 +86,21 @@ def require_climb(vehicle: VehiclePort, alt_home_m: float, home_alt_amsl_m: floa
             "position.",
         )
     return home_alt_amsl_m + alt_home_m
+
+
+def require_near(
+    vehicle: VehiclePort, lat_deg: float, lon_deg: float, alt_amsl_m: float, max_m: float
+) -> None:
+    """Checks that a target is at most `max_m` away from the vehicle [m].
+
+    Raises:
+        Refused: the target is farther, or the vehicle has no global position estimate.
+    """
+    position = position_of(vehicle)
+    horizontal_m = distance_m(position.lat_deg, position.lon_deg, lat_deg, lon_deg)
+    target_distance_m = math.hypot(horizontal_m, alt_amsl_m - position.alt_amsl_m)
+    if target_distance_m > max_m:
+        raise Refused(
+            f"The target is {target_distance_m:.0f} m away, more than the allowed {max_m:.0f} m.",
+            remedy="Check the coordinates, or raise max_distance_m if this is intended.",
+        )

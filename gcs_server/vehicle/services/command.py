@@ -18,7 +18,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import FlightState
-from gcs_server.vehicle.services.checks import check_range, home_of, position_of, require_climb
+from gcs_server.vehicle.services import checks
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors
 from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Request, Transaction
@@ -59,6 +59,9 @@ class CommandService:
     Every method may raise Refused or NotVerified (nothing was sent), InvalidRequest (an invalid value),
     Rejected (with the vehicle's reasons), NoReply (at the deadline), or Disconnected (the vehicle or its link
     was lost).
+
+    With `on_lost_link` a command is also sent, and sent again until its deadline, while nothing is received
+    from the vehicle: a radio can fail in one direction only.
     """
 
     def __init__(self, vehicle: VehiclePort) -> None:
@@ -122,18 +125,19 @@ class CommandService:
     ) -> None:
         """Arms if needed and takes off; returns once the vehicle is taking off, before it reaches the
         altitude."""
-        check_range("alt_home_m", alt_home_m, TAKEOFF_MIN_M, TAKEOFF_MAX_M)
+        checks.check_range("alt_home_m", alt_home_m, TAKEOFF_MIN_M, TAKEOFF_MAX_M)
         vehicle = self._vehicle
         vehicle.require_commandable()
         if vehicle.flight_state.armed and vehicle.flight_state.landed_state in AIRBORNE:
             raise Refused(
                 f"Vehicle {vehicle.id} is already flying.", remedy="Use go-to for another altitude."
             )
-        position_of(vehicle)
+        checks.position_of(vehicle)
         number = self._begin("take off", BY_NAME["takeoff"], by)
-        alt_amsl_m = require_climb(vehicle, alt_home_m, await self._home_alt_amsl_m(number))
+        alt_amsl_m = checks.require_climb(vehicle, alt_home_m, await self._home_alt_amsl_m(number))
         request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
-        await self._request_takeoff(number, request, progress)
+        in_takeoff = Goal("take off", _in_mode(BY_NAME["takeoff"]), STATE_DEADLINE_S)
+        await self._run(number, request, in_takeoff, progress)
         if not vehicle.flight_state.armed:
             try:
                 await self._arm(number, progress)
@@ -171,18 +175,28 @@ class CommandService:
                 await self._hold_if_disarmed(number)
                 raise
 
-    async def land(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
+    async def land(
+        self, *, by: str | None = None, progress: ReportProgress | None = None, on_lost_link: bool = False
+    ) -> None:
         """Lands at the current position; returns once the vehicle is landing, or has landed and disarmed."""
-        await self._land_or_return(BY_NAME["land"], by, progress)
+        self._vehicle.require_commandable(on_lost_link=on_lost_link)
+        land = BY_NAME["land"]
+        number = self._begin(land.label, land, by)
+        await self._set_mode(number, land, progress, on_lost_link=on_lost_link, or_disarmed=True)
 
     async def rtl(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Returns to the launch position and lands, as the vehicle's own RTL does."""
-        await self._land_or_return(BY_NAME["rtl"], by, progress)
-
-    async def hold(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
-        """Switches to Hold: the vehicle stops and keeps its position."""
         self._vehicle.require_commandable()
-        await self._set_mode(self._begin("hold", BY_NAME["hold"], by), BY_NAME["hold"], progress)
+        rtl = BY_NAME["rtl"]
+        await self._set_mode(self._begin(rtl.label, rtl, by), rtl, progress, or_disarmed=True)
+
+    async def hold(
+        self, *, by: str | None = None, progress: ReportProgress | None = None, on_lost_link: bool = False
+    ) -> None:
+        """Switches to Hold: the vehicle stops and keeps its position."""
+        self._vehicle.require_commandable(on_lost_link=on_lost_link)
+        hold = BY_NAME["hold"]
+        await self._set_mode(self._begin("hold", hold, by), hold, progress, on_lost_link=on_lost_link)
 
     async def goto(
         self,
@@ -198,18 +212,18 @@ class CommandService:
     ) -> None:
         """Flies to a position in Hold mode, at exactly one of the two altitudes. Returns once the vehicle has
         the target, before it arrives."""
-        check_range("lat_deg", lat_deg, -90.0, 90.0)
-        check_range("lon_deg", lon_deg, -180.0, 180.0)
-        check_range("max_distance_m", max_distance_m, 1.0, 100_000.0)
-        yaw_rad = (
-            NAN if yaw_ned_deg is None else math.radians(check_range("yaw_ned_deg", yaw_ned_deg, -360, 360))
-        )
+        checks.check_range("lat_deg", lat_deg, -90.0, 90.0)
+        checks.check_range("lon_deg", lon_deg, -180.0, 180.0)
+        checks.check_range("max_distance_m", max_distance_m, 1.0, 100_000.0)
+        if yaw_ned_deg is not None:
+            checks.check_range("yaw_ned_deg", yaw_ned_deg, -360.0, 360.0)
+        yaw_rad = NAN if yaw_ned_deg is None else math.radians(yaw_ned_deg)
         if (alt_amsl_m is None) == (alt_home_m is None):
             raise InvalidRequest("alt_amsl_m", "Give exactly one altitude: alt_amsl_m or alt_home_m.")
         if alt_amsl_m is not None:
-            check_range("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
+            checks.check_range("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
         if alt_home_m is not None:
-            check_range("alt_home_m", alt_home_m, -500.0, 10_000.0)
+            checks.check_range("alt_home_m", alt_home_m, -500.0, 10_000.0)
         vehicle = self._vehicle
         vehicle.require_commandable()
         if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
@@ -218,7 +232,7 @@ class CommandService:
         if alt_amsl_m is None:
             assert alt_home_m is not None
             alt_amsl_m = await self._home_alt_amsl_m(number) + alt_home_m
-        self._check_distance(lat_deg, lon_deg, alt_amsl_m, max_distance_m)
+        checks.require_near(vehicle, lat_deg, lon_deg, alt_amsl_m, max_distance_m)
         reached = self._target_is(lat_deg, lon_deg, alt_amsl_m)
         goal = Goal(
             "go there",
@@ -266,24 +280,29 @@ class CommandService:
         )
         await self._run(number, _arm_disarm(1.0, 0.0), goal, progress)
 
-    async def _set_mode(self, number: int, mode: Mode, progress: ReportProgress | None) -> None:
+    async def _set_mode(
+        self,
+        number: int,
+        mode: Mode,
+        progress: ReportProgress | None,
+        *,
+        on_lost_link: bool = False,
+        or_disarmed: bool = False,
+    ) -> None:
+        """Changes to a mode. With `or_disarmed`, an armed vehicle that disarms has reached the goal too."""
+        in_mode, was_armed = _in_mode(mode), self._vehicle.flight_state.armed
+
         def reached(flight_state: FlightState, since_s: float) -> bool:
-            return flight_state.mode_s > since_s and flight_state.custom_mode == mode.custom_mode
+            has_disarmed = was_armed and flight_state.heartbeat_s > since_s and not flight_state.armed
+            return in_mode(flight_state, since_s) or (or_disarmed and has_disarmed)
 
         request = Request(
             d.MAV_CMD_DO_SET_MODE,
             (float(d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode.main), float(mode.sub), 0, 0, 0, 0),
         )
         label = f"switch to {self._vehicle.mode_names.label(mode)}"
-        await self._run(number, request, Goal(label, reached, STATE_DEADLINE_S), progress)
-
-    async def _request_takeoff(self, number: int, request: Request, progress: ReportProgress | None) -> None:
-        takeoff = BY_NAME["takeoff"].custom_mode
-
-        def reached(flight_state: FlightState, since_s: float) -> bool:
-            return flight_state.mode_s > since_s and flight_state.custom_mode == takeoff
-
-        await self._run(number, request, Goal("take off", reached, STATE_DEADLINE_S), progress)
+        goal = Goal(label, reached, STATE_DEADLINE_S, on_lost_link=on_lost_link)
+        await self._run(number, request, goal, progress)
 
     async def _home_alt_amsl_m(self, number: int) -> float:
         """Altitude of home [m]; requests an unknown home, because PX4 sends it only every two seconds."""
@@ -299,7 +318,7 @@ class CommandService:
             )
             with suppress(NoReply):
                 await self._run(number, None, goal, None)
-        return home_of(vehicle).alt_amsl_m
+        return checks.home_of(vehicle).alt_amsl_m
 
     async def _hold_if_disarmed(self, number: int) -> None:
         """Switches a disarmed vehicle back to Hold. In Take off or Mission, arming the vehicle later
@@ -308,41 +327,13 @@ class CommandService:
             with suppress(GcsError):
                 await self._set_mode(number, BY_NAME["hold"], None)
 
-    async def _land_or_return(self, mode: Mode, by: str | None, progress: ReportProgress | None) -> None:
-        vehicle = self._vehicle
-        vehicle.require_commandable()
-        was_armed = vehicle.flight_state.armed
-
-        def reached(flight_state: FlightState, since_s: float) -> bool:
-            if flight_state.mode_s > since_s and flight_state.custom_mode == mode.custom_mode:
-                return True
-            return was_armed and flight_state.heartbeat_s > since_s and not flight_state.armed
-
-        request = Request(
-            d.MAV_CMD_DO_SET_MODE,
-            (float(d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode.main), float(mode.sub), 0, 0, 0, 0),
-        )
-        goal = Goal(f"switch to {mode.label}", reached, STATE_DEADLINE_S)
-        await self._run(self._begin(mode.label, mode, by), request, goal, progress)
-
-    def _check_distance(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, max_m: float) -> None:
-        position = position_of(self._vehicle)
-        target_distance_m = math.hypot(
-            distance_m(position.lat_deg, position.lon_deg, lat_deg, lon_deg), alt_amsl_m - position.alt_amsl_m
-        )
-        if target_distance_m > max_m:
-            raise Refused(
-                f"The target is {target_distance_m:.0f} m away, more than the allowed {max_m:.0f} m.",
-                remedy="Check the coordinates, or raise max_distance_m if this is intended.",
-            )
-
     def _target_is(
         self, lat_deg: float, lon_deg: float, alt_amsl_m: float
     ) -> Callable[[FlightState, float], bool]:
-        hold = BY_NAME["hold"].custom_mode
+        in_hold = _in_mode(BY_NAME["hold"])
 
         def reached(flight_state: FlightState, since_s: float) -> bool:
-            if not (flight_state.mode_s > since_s and flight_state.custom_mode == hold):
+            if not in_hold(flight_state, since_s):
                 return False
             newest = self._vehicle.newest_payload(d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT)
             if newest is None or newest[1] <= since_s:
@@ -393,6 +384,12 @@ REQUEST_HEARTBEAT = (d.MAVLINK_MSG_ID_HEARTBEAT,)
 
 def _arm_disarm(arm: float, force: float) -> Request:
     return Request(d.MAV_CMD_COMPONENT_ARM_DISARM, (arm, force, 0, 0, 0, 0, 0))
+
+
+def _in_mode(mode: Mode) -> Callable[[FlightState, float], bool]:
+    return lambda flight_state, since_s: (
+        flight_state.mode_s > since_s and flight_state.custom_mode == mode.custom_mode
+    )
 
 
 def _never(_flight_state: FlightState, _since_s: float) -> bool:

@@ -92,6 +92,7 @@ class StopMotors:
             DEADLINE_S,
             requested_ids=(d.MAVLINK_MSG_ID_HEARTBEAT,),
             repeat_s=RESEND_S,
+            on_lost_link=True,
         )
         request = Request(d.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, FORCE, 0, 0, 0, 0, 0))
         error: GcsError = Disconnected(

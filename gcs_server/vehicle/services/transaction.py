@@ -89,8 +89,9 @@ class Goal:
         ack_is_enough: the vehicle's state cannot show the result, so the acknowledgement is the result.
         listen: further messages after which the goal is checked.
         present_problems: returns texts of the vehicle's current problems that prevent the command.
-        repeat_s: period of repetition until the goal or the deadline; neither an acknowledgement nor a lost
-            link ends the repetition. None: repeated only without an acknowledgement.
+        repeat_s: period of repetition until the goal or the deadline, whatever the vehicle acknowledges.
+            None: repeated only without an acknowledgement.
+        on_lost_link: a lost link does not end the command before its deadline.
     """
 
     action: str
@@ -101,6 +102,7 @@ class Goal:
     listen: tuple[int, ...] = ()
     present_problems: Callable[[], tuple[str, ...]] | None = None
     repeat_s: float | None = None
+    on_lost_link: bool = False
 
 
 class Transaction:
@@ -152,7 +154,7 @@ class Transaction:
             Rejected: the vehicle refused the command, or accepted it and did not reach the goal.
             NoReply: the vehicle did not answer by the deadline.
             Refused: a newer command replaced this command.
-            Disconnected: the vehicle or its link was lost.
+            Disconnected: the vehicle or its link was lost, and the goal does not allow for it.
         """
         ids = (d.MAVLINK_MSG_ID_COMMAND_ACK, *STATE_IDS, *self._goal.listen)
         while True:
@@ -161,7 +163,7 @@ class Transaction:
                     await self._until_done(waiter)
                 return
             except Disconnected:
-                if self._goal.repeat_s is None:
+                if not self._goal.on_lost_link:
                     raise
 
     async def _until_done(self, waiter: Waiter) -> None:

@@ -216,8 +216,8 @@ export function sendAction(
 
 /**
  * Why an action is not possible now; null if it is possible. Hold, Stop motors and `force_control` are possible in every
- * state of a vehicle that is not replayed. Land now is possible while the page takes the connection for lost: the server
- * decides, and says if nothing was sent.
+ * state of a vehicle that is not replayed. Land now is possible while the connection is lost: like Hold and Stop motors, it is
+ * sent anyway.
  */
 export function reasonUnavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
   if (facts.replayed) return 'A replayed vehicle accepts no commands.';

@@ -49,7 +49,7 @@ class Vehicle:
         self.sent_ids = []
         self.mode_requests = []
 
-    def require_commandable(self):
+    def require_commandable(self, *, on_lost_link=False):
         pass
 
     def require_no_kill(self, what):
