@@ -174,7 +174,7 @@ def test_setpoints_of_two_types_are_flown_by_form(browser: Browser, hovering_sta
         view.get_by_label("Velocity, East").fill("4")
         view.get_by_role("button", name="Send").click()
         newest_entry = page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first
-        expect(newest_entry).to_contain_text(re.compile("Velocity.*4.0.*accepted:"))
+        expect(newest_entry).to_contain_text(re.compile("Velocity.*4.0.*accepted after .* ms:"))
         wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the limited speed")
         tab_to(page, "Hold")
         page.keyboard.press("Enter")

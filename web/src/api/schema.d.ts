@@ -420,7 +420,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Hold
-         * @description Switches to Hold, even if another client has control; ends a setpoint stream.
+         * @description Switches to Hold, even if another client has control; ends a setpoint stream. While the connection to
+         *     the vehicle is lost, the command is sent for 6 s, because the vehicle may still receive it.
          */
         readonly post: operations["hold_api_v1_vehicles__v__hold_post"];
         readonly delete?: never;
@@ -541,7 +542,8 @@ export interface paths {
         /**
          * Land Now
          * @description Lands at the current position, even if another client has control; answers once the vehicle is landing.
-         *     Control does not change.
+         *     Control does not change. While the connection to the vehicle is lost, the command is sent for 6 s, because
+         *     the vehicle may still receive it.
          */
         readonly post: operations["land_now_api_v1_vehicles__v__land_now_post"];
         readonly delete?: never;
@@ -585,7 +587,8 @@ export interface paths {
          * Hold Several
          * @description Switches several vehicles to Hold, even if another client has control; ends their setpoint streams.
          *
-         *     The command is sent to all vehicles at the same time, and a failure of one does not affect the others.
+         *     The command is sent to all vehicles at the same time, also to those whose connection is lost, and a
+         *     failure of one does not affect the others.
          *     Answers once each vehicle has reported Hold or failed.
          */
         readonly post: operations["hold_several_api_v1_hold_post"];
