@@ -142,6 +142,8 @@ class PageMonitor:
         removed."""
         if re.search("status of (409|503)", message.text):
             return True
+        if "status of 504" in message.text and message.location["url"].endswith("/hold"):
+            return True  # Hold, sent to a vehicle whose connection is lost
         is_plan_file = re.search("/api/v1/plans/(import|insert|table)", message.location["url"])
         if "status of 422" in message.text and is_plan_file:
             return True  # an unreadable file, or a mission that cannot be inserted
