@@ -3,7 +3,7 @@ over real DDS."""
 
 from __future__ import annotations
 
-import os
+import uuid
 from collections.abc import Iterator
 
 import pytest
@@ -21,7 +21,6 @@ from tools import build_page
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 DOMAIN = 57
-NAMESPACE = f"panel_{os.getpid()}"
 
 
 @pytest.fixture(scope="module")
@@ -33,12 +32,14 @@ def browser() -> Iterator[Browser]:
 
 
 def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: Browser) -> None:
+    # a repeated test does not see the vehicle of the attempt before, which lives until it is collected
+    namespace = f"panel_{uuid.uuid4().hex[:8]}"
     domain, vehicle_thread = open_domain(DOMAIN, None), PeriodicThread()
-    vehicle = AcknowledgingVehicle(DOMAIN, NAMESPACE, 1)
+    vehicle = AcknowledgingVehicle(DOMAIN, namespace, 1)
     vehicle_thread.callbacks.append(vehicle.step)
     try:
         with (
-            station.running_server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
+            station.running_server([f"ros2://{DOMAIN}/{namespace}"]) as (url, _),
             open_page(browser, url, scene=False) as page,
         ):
             navigation = page.get_by_role("navigation", name="Views")
@@ -46,7 +47,7 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
             page.keyboard.press("x")  # opens the panel
             panel = page.get_by_role("region", name="ROS 2 topics")
             panel.get_by_label("Search topics").fill("attitude")
-            row = panel.get_by_role("button", name=f"/{NAMESPACE}{VEHICLE_ATTITUDE}")
+            row = panel.get_by_role("button", name=f"/{namespace}{VEHICLE_ATTITUDE}")
             expect(row).to_contain_text("Hz")
             expect(row).to_contain_text("px4_msgs/msg/VehicleAttitude")
             row.click()
