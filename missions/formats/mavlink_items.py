@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from missions.errors import PlanError, from_validation
-from missions.items import CommandItem, Item, PlacedItem, Slot
+from missions.items import CommandItem, Item, Jump, PlacedItem, Slot
 from missions.plan import TYPED_ITEMS, Plan, SimpleItem
 from missions.values import Altitude, FenceCircle, FencePolygon, FenceZone, Point, RallyPoint, Reference
 
@@ -40,6 +40,8 @@ FILE_FRAME: dict[Reference, int] = {"amsl": 0, "home": 3, "terrain": 10}
 WIRE_FRAME: dict[Reference, int] = {"amsl": 5, "home": 6, "terrain": 11}
 RALLY_FRAME: dict[Reference, int] = FILE_FRAME
 """PX4's Return mode refuses _INT frames in rally points ("RTL: unsupported MAV_FRAME")."""
+MOST_REPEATS = 65_535.0
+"""Sent for an endless jump: PX4 stores an unsigned 16-bit number, and C does not define what -1 becomes."""
 LOCAL_FRAMES = frozenset({1, 4, 7, 8, 9, 12, 20, 21})
 
 CLASS_OF_COMMAND: dict[int, type[Item]] = {each.COMMAND: each for each in TYPED_ITEMS}
@@ -183,6 +185,8 @@ def _to_wire(item: SimpleItem, seq: int) -> WireItem:
     if altitude is not None and altitude.resolved_amsl_m is not None:
         frame, params = MAV_FRAME_GLOBAL_INT, (*params[:6], altitude.resolved_amsl_m)
     command = item.command if isinstance(item, CommandItem) else item.COMMAND
+    if isinstance(item, Jump) and item.repeat < 0:
+        params = (params[0], MOST_REPEATS, *params[2:])
     p1, p2, p3, p4, _, _, z = (_float32(value, n) for n, value in enumerate(params, start=1))
     x, y = (_wire_integer(params[n - 1], frame, n) for n in (5, 6))
     return WireItem(seq, frame, command, p1, p2, p3, p4, x, y, z, item.autocontinue, current=seq == 0)

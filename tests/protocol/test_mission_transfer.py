@@ -11,6 +11,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.mission_dialogue import PARTS
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import WireItem
+from missions.formats.px4_storage import stored_items
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
@@ -76,15 +77,14 @@ def plan(count=5, seed=0):
     return {"mission": mission(count, seed), "fence": square(), "rally": rally()}
 
 
-def bytes_of(items):
-    """The payload of MISSION_ITEM_INT, with `current` 0, which the vehicle changes, and _INT frames."""
-    frames = {0: 5, 3: 6}
+def bytes_of(part, items):
+    """The payload of MISSION_ITEM_INT as PX4 stores it, with `current` 0, which the vehicle changes."""
     return [
         d.MAVLink_mission_item_int_message(
-            0, 0, item.seq, frames.get(item.frame, item.frame), item.command, 0, int(item.autocontinue),
+            0, 0, item.seq, item.frame, item.command, 0, int(item.autocontinue),
             item.param1, item.param2, item.param3, item.param4, item.x, item.y, item.z, 0,
         ).pack(d.MAVLink(None))[10:-2]
-        for item in items
+        for item in stored_items(part, items)
     ]  # fmt: skip
 
 
@@ -100,7 +100,7 @@ def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(run_simula
         assert shares == sorted(shares)
         assert shares[-1] > 0.99
         for part in PARTS:
-            assert bytes_of(uploaded.items_on_vehicle.items[part]) == bytes_of(planned[part])
+            assert bytes_of(part, uploaded.items_on_vehicle.items[part]) == bytes_of(part, planned[part])
 
     run_with_rig(run_simulated, scenario, loss=loss, seed=seed)
 
@@ -135,7 +135,7 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(run_
             assert "still has its previous items" in str(raised.value)
             assert (rig.mission.plan_on_vehicle(), rig.mission.items_on_vehicle.plan) == ("plan", PLAN)
         downloaded = await rig.mission.download()
-        assert bytes_of(downloaded.items["mission"]) == bytes_of(plan(4)["mission"])
+        assert bytes_of("mission", downloaded.items["mission"]) == bytes_of("mission", plan(4)["mission"])
 
     run_with_rig(run_simulated, scenario)
 
@@ -168,8 +168,13 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
         completed = not uploading.cancelled()
         rig.autopilot.loss = 0.0
         downloaded = await rig.mission.download()
-        assert bytes_of(downloaded.items["mission"]) in (bytes_of(old["mission"]), bytes_of(new["mission"]))
-        has_old_plan = all(bytes_of(downloaded.items[part]) == bytes_of(old[part]) for part in PARTS)
+        assert bytes_of("mission", downloaded.items["mission"]) in (
+            bytes_of("mission", old["mission"]),
+            bytes_of("mission", new["mission"]),
+        )
+        has_old_plan = all(
+            bytes_of(part, downloaded.items[part]) == bytes_of(part, old[part]) for part in PARTS
+        )
         assert not (completed and has_old_plan)
         expected_state = "plan" if has_old_plan or completed else "not_known"
         assert (rig.mission.plan_on_vehicle(), rig.mission.items_on_vehicle.plan is not None) == (
@@ -213,7 +218,9 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(run_simulated, ot
         await sleep(2)
         server_knows_plan = rig.mission.plan_on_vehicle() == "plan"
         downloaded = await rig.mission.download()
-        has_uploaded_plan = bytes_of(downloaded.items["mission"]) == bytes_of(uploaded["mission"])
+        has_uploaded_plan = bytes_of("mission", downloaded.items["mission"]) == bytes_of(
+            "mission", uploaded["mission"]
+        )
         assert server_knows_plan == has_uploaded_plan
 
     run_with_rig(run_simulated, scenario)

@@ -166,7 +166,9 @@ class MissionService:
             read = await self._read(_CombinedProgress(progress, 0), "Downloading")
             cached = self.items_on_vehicle or await self._find_stored(read.ids)
             same = cached is not None and not any(
-                differences(part, cached.items[part], read.items[part]) for part in PARTS
+                each.essential
+                for part in PARTS
+                for each in differences(part, cached.items[part], read.items[part])
             )
             self.items_on_vehicle = ItemsOnVehicle(
                 read.items, read.ids, cached.plan if cached and same else None, read.at_unix_s

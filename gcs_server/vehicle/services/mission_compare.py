@@ -1,8 +1,8 @@
 """Compares a vehicle's items with those that were sent. No I/O.
 
-PX4 returns items in its own form: frames with _INT, and `current` at its current item. PX4 returns
-a parameter that it does not store as 0 or NaN; such a difference is reported, but is not an error. Any other
-difference means that the vehicle has another plan.
+Items are compared as PX4 stores them: another form of the same item is no difference. A parameter that PX4
+does not store is reported, but is not an error. Any other difference means that the vehicle has another
+plan.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 from gcs_server.vehicle.services.mission_dialogue import NAME_OF, Part
 from missions.formats.mavlink_items import WireItem
+from missions.formats.px4_storage import is_lost, is_yaw, stored_items
 
-INT_FRAMES = {0: 5, 3: 6, 10: 11}
-"""MAV_FRAME → the same frame with _INT."""
 MAX_DIFFERENCES = 50
+YAW_TOLERANCE_DEG = 0.01
+"""Larger than the error of an angle in 32-bit radians, smaller than any yaw that matters."""
 _FIELDS = ("command", "frame", "x", "y", "z", "autocontinue", "param1", "param2", "param3", "param4")
 
 
@@ -51,22 +52,29 @@ def differences(part: Part, planned: Sequence[WireItem], on_vehicle: Sequence[Wi
     if len(planned) != len(on_vehicle):
         return [Difference(part, None, "count", len(planned), len(on_vehicle), essential=True)]
     result: list[Difference] = []
-    for seq, (planned_item, item_on_vehicle) in enumerate(zip(planned, on_vehicle, strict=True)):
+    stored_of_both = zip(stored_items(part, planned), stored_items(part, on_vehicle), strict=True)
+    pairs = zip(planned, on_vehicle, stored_of_both, strict=True)
+    for seq, (planned_item, item_on_vehicle, (expected, stored)) in enumerate(pairs):
         for name in _FIELDS:
-            planned_value, value_on_vehicle = _value(planned_item, name), _value(item_on_vehicle, name)
-            if planned_value != value_on_vehicle:
-                dropped = name.startswith("param") and value_on_vehicle in (0.0, None)
-                result.append(
-                    Difference(part, seq, name, planned_value, value_on_vehicle, essential=not dropped)
-                )
+            number = int(name[-1]) if name.startswith("param") else None
+            values = _value(planned_item, name), _value(item_on_vehicle, name)
+            tolerance_deg = YAW_TOLERANCE_DEG if number and is_yaw(part, expected, number) else 0.0
+            if not _equal(_value(expected, name), _value(stored, name), tolerance_deg):
+                result.append(Difference(part, seq, name, *values, essential=True))
+            elif number and is_lost(part, expected, number) and (values[0] or 0.0) != (values[1] or 0.0):
+                result.append(Difference(part, seq, name, *values, essential=False))
     result.sort(key=lambda each: not each.essential)
     return result[:MAX_DIFFERENCES]
 
 
+def _equal(expected: float | None, stored: float | None, yaw_tolerance_deg: float) -> bool:
+    if expected is None or stored is None or not yaw_tolerance_deg:
+        return expected == stored
+    return abs((expected - stored + 180.0) % 360.0 - 180.0) <= yaw_tolerance_deg
+
+
 def _value(item: WireItem, name: str) -> float | None:
     value = getattr(item, name)
-    if name == "frame":
-        return INT_FRAMES.get(value, value)
     return float(value) if math.isfinite(value) else None
 
 

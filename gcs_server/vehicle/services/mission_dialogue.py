@@ -12,15 +12,14 @@ import struct
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from gcs_server.errors import NoReply, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply
 from missions.formats.mavlink_items import WireItem
+from missions.formats.px4_storage import Part
 
-Part = Literal["mission", "fence", "rally"]
 PARTS: tuple[Part, ...] = ("fence", "rally", "mission")
 """In the order of an upload, so that the vehicle never flies a new mission with an older fence."""
 MISSION_TYPE_OF: dict[Part, int] = {
