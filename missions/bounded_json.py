@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import math
 import re
@@ -19,16 +20,18 @@ MAX_KEYS = 1000
 """Maximum number of keys in one object."""
 MAX_LINES = 25_000
 """Maximum number of lines in a file with one item per line."""
+UTF_16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""How a file in UTF-16 begins; Windows programs call this encoding Unicode."""
 _MAX_DIGITS = 40
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 _NOT_BRACKETS = re.compile(r"[^\[\]{}]+")
 
 
 def decode(data: str | bytes, place: str = "the file") -> str:
-    """The text of a file of bounded size, in UTF-8.
+    """The text of a file of bounded size, in UTF-8, or in UTF-16 with a byte order mark.
 
     Raises:
-        PlanError: The file is too large or not UTF-8.
+        PlanError: The file is too large or in another encoding.
     """
     if len(data) > MAX_FILE_BYTES:
         limit_mib, size_mb = MAX_FILE_BYTES // (1024 * 1024), len(data) / 1e6
@@ -36,10 +39,11 @@ def decode(data: str | bytes, place: str = "the file") -> str:
         raise PlanError(place, reason, "Split the plan into smaller ones.")
     if isinstance(data, str):
         return data
+    name, encoding = ("UTF-16", "utf-16") if data.startswith(UTF_16_MARKS) else ("UTF-8", "utf-8-sig")
     try:
-        return data.decode("utf-8-sig")
+        return data.decode(encoding)
     except UnicodeDecodeError as error:
-        reason = f"byte {error.start} is not UTF-8 text"
+        reason = f"byte {error.start} is not {name} text"
         raise PlanError(place, reason, "Save the file as UTF-8.") from None
 
 

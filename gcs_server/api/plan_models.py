@@ -22,6 +22,7 @@ from missions.documents import Document, PlanKind
 from missions.errors import PlanError
 from missions.estimates import Estimate
 from missions.formats.any_format import FormatName
+from missions.formats.results import AreaUseName
 from missions.geodesy import LocalOrigin
 from missions.offboard import reader as mission_reader
 from missions.offboard.document import OffboardMission
@@ -29,7 +30,7 @@ from missions.offboard.samples import Leg, StepTime
 from missions.offboard.tables import ImportedTable
 from missions.patterns import document as pattern_document
 from missions.plan import Plan
-from missions.values import Altitude, Point
+from missions.values import Altitude, FenceZone, Point
 
 MAX_NAME_LENGTH = 100
 
@@ -237,12 +238,32 @@ class PlanCheck(ResponseBody):
     not_known: list[str] = Field(description="Unknown data of the vehicle or the ground; sentences.")
 
 
+class ImportedAreaUse(ResponseBody):
+    """One possible use of an area in a file."""
+
+    use: AreaUseName = Field(
+        description="`stay_inside`: a geofence to stay inside, with the area's holes as zones to stay out "
+        "of; `stay_outside`: a zone to stay out of; `survey`: the area (and its holes) of a survey pattern."
+    )
+    text: str = Field(description="The use as a sentence, for example for a button.")
+    fence: list[FenceZone] = Field(
+        description="The zones to add to the plan's `fence` for this use. Empty for `survey`: use `outer` "
+        "and `holes` of the area for the pattern."
+    )
+
+
 class ImportedArea(ResponseBody):
-    """An area in a file; the user decides whether it becomes a survey or a geofence."""
+    """An area in a file, which is not part of the plan: the file does not state its use. Ask the user which
+    of `uses` is meant, and never choose one silently."""
 
     name: str = Field(description="Name in the file.")
     outer: list[Point] = Field(description="Corners of the outer boundary.")
     holes: list[list[Point]] = Field(description="Holes in the area.")
+    likely_use: AreaUseName | None = Field(
+        description="The use that the name suggests (`No-fly zone`: `stay_outside`); null: the name suggests "
+        "none. A hint for the order of the answers, not an answer."
+    )
+    uses: list[ImportedAreaUse] = Field(description="The possible uses.")
 
 
 class ImportedPlan(ResponseBody):

@@ -174,21 +174,34 @@ async def import_plan(
             le=100_000,
             allow_inf_nan=False,
             description="Altitude of points without an altitude in the file [m]; default: a file with such "
-            "points is refused.",
+            "points is refused (`field` of the error: `altitude_m`). Altitudes in the file are kept.",
         ),
     ] = None,
-    altitude_reference: Annotated[Reference, Query(description="Reference of `altitude_m`.")] = "home",
+    altitude_reference: Annotated[
+        Reference | None,
+        Query(
+            description="Reference of `altitude_m` (default: home), and of the altitudes in the file if the "
+            "file does not state their reference. Without it and without `altitude_m`, such a file is "
+            "refused (`field` of the error: `altitude_reference`)."
+        ),
+    ] = None,
 ) -> Response:
-    """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, this project's JSON, or YAML. Saves
-    nothing.
+    """The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, DJI waylines, this project's JSON, or
+    YAML. Saves nothing.
 
-    The body is the bytes of the file.
+    The body is the bytes of the file. What the file does not state is not guessed: a missing altitude or
+    reference is asked for by an error (`field`), and `areas` lists areas whose use the user has to choose.
     """
     data = await _file_content(request)
     altitude = None
     if altitude_m is not None:
-        altitude = Altitude(value_m=altitude_m, reference=altitude_reference).model_dump()
-    arguments = {"file": base64.b64encode(data).decode(), "filename": filename, "altitude": altitude}
+        altitude = Altitude(value_m=altitude_m, reference=altitude_reference or "home").model_dump()
+    arguments = {
+        "file": base64.b64encode(data).decode(),
+        "filename": filename,
+        "altitude": altitude,
+        "reference": altitude_reference,
+    }
     max_bytes = SMALL_YAML_BYTES if filename.lower().endswith((".yaml", ".yml")) else SMALL_FILE_BYTES
     small = len(data) <= max_bytes and not data.startswith(b"PK")  # PK: a ZIP archive (KMZ)
     result = await station.plan_work.run("import", arguments, small=small, field="body")

@@ -187,9 +187,11 @@ def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: S
 
 def _import(arguments: Mapping[str, Any]) -> Values:
     """Imports a file. Arguments: `file` (base64), `filename`, `altitude` (of points without an altitude; may
-    be null)."""
+    be null), `reference` (of altitudes without a reference; may be null)."""
     altitude = arguments["altitude"]
-    options = ImportOptions(None if altitude is None else Altitude.model_validate(altitude))
+    options = ImportOptions(
+        None if altitude is None else Altitude.model_validate(altitude), arguments["reference"]
+    )
     data = base64.b64decode(arguments["file"])
     format_name = any_format.recognise(data, arguments["filename"])
     imported = any_format.read(format_name, data, options)
@@ -202,6 +204,15 @@ def _import(arguments: Mapping[str, Any]) -> Values:
                 "name": area.name,
                 "outer": [point.model_dump() for point in area.outer],
                 "holes": [[point.model_dump() for point in hole] for hole in area.holes],
+                "likely_use": area.likely_use,
+                "uses": [
+                    {
+                        "use": each.use,
+                        "text": each.text,
+                        "fence": [zone.model_dump(exclude={"original"}) for zone in each.fence],
+                    }
+                    for each in area.uses
+                ],
             }
             for area in imported.areas
         ],

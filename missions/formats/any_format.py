@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Literal, get_args
 
 from missions import plan as plan_document
-from missions.bounded_json import load
+from missions.bounded_json import UTF_16_MARKS, load
 from missions.documents import MISSION_FORMAT, Document
 from missions.errors import PlanError
 from missions.formats import csv_table, geojson, kml, qgc_plan, waypoints
@@ -43,6 +43,7 @@ _WRITERS: dict[FormatName, Callable[[Plan], Written]] = {
     "kml": kml.write,
     "kmz": kml.write_kmz,
 }
+_RECOGNISED_BYTES = 4096
 _GEOJSON_TYPES = ("Feature", "FeatureCollection", "GeometryCollection", "Point", "LineString", "Polygon")
 
 
@@ -52,16 +53,16 @@ def recognise(data: bytes, filename: str = "") -> FormatName:
     Raises:
         PlanError: the format is unknown.
     """
-    start = data.lstrip(b"\xef\xbb\xbf \t\r\n")[:64]
+    start = _beginning(data)
     if start.startswith(b"PK"):
         return "kmz"
     if start.startswith(b"<"):
         return "kml"
-    if start.startswith(b"QGC WPL"):
+    if start.startswith(b"QGC WPL") or filename.lower().endswith(".waypoints"):
         return "waypoints"
     if start.startswith(b"{"):
         return _json_format(data)
-    if filename.lower().endswith((".yaml", ".yml")) or MISSION_FORMAT.encode() in data[:4096]:
+    if filename.lower().endswith((".yaml", ".yml")) or MISSION_FORMAT.encode() in data[:_RECOGNISED_BYTES]:
         return "yaml"
     if filename.lower().endswith((".csv", ".txt")):
         return "csv"
@@ -70,6 +71,17 @@ def recognise(data: bytes, filename: str = "") -> FormatName:
         "its format is not supported",
         "Choose a .plan, .waypoints, .csv, .geojson, .kml, .kmz or .yaml file.",
     )
+
+
+def _beginning(data: bytes) -> bytes:
+    """The first bytes of a file in UTF-8, without byte order mark, blanks and lines of comments."""
+    start = data[:_RECOGNISED_BYTES]
+    if start.startswith(UTF_16_MARKS):
+        start = start.decode("utf-16", errors="ignore").encode()
+    start = start.lstrip(b"\xef\xbb\xbf \t\r\n")
+    while start.startswith(b"#"):
+        start = start.partition(b"\n")[2].lstrip()
+    return start
 
 
 def _json_format(data: bytes) -> FormatName:

@@ -96,7 +96,8 @@ def _item(line: int, names: list[str], cells: list[str], options: ImportOptions)
     elif "lat_deg" in fields:
         if options.altitude is None:
             fix = "Add altitude_m and altitude_reference, or give an altitude for the import."
-            raise PlanError(f"line {line}, column altitude_m", "the point has no altitude", fix)
+            place = f"line {line}, column altitude_m"
+            raise PlanError(place, "the point has no altitude", fix, field="altitude_m")
         fields["altitude"] = options.altitude.model_dump()
     try:
         return _ITEM.validate_json(json.dumps(fields))

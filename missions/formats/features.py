@@ -19,9 +19,19 @@ from missions.errors import PlanError, from_validation
 from missions.formats.results import Area, Imported, ImportOptions, Written, count, loss_notes
 from missions.items import PlacedItem, Waypoint
 from missions.plan import MAX_FENCE_ZONES, MAX_ITEMS, MAX_RALLY_POINTS, Plan, SimpleItem
-from missions.values import MAX_OBSTACLES, Altitude, FenceZone, HomePosition, Obstacle, Point, RallyPoint
+from missions.values import (
+    MAX_OBSTACLES,
+    Altitude,
+    FenceZone,
+    HomePosition,
+    Obstacle,
+    Point,
+    RallyPoint,
+    Reference,
+)
 
 Geometry = Literal["none", "point", "line", "area"]
+_OWN_ROLES = ("item", "fence", "rally", "obstacle", "home")
 Coordinate = tuple[float, float, float | None]
 """Longitude and latitude in degrees, altitude in metres or None."""
 _ITEM: TypeAdapter[SimpleItem] = TypeAdapter(SimpleItem)
@@ -38,8 +48,9 @@ class Feature:
     corner of a ring is not repeated at its end."""
     properties: dict[str, Any] = field(default_factory=dict[str, Any])
     name: str = ""
-    altitude: Altitude | None = None
-    """Altitude reference of the coordinates; None if the format does not state it."""
+    reference: Reference | Literal["none"] | None = None
+    """Reference of the coordinates' altitudes; "none": the file says that its altitudes mean nothing; None:
+    the file does not state it."""
 
 
 def features_of_plan(plan: Plan) -> list[Feature]:
@@ -90,19 +101,43 @@ def _fields(model: BaseModel) -> dict[str, Any]:
 def _point_feature(
     role: str, point: Any, properties: dict[str, Any], amsl_m: float | None, name: str
 ) -> Feature:
-    altitude = None if amsl_m is None else Altitude(value_m=amsl_m, reference="amsl")
+    reference = None if amsl_m is None else "amsl"
     return Feature(
-        "point", (((point.lon_deg, point.lat_deg, amsl_m),),), {"role": role, **properties}, name, altitude
+        "point", (((point.lon_deg, point.lat_deg, amsl_m),),), {"role": role, **properties}, name, reference
     )
 
 
-def to_plan(features: Sequence[Feature], options: ImportOptions, file_name: str) -> Imported:
-    """The plan that the features of a file describe. `file_name` is the name of the file in notes.
+def to_plan(
+    features: Sequence[Feature],
+    options: ImportOptions,
+    file_name: str,
+    *,
+    left_out: Sequence[str] = (),
+    notes: Sequence[str] = (),
+    heights_above: str | None = None,
+) -> Imported:
+    """The plan that the features of a file describe. Altitudes in the file are kept; if the file does not
+    state their reference, it is taken from the options. If all of these are 0, they mean no altitude, because
+    many programs write a 0 where there is none.
+
+    Args:
+        features: the features.
+        options: values for what the file does not state.
+        file_name: name of the file in notes.
+        left_out: what the file contains besides, for example `1 Model`.
+        notes: further notes on the file.
+        heights_above: what the file says its altitudes are above, if that is no `Reference`.
 
     Raises:
-        PlanError: A value is wrong, a point has no altitude, or there are too many items; the error names the
-            feature.
+        PlanError: A value is wrong, a point has no altitude or its reference is unknown, there are too many
+            items, or there is nothing to import; the error names the feature.
     """
+    all_notes = list(notes)
+    heights = _unreferenced_heights(features)
+    if any(heights):
+        all_notes.append(_heights_note(heights, options, file_name, heights_above))
+    if any(z for feature in features if feature.reference == "none" for *_, z in feature.rings[0]):
+        all_notes.append(f"{file_name} clamps its altitudes to the ground, so they are not used.")
     items: list[SimpleItem] = []
     fence: list[FenceZone] = []
     rally: list[RallyPoint] = []
@@ -124,19 +159,69 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, file_name: str)
                 case "home":
                     home = HomePosition.model_validate_json(_json_without_role(feature))
                 case _:
-                    _add_from_other_program(feature, options, items, areas)
+                    _add_from_other_program(feature, options, any(heights), items, areas)
         except ValidationError as error:
             invalid = from_validation(error)
             raise PlanError(f"{place}, {invalid.place}", invalid.reason, invalid.fix) from None
         except PlanError as error:
-            raise PlanError(f"{place}, {error.place}", error.reason, error.fix) from None
+            raise PlanError(f"{place}, {error.place}", error.reason, error.fix, field=error.field) from None
         _check_counts(items, fence, rally, obstacles)
     plan = Plan(
         items=tuple(items), fence=tuple(fence), rally_points=tuple(rally), obstacles=tuple(obstacles),
         planned_home=home,
     )  # fmt: skip
-    note = (f"{file_name} has {count(len(areas), 'area')}: choose a use for each.",) if areas else ()
-    return Imported(plan, tuple(areas), note)
+    if plan == Plan() and not areas:
+        found = ", ".join(left_out) or "no point, line or area"
+        raise PlanError(
+            file_name[0].lower() + file_name[1:],
+            f"nothing in it can be imported; found: {found}",
+            "Export the points, lines or areas of the plan.",
+        )
+    if areas:
+        all_notes.append(f"{file_name} has {count(len(areas), 'area')}: choose a use for each.")
+    if left_out:
+        all_notes.append(f"Left out: {', '.join(left_out)}.")
+    return Imported(plan, tuple(areas), tuple(all_notes))
+
+
+_ABOVE = {"home": "above home", "amsl": "above mean sea level", "terrain": "above the ground"}
+
+
+def _unreferenced_heights(features: Sequence[Feature]) -> list[float]:
+    """Altitudes of points and lines of other programs whose reference is not known [m]."""
+    return [
+        z
+        for feature in features
+        if feature.properties.get("role") not in _OWN_ROLES
+        and feature.geometry in ("point", "line")
+        and feature.reference is None
+        for ring in feature.rings
+        for _, _, z in ring
+        if z is not None
+    ]
+
+
+def _heights_note(
+    heights: Sequence[float], options: ImportOptions, file_name: str, heights_above: str | None
+) -> str:
+    """The note that altitudes are kept, and above what.
+
+    Raises:
+        PlanError: Their reference is not known.
+    """
+    low, high = min(heights), max(heights)
+    span = f"of {low:g} m" if low == high else f"from {low:g} to {high:g} m"
+    found = f"it has {count(len(heights), 'altitude')} {span}"
+    reference = options.reference_of_heights
+    if reference is not None:
+        return f"{file_name}: {found}; they are kept, as altitudes {_ABOVE[reference]}."
+    stated = f" above {heights_above}" if heights_above else ", but does not state what they are above"
+    raise PlanError(
+        file_name[0].lower() + file_name[1:],
+        f"{found}{stated}",
+        "Give the altitude reference of the file: home, amsl or terrain.",
+        field="altitude_reference",
+    )
 
 
 def _check_counts(
@@ -181,7 +266,11 @@ def _read_fence_zone(feature: Feature) -> FenceZone:
 
 
 def _add_from_other_program(
-    feature: Feature, options: ImportOptions, items: list[SimpleItem], areas: list[Area]
+    feature: Feature,
+    options: ImportOptions,
+    has_heights: bool,
+    items: list[SimpleItem],
+    areas: list[Area],
 ) -> None:
     if len(items) + sum(map(len, feature.rings)) > MAX_ITEMS:
         raise PlanError("its line or area", f"more than {MAX_ITEMS} points", "Simplify it.")
@@ -191,12 +280,18 @@ def _add_from_other_program(
             raise PlanError("its area", "it has fewer than 3 corners", "Correct the area.")
         areas.append(Area(feature.name[:100], rings[0], tuple(rings[1:])))
         return
+    reference = feature.reference
+    if reference is None and has_heights:
+        reference = options.reference_of_heights
     for lon, lat, z in feature.rings[0] if feature.rings else ():
         altitude = options.altitude
-        if feature.altitude is not None and z is not None:
-            altitude = feature.altitude.model_copy(update={"value_m": z})
+        if z is not None and reference is not None and reference != "none":
+            altitude = Altitude(value_m=z, reference=reference)
         if altitude is None:
-            reason = "the file does not state its altitude reference"
-            raise PlanError("its altitude", reason, "Give an altitude with its reference for the import.")
-        checked = Altitude.model_validate(altitude.model_dump())
-        items.append(Waypoint(lat_deg=lat, lon_deg=lon, altitude=checked))
+            raise PlanError(
+                "its altitude",
+                "the file does not state it",
+                "Give an altitude with its reference for the import.",
+                field="altitude_m",
+            )
+        items.append(Waypoint(lat_deg=lat, lon_deg=lon, altitude=altitude))

@@ -1,8 +1,8 @@
 """Plans as GeoJSON (RFC 7946): positions are longitude, latitude, altitude.
 
 The standard defines altitudes above the WGS84 ellipsoid, but most programs write other altitudes. Therefore
-the altitude of a position is ignored when a file of another program is read. Files written here contain the
-AMSL altitude for display only.
+the altitudes of another program's file are kept, and the import has to state their reference. Files written
+here contain the AMSL altitude for display only.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
     """The plan of a GeoJSON file.
 
     Raises:
-        PlanError: The file is too large or not GeoJSON, a value is wrong, or a point has no altitude.
+        PlanError: The file is too large or not GeoJSON, a value is wrong, a point has no altitude, the
+            reference of the altitudes is not known, or the file contains nothing to import.
     """
     document = require_object(bounded_json.load(data), "the file")
     return features.to_plan(list(_features(document)), options or ImportOptions(), "The GeoJSON file")

@@ -1,7 +1,8 @@
 """Reads and writes plans as KML and KMZ (OGC 12-007r2).
 
-The size of a file is checked before parsing. Entities and document types are refused (defusedxml). Only the
-first KML document of a KMZ file is unpacked, up to the maximum file size.
+The size of a file is checked before parsing. Entities and document types are refused (defusedxml). Only one
+document of a KMZ file is unpacked, up to the maximum file size. DJI's waylines (WPML) are KML whose altitudes
+are in elements of their own. https://developer.dji.com/doc/cloud-api-tutorial/en/api-reference/dji-wpml/
 """
 
 from __future__ import annotations
@@ -9,10 +10,13 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 from xml.etree.ElementTree import Element, ParseError, SubElement, tostring
 
 from defusedxml import DefusedXmlException
@@ -24,31 +28,79 @@ from missions.errors import PlanError
 from missions.formats import features
 from missions.formats.features import Coordinate, Feature
 from missions.formats.geojson import open_ring
-from missions.formats.results import Imported, ImportOptions, Written
+from missions.formats.results import Imported, ImportOptions, Written, count
 from missions.plan import MAX_ITEMS, Plan
-from missions.values import Altitude
+from missions.values import Reference
 
 NAMESPACE = "http://www.opengis.net/kml/2.2"
 _DATA_NAME = "offboard-gcs"
-_REFERENCE = {"absolute": "amsl", "relativeToGround": "terrain"}
+_REFERENCE: dict[str, Reference | Literal["none"]] = {
+    "absolute": "amsl",
+    "relativeToGround": "terrain",
+    "clampToGround": "none",
+    "clampToSeaFloor": "none",
+}
+_DJI_REFERENCE: dict[str, Reference] = {
+    "relativeToStartPoint": "home",
+    "EGM96": "amsl",
+    "aboveGroundLevel": "terrain",
+}
+_DJI_HEIGHTS = ("executeHeight", "height", "ellipsoidHeight")
+_DJI_WAYLINES = "waylines.wpml"
+_ELLIPSOID = "the WGS84 ellipsoid, which is not a reference of PX4 (mean sea level is up to 100 m off)"
+_NOT_UNDERSTOOD = (
+    "LinearRing", "Model", "GroundOverlay", "PhotoOverlay", "ScreenOverlay", "NetworkLink", "Tour"
+)  # fmt: skip
+_OTHER_XML = {"gpx": "a GPX file", "svg": "an SVG picture", "html": "a web page"}
+_FIRST_ELEMENT = re.compile(r"<([A-Za-z_][\w.:-]{0,40})")
 MAX_ZIP_ENTRIES = 1000
 _CHUNK_BYTES = 64 * 1024
 
 
 def read(data: bytes, options: ImportOptions | None = None) -> Imported:
-    """The plan of a KML or KMZ file.
+    """The plan of a KML or KMZ file, or of DJI waylines.
 
     `altitudeMode` sets the altitude reference: absolute is AMSL, relativeToGround is above terrain. Altitudes
-    clamped to the ground are ignored.
+    clamped to the ground are ignored; without an altitudeMode the reference is not known. A gx:Track becomes
+    a path without its times.
 
     Raises:
-        PlanError: The file is too large, not KML, or has entities; a value is wrong, or a point has no
-            altitude.
+        PlanError: The file is too large, not KML, or has entities; a value is wrong, a point has no altitude,
+            the reference of the altitudes is not known, or the file contains nothing to import.
     """
     text = decode(_unpacked(data) if data[:2] == b"PK" else data)
     root = _parse(text)
-    found = [feature for placemark in _descendants(root, "Placemark") for feature in _placemark(placemark)]
-    return features.to_plan(found, options or ImportOptions(), "The KML file")
+    kind = _local_name(root)
+    if kind != "kml":
+        raise PlanError("the file", f"it is not KML, but {_described(kind)}", "Choose a KML file.")
+    found = list(_features(root, _Dji()))
+    is_dji = any("/wpmz/" in each.tag for each in root.iter())
+    notes = ("DJI's speeds, turns and actions are not imported.",) if is_dji else ()
+    above_ellipsoid = any(each.text == "WGS84" for each in _descendants(root, "executeHeightMode"))
+    return features.to_plan(
+        found, options or ImportOptions(), "The KML file", left_out=_left_out(root, len(found)), notes=notes,
+        heights_above=_ELLIPSOID if above_ellipsoid else None,
+    )  # fmt: skip
+
+
+def _described(kind: str) -> str:
+    return _OTHER_XML.get(kind.lower(), f"XML of the kind <{kind}>")
+
+
+def _left_out(root: Element, found: int) -> tuple[str, ...]:
+    """What the document contains and is not imported: `1 Model`."""
+    numbers = Counter(
+        _local_name(each)
+        for parent in root.iter()
+        if _local_name(parent) not in ("outerBoundaryIs", "innerBoundaryIs")
+        for each in parent
+    )
+    parts = [count(numbers[name], name) for name in _NOT_UNDERSTOOD if numbers[name]]
+    if numbers["Track"]:
+        parts.append(f"the times of {count(numbers['Track'], 'gx:Track')}")
+    if not found and numbers["Placemark"]:
+        parts.append(f"{count(numbers['Placemark'], 'Placemark')} without point, line or area")
+    return tuple(parts)
 
 
 def _unpacked(data: bytes) -> bytes:
@@ -62,6 +114,8 @@ def _unpacked(data: bytes) -> bytes:
                     "the KMZ file", f"more than {MAX_ZIP_ENTRIES} entries", "Choose another file."
                 )
             documents = [entry for entry in entries if entry.filename.lower().endswith(".kml")]
+            waylines = [entry for entry in entries if entry.filename.lower().endswith(_DJI_WAYLINES)]
+            documents = waylines or documents
             if not documents:
                 raise PlanError("the KMZ file", "it has no KML document", "Choose another file.")
             with archive.open(documents[0]) as file:
@@ -117,14 +171,18 @@ def _parse(text: str) -> Element:
     try:
         parser.feed(text)
         return parser.close()
-    except ParseError as error:
+    except (ParseError, DefusedXmlException) as error:
+        kind = first.group(1) if (first := _FIRST_ELEMENT.search(text)) else "kml"
+        if kind.rpartition(":")[2].lower() in _OTHER_XML:
+            reason = f"it is not KML, but {_described(kind.rpartition(':')[2])}"
+            raise PlanError("the file", reason, "Choose a KML file.") from None
+        if isinstance(error, DefusedXmlException):
+            raise PlanError("the KML file", "it has entities or a document type", "Remove them.") from None
         line, column = getattr(error, "position", (1, 0))
         place = f"line {line}, column {column + 1}"
         raise PlanError(
             place, f"not valid XML ({str(error).partition(':')[0]})", "Export the file again."
         ) from None
-    except DefusedXmlException:
-        raise PlanError("the KML file", "it has entities or a document type", "Remove them.") from None
 
 
 def _local_name(element: Element) -> str:
@@ -139,41 +197,92 @@ def _text(element: Element, name: str) -> str:
     return next(((each.text or "").strip() for each in element if _local_name(each) == name), "")
 
 
-def _placemark(placemark: Element) -> Iterator[Feature]:
+@dataclass(frozen=True, slots=True)
+class _Dji:
+    """What DJI's elements of a folder say about the altitudes of its placemarks."""
+
+    mode: str = ""
+    global_height: str = ""
+
+    def inside(self, folder: Element) -> _Dji:
+        """These values, where a folder does not state its own."""
+        system = next((each for each in folder if _local_name(each) == "waylineCoordinateSysParam"), folder)
+        mode = _text(folder, "executeHeightMode") or _text(system, "heightMode")
+        return _Dji(mode or self.mode, _text(folder, "globalHeight") or self.global_height)
+
+    def height_m(self, placemark: Element, name: str) -> float | None:
+        """The altitude of a placemark; None: it has none of DJI's elements."""
+        text = next((text for each in _DJI_HEIGHTS if (text := _text(placemark, each))), "")
+        if _text(placemark, "useGlobalHeight") == "1" and not _text(placemark, "executeHeight"):
+            text = self.global_height or text
+        return _number(text, f"placemark {name!r}, its height") if text else None
+
+
+def _features(element: Element, dji: _Dji) -> Iterator[Feature]:
+    for child in element:
+        if _local_name(child) == "Placemark":
+            yield from _placemark(child, dji)
+        else:
+            yield from _features(child, dji.inside(child))
+
+
+def _placemark(placemark: Element, dji: _Dji) -> Iterator[Feature]:
     name = _text(placemark, "name")[:100]
     properties = _properties(placemark)
+    height_m = dji.height_m(placemark, name)
     has_geometry = False
-    for geometry in placemark.iter():
-        match _local_name(geometry):
-            case "Point" | "LineString":
-                has_geometry = True
-                kind = "point" if _local_name(geometry) == "Point" else "line"
-                ring = _coordinates(geometry, name)
-                if kind == "point" and len(ring) != 1:
-                    raise PlanError(
-                        f"placemark {name!r}", "its point must have one coordinate", "Correct the point."
-                    )
-                yield Feature(kind, (ring,), properties, name, _altitude(geometry))
-            case "Polygon":
-                has_geometry = True
-                outer = [_coordinates(each, name) for each in _descendants(geometry, "outerBoundaryIs")]
-                holes = [_coordinates(each, name) for each in _descendants(geometry, "innerBoundaryIs")]
-                if len(outer) != 1:
-                    raise PlanError(
-                        f"placemark {name!r}",
-                        "its polygon must have one outer boundary",
-                        "Correct the polygon.",
-                    )
-                yield Feature("area", tuple(open_ring(ring) for ring in (*outer, *holes)), properties, name)
-            case _:
-                pass
+    for feature in _geometries(placemark, properties, name):
+        has_geometry = True
+        if height_m is None:
+            yield feature
+        else:
+            rings = tuple(tuple((lon, lat, height_m) for lon, lat, _ in ring) for ring in feature.rings)
+            yield replace(feature, rings=rings, reference=_DJI_REFERENCE.get(dji.mode))
     if not has_geometry and properties:
         yield Feature("none", properties=properties, name=name)
 
 
-def _altitude(geometry: Element) -> Altitude | None:
-    reference = _REFERENCE.get(_text(geometry, "altitudeMode"))
-    return None if reference is None else Altitude(value_m=0.0, reference=reference)  # type: ignore[arg-type]
+def _geometries(parent: Element, properties: dict[str, Any], name: str) -> Iterator[Feature]:
+    for geometry in parent:
+        match _local_name(geometry):
+            case "Point":
+                ring = _coordinates(geometry, name)
+                if len(ring) != 1:
+                    raise PlanError(
+                        f"placemark {name!r}", "its point must have one coordinate", "Correct the point."
+                    )
+                yield Feature("point", (ring,), properties, name, _reference(geometry))
+            case "LineString":
+                yield Feature("line", (_coordinates(geometry, name),), properties, name, _reference(geometry))
+            case "Track":
+                texts = [(each.text or "").strip() for each in geometry if _local_name(each) == "coord"]
+                ring = tuple(_coordinate(",".join(text.split()), name) for text in texts)
+                yield Feature("line", (ring,), properties, name, _reference(geometry))
+            case "Polygon":
+                yield _polygon(geometry, properties, name)
+            case "MultiGeometry" | "MultiTrack":
+                yield from _geometries(geometry, properties, name)
+            case _:
+                pass
+
+
+def _polygon(geometry: Element, properties: dict[str, Any], name: str) -> Feature:
+    outer = [_coordinates(each, name) for each in _descendants(geometry, "outerBoundaryIs")]
+    # one innerBoundaryIs may contain several rings, although the standard allows one
+    holes = [
+        _coordinates(ring, name)
+        for inner in _descendants(geometry, "innerBoundaryIs")
+        for ring in _descendants(inner, "LinearRing")
+    ]
+    if len(outer) != 1:
+        raise PlanError(
+            f"placemark {name!r}", "its polygon must have one outer boundary", "Correct the polygon."
+        )
+    return Feature("area", tuple(open_ring(ring) for ring in (*outer, *holes)), properties, name)
+
+
+def _reference(geometry: Element) -> Reference | Literal["none"] | None:
+    return _REFERENCE.get(_text(geometry, "altitudeMode"))
 
 
 def _properties(placemark: Element) -> dict[str, Any]:
@@ -190,6 +299,16 @@ def _coordinates(geometry: Element, name: str) -> tuple[Coordinate, ...]:
     if len(coordinates) > MAX_ITEMS:
         raise PlanError(f"placemark {name!r}", f"more than {MAX_ITEMS} coordinates", "Simplify it.")
     return tuple(_coordinate(each, name) for each in coordinates)
+
+
+def _number(text: str, place: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= 1e9:
+        raise PlanError(place, f"{text[:40]!r} is not a possible number", "Correct it.")
+    return value
 
 
 def _coordinate(text: str, name: str) -> Coordinate:
@@ -231,7 +350,7 @@ def _write_geometry(placemark: Element, feature: Feature) -> None:
         return
     if feature.geometry == "point":
         point = SubElement(placemark, "Point")
-        if feature.altitude is not None:
+        if feature.reference is not None:
             SubElement(point, "altitudeMode").text = "absolute"
         SubElement(point, "coordinates").text = _to_text(feature.rings[0])
         return

@@ -191,11 +191,15 @@ def test_a_file_without_altitudes_needs_an_altitude_and_returns_its_areas(client
     features = [{"type": "Feature", "properties": {}, "geometry": shape} for shape in shapes]
     file = json.dumps({"type": "FeatureCollection", "features": features}).encode()
     refused = client.post("plans/import", params={"filename": "a.geojson"}, content=file)
-    assert (refused.status_code, refused.json()["field"]) == (422, "body")
+    assert (refused.status_code, refused.json()["field"]) == (422, "altitude_m")
     altitude = {"altitude_m": 30, "altitude_reference": "amsl"}
     imported = client.post("plans/import", params={"filename": "a.geojson", **altitude}, content=file).json()
     assert imported["plan"]["items"][0]["altitude"]["value_m"] == 30
-    assert len(imported["areas"][0]["outer"]) == 4
+    (area,) = imported["areas"]
+    assert len(area["outer"]) == 4
+    assert [use["use"] for use in area["uses"]] == ["stay_inside", "stay_outside", "survey"]
+    plan_with_fence = {**imported["plan"], "fence": area["uses"][1]["fence"]}
+    assert client.post("plans/check", json={"plan": plan_with_fence}).status_code == 200
     assert client.post("plans/import", content=b"").json()["field"] == "body"
     assert client.post("plans/import", content=b"\x00").status_code == 422
 

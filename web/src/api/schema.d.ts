@@ -1570,10 +1570,11 @@ export interface paths {
         readonly put?: never;
         /**
          * Import Plan
-         * @description The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, this project's JSON, or YAML. Saves
-         *     nothing.
+         * @description The plan in a file: .plan, .waypoints, CSV, GeoJSON, KML, KMZ, DJI waylines, this project's JSON, or
+         *     YAML. Saves nothing.
          *
-         *     The body is the bytes of the file.
+         *     The body is the bytes of the file. What the file does not state is not guessed: a missing altitude or
+         *     reference is asked for by an error (`field`), and `areas` lists areas whose use the user has to choose.
          */
         readonly post: operations["import_plan_api_v1_plans_import_post"];
         readonly delete?: never;
@@ -6640,7 +6641,8 @@ export interface components {
         };
         /**
          * ImportedArea
-         * @description An area in a file; the user decides whether it becomes a survey or a geofence.
+         * @description An area in a file, which is not part of the plan: the file does not state its use. Ask the user which
+         *     of `uses` is meant, and never choose one silently.
          */
         readonly ImportedArea: {
             /**
@@ -6658,6 +6660,38 @@ export interface components {
              * @description Holes in the area.
              */
             readonly holes: readonly (readonly components["schemas"]["Point"][])[];
+            /**
+             * Likely Use
+             * @description The use that the name suggests (`No-fly zone`: `stay_outside`); null: the name suggests none. A hint for the order of the answers, not an answer.
+             */
+            readonly likely_use: ("stay_inside" | "stay_outside" | "survey") | null;
+            /**
+             * Uses
+             * @description The possible uses.
+             */
+            readonly uses: readonly components["schemas"]["ImportedAreaUse"][];
+        };
+        /**
+         * ImportedAreaUse
+         * @description One possible use of an area in a file.
+         */
+        readonly ImportedAreaUse: {
+            /**
+             * Use
+             * @description `stay_inside`: a geofence to stay inside, with the area's holes as zones to stay out of; `stay_outside`: a zone to stay out of; `survey`: the area (and its holes) of a survey pattern.
+             * @enum {string}
+             */
+            readonly use: "stay_inside" | "stay_outside" | "survey";
+            /**
+             * Text
+             * @description The use as a sentence, for example for a button.
+             */
+            readonly text: string;
+            /**
+             * Fence
+             * @description The zones to add to the plan's `fence` for this use. Empty for `survey`: use `outer` and `holes` of the area for the pattern.
+             */
+            readonly fence: readonly (components["schemas"]["FenceCircle"] | components["schemas"]["FencePolygon"])[];
         };
         /**
          * ImportedPlan
@@ -18833,10 +18867,10 @@ export interface operations {
             readonly query?: {
                 /** @description Name of the file; a CSV file is recognised by its extension. */
                 readonly filename?: string;
-                /** @description Altitude of points without an altitude in the file [m]; default: a file with such points is refused. */
+                /** @description Altitude of points without an altitude in the file [m]; default: a file with such points is refused (`field` of the error: `altitude_m`). Altitudes in the file are kept. */
                 readonly altitude_m?: number | null;
-                /** @description Reference of `altitude_m`. */
-                readonly altitude_reference?: "home" | "amsl" | "terrain";
+                /** @description Reference of `altitude_m` (default: home), and of the altitudes in the file if the file does not state their reference. Without it and without `altitude_m`, such a file is refused (`field` of the error: `altitude_reference`). */
+                readonly altitude_reference?: ("home" | "amsl" | "terrain") | null;
             };
             readonly header?: never;
             readonly path?: never;

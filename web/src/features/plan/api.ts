@@ -32,6 +32,9 @@ export interface Area {
   readonly outer: readonly GeoPosition[];
 }
 
+/** What a file does not state: the altitude of points without an altitude (above home), or what its altitudes are above. */
+export type ImportAnswer = Readonly<{ altitude_m?: number; altitude_reference?: Schemas['Altitude']['reference'] }>;
+
 /** A plan from a file, and the areas of the file, which a person can add as geofences. */
 export interface ImportedFile {
   readonly plan: Document;
@@ -148,9 +151,9 @@ export class PlanApi {
     return fromApi(this.api.post('/plans/ground', { body: { plan: toApi(plan), tolerance_m } }));
   }
 
-  /** @param altitude_m altitude above home for points without an altitude. */
-  import(file: File, altitude_m: number | null): Promise<Outcome<ImportedFile>> {
-    const query = { filename: file.name, ...(altitude_m === null ? {} : { altitude_m }) };
+  /** @param answer what the file does not state. */
+  import(file: File, answer: ImportAnswer): Promise<Outcome<ImportedFile>> {
+    const query = { filename: file.name, ...answer };
     const headers = { 'Content-Type': 'application/octet-stream' };
     return fromApi(this.api.post('/plans/import', { params: { query }, body: file, bodySerializer: (body) => body, headers }));
   }

@@ -3,7 +3,7 @@
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
-import type { Area, Check, Format, ResolvedPlan, ImportedFile, PlanApi, PlanVersion } from './api';
+import type { Area, Check, Format, ResolvedPlan, ImportAnswer, ImportedFile, PlanApi, PlanVersion } from './api';
 import { DEFAULT_CONDITIONS, powerOf, type Conditions } from './dry-run/conditions';
 import { EMPTY_PLAN, type PlannedHome } from './document/document';
 import type { Draft, PlanEditor } from './editor/editor.svelte';
@@ -30,8 +30,8 @@ export interface Notice {
   readonly conflict?: boolean;
   /** An older version is open. */
   readonly olderVersion?: boolean;
-  /** A file that was not imported, because points have no altitude. */
-  readonly file?: File;
+  /** A file that was not imported, because points have no altitude, or because the reference of its altitudes is unknown. */
+  readonly question?: { readonly file: File; readonly missing: 'altitude_m' | 'altitude_reference' };
   /** Areas in an imported file, which a person can add as geofences. */
   readonly areas?: readonly Area[];
 }
@@ -186,15 +186,15 @@ export class Plans {
 
   /**
    * Opens the plan in a file as a new plan.
-   * @param altitude_m altitude above home for points without an altitude; null: the server refuses a file with such
-   * points.
+   * @param answer what the file does not state; without it the server refuses such a file and names what is missing.
    */
-  async import(file: File, altitude_m: number | null = null): Promise<boolean> {
-    const response = await this.whileBusy(this.api.import(file, altitude_m));
+  async import(file: File, answer: ImportAnswer = {}): Promise<boolean> {
+    const response = await this.whileBusy(this.api.import(file, answer));
     if (!response.ok) {
-      const needsAltitude = altitude_m === null && response.problem.detail.includes('altitude');
+      const { field } = response.problem;
       this.showProblem(`“${file.name}” was not imported.`, response.problem);
-      if (needsAltitude && this.notice !== null) this.notice = { ...this.notice, file };
+      const missing = field === 'altitude_m' || field === 'altitude_reference' ? field : null;
+      if (missing !== null && this.notice !== null) this.notice = { ...this.notice, question: { file, missing } };
       return false;
     }
     this.openImported(file.name.replace(/\.[^.]*$/, ''), response.value);

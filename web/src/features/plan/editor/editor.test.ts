@@ -235,16 +235,27 @@ describe('plans on the server', () => {
     expect([storage.getItem('gcs.plan-draft'), storage.getItem('gcs.plan-conditions')]).toEqual([null, expect.stringContaining('100')]);
   });
 
-  it('need an altitude for imported points without an altitude', async () => {
-    const refusal = { code: 'invalid_request', detail: 'point 1: it has no altitude.', remedy: 'Give an altitude with its reference for the import.' };
-    const { api, requests } = fakeServer([422, refusal], [200, { plan: { ...EMPTY_PLAN, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
+  it('ask for what an imported file does not state: altitudes, or their reference', async () => {
+    const refusal = {
+      code: 'invalid_request',
+      detail: 'point 1: it has no altitude.',
+      remedy: 'Give an altitude with its reference for the import.',
+      field: 'altitude_m',
+    };
+    const { api, requests } = fakeServer(
+      [422, refusal],
+      [422, { ...refusal, field: 'altitude_reference' }],
+      [200, { plan: { ...EMPTY_PLAN, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }],
+    );
     const editor = editorWithWaypoints();
     const plans = new Plans(api, editor, memoryStorage());
     const file = new File(['x'], 'field.kml');
     expect(await plans.import(file)).toBe(false);
-    expect(plans.notice?.file).toBe(file);
-    expect(await plans.import(file, 30)).toBe(true);
-    expect(requests[1]?.call).toBe('POST /plans/import?filename=field.kml&altitude_m=30');
+    expect(plans.notice?.question).toEqual({ file, missing: 'altitude_m' });
+    expect(await plans.import(file, { altitude_m: 30 })).toBe(false);
+    expect(plans.notice?.question?.missing).toBe('altitude_reference');
+    expect(await plans.import(file, { altitude_m: 30, altitude_reference: 'amsl' })).toBe(true);
+    expect(requests[2]?.call).toBe('POST /plans/import?filename=field.kml&altitude_m=30&altitude_reference=amsl');
     expect(editor.draft.name).toBe('field');
     expect(plans.notice?.areas).toHaveLength(1);
     editor.undo();
