@@ -9,13 +9,14 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help run test suite test-fast test-clients bench screenshots lint checks web types wheel clean setup kernels
+.PHONY: help run test suite test-fast test-clients nightly bench screenshots lint checks web types wheel clean setup kernels
 
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
 	@echo "make test-fast     for every save: what needs no socket, process, browser or long flight; under a minute"
-	@echo "make test          Python, page, browser, and beside them style; six to ten minutes on two cores"
-	@echo "make test-clients  long tests: real time, whole stories, outside clients (MAVSDK, MAVProxy), fuzzing"
+	@echo "make test          Python, page, browser, and beside them style; about five minutes on two cores"
+	@echo "make test-clients  real time, killed processes, outside clients (MAVSDK, MAVProxy); ten minutes"
+	@echo "make nightly       all that the others sample: whole stories, many seeds, all dialogues, attacks; an hour"
 	@echo "make lint          style, imports and types alone"
 	@echo "make bench         print the table of measurements"
 	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only offboard,connection_lost\")"
@@ -97,7 +98,7 @@ checks: $(VENV)/.tested $(VENV)/.node
 
 # What waits most comes first, so that what computes fills the waiting.
 SUITE = tests/e2e tests/integration tests/contract tests/unit tests/protocol tests/api
-# What `make test` leaves to `make test-clients`.
+# What `make test` leaves out: `make test-clients` runs what is only true in real time, `make nightly` everything.
 LONG = (realtime or story or broad)
 
 test-fast: $(VENV)/.tested kernels
@@ -111,9 +112,13 @@ suite: $(VENV)/.browser web kernels
 	@$(BIN)/python -m pytest -n 3 --dist loadscope --no-loadscope-reorder -m "not $(LONG)" $(SUITE)
 
 test-clients: $(VENV)/.clients web kernels
-	@$(BIN)/python -m pytest -n 2 --dist loadscope -m "$(LONG)" $(filter-out tests/contract,$(SUITE))
+	@$(BIN)/python -m pytest -n 2 --dist loadscope -m "realtime and not (story or broad)" tests/e2e tests/integration tests/unit tests/protocol tests/api
 	@$(BIN)/python -m pytest tests/clients
-	@$(BIN)/python -m pytest tests/hostile
+	@$(BIN)/python -m pytest -k "extremes or control_requests" tests/hostile
+
+nightly: $(VENV)/.clients web kernels
+	@$(BIN)/python -m pytest -n 2 --dist loadscope -m "$(LONG)" $(filter-out tests/contract,$(SUITE))
+	@$(BIN)/python -m pytest tests/clients tests/hostile
 	@GENERATED_REQUESTS=12 $(BIN)/python -m pytest tests/api/test_responses_are_described.py
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
 	@ALL_DIALOGUES=1 $(BIN)/python -m pytest -n 2 --dist loadscope tests/contract

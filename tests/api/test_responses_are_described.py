@@ -20,7 +20,7 @@ from tests.support.api_client import settings_for
 from tests.unit.gcs_server.replay.generated_logs import flight, record
 
 REQUESTS_PER_OPERATION = int(os.environ.get("GENERATED_REQUESTS", "2"))
-"""`make test-clients` sends more."""
+"""`make nightly` sends more."""
 SEED = 14
 VEHICLE_STATUSES = {"503", "504"}
 """Statuses that the vehicle or its link can cause; no other 5xx is allowed."""

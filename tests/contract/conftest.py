@@ -10,5 +10,5 @@ import pytest
 def recordings_folder(reference_data: Path) -> Path:
     """The folder with all recordings; tests that use it compute for minutes, so `make test` skips them."""
     if os.environ.get("ALL_DIALOGUES") != "1":
-        pytest.skip("make test-clients compares whole recordings (ALL_DIALOGUES=1)")
+        pytest.skip("make nightly compares whole recordings (ALL_DIALOGUES=1)")
     return reference_data / "px4"

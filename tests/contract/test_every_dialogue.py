@@ -23,7 +23,7 @@ USE_ALL_DIALOGUES = RECORDINGS_FOLDER.is_dir() and os.environ.get("ALL_DIALOGUES
 SESSIONS: dict[str, list[Dialogue]] = dict(
     sessions(RECORDINGS_FOLDER if USE_ALL_DIALOGUES else Path(__file__).resolve().parent / "data")
 )
-"""The first few dialogues of most groups; in `make test-clients` all dialogues, if the recordings are beside
+"""The first few dialogues of most groups; in `make nightly` all dialogues, if the recordings are beside
 the checkout."""
 LONG_SESSIONS = {
     "air-0",
@@ -34,7 +34,7 @@ LONG_SESSIONS = {
     "calibration-1",
     "termination-0",
 }
-"""Each of these sessions takes as long as ten others: only `make test-clients` replays them."""
+"""Each of these sessions takes as long as ten others: only `make nightly` replays them."""
 DIALOGUE_COUNT = 602
 MAX_ROWS = 40
 RATE_HZ_TOLERANCE = 0.1

@@ -28,7 +28,7 @@ GROUPS = (
     "message_format", "namespace", "inputs",
 )  # fmt: skip
 QUICK_BOOTS = frozenset({"ground", "agent", "x_reg", "x_extra", "x_slots", "ns1", "x_inputs"})
-"""Boots of PX4 whose dialogues `make test` replays; `make test-clients` replays all boots, also those that
+"""Boots of PX4 whose dialogues `make test` replays; `make nightly` replays all boots, also those that
 wait for lost replies."""
 SLOWEST_REPLY_S = 0.036
 """The recorded replies took 3 to 35 ms."""

@@ -37,7 +37,7 @@ LANDING_TOLERANCE_M = 1.3
 DISARMING_TOLERANCE_S = 6.0
 """PX4 detected the recorded landings from 5 m after 10.3 to 16.1 s."""
 QUICK_FLIGHTS = frozenset({"all_nan", "hold_goto_30hz"})
-"""Flights that `make test` replays; `make test-clients` replays all of them."""
+"""Flights that `make test` replays; `make nightly` replays all of them."""
 VELOCITY_FLIGHT = "loss_ocm_only"
 """A flight with vertical velocity setpoints: its altitude drifts with the error of the estimated vertical
 speed. The replay has sensor noise."""
@@ -87,7 +87,7 @@ def test_a_replayed_flight_is_within_the_spread_of_the_recorded_flights(name: st
     assert not differences
 
 
-@pytest.mark.skipif(not USE_ALL_FLIGHTS, reason="make test-clients replays all flights")
+@pytest.mark.skipif(not USE_ALL_FLIGHTS, reason="make nightly replays all flights")
 def test_a_recorded_flight_with_drift_is_in_the_range_of_simulated_flights_with_noise(
     reference_data: Path,
 ) -> None:
@@ -100,7 +100,7 @@ def test_a_recorded_flight_with_drift_is_in_the_range_of_simulated_flights_with_
     assert vertical_m <= vertical_limit_m(flight)
 
 
-@pytest.mark.skipif(not USE_ALL_FLIGHTS, reason="make test-clients replays all flights")
+@pytest.mark.skipif(not USE_ALL_FLIGHTS, reason="make nightly replays all flights")
 def test_a_take_off_to_the_present_altitude_climbs_if_the_altitude_estimate_drifts_down_on_the_ground(
     reference_data: Path,
 ) -> None:

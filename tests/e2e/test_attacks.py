@@ -364,7 +364,6 @@ def test_after_all_attacks_authorized_commands_work(targets: dict[str, AttackedS
         assert {asyncio.run(target.handshake(path, target.page_headers)) for path in WEBSOCKET_PATHS} == {101}
 
 
-@pytest.mark.realtime
 def test_after_a_restart_cookies_stay_valid(tmp_path: Path) -> None:
     """The server accepts the earlier cookie, so no user is signed out in flight."""
     port = free_port(socket.SOCK_STREAM)

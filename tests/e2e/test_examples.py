@@ -12,7 +12,7 @@ from gcs_server.client import SyncGcs
 from tests.e2e.fast_station import FAST_OPTIONS
 from tests.station import free_port, running_server, running_vehicles
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.story
 
 
 @pytest.mark.parametrize(("example", "height_m"), [("first_flight", 5.0), ("hover_and_land", 1.0)])

@@ -25,7 +25,7 @@ from tests.e2e.fast_station import FAST_OPTIONS, move_aside
 from tests.station import free_port, running_server, running_vehicles, wait_until
 from tools import build_page
 
-pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 VEHICLE_IDS: tuple[str, ...] = ("101", "102")
 SET_VISIBILITY = """

@@ -14,7 +14,6 @@ MAX_MEMORY_MB = 100
 MAX_LOG_CHARACTERS = 20_000
 MAX_LOOP_DELAY_S = 15.0
 """This limit is large, because the test machine may be busy with other tests."""
-pytestmark = pytest.mark.story
 
 QUICK_ATTACKS = {"idle_sockets", "huge_headers", "huge_chunked_bodies", "largest_json", "unread_websocket"}
 
@@ -29,7 +28,7 @@ def attacked_server(tmp_path_factory):
 
 def attack_parameters():
     for attack in ATTACKS:
-        marks = () if attack.__name__ in QUICK_ATTACKS else (pytest.mark.realtime,)
+        marks = (pytest.mark.realtime,) if attack.__name__ in QUICK_ATTACKS else (pytest.mark.story,)
         yield pytest.param(attack.__name__, marks=marks)
 
 
@@ -47,6 +46,7 @@ def test_during_an_attack_other_clients_are_served_and_memory_and_log_stay_small
     assert len(text) < MAX_LOG_CHARACTERS
 
 
+@pytest.mark.story
 def test_a_server_without_free_file_descriptors_reports_it_once_and_accepts_clients_again_when_some_are_free(
     attacked_server,
 ):
@@ -73,6 +73,7 @@ def test_a_server_without_free_file_descriptors_reports_it_once_and_accepts_clie
     assert any("refuses clients" in warning["text"] for warning in warnings)
 
 
+@pytest.mark.story
 def test_a_client_that_continues_to_send_too_large_a_body_receives_the_refusal(attacked_server):
     target, _ = attacked_server
     connection = target.connect()

@@ -56,7 +56,9 @@ TAKE_OFF_FAR_MISSION: dict[str, Any] = {
         {"step": "land"},
     ],
 }
-with_and_without_executor = pytest.mark.parametrize("executor", [False, True], ids=["mode", "executor"])
+with_and_without_executor = pytest.mark.parametrize(
+    "executor", [False, pytest.param(True, marks=pytest.mark.story)], ids=["mode", "executor"]
+)
 """Runs a test with a mode alone, and with a mode that an executor owns."""
 
 

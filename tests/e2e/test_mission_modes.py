@@ -30,7 +30,7 @@ def vehicle() -> Iterator[VehicleWithMissionModes]:
         yield mission_vehicle
 
 
-@pytest.mark.realtime
+@pytest.mark.story
 def test_a_registered_mission_is_listed_by_another_station_and_started_by_both_stations(
     vehicle: VehicleWithMissionModes,
 ) -> None:
@@ -78,7 +78,7 @@ def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_switche
     assert vehicle.modes()["modes"][0]["state"] == "registered"
 
 
-@pytest.mark.realtime
+@pytest.mark.story
 @pytest.mark.browser
 def test_in_the_plan_view_a_mission_is_registered_started_and_removed(
     vehicle: VehicleWithMissionModes,

@@ -17,7 +17,7 @@ from tests.e2e.fast_station import Station
 from tests.station import free_port, running_server, running_vehicles, wait_until
 
 pytest.importorskip("cyclonedds")
-pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 DOMAIN = 56
 NAMESPACE = f"box_{os.getpid()}"

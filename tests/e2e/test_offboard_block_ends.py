@@ -79,7 +79,9 @@ def test_ctrl_c_ends_a_sync_program_and_puts_the_vehicle_into_hold(url_and_drone
     check_ends_in_hold(drone)
 
 
-@pytest.mark.parametrize("delay_s", [0.01, 0.1, 0.3])
+@pytest.mark.parametrize(
+    "delay_s", [0.1, *(pytest.param(each, marks=pytest.mark.story) for each in (0.01, 0.3))]
+)
 def test_ctrl_c_during_the_start_ends_a_sync_program_and_puts_the_vehicle_into_hold(
     url_and_drone: Any, delay_s: float
 ) -> None:

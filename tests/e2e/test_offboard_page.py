@@ -225,7 +225,7 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(
         wait_until(lambda: speed_m_s(drone) < 0.2, "the vehicle stopped")
 
 
-@pytest.mark.realtime  # software renders the 3D view in which the test drags
+@pytest.mark.story  # software renders the 3D view in which the test drags
 def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering_station: Station) -> None:
     """The position is a preview until Send is pressed; keys move it in steps."""
     drone = hovering_station.drone

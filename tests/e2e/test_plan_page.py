@@ -190,7 +190,7 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         expect(card).to_be_hidden()
 
 
-@pytest.mark.realtime
+@pytest.mark.story
 def test_a_plan_is_edited_in_3d_and_a_click_while_editing_opens_no_command_menu(
     browser: Browser, station: Station
 ) -> None:

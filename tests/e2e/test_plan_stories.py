@@ -35,7 +35,7 @@ from tests.e2e.plan_page import (
 )
 from tests.station import wait_until
 
-pytestmark = [pytest.mark.browser, pytest.mark.realtime, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.browser, pytest.mark.story, pytest.mark.timeout(600)]
 
 SURVEY_AREA = ((0.5, 0.3), (0.64, 0.3), (0.64, 0.5), (0.5, 0.5))
 """Corners of the survey area, as fractions of the map."""

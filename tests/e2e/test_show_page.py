@@ -15,7 +15,7 @@ from tests.e2e.fast_station import FAST_OPTIONS, Station
 from tests.e2e.plan_page import EXAMPLES, check_without_findings, open_plan_view, run_dry_run
 from tests.station import free_port, running_server, running_vehicles, wait_until
 
-pytestmark = [pytest.mark.browser, pytest.mark.realtime]
+pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 VEHICLES = {"lead": "101", "left": "104"}
 """Vehicle of each role: not neighbours, because simulated vehicles start 3 m apart and the show needs 7 m."""

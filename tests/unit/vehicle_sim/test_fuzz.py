@@ -18,7 +18,7 @@ from vehicle_sim.world.files import load_world
 pytestmark = pytest.mark.flight
 
 SEEDS = int(os.environ.get("FUZZ_SEEDS", "1"))
-"""Number of seeds; more with `make test-clients`."""
+"""Number of seeds; more with `make nightly`."""
 EXTREME_FLOATS = (
     0.0,
     -0.0,
