@@ -29,6 +29,8 @@ from missions.waypoints.resume import remaining_plan, resume_point
 
 PLAN_NOT_KNOWN = "plan_not_known"
 """Code in `despite` if the server does not know which plan is on the vehicle."""
+MISSION_REJECTED = "mission_rejected"
+"""Code in `despite` that accepts that PX4 rejected the mission after the upload."""
 FLIGHT_FROM_HERE = "flight_from_here"
 """Code in `despite` that accepts errors of the flight from the vehicle's position to a later item and
 onwards."""
@@ -78,7 +80,7 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
     path = dry_run_path(station, vehicle, request.dry_run)
     plan, _ = plan_from_items(on_vehicle)
     plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, on_vehicle)})
-    groups = await _errors(station, vehicle, plan, request)
+    groups = [_rejections(vehicle, on_vehicle), *await _errors(station, vehicle, plan, request)]
     async with station.waypoint_flights.comparison_lock:
         compared = await compare_with_others(station, vehicle, plan, request.item, path)
         groups.append(_separation_errors(vehicle, compared.conflicts))
@@ -141,6 +143,14 @@ async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: Start
             )
         )
     return groups
+
+
+def _rejections(vehicle: Vehicle, on_vehicle: ItemsOnVehicle) -> _ErrorGroup:
+    return _ErrorGroup(
+        f"Vehicle {vehicle.id} will not fly its mission:",
+        tuple((MISSION_REJECTED, f"PX4 rejected it: {each}.") for each in on_vehicle.rejections),
+        "Correct the plan and upload it, or name mission_rejected in `despite`.",
+    )
 
 
 def _separation_errors(vehicle: Vehicle, conflicts: Sequence[Conflict]) -> _ErrorGroup:

@@ -65,9 +65,9 @@ class EventStream(Generic[Item]):
             self._update_newest(sequence)
 
     def skip_unavailable(self, sequence: int, oldest: int) -> list[Item]:
-        """Applies RESPONSE_EVENT_ERROR: the vehicle no longer has this event; its oldest event is `oldest`.
-        Returns the events that are now in order."""
-        if self.expected is None or _difference(sequence, self.expected) != 0:
+        """Applies RESPONSE_EVENT_ERROR: the vehicle does not have this event; its oldest event is `oldest`.
+        Returns the events that are now in order. An event that does not exist yet is not skipped."""
+        if self.expected is None or self.missing is None or sequence != self.expected:
             return []
         return self._skip_to(oldest if 0 < _difference(oldest, self.expected) <= MAX_GAP else sequence + 1)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from gcs_server.vehicle.check_texts import CHECKS
 from gcs_server.vehicle.event_definitions import Definitions
+from gcs_server.vehicle.mission_rejections import is_rejection, rejection_reason
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAV_STATE
 
 _event = struct.Struct("<IIHBBB40s")
@@ -100,7 +101,12 @@ def decode_event(payload: bytes, definitions: Definitions | None = None) -> Vehi
 
 def has_description(event_id: int, definitions: Definitions | None) -> bool:
     """Whether the vehicle's metadata or this server has a text for an event."""
-    return event_id in CHECKS or event_id in TEXTS or (definitions is not None and event_id in definitions)
+    return (
+        event_id in CHECKS
+        or event_id in TEXTS
+        or is_rejection(event_id)
+        or (definitions is not None and event_id in definitions)
+    )
 
 
 def describe(
@@ -115,7 +121,10 @@ def describe(
         return defined.text(arguments), defined.name, remedy or (check.remedy if check else None)
     if check is not None:
         return check.cause, check.name, check.remedy
+    reason = rejection_reason(event_id, arguments)
     text = TEXTS.get(event_id) or f"unknown event {event_id} from {component_text(event_id >> 24)}"
+    if reason is not None:
+        text = f"The vehicle will not fly its mission: {reason}"
     if event_id == SWITCH_REFUSED_ID:
         (custom_mode,) = struct.unpack_from("<I", arguments)
         mode = BY_NAV_STATE.get(arguments[4]) or BY_CUSTOM_MODE.get(custom_mode)

@@ -25,6 +25,7 @@ from gcs_server.vehicle.external_control import ExternalControl
 from gcs_server.vehicle.identity import Identity, Version, with_version
 from gcs_server.vehicle.mode_cause import ModeCause
 from gcs_server.vehicle.modes import ModeNames
+from gcs_server.vehicle.px4_events import VehicleEvent
 from gcs_server.vehicle.reach import Feature, Reach, reach_of, require_feature
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Sample, Status
@@ -119,7 +120,7 @@ class Vehicle:
         self.ftp = FtpService(self)
         self.metadata = MetadataService(self, self.ftp)
         self.params = ParamService(self, self.metadata)
-        self.health = HealthService(self, self._event_logger.event, self._fetch_metadata)
+        self.health = HealthService(self, self._take_event, self._fetch_metadata)
         self._event_logger.describe_again = self.health.describe_again
         self._external_control = ExternalControl(
             self, self.command, lambda: None if self.offboard is None else self.offboard.requested_mode()
@@ -282,6 +283,10 @@ class Vehicle:
 
         task = self._supervisor.spawn(f"vehicle {self.id}: {name}", without_errors())
         task.add_done_callback(lambda _: work.close())  # if the task was cancelled before its first step
+
+    def _take_event(self, event: VehicleEvent, late: bool) -> None:
+        self._event_logger.event(event, late)
+        self.mission.take_event(event)
 
     def _fetch_metadata(self) -> None:
         self.in_background("metadata of its events", self.health.read_definitions(self.metadata))

@@ -189,6 +189,22 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(run_simu
     run_with_rig(run_simulated, tmp_path, scenario)
 
 
+def test_a_mission_that_px4_rejected_after_the_upload_is_started_only_if_despite_says_so(
+    run_simulated, tmp_path
+):
+    async def scenario(rig):
+        await upload(rig)
+        uploaded = rig.vehicle.mission.items_on_vehicle
+        rig.vehicle.mission.items_on_vehicle = replace(uploaded, rejections=("it starts with a landing",))
+        with pytest.raises(PlanFindings, match="mission: PX4 rejected it: it starts with") as raised:
+            await start(rig)
+        assert raised.value.codes == ("mission_rejected",)
+        await start(rig, despite=["mission_rejected"])
+        assert rig.autopilot.armed
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
 def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated, tmp_path):
     corners = ((-2e-4, -2e-4), (2e-4, -2e-4), (2e-4, 2e-4), (-2e-4, 2e-4))
     polygon = [{"lat_deg": POSITION["lat_deg"] + n, "lon_deg": POSITION["lon_deg"] + e} for n, e in corners]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 from gcs_server.errors import NoReply
@@ -39,6 +40,7 @@ REQUEST_PERIOD_S, MAX_REQUESTS = 2.0, 4
 RESTART_S = 10.0
 """If the boot clock goes back by more than this, the vehicle has restarted [s]."""
 CHECK_RESEND_S, CHECK_DEADLINE_S = 0.7, 5.0
+ALL_EVENTS_RESEND_S, ALL_EVENTS_DEADLINE_S = 0.25, 2.0
 REPORT_PERIOD_S = 0.25
 """Minimum time between two published changes of the report [s]."""
 DEFINITIONS_RETRY_S, MAX_DEFINITIONS_RETRY_S = 30.0, 960.0
@@ -169,6 +171,26 @@ class HealthService:
             remedy="Check the link; only PX4 reports its arming checks.",
         )
 
+    async def receive_all_events(self) -> None:
+        """Returns when no event is outstanding, or at the deadline.
+
+        Asks for the next event: the vehicle repeats it if it was lost, or states that it has no such event.
+        """
+        vehicle = self._vehicle
+        end_s = vehicle.clock.monotonic_s() + ALL_EVENTS_DEADLINE_S
+        with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_EVENT, d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR) as waiter:
+            while (expected := self._stream.expected) is not None and (
+                left_s := end_s - vehicle.clock.monotonic_s()
+            ) > 0:
+                self._send_event_request(expected, expected)
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(min(ALL_EVENTS_RESEND_S, left_s)):
+                        while self._stream.expected == expected:
+                            message = await waiter.next()
+                            is_error = message.get_msgId() == d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR
+                            if is_error and message.sequence == expected and not self.missing:
+                                return
+
     # --- called by the vehicle only -------------------------------------------------------------------
 
     def take_event(self, payload: bytes) -> None:
@@ -269,10 +291,13 @@ class HealthService:
             return
         missing = self._stream.next_request(self._vehicle.clock.monotonic_s())
         if missing is not None:
-            identity = self._vehicle.identity
-            self._vehicle.send(
-                d.MAVLink_request_event_message(identity.system_id, identity.component_id, *missing)
-            )
+            self._send_event_request(*missing)
+
+    def _send_event_request(self, first: int, last: int) -> None:
+        identity = self._vehicle.identity
+        self._vehicle.send(
+            d.MAVLink_request_event_message(identity.system_id, identity.component_id, first, last)
+        )
 
     def _request(self) -> None:
         identity = self._vehicle.identity

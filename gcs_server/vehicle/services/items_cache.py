@@ -21,7 +21,7 @@ from gcs_server.vehicle.services.mission_on_vehicle import Ids, ItemsOnVehicle, 
 from missions.formats.mavlink_items import WireItem
 
 RunInThread = Callable[[Callable[[], Any]], Awaitable[Any]]
-FORMAT = 1
+FORMAT = 2
 _TYPES = (int, int, int, float, float, float, float, int, int, float, bool, bool)
 """Types of the fields of a `WireItem`, in order."""
 
@@ -50,7 +50,10 @@ class ItemsCache:
     def _write(self, name: str, items: ItemsOnVehicle) -> None:
         item_lists = {part: [astuple(item) for item in items.items[part]] for part in PARTS}
         plan = None if items.plan is None else asdict(items.plan)
-        content = {"format": FORMAT, "plan": plan, "at_unix_s": items.at_unix_s, "ids": items.ids}
+        content = {
+            "format": FORMAT, "plan": plan, "at_unix_s": items.at_unix_s, "ids": items.ids,
+            "rejections": items.rejections,
+        }  # fmt: skip
         self._cache.write(name, json.dumps({**content, "items": item_lists}).encode())
 
     def _read(self, name: str) -> ItemsOnVehicle | None:
@@ -84,7 +87,8 @@ def _items_on_vehicle(content: dict[str, Any], name: str) -> ItemsOnVehicle:
     item_lists: dict[Part, tuple[WireItem, ...]] = {
         part: tuple(_item(each) for each in content["items"][part]) for part in PARTS
     }
-    return ItemsOnVehicle(item_lists, ids, PlanReference(*values), at_unix_s)
+    rejections = tuple(str(each) for each in content["rejections"])
+    return ItemsOnVehicle(item_lists, ids, PlanReference(*values), at_unix_s, rejections)
 
 
 def _item(values: list[Any]) -> WireItem:

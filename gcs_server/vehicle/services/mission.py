@@ -1,9 +1,9 @@
 """Uploads, verifies, downloads and clears a vehicle's mission, geofence and rally points.
 
-An upload is complete when a download returns what was sent. PX4's ids (MISSION_CURRENT) are not enough: they
-are checksums of the items that the vehicle received, and show only that the items have not changed since
-then. The server stores the ids after a verified transfer. While the vehicle reports these ids, it has that
-plan, also after a restart of the server.
+An upload is complete when a download returns what was sent, and PX4 has not rejected the mission. PX4's
+ids (MISSION_CURRENT) are not enough: they are checksums of the items that the vehicle received, and show
+only that the items have not changed since then. The server stores the ids after a verified transfer. While
+the vehicle reports these ids, it has that plan, also after a restart of the server.
 """
 
 from __future__ import annotations
@@ -11,12 +11,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from typing import Literal
 
 from gcs_server.errors import Disconnected, GcsError, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply, Waiter
+from gcs_server.vehicle.mission_rejections import rejection_reason
+from gcs_server.vehicle.px4_events import VehicleEvent
 from gcs_server.vehicle.samples import Mission
 from gcs_server.vehicle.services.items_cache import ItemsCache
 from gcs_server.vehicle.services.mission_compare import differences
@@ -50,6 +53,8 @@ CANCEL_LISTEN_S = 1.0
 IDS_DEADLINE_S = 4.0
 IDS_REQUEST_PERIOD_S = 0.5
 SET_CURRENT_DEADLINE_S = 6.0
+REJECTED_WITHIN_S = 0.5
+"""PX4 has checked a mission this long after the acknowledgement [s]; recorded: at most 0.04 s."""
 _MESSAGES = (
     d.MAVLINK_MSG_ID_MISSION_COUNT,
     d.MAVLINK_MSG_ID_MISSION_REQUEST,
@@ -74,6 +79,8 @@ class MissionService:
         self._cache: ItemsCache | None = None
         self._searched_ids: Ids | None = None
         """The ids that were last searched in the cache."""
+        self._rejections: dict[int, str] = {}
+        """Why the vehicle will not fly its mission: reasons since the last upload began, by event number."""
 
     def set_cache(self, cache: ItemsCache) -> None:
         """Sets the cache, which stores known plans for the next start of the server."""
@@ -84,6 +91,12 @@ class MissionService:
         self.items_on_vehicle = on_vehicle
         if self._cache is not None:
             await self._cache.store(self._vehicle.identity.system_id, on_vehicle)
+
+    def take_event(self, event: VehicleEvent) -> None:
+        """Remembers an event that states why the vehicle will not fly its mission."""
+        reason = rejection_reason(event.id, event.arguments)
+        if reason is not None:
+            self._rejections[event.sequence] = reason
 
     def on_ids_reported(self) -> None:
         """After a restart of the server, finds the vehicle's plan by the ids that the vehicle reports."""
@@ -135,10 +148,13 @@ class MissionService:
             report = _CombinedProgress(progress, 2 * sum(len(items[part]) for part in PARTS))
             sent_parts: list[Part] = []
             before = await self._request_ids()
+            known = self.items_on_vehicle
+            self._rejections = {}
             try:
                 for part in PARTS:
                     await self._send_part(part, items[part], report)
                     sent_parts.append(part)
+                sent_s = self._vehicle.clock.monotonic_s()
                 on_vehicle = await self._read(report, "Verifying")
             except GcsError as error:
                 after = None if isinstance(error, Disconnected) else await self._request_ids()
@@ -156,8 +172,21 @@ class MissionService:
                     reasons=tuple(each.text() for each in essential),
                     remedy="Another station may have uploaded meanwhile. Upload again before you fly.",
                 )
-            uploaded = ItemsOnVehicle(on_vehicle.items, on_vehicle.ids, plan, on_vehicle.at_unix_s)
+            rejections = await self._read_rejections(sent_s) if items["mission"] else ()
+            if known is not None and known.ids["mission"] == on_vehicle.ids["mission"]:
+                # PX4 ignores a mission that it already has, and does not check it again.
+                rejections = rejections or known.rejections
+            uploaded = ItemsOnVehicle(
+                on_vehicle.items, on_vehicle.ids, plan, on_vehicle.at_unix_s, rejections
+            )
             await self.set_items_on_vehicle(uploaded)
+            if rejections:
+                raise Rejected(
+                    f"Vehicle {self._vehicle.id} has stored the plan but will not fly its mission: "
+                    f"{rejections[0]}.",
+                    reasons=rejections,
+                    remedy="Correct the plan and upload it again.",
+                )
             return Uploaded(uploaded, all_differences)
 
     async def download(self, *, progress: ReportProgress | None = None) -> ItemsOnVehicle:
@@ -170,9 +199,9 @@ class MissionService:
                 for part in PARTS
                 for each in differences(part, cached.items[part], read.items[part])
             )
-            self.items_on_vehicle = ItemsOnVehicle(
-                read.items, read.ids, cached.plan if cached and same else None, read.at_unix_s
-            )
+            self.items_on_vehicle = read
+            if cached and same:
+                self.items_on_vehicle = replace(read, plan=cached.plan, rejections=cached.rejections)
             return self.items_on_vehicle
 
     async def clear(self) -> None:
@@ -272,6 +301,12 @@ class MissionService:
             f"The plan on vehicle {self._vehicle.id} changed twice while it was read.",
             remedy="Another station is uploading: wait until it is done.",
         )
+
+    async def _read_rejections(self, sent_s: float) -> tuple[str, ...]:
+        """Why the vehicle will not fly the mission that it received at `sent_s`: PX4 states it by events."""
+        await asyncio.sleep(max(0.0, sent_s + REJECTED_WITHIN_S - self._vehicle.clock.monotonic_s()))
+        await self._vehicle.health.receive_all_events()
+        return tuple(dict.fromkeys(self._rejections.values()))
 
     async def _run_dialogue(self, dialogue: Dialogue, report: Callable[[Dialogue], None] | None) -> None:
         vehicle = self._vehicle

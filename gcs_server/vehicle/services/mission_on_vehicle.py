@@ -38,6 +38,8 @@ class ItemsOnVehicle:
     """The plan, if this server has uploaded it or has found the same items; None: the items were only
     downloaded."""
     at_unix_s: float
+    rejections: tuple[str, ...] = ()
+    """Why the vehicle will not fly this mission, as clauses; empty: it has stated no reason."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,9 +19,10 @@ from gcs_server.vehicle.samples import Sample, Status
 
 
 class HealthChecks(Protocol):
-    """Results of the vehicle's arming checks."""
+    """Results of the vehicle's arming checks, and its events."""
 
     def arming_problems(self, nav_state: int | None) -> tuple[str, ...]: ...
+    async def receive_all_events(self) -> None: ...
 
 
 class GimbalAddresses(Protocol):

@@ -13712,7 +13712,7 @@ export interface components {
             readonly item?: number | null;
             /**
              * Despite
-             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only a flight from the vehicle's position to a later `item` and onwards has; `separation` if the vehicle may come too near to another vehicle.
+             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only a flight from the vehicle's position to a later `item` and onwards has; `mission_rejected` if PX4 stated after the upload that it will not fly the mission; `separation` if the vehicle may come too near to another vehicle.
              */
             readonly despite?: readonly string[];
             /**
