@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Vehicle
@@ -14,24 +13,23 @@ from missions.errors import PlanError
 from missions.formats.mavlink_items import WireItem, fence_items, mission_items, rally_items
 from missions.items import LoiterUnlimited
 from missions.plan import Plan
+from vehicle_sim.autopilot.mission.items import Item
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.plans import FENCE, MISSION, RALLY
-from vehicle_sim.mavlink.services.mission_items import ACCEPTED, CAPACITY, check_item
+from vehicle_sim.mavlink.services.stored_items import CAPACITY, store
 
 CHECKED_AFTER_S = 3.0
 """Time since boot after which a vehicle with a home has checked its mission [s]."""
 ARRIVED_M = 1.5
 STILL_M_S = 0.4
 """Distance and speed below which the vehicle has arrived at an item that never ends."""
-Fields = Mapping[str, Any]
-"""Fields of MISSION_ITEM_INT."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class StoredPlan:
     """The items of a plan as the vehicle stores them."""
 
-    parts: tuple[tuple[int, tuple[Fields, ...]], ...]
+    parts: tuple[tuple[int, tuple[Item, ...]], ...]
     """Mission type (mission, fence or rally points) and items of this type."""
     steps: tuple[Step, ...]
     """One step for each mission item."""
@@ -64,17 +62,17 @@ class StoredPlan:
         return cls(parts, steps, endless)
 
 
-def _stored_items(mission_type: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ...]:
+def _stored_items(mission_type: int, items: Sequence[WireItem], name: str) -> tuple[Item, ...]:
     if len(items) > CAPACITY[mission_type]:
         reason = f"it has {len(items)} {name}s, PX4 has room for {CAPACITY[mission_type]}"
         raise PlanError("the plan", reason, "Remove some.")
-    stored: list[Fields] = []
+    stored: list[Item] = []
     for item in items:
-        fields = dataclasses.asdict(item)
-        if check_item(mission_type, fields, as_int=True) != ACCEPTED:
+        _, stored_item = store(mission_type, dataclasses.asdict(item), as_int=True)
+        if stored_item is None:
             reason = f"PX4 does not accept command {item.command} in frame {item.frame}"
             raise PlanError(f"{name} {item.seq + 1}", reason, "Remove it, or change its altitude.")
-        stored.append(fields)
+        stored.append(stored_item.item)
     return tuple(stored)
 
 

@@ -81,7 +81,7 @@ def _yaw(value_deg: float) -> float:
     angle = _float32(degree * value_deg)
     if not 0.0 <= angle < turn:
         angle = _float32(angle - _float32(turn * math.floor(_float32(angle * _float32(1 / turn)))))
-    return _float32(angle * _float32(180 / math.pi))
+    return _float32(angle * _float32(180 / _float32(math.pi)))
 
 
 def _uint16(value: float) -> float:

@@ -1,5 +1,6 @@
 """Tests each rule for differences that the recording caused, at its bound."""
 
+import functools
 import json
 import struct
 from pathlib import Path
@@ -9,7 +10,7 @@ from tests.contract import rules
 from tests.contract.recordings import STREAMED_TO_THE_END, mission_of_200_items, with_all_items
 from tests.contract.replay_vehicle import Received
 from tests.contract.unrecorded_states import RECEPTION_DELAY_S, UNRECORDED_STATES
-from vehicle_sim.mavlink.services.mission_items import opaque_id
+from vehicle_sim.mavlink.services.plan_id import add_to_id
 
 
 def statustext(dt_s: float, text: str) -> Received:
@@ -112,7 +113,7 @@ def test_the_entries_of_a_directory_may_have_any_order() -> None:
 
 def test_the_upload_of_200_items_has_px4s_checksum() -> None:
     items: list[dict[str, Any]] = [item | {"param4": float("nan")} for item in mission_of_200_items()]
-    assert opaque_id(items) == 2898809883
+    assert functools.reduce(add_to_id, items, 0) == 2898809883
 
 
 def test_each_unrecorded_starting_state_has_evidence_and_named_dialogues_exist(reference_data: Path) -> None:

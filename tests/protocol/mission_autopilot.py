@@ -42,7 +42,7 @@ class MissionAutopilot(FakeAutopilot):
         announcer = SimpleNamespace(announce=lambda _severity, text, _event: self.texts.append(text))
         self.autopilot_parts = SimpleNamespace(
             navigator=SimpleNamespace(mission=self.flight),
-            plans=SimpleNamespace(store=lambda _kind, _items: None),
+            plans=SimpleNamespace(store=lambda _kind, _items, _start_seq: None),
             announcer=announcer,
         )
         context = SimpleNamespace(

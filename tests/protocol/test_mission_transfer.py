@@ -78,11 +78,12 @@ def plan(count=5, seed=0):
 
 
 def bytes_of(part, items):
-    """The payload of MISSION_ITEM_INT as PX4 stores it, with `current` 0, which the vehicle changes."""
+    """The payload of MISSION_ITEM_INT as PX4 stores it, with `current` 0, which the vehicle changes, and the
+    yaw without the rounding of PX4's angle."""
     return [
         d.MAVLink_mission_item_int_message(
             0, 0, item.seq, item.frame, item.command, 0, int(item.autocontinue),
-            item.param1, item.param2, item.param3, item.param4, item.x, item.y, item.z, 0,
+            item.param1, item.param2, item.param3, round(item.param4, 3), item.x, item.y, item.z, 0,
         ).pack(d.MAVLink(None))[10:-2]
         for item in stored_items(part, items)
     ]  # fmt: skip

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-from vehicle_sim.autopilot.mission.items import Item, read_item
+from vehicle_sim.autopilot.mission.items import Item
 
 MISSION, FENCE, RALLY = 0, 1, 2
 """MAV_MISSION_TYPE."""
@@ -19,17 +18,17 @@ class Plans:
         self._revisions = {MISSION: 0, FENCE: 0, RALLY: 0}
         self.changes = 0
         """Increases with every change of any list."""
-        self.start_seq = 0
-        """The mission item that the newest upload marked as current."""
+        self.start_seq: int | None = 0
+        """The mission item that the newest upload marked as current; None: none, the current item's number
+        stays."""
 
-    def store(self, kind: int, items: Sequence[Mapping[str, Any]]) -> None:
-        """Replaces the plan of type `kind` (MAV_MISSION_TYPE); `items` are fields of MISSION_ITEM_INT."""
-        self._items[kind] = tuple(read_item(fields) for fields in items)
+    def store(self, kind: int, items: Sequence[Item], start_seq: int | None = 0) -> None:
+        """Replaces the plan of type `kind` (MAV_MISSION_TYPE)."""
+        self._items[kind] = tuple(items)
         self._revisions[kind] += 1
         self.changes += 1
         if kind == MISSION:
-            marked_seqs = [seq for seq, fields in enumerate(items) if fields["current"]]
-            self.start_seq = marked_seqs[-1] if marked_seqs else 0
+            self.start_seq = start_seq
 
     def items(self, kind: int) -> tuple[Item, ...]:
         """The plan's items."""

@@ -310,7 +310,7 @@ class MissionService:
 
     async def _run_dialogue(self, dialogue: Dialogue, report: Callable[[Dialogue], None] | None) -> None:
         vehicle = self._vehicle
-        matches = self._matches_dialogue(dialogue.mission_type)
+        matches = self._matches_dialogue(dialogue)
         with vehicle.mailbox.expect(*_MESSAGES, matches=matches) as waiter:
             try:
                 self._send(dialogue.start(vehicle.clock.monotonic_s()))
@@ -385,13 +385,12 @@ class MissionService:
             identity.component_id,
         )
 
-    def _matches_dialogue(self, mission_type: int) -> Callable[[Reply], bool]:
+    def _matches_dialogue(self, dialogue: Dialogue) -> Callable[[Reply], bool]:
         own_ids = self._vehicle.own_ids
 
         def matches(message: Reply) -> bool:
             target = (message.target_system, message.target_component)
-            is_same_type = message.mission_type == mission_type
-            return is_same_type and self._is_from_vehicle(message) and target == own_ids
+            return dialogue.concerns(message) and self._is_from_vehicle(message) and target == own_ids
 
         return matches
 

@@ -100,6 +100,10 @@ class Dialogue(ABC):
     def transferred(self) -> int:
         """Number of items transferred so far."""
 
+    def concerns(self, message: Reply) -> bool:
+        """Whether a message to this station belongs to this dialogue."""
+        return message.mission_type == self.mission_type
+
     def start(self, now_s: float) -> list[MAVLink_message]:
         """The first messages."""
         self._start_s = self._received_s = now_s
@@ -163,6 +167,13 @@ class Upload(Dialogue):
     @property
     def _all_sent(self) -> bool:
         return self._highest_requested == len(self._items) - 1
+
+    def concerns(self, message: Reply) -> bool:
+        if super().concerns(message):
+            return True
+        # "Busy" has the type of the transfer that keeps PX4 busy, not the type of this upload.
+        is_error = message.get_msgId() == d.MAVLINK_MSG_ID_MISSION_ACK and message.type == d.MAV_MISSION_ERROR
+        return is_error and self._highest_requested < 0
 
     def tick(self, now_s: float) -> list[MAVLink_message]:
         no_message_s = now_s - self._received_s

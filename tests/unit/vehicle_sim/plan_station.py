@@ -49,13 +49,14 @@ class PlanStation(Station):
         return self.item(command, parameters=(*parameters, 0.0, 0.0, 0.0, 0.0)[:4], frame=2)
 
     def upload(self, items: Sequence[dict[str, Any]], kind: int = 0) -> int:
-        """Uploads a plan; returns the type of MISSION_ACK."""
+        """Uploads a plan whose first item is marked as current; returns the type of MISSION_ACK."""
         begin_s = self.now_s
         self.send("MISSION_COUNT", target_system=1, target_component=1, count=len(items), mission_type=kind)
         for seq, item in enumerate(items):
             self.send(
-                "MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, mission_type=kind, **item
-            )
+                "MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, mission_type=kind,
+                **item | {"current": int(seq == 0)},
+            )  # fmt: skip
         self.run(0.1)
         return self.received("MISSION_ACK", since_s=begin_s)[-1].type
 

@@ -152,7 +152,7 @@ def test_an_infeasible_mission_is_stored_and_its_start_refused(station: PlanStat
         "navigator_mis_takeoff_not_first": [station.item(WAYPOINT, 5), station.item(TAKEOFF)],
         "navigator_mis_vtol_items": [station.item(TAKEOFF), station.item(VTOL_LAND, 5)],
         "navigator_mis_unsup_cmd": [station.item(TAKEOFF), station.command_item(CONDITION_DELAY, 5)],
-        "navigator_mis_takeoff_too_low": [station.item(TAKEOFF, alt_home_m=1)],
+        "navigator_mis_takeoff_too_low": [station.item(TAKEOFF, alt_home_m=0)],
     }
     for event, plan in cases.items():
         since_s = station.now_s

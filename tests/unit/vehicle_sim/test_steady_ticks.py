@@ -4,13 +4,13 @@ same time."""
 import hashlib
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 import pytest
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.check_skipper import CheckSkipper
+from vehicle_sim.autopilot.mission.items import POSITION_ITEMS, Item
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.offboard import trajectory_setpoint
 from vehicle_sim.autopilot.plans import MISSION
@@ -28,15 +28,12 @@ Script = Mapping[float, Callable[[VehicleSim], object]]
 
 def mission_item(
     command: int, north_m: float, east_m: float, alt_home_m: float, *parameters: float
-) -> dict[str, Any]:
+) -> Item:
     home = VehicleSim(links=()).simulation.home
     lat, lon = to_global(*(np.array(value) for value in (north_m, east_m, home.lat_deg, home.lon_deg)))
-    all_parameters = (*parameters, *[0.0] * 4)[:4]
-    return {
-        "frame": RELATIVE, "command": command, "autocontinue": True, "current": False,
-        "x": round(float(lat) * 1e7), "y": round(float(lon) * 1e7), "z": alt_home_m,
-        **{f"param{k + 1}": value for k, value in enumerate(all_parameters)},
-    }  # fmt: skip
+    all_parameters = (*parameters, 0.0, 0.0, 0.0, 0.0)[:4]
+    frame = RELATIVE if command in POSITION_ITEMS | {ROI_LOCATION} else NO_FRAME
+    return Item(frame, command, True, all_parameters, float(lat), float(lon), alt_home_m)
 
 
 def fly(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str], float]:
@@ -92,11 +89,11 @@ def start_mission(sim: VehicleSim) -> None:
     items = [
         mission_item(TAKEOFF, 0.0, 0.0, 6.0, 0.0, 0.0, 0.0, math.nan),
         mission_item(WAYPOINT, 12.0, 0.0, 6.0, 1.5, 0.0, 0.0, math.nan),
-        mission_item(CHANGE_SPEED, 0.0, 0.0, 0.0, 1.0, 8.0, -1.0) | {"frame": NO_FRAME},
+        mission_item(CHANGE_SPEED, 0.0, 0.0, 0.0, 1.0, 8.0, -1.0),
         mission_item(ROI_LOCATION, 30.0, 30.0, 0.0),
         mission_item(WAYPOINT, 12.0, 15.0, 8.0, 0.0, 0.0, 0.0, math.nan),
-        mission_item(ROI_NONE, 0.0, 0.0, 0.0) | {"frame": NO_FRAME},
-        mission_item(DELAY, 0.0, 0.0, 0.0, 1.0) | {"frame": NO_FRAME},
+        mission_item(ROI_NONE, 0.0, 0.0, 0.0),
+        mission_item(DELAY, 0.0, 0.0, 0.0, 1.0),
         mission_item(LAND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan),
     ]
     for autopilot in sim.autopilots:

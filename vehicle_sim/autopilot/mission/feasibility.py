@@ -8,17 +8,25 @@ from dataclasses import dataclass
 
 from vehicle_sim.autopilot.geofence import Cylinder, Zone, breaches
 from vehicle_sim.autopilot.mission.items import (
-    DELAY,
     GATE,
-    JUMP,
+    GRIPPER,
     LAND,
+    POSITION_ITEMS,
+    RETURN,
+    SET_ACTUATOR,
     SUPPORTED,
     TAKEOFF,
     VTOL_LAND,
     VTOL_TAKEOFF,
     VTOL_TRANSITION,
+    WINCH,
     Item,
 )
+
+_NOT_BEFORE_TAKEOFF = POSITION_ITEMS | {RETURN, GATE, SET_ACTUATOR, GRIPPER, WINCH}
+"""Items after which PX4 finds that a take-off is not the first item."""
+_MIN_TAKEOFF_HEIGHT_M = 1.2e-7
+"""Smallest single-precision step at 1: a take-off must be above home."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +35,6 @@ class FeasibilityInputs:
 
     home_valid: bool
     home_alt_amsl_m: float
-    altitude_acceptance_m: float
-    """NAV_MC_ALT_RAD."""
     zones: tuple[Zone, ...]
     cylinder: Cylinder
     landed: bool
@@ -49,48 +55,57 @@ class Finding:
 
 
 def check(items: Sequence[Item], inputs: FeasibilityInputs) -> tuple[Finding, ...]:
-    """All findings about a mission, in PX4's order."""
+    """All findings about a mission, in PX4's order.
+
+    PX4 reports one finding of each kind. After an item that it cannot use, it checks only the fence.
+    """
     findings: list[Finding] = []
+    has_position = has_vtol_finding = has_takeoff_finding = False
     for seq, item in enumerate(items):
-        findings += _item_findings(seq, item, inputs)
-    findings += _takeoff_findings(items, inputs)
-    findings += _vtol_findings(items)
+        unusable = _unusable_item(seq, item, inputs)
+        if unusable is not None:
+            return (*findings, unusable, *_fence_findings(items, inputs))
+        if item.command in (TAKEOFF, VTOL_TAKEOFF) and not has_takeoff_finding:
+            takeoff = _takeoff_finding(item, inputs, is_first=not has_position)
+            findings += [takeoff] if takeoff is not None else []
+            has_takeoff_finding = takeoff is not None
+        has_position |= item.command in _NOT_BEFORE_TAKEOFF
+        if item.command in (VTOL_TAKEOFF, VTOL_LAND, VTOL_TRANSITION) and not has_vtol_finding:
+            has_vtol_finding = True
+            findings.append(Finding("navigator_mis_vtol_items"))
     findings += _missing_item_findings(items, inputs)
     findings += _fence_findings(items, inputs)
     return tuple(findings)
 
 
-def _item_findings(seq: int, item: Item, inputs: FeasibilityInputs) -> list[Finding]:
-    if item.command not in SUPPORTED:
-        return [Finding("navigator_mis_unsup_cmd", "HH", (seq + 1, item.command))]
+def _unusable_item(seq: int, item: Item, inputs: FeasibilityInputs) -> Finding | None:
     if item.is_position and item.relative and not inputs.home_valid:
-        return [Finding("navigator_mis_no_home_rel_alt", "h", (seq + 1,))]
-    return []
+        return Finding("navigator_mis_no_home_rel_alt", "h", (seq + 1,))
+    if item.command not in SUPPORTED:
+        return Finding("navigator_mis_unsup_cmd", "HH", (seq + 1, item.command))
+    if seq == 0 and item.command == LAND and inputs.landed:
+        return Finding("navigator_mis_starts_w_landing")
+    return None
 
 
-def _takeoff_findings(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
-    findings: list[Finding] = []
-    for seq, item in enumerate(items):
-        if item.command not in (TAKEOFF, VTOL_TAKEOFF):
-            continue
-        height_m = item.alt_m if item.relative else item.alt_m - inputs.home_alt_amsl_m
-        min_height_m = inputs.altitude_acceptance_m + 1.0
-        if inputs.home_valid and height_m < min_height_m:
-            findings.append(Finding("navigator_mis_takeoff_too_low", "f", (min_height_m,)))
-        previous_items = items[:seq]
-        if any(each.is_position or each.command in (DELAY, JUMP, GATE) for each in previous_items):
-            findings.append(Finding("navigator_mis_takeoff_not_first"))
-    return findings
+def _takeoff_finding(item: Item, inputs: FeasibilityInputs, *, is_first: bool) -> Finding | None:
+    if _too_low(item, inputs):
+        return Finding("navigator_mis_takeoff_too_low", "f", (_lowest_m(item, inputs),))
+    return None if is_first else Finding("navigator_mis_takeoff_not_first")
 
 
-def _vtol_findings(items: Sequence[Item]) -> list[Finding]:
-    if any(item.command in (VTOL_TAKEOFF, VTOL_LAND, VTOL_TRANSITION) for item in items):
-        return [Finding("navigator_mis_vtol_items")]
-    return []
+def _too_low(takeoff: Item, inputs: FeasibilityInputs) -> bool:
+    """Whether a take-off does not end above home; False for an altitude of NaN, as in PX4."""
+    return takeoff.alt_m - _lowest_m(takeoff, inputs) < _MIN_TAKEOFF_HEIGHT_M
+
+
+def _lowest_m(takeoff: Item, inputs: FeasibilityInputs) -> float:
+    return 0.0 if takeoff.relative else inputs.home_alt_amsl_m
 
 
 def _missing_item_findings(items: Sequence[Item], inputs: FeasibilityInputs) -> list[Finding]:
-    has_takeoff = any(item.command == TAKEOFF for item in items)
+    first_takeoff = next((item for item in items if item.command in (TAKEOFF, VTOL_TAKEOFF)), None)
+    has_takeoff = first_takeoff is not None and not _too_low(first_takeoff, inputs)
     has_landing = any(item.command == LAND for item in items)
     match inputs.required_items:
         case 1 if not has_takeoff:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 WAYPOINT, LOITER_UNLIMITED, LOITER_TIME, RETURN, LAND, TAKEOFF = 16, 17, 19, 20, 21, 22
 LOITER_TO_ALTITUDE = 31
@@ -15,6 +14,7 @@ LAND_START, ROI_LOCATION, ROI_NEXT_WAYPOINT, ROI_NONE, ROI, SET_ACTUATOR = 189, 
 CAMERA_TRIGGER_DISTANCE, CAMERA_TRIGGER_INTERVAL, TRIGGER_CONTROL = 206, 214, 2003
 CAMERA_MODE, PICTURES_START, PICTURES_STOP = 530, 2000, 2001
 MOUNT_CONFIGURE, MOUNT_CONTROL, GIMBAL_PITCH_YAW, GIMBAL_CONFIGURE = 204, 205, 1000, 1001
+GRIPPER, WINCH = 211, 42600
 RALLY_POINT = 5100
 
 POSITION_ITEMS = frozenset(
@@ -26,11 +26,11 @@ GIMBAL_ITEMS = frozenset(
      ROI_NONE}
 )  # fmt: skip
 TRIGGER_ITEMS = frozenset({CAMERA_TRIGGER_DISTANCE, CAMERA_TRIGGER_INTERVAL, TRIGGER_CONTROL})
-# Numbers without a constant: 183 servo, 200 video control, 203 digital camera, 211 gripper, 260 oblique
-# survey, 531 zoom, 532 focus, 2500 and 2501 video start and stop, 42600 winch.
+# Numbers without a constant: 183 servo, 200 video control, 203 digital camera, 260 oblique survey, 531 zoom,
+# 532 focus, 534 camera source, 2500 and 2501 video start and stop.
 SUPPORTED = POSITION_ITEMS | GIMBAL_ITEMS | TRIGGER_ITEMS | frozenset(
-    {RETURN, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE, LAND_START, 183, SET_ACTUATOR, 200, 203, 211, 260,
-     CAMERA_MODE, 531, 532, PICTURES_START, PICTURES_STOP, 2500, 2501, VTOL_TRANSITION, 42600}
+    {RETURN, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE, LAND_START, 183, SET_ACTUATOR, 200, 203, GRIPPER, 260,
+     CAMERA_MODE, 531, 532, 534, PICTURES_START, PICTURES_STOP, 2500, 2501, VTOL_TRANSITION, WINCH}
 )  # fmt: skip
 """Items that the feasibility check accepts for a multicopter. PX4 rejects all other items, either at the
 upload or in the feasibility check."""
@@ -82,24 +82,11 @@ class Item:
         return hold_s if self.command in (WAYPOINT, LOITER_TIME, DELAY) and math.isfinite(hold_s) else 0.0
 
     def yaw_rad(self) -> float:
-        """The heading (param4); NaN: none."""
-        return math.radians(self.parameters[3]) if self.is_position else math.nan
-
-
-def read_item(fields: Mapping[str, Any]) -> Item:
-    """An item from MISSION_ITEM_INT fields (x and y in 1e-7 degrees)."""
-    return Item(
-        frame=int(fields["frame"]),
-        command=int(fields["command"]),
-        autocontinue=bool(fields["autocontinue"]),
-        parameters=(
-            float(fields["param1"]), float(fields["param2"]), float(fields["param3"]),
-            float(fields["param4"]),
-        ),
-        lat_deg=fields["x"] * 1e-7,
-        lon_deg=fields["y"] * 1e-7,
-        alt_m=float(fields["z"]),
-    )  # fmt: skip
+        """The heading (param4), -pi to pi; NaN: none."""
+        yaw_deg = self.parameters[3]
+        if not self.is_position or not math.isfinite(yaw_deg):
+            return math.nan
+        return math.remainder(math.radians(yaw_deg), math.tau)
 
 
 def next_position(items: Sequence[Item], seq: int, jump_counts: Mapping[int, int]) -> Item | None:

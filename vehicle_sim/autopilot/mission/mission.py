@@ -113,7 +113,6 @@ class Mission:
             feasibility.FeasibilityInputs(
                 home_valid=self._home.valid,
                 home_alt_amsl_m=self._home.alt_amsl_m,
-                altitude_acceptance_m=self._view.parameter("NAV_MC_ALT_RAD"),
                 zones=self._fence.zones,
                 cylinder=self._fence.cylinder(),
                 landed=landed,
@@ -130,7 +129,8 @@ class Mission:
         self._disarmed_after_start = self._disarmed_after_start or not armed
         if self._revision != self._plans.revision(MISSION):
             self._revision = self._plans.revision(MISSION)
-            self.current = self._plans.start_seq
+            start_seq = self._plans.start_seq
+            self.current = max(0, min(self.current, len(self._items) - 1)) if start_seq is None else start_seq
             self.reached, self.finished = None, False
             self._jump_counts.clear()
             self._phase, self._replay.left_at_seq = Phase.NONE, None

@@ -5,27 +5,36 @@ As in PX4, each link has its own transfer, and all links share the stored plans.
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Any
 
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
-from vehicle_sim.mavlink.services import mission_items
-from vehicle_sim.mavlink.services.mission_items import ACCEPTED, ALL, CAPACITY, ERROR, MISSION, NO_SPACE
+from vehicle_sim.mavlink.services import stored_items
+from vehicle_sim.mavlink.services.plan_id import add_to_id
+from vehicle_sim.mavlink.services.stored_items import (
+    ACCEPTED,
+    ALL,
+    CANCELLED,
+    CAPACITY,
+    ERROR,
+    FENCE,
+    MISSION,
+    NO_SPACE,
+    RALLY,
+    UNSUPPORTED,
+    StoredItem,
+)
 
 RETRY_S = 0.26
 """Recorded interval of repeated requests; PX4 configures 0.25 s."""
 TIMEOUT_S = 5.0
 REACHED_EVERY_S, REACHED_FOR_S = 1.0, 10.0
-CRITICAL_SEVERITY = 2
-"""MAV_SEVERITY_CRITICAL."""
-ITEM_FIELDS = ("frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x",
-               "y", "z")  # fmt: skip
-_INT_FRAMES, _FLOAT_FRAMES = {0: 5, 3: 6}, {5: 0, 6: 3}
-"""Frame of an item in MISSION_ITEM_INT and in MISSION_ITEM, where the frame differs from the stored frame."""
+CRITICAL_SEVERITY, INFO_SEVERITY = 2, 6
+"""MAV_SEVERITY."""
+PLANNER_COMPONENT = 190
+"""MAV_COMP_ID_MISSIONPLANNER, at which PX4's mission protocol also answers."""
 UNEXPECTED = "WPM: REJ. CMD: Req. WP was unexpected"
 BUSY = "WPM: REJ. CMD: Busy"
 
@@ -38,7 +47,7 @@ class _State(Enum):
 
 @dataclass(slots=True)
 class _Transfer:
-    """The current transfer of one link."""
+    """The current or last transfer of one link."""
 
     link: Link
     state: _State = _State.IDLE
@@ -47,11 +56,21 @@ class _Transfer:
     count: int = 0
     seq: int = 0
     """Index of the next item to receive or to send."""
-    items: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
+    items: list[StoredItem] = field(default_factory=list[StoredItem])
+    current_seq: int | None = None
+    """Index of the last received item that is marked as current."""
+    plan_id: int = 0
+    """Id of the received items."""
     as_int: bool = False
     """Whether items are sent as MISSION_ITEM_INT, as in the partner's last message; initially False."""
     received_at_s: float = 0.0
     requested_at_s: float = 0.0
+
+    def begin(self, state: _State, message: Message, count: int) -> None:
+        self.state, self.partner = state, message.sender
+        self.mission_type, self.count = message.mission_type, count
+        self.seq, self.current_seq, self.plan_id = 0, None, 0
+        self.items = []
 
     def end(self) -> None:
         self.state = _State.IDLE
@@ -63,7 +82,7 @@ class MissionService:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._plans: dict[int, list[dict[str, Any]]] = {mission_type: [] for mission_type in CAPACITY}
+        self._plans: dict[int, list[StoredItem]] = {mission_type: [] for mission_type in CAPACITY}
         self._plan_ids: dict[int, int] = dict.fromkeys(CAPACITY, 0)
         self._mission = context.autopilot.navigator.mission
         self._reported_reached_count = 0
@@ -87,16 +106,22 @@ class MissionService:
             transfer = self._transfers[link.name] = _Transfer(link)
         return transfer
 
-    def _report(self, text: str, event: str) -> None:
-        self._context.autopilot.announcer.announce(CRITICAL_SEVERITY, text, event)
+    def _addressed(self, message: Message) -> bool:
+        if self._context.addresses_autopilot(message):
+            return True
+        target = message.target_system, message.target_component
+        return target == (self._context.system_id, PLANNER_COMPONENT)
+
+    def _report(self, text: str, event: str, severity: int = CRITICAL_SEVERITY) -> None:
+        self._context.autopilot.announcer.announce(severity, text, event)
 
     def send_current(self, link: Link) -> None:
         """Sends MISSION_CURRENT; called at 1 Hz by default."""
         count = len(self._plans[MISSION])
         link.send(
             "MISSION_CURRENT", seq=self._mission.current if count else 0, total=count or 65535,
-            mission_id=self._plan_ids[MISSION], fence_id=self._plan_ids[mission_items.FENCE],
-            rally_points_id=self._plan_ids[mission_items.RALLY],
+            mission_id=self._plan_ids[MISSION], fence_id=self._plan_ids[FENCE],
+            rally_points_id=self._plan_ids[RALLY],
         )  # fmt: skip
 
     def _send_reached(self) -> None:
@@ -114,91 +139,101 @@ class MissionService:
 
     def request_list(self, link: Link, message: Message) -> None:
         """Sends the number of items and the plan's id."""
-        if not self._context.addresses_autopilot(message):
+        if not self._addressed(message):
             return
         transfer, mission_type = self._transfer(link), message.mission_type
-        if transfer.state is _State.RECEIVING or (transfer.state is _State.SENDING and transfer.seq):
-            self._report("Mission download request ignored, already active", "mavlink_mission_req_ignored")
+        if transfer.seq == len(self._plans.get(transfer.mission_type, ())):
+            transfer.end()  # all items were sent, only the acknowledgement is missing
+        same = message.sender == transfer.partner and mission_type == transfer.mission_type
+        if transfer.state is not _State.IDLE and not (transfer.state is _State.SENDING and same):
+            text = "Mission download request ignored, already active"
+            self._report(text, "mavlink_mission_req_ignored", INFO_SEVERITY)
             return
-        plan = self._plans.get(mission_type, [])
         transfer.received_at_s = self._context.view.time_s
-        if plan:
-            transfer.state, transfer.partner = _State.SENDING, message.sender
-            transfer.mission_type, transfer.count, transfer.seq = mission_type, len(plan), 0
+        count = len(self._plans.get(mission_type, ()))
+        transfer.begin(_State.SENDING, message, count)
         link.send(
             "MISSION_COUNT", target_system=message.system_id, target_component=message.component_id,
-            count=len(plan), mission_type=mission_type, opaque_id=self._plan_ids.get(mission_type, 0),
+            count=count, mission_type=mission_type, opaque_id=self._plan_ids.get(mission_type, 0),
         )  # fmt: skip
 
     def request_item(self, link: Link, message: Message) -> None:
         """Sends one stored item in the requested message, MISSION_ITEM or MISSION_ITEM_INT."""
-        if not self._context.addresses_autopilot(message):
+        if not self._addressed(message):
             return
         transfer = self._transfer(link)
         transfer.as_int = message.name == "MISSION_REQUEST_INT"
         if message.sender != transfer.partner:
-            if transfer.state is not _State.IDLE:
-                self._report("WPM: REJ. CMD: Partner id mismatch", "mavlink_mission_partner_id_mismatch2")
+            self._report("WPM: REJ. CMD: partner id mismatch", "mavlink_mission_partner_id_mismatch2")
             return
         if transfer.state is _State.RECEIVING:
             self._report(BUSY, "mavlink_mission_mis_req_ignored_busy")
         if transfer.state is not _State.SENDING or message.mission_type != transfer.mission_type:
             return
         transfer.received_at_s = self._context.view.time_s
-        plan, seq = self._plans[transfer.mission_type], message.seq
+        plan, seq = self._plans.get(transfer.mission_type, []), message.seq
         if seq not in (transfer.seq, transfer.seq - 1) or seq >= min(transfer.count, len(plan)):
             transfer.end()
             self._ack(link, message.sender, ERROR, transfer.mission_type)
             self._report(UNEXPECTED, "mavlink_mission_wp_unexpected")
             return
         transfer.seq = seq + 1
-        fields = dict(plan[seq])
-        frames = _INT_FRAMES if transfer.as_int else _FLOAT_FRAMES
-        fields["frame"] = frames.get(fields["frame"], fields["frame"])
-        if not transfer.as_int:
-            fields["x"], fields["y"] = fields["x"] / 1e7, fields["y"] / 1e7
         link.send(
             "MISSION_ITEM_INT" if transfer.as_int else "MISSION_ITEM", target_system=message.system_id,
-            target_component=message.component_id, seq=seq, mission_type=transfer.mission_type, **fields,
+            target_component=message.component_id, seq=seq, mission_type=transfer.mission_type,
+            current=int(seq == self._mission.current),  # also in fences and rally points
+            **plan[seq].message_fields(as_int=transfer.as_int),
         )  # fmt: skip
 
     # --- upload ----------------------------------------------------------------------------------------
 
     def start_upload(self, link: Link, message: Message) -> None:
-        """Starts an upload."""
-        if not self._context.addresses_autopilot(message):
+        """Starts an upload; answers a repeated MISSION_COUNT with the first request."""
+        if not self._addressed(message):
             return
         transfer, mission_type = self._transfer(link), message.mission_type
+        if transfer.state is _State.SENDING:
+            self._report("WPM: IGN MISSION_COUNT: Busy", "mavlink_mission_ignore_mis_count")
+            self._ack(link, message.sender, ERROR, transfer.mission_type)
+            return
         transfer.received_at_s = self._context.view.time_s
-        if transfer.state is _State.SENDING or (transfer.state is _State.RECEIVING and transfer.seq):
-            self._ack(link, message.sender, ERROR, mission_type)
+        if transfer.state is _State.RECEIVING:
+            if message.sender == transfer.partner and transfer.seq == 0:
+                self._request_next(transfer)
+                return
             if message.sender == transfer.partner:
-                self._report(BUSY, "mavlink_mission_ignore_mis_count")
+                self._report(BUSY, "mavlink_mission_getlist_busy")
+            self._ack(link, message.sender, ERROR, transfer.mission_type)
             return
         other_transfers = [each for each in self._transfers.values() if each is not transfer]
         if any(other.state is _State.RECEIVING for other in other_transfers):
-            self._ack(link, message.sender, ERROR, mission_type)
+            self._ack(link, message.sender, ERROR, transfer.mission_type)
             return
+        self._reported_reached_count, self._reached_until_s = self._mission.reached_count, 0.0
+        transfer.partner, transfer.mission_type = message.sender, mission_type
         if message.count > CAPACITY.get(mission_type, 0):
             self._ack(link, message.sender, NO_SPACE, mission_type)
             return
         if message.count == 0:
-            if mission_type in CAPACITY:
-                self._store(mission_type, [])
+            self._clear(mission_type)
             self._ack(link, message.sender, ACCEPTED, mission_type)
             return
-        transfer.state, transfer.partner = _State.RECEIVING, message.sender
-        transfer.mission_type, transfer.count = mission_type, message.count
-        transfer.seq, transfer.items = 0, []
+        transfer.begin(_State.RECEIVING, message, message.count)
         self._request_next(transfer)
 
     def receive_item(self, link: Link, message: Message) -> None:
         """Stores the next item of an upload; ignores any other item, and requests the expected item
         again."""
-        if not self._context.addresses_autopilot(message):
+        if not self._addressed(message):
             return
         transfer = self._transfer(link)
         transfer.as_int = message.name == "MISSION_ITEM_INT"
+        if message.sender != transfer.partner:
+            self._report("REJ. MIS ITEM: partner id mismatch", "mavlink_mission_item_partner_id_mismatch")
+            return
+        if message.mission_type != transfer.mission_type:
+            self._ack(link, message.sender, ERROR, transfer.mission_type)
+            return
         if transfer.state is not _State.RECEIVING:
             self._ack(link, message.sender, ERROR, message.mission_type)
             if transfer.state is _State.SENDING:
@@ -206,45 +241,46 @@ class MissionService:
             else:
                 self._report("IGN MISSION_ITEM: No transfer", "mavlink_mission_no_transfer")
             return
-        if message.mission_type != transfer.mission_type:
-            return
         transfer.received_at_s = self._context.view.time_s
         if message.seq != transfer.seq:
             return
-        fields = {name: getattr(message, name) for name in ITEM_FIELDS}
-        result = mission_items.check_item(transfer.mission_type, fields, as_int=transfer.as_int)
-        if result != ACCEPTED:
+        result, item = stored_items.store(transfer.mission_type, message.values, as_int=transfer.as_int)
+        if item is None:
             transfer.end()
             self._ack(link, message.sender, result, transfer.mission_type)
             if result != ERROR:
                 self._report("IGN MISSION_ITEM: Invalid item", "mavlink_mission_mis_item_invalid")
             return
-        transfer.items.append(fields)
+        transfer.items.append(item)
+        transfer.plan_id = add_to_id(transfer.plan_id, message.values)
+        if message.current:
+            transfer.current_seq = transfer.seq
         transfer.seq += 1
         if transfer.seq < transfer.count:
             self._request_next(transfer)
             return
-        self._store(transfer.mission_type, transfer.items)
+        if transfer.plan_id != self._plan_ids[transfer.mission_type]:  # the same plan again changes nothing
+            self._store(transfer.mission_type, transfer.items, transfer.plan_id, transfer.current_seq)
         transfer.end()
         self._ack(link, message.sender, ACCEPTED, transfer.mission_type)
 
     def clear(self, link: Link, message: Message) -> None:
         """Clears plans; clearing an unknown type also succeeds."""
-        if not self._context.addresses_autopilot(message):
+        if not self._addressed(message):
             return
         transfer, mission_type = self._transfer(link), message.mission_type
         if transfer.state is not _State.IDLE:
-            self._report("WPM: IGN WP CLEAR CMD: Busy", "mavlink_mission_ignore_clear")
+            self._report("WPM: IGN CLEAR CMD: Busy", "mavlink_mission_ignore_clear")
             return
         transfer.received_at_s = self._context.view.time_s
+        transfer.mission_type = mission_type
         for cleared_type in CAPACITY if mission_type == ALL else (mission_type,):
-            if cleared_type in CAPACITY:
-                self._store(cleared_type, [])
+            self._clear(cleared_type)
         self._ack(link, message.sender, ACCEPTED, mission_type)
 
     def set_current(self, link: Link, message: Message) -> None:
         """Sets the current item."""
-        if not self._context.addresses_autopilot(message):
+        if not self._addressed(message):
             return
         transfer = self._transfer(link)
         if transfer.state is not _State.IDLE:
@@ -261,13 +297,16 @@ class MissionService:
         MISSION_ITEM_INT, or the reverse.
         """
         transfer = self._transfer(link)
-        if not self._context.addresses_autopilot(message) or message.sender != transfer.partner:
+        if not self._addressed(message):
             return
-        if transfer.state is _State.RECEIVING and message.type == mission_items.UNSUPPORTED:
+        if message.sender != transfer.partner:
+            self._report("REJ. WP CMD: partner id mismatch", "mavlink_mission_partner_id_mismatch")
+            return
+        if transfer.state is _State.RECEIVING and message.type == UNSUPPORTED:
             transfer.as_int = not transfer.as_int
             self._request_next(transfer)
             return
-        if transfer.state is _State.SENDING or message.type == mission_items.CANCELLED:
+        if transfer.state is _State.SENDING or message.type == CANCELLED:
             transfer.end()
 
     # --- each step -------------------------------------------------------------------------------------
@@ -314,13 +353,15 @@ class MissionService:
             mission_type=transfer.mission_type,
         )  # fmt: skip
 
-    def _store(self, mission_type: int, plan: list[dict[str, Any]]) -> None:
-        self._plan_ids[mission_type] = mission_items.opaque_id(plan)
-        for item in plan:
-            if isinstance(item["x"], float):
-                item["x"], item["y"] = _to_1e7_degrees(item["x"]), _to_1e7_degrees(item["y"])
-        self._plans[mission_type] = plan
-        self._context.autopilot.plans.store(mission_type, plan)
+    def _clear(self, mission_type: int) -> None:
+        if mission_type in CAPACITY:
+            self._store(mission_type, [], 0, 0)
+
+    def _store(
+        self, mission_type: int, plan: list[StoredItem], plan_id: int, current_seq: int | None
+    ) -> None:
+        self._plan_ids[mission_type], self._plans[mission_type] = plan_id, plan
+        self._context.autopilot.plans.store(mission_type, [each.item for each in plan], current_seq)
 
     def _ack(self, link: Link, recipient: tuple[int, int], result: int, mission_type: int) -> None:
         link.send(
@@ -328,9 +369,3 @@ class MissionService:
             mission_type=mission_type,
             opaque_id=self._plan_ids.get(mission_type, 0) if result == ACCEPTED else 0,
         )  # fmt: skip
-
-
-def _to_1e7_degrees(degrees: float) -> int:
-    """Converts degrees in single precision to 1e-7 degrees; 0 for an invalid position."""
-    value = struct.unpack("<f", struct.pack("<f", degrees))[0] * 1e7
-    return round(value) if abs(value) < 2**31 else 0
