@@ -65,6 +65,9 @@ def _refused_items(context: Context) -> Iterator[Finding]:
             else:
                 message = f"PX4 refuses item {row + 1} (command {item.command}, frame {item.frame})."
                 yield Finding("command_refused", message, row, fix="Remove this item.")
+        elif isinstance(item, PlacedItem) and item.lat_deg == item.lon_deg == 0.0:
+            message = f"{item_name(row, item)} is at latitude 0, longitude 0."
+            yield Finding("place_missing", message, row, fix="Set its position.")
         elif isinstance(item, SetServo | CameraZoom):
             # Recorded on PX4 v1.16: the upload ends at an item of this kind.
             message = f"PX4 refuses {item_name(row, item).lower()}."

@@ -16,6 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from missions import bounded_json
 from missions.errors import PlanError, from_validation
 from missions.formats import qgc_item
+from missions.formats.here import resolve_here
 from missions.formats.qgc_fence import read_fence, read_rally, write_fence, write_rally
 from missions.formats.qgc_item import optional_list, require_list, require_number, require_object
 from missions.formats.results import Imported, Written
@@ -24,6 +25,8 @@ from missions.plan import ComplexItem, Plan, PlanItem, SimpleItem, check_item_co
 from missions.values import HomePosition, Obstacle, Obstacles
 
 _VERSIONS: Final = {"mission": 2, "geoFence": 2, "rallyPoints": 2}
+_SKIPPED_PARTS: Final = {"geoFence": "geofence", "rallyPoints": "list of rally points"}
+"""Parts whose version 1 QGroundControl ignores, because its content has changed entirely."""
 _SPEEDS: Final = {"cruiseSpeed": "cruise_speed_m_s", "hoverSpeed": "hover_speed_m_s"}
 _PX4, _QUADROTOR = 12, 2
 _OBSTACLES_KEY: Final = "offboardGcsObstacles"
@@ -42,6 +45,7 @@ def read(data: bytes | str) -> Imported:
     document = require_object(bounded_json.load(data), "the file")
     if document.get("fileType") != "Plan":
         raise PlanError("field fileType", 'it is not "Plan"', "Choose a .plan file.")
+    document, skipped_notes = _without_old_parts(document)
     for part, version in _VERSIONS.items():
         if part in document:
             _check_version(require_object(document[part], f"field {part}"), part, version)
@@ -63,9 +67,16 @@ def read(data: bytes | str) -> Imported:
         )
     except ValidationError as error:
         raise from_validation(error) from None
-    if plan.planned_home is None and mission.get("plannedHomePosition") is not None:
+    raw_home = mission.get("plannedHomePosition")
+    home: tuple[float, float] | None = None
+    if plan.planned_home is None and raw_home is not None:
         notes += ("The planned home has no altitude, so it counts as not set.",)
-    return Imported(check_item_count(plan), notes=notes)
+        home = (
+            require_number(raw_home[0], "field mission.plannedHomePosition[0]"),
+            require_number(raw_home[1], "field mission.plannedHomePosition[1]"),
+        )
+    plan, here_notes = resolve_here(check_item_count(plan), home)
+    return Imported(plan, notes=(*skipped_notes, *notes, *here_notes))
 
 
 def write(plan: Plan) -> Written:
@@ -100,6 +111,18 @@ def write(plan: Plan) -> Written:
 
 
 # --- document -----------------------------------------------------------------------------------------
+
+
+def _without_old_parts(document: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The document without parts of version 1, and notes about them."""
+    kept, notes = dict(document), list[str]()
+    for key, name in _SKIPPED_PARTS.items():
+        part = document.get(key)
+        if isinstance(part, dict) and part.get("version", 1) == 1:
+            del kept[key]
+            if key == "geoFence" or any(value for field, value in part.items() if field != "version"):
+                notes.append(f"The {name} of the file has an old version (1) and is left out: draw it again.")
+    return kept, tuple(notes)
 
 
 def _check_version(part: dict[str, Any], name: str, version: int) -> None:

@@ -1,58 +1,141 @@
-"""The .waypoints text format "QGC WPL 110" of MAVProxy, Mission Planner and older QGroundControl.
+"""The .waypoints format "QGC WPL 110" of MAVProxy, Mission Planner, MAVSDK and older QGroundControl.
 
-One item per line: index, current, frame, command, four parameters, x, y, z, autocontinue. The first line is
-the home position; the target of a jump is the index of an item. https://mavlink.io/en/file_formats/
+One item per line: index, current, frame, command, four parameters, x, y, z, autocontinue. Blank lines and
+lines that begin with # count for nothing. The target of a jump is the index of an item.
+https://mavlink.io/en/file_formats/
+
+**Home.** In version 110 the first row is home if it is a waypoint (command 16) or has no command (0), of any
+frame, radius, yaw and `current`, because these programs read and write it so. Its altitude is above
+mean sea level, also in a relative frame. Any other first row is the first item: MAVSDK's files begin with a
+take-off, files of geofences with a corner. A home at 0/0, or without a number for its position or altitude,
+was not set. In version 120, of older QGroundControl, no row is home.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from pydantic import ValidationError
 
 from missions.bounded_json import decode_lines
 from missions.errors import PlanError, from_validation
-from missions.formats.mavlink_items import FILE_FRAME, frame_of, item_from_params, params_of
-from missions.formats.results import Imported, Written, loss_notes
+from missions.formats.here import is_here, resolve_here
+from missions.formats.mavlink_items import (
+    FENCE_COMMANDS,
+    FILE_FRAME,
+    MAV_CMD_NAV_FENCE_RETURN_POINT,
+    MAV_CMD_NAV_RALLY_POINT,
+    WireItem,
+    fence_from_wire,
+    frame_of,
+    item_from_params,
+    params_of,
+    rally_from_wire,
+)
+from missions.formats.results import Imported, Written, count, loss_notes
 from missions.items import CommandItem, Jump, PlacedItem
 from missions.plan import MAX_ITEMS, Plan, SimpleItem
 from missions.values import HomePosition
 
 HEADER = "QGC WPL 110"
+_HEADER_WITHOUT_HOME = "QGC WPL 120"
 _COLUMNS = ("index", "current", "frame", "command", "param1", "param2", "param3", "param4", "x", "y", "z")
 _WAYPOINT, _GLOBAL = 16, 0
+_HOME_COMMANDS = (_WAYPOINT, 0)
+_YAW = 3
+"""Index of the yaw in the parameters of items with a position."""
+_NORTH_DEG = 360.0
+"""How the yaw 0 is written, because a yaw of 0 means none."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One line: command, frame, seven parameters (None: not a number)."""
+
+    line: int
+    frame: int
+    command: int
+    params: tuple[float | None, ...]
+    autocontinue: bool
 
 
 def read(data: bytes | str) -> Imported:
-    """The plan of a .waypoints file.
+    """The plan of a .waypoints file, with the geofence and the rally points among its rows.
 
-    Programs write home as the first line: a waypoint without parameters at an altitude above mean sea level.
-    Any other first line is the first item.
+    A position at 0/0 means "here" (`formats.here`). A yaw of 0 means that the item has no yaw, because most
+    autopilots ignore it and most programs write 0.
 
     Raises:
         PlanError: The file is too large or not a .waypoints file, or a value is wrong; the error names the
             line and the column.
     """
-    lines = decode_lines(data).splitlines()
-    if not lines or lines[0].strip() != HEADER:
-        raise PlanError("line 1", f'it is not "{HEADER}"', "Choose a .waypoints file.")
-    rows = [(n, line.split()) for n, line in enumerate(lines[1:], start=2) if line.strip()]
+    lines = [
+        (n, line.strip())
+        for n, line in enumerate(decode_lines(data).splitlines(), start=1)
+        if line.strip() and not line.strip().startswith("#")
+    ]
+    header = " ".join(lines[0][1].split()) if lines else ""
+    if header not in (HEADER, _HEADER_WITHOUT_HOME):
+        place = f"line {lines[0][0]}" if lines else "line 1"
+        raise PlanError(place, f'it is not "{HEADER}"', "Choose a .waypoints file.")
+    rows = [_row(n, line.split()) for n, line in lines[1:]]
     if len(rows) > MAX_ITEMS + 1:
         raise PlanError("the file", f"{len(rows)} items, the maximum is {MAX_ITEMS}", "Split the plan.")
-    values = [_row(n, cells) for n, cells in rows]
-    home: HomePosition | None = None
-    if values and _is_home(values[0]):
-        home = _home(values.pop(0), rows.pop(0)[0])
-    first_item = 0 if home is None else 1
-    items = tuple(_item(n, row, first_item) for (n, _), row in zip(rows, values, strict=True))
-    notes = () if home else ("The file has no home position; its first line is the first item.",)
-    return Imported(Plan(items=items, planned_home=home), notes=notes)
+    if not rows:
+        raise PlanError("the file", "it has no rows", "Choose another file.")
+    home_row = rows[0] if header == HEADER and rows[0].command in _HOME_COMMANDS else None
+    home = None if home_row is None else _home(home_row)
+    notes: list[str] = []
+    if home_row is None:
+        notes.append("The file has no home position; its first row is the first item.")
+    elif home is None:
+        notes.append(f"Home in line {home_row.line} is not set: the plan has no home.")
+    fence_rows = [row for row in rows if row.command in FENCE_COMMANDS]
+    rally_rows = [row for row in rows if row.command == MAV_CMD_NAV_RALLY_POINT]
+    plan = Plan(
+        items=_items(rows, home_row),
+        fence=fence_from_wire(_wire_items(fence_rows)),
+        rally_points=rally_from_wire(_wire_items(rally_rows)),
+        planned_home=home,
+    )
+    return_points = sum(row.command == MAV_CMD_NAV_FENCE_RETURN_POINT for row in rows)
+    if return_points:
+        text = count(return_points, "return point")
+        notes.append(f"Left out: {text} of the geofence, because PX4 returns to home or a rally point.")
+    plan, here_notes = resolve_here(plan)
+    return Imported(plan, notes=(*notes, *here_notes))
 
 
-def _row(line: int, cells: list[str]) -> list[float | None]:
+def _items(rows: list[_Row], home_row: _Row | None) -> tuple[SimpleItem, ...]:
+    commands_elsewhere = (*FENCE_COMMANDS, MAV_CMD_NAV_RALLY_POINT, MAV_CMD_NAV_FENCE_RETURN_POINT)
+    is_item = [row is not home_row and row.command not in commands_elsewhere for row in rows]
+    index_of_row = [sum(is_item[:n]) if item else None for n, item in enumerate(is_item)]
+    return tuple(_item(row, index_of_row) for row, item in zip(rows, is_item, strict=True) if item)
+
+
+def _wire_items(rows: list[_Row]) -> list[WireItem]:
+    """Rows of a geofence or of rally points as items of the protocol."""
+    wire_items: list[WireItem] = []
+    for seq, row in enumerate(rows):
+        p1, _, _, _, lat, lon, z = row.params
+        if lat is None or lon is None or is_here(lat, lon) or abs(lat) > 90.0 or abs(lon) > 180.0:
+            raise PlanError(
+                f"line {row.line}, columns x and y", "it has no position", "Correct the position."
+            )
+        radius, altitude_m = p1 or 0.0, z or 0.0
+        x, y = round(lat * 1e7), round(lon * 1e7)
+        wire_items.append(WireItem(seq, row.frame, row.command, radius, 0, 0, 0, x, y, altitude_m))
+    return wire_items
+
+
+def _row(line: int, cells: list[str]) -> _Row:
     if len(cells) != 12:
         raise PlanError(f"line {line}", f"it has {len(cells)} columns, not 12", "Export the file again.")
-    return [_value(line, name, cell) for name, cell in zip((*_COLUMNS, "autocontinue"), cells, strict=True)]
+    names = (*_COLUMNS, "autocontinue")
+    values = [_value(line, name, cell) for name, cell in zip(names, cells, strict=True)]
+    frame, command = int(values[2] or 0), int(values[3] or 0)
+    return _Row(line, frame, command, tuple(values[4:11]), bool(values[11]))
 
 
 def _value(line: int, column: str, cell: str) -> float | None:
@@ -70,31 +153,38 @@ def _value(line: int, column: str, cell: str) -> float | None:
     return value
 
 
-def _is_home(row: list[float | None]) -> bool:
-    return row[2:8] == [_GLOBAL, _WAYPOINT, 0, 0, 0, 0]
-
-
-def _home(row: list[float | None], line: int) -> HomePosition:
+def _home(row: _Row) -> HomePosition | None:
+    """The home position of a row; None: it is not set."""
+    lat, lon, alt_m = row.params[4:7]
+    if lat is None or lon is None or alt_m is None or is_here(lat, lon):
+        return None
     try:
-        return HomePosition(lat_deg=row[8], lon_deg=row[9], alt_amsl_m=row[10])  # type: ignore[arg-type]
+        return HomePosition(lat_deg=lat, lon_deg=lon, alt_amsl_m=alt_m)
     except ValidationError as error:
         invalid = from_validation(error)
-        raise PlanError(f"line {line}, {invalid.place}", invalid.reason, invalid.fix) from None
+        raise PlanError(f"line {row.line}, {invalid.place}", invalid.reason, invalid.fix) from None
 
 
-def _item(line: int, row: list[float | None], first_item: int) -> SimpleItem:
-    frame, command = int(row[2] or 0), int(row[3] or 0)
+def _item(row: _Row, index_of_row: list[int | None]) -> SimpleItem:
     try:
-        item = item_from_params(command, frame, tuple(row[4:11]), autocontinue=bool(row[11]))
+        item = item_from_params(row.command, row.frame, row.params, autocontinue=row.autocontinue)
     except PlanError as error:
-        raise PlanError(f"line {line}, {error.place}", error.reason, error.fix) from None
+        raise PlanError(f"line {row.line}, {error.place}", error.reason, error.fix) from None
+    yaw = getattr(item, "yaw_ned_deg", None)
+    if yaw in (0.0, _NORTH_DEG):
+        return item.model_copy(update={"yaw_ned_deg": 0.0 if yaw else None})
     if not isinstance(item, Jump):
         return item
-    if item.target_index < first_item:
-        raise PlanError(
-            f"line {line}, column param1", "it jumps to the home position", "Enter an item's index."
-        )
-    return item.model_copy(update={"target_index": item.target_index - first_item})
+    target = item.target_index
+    if target < len(index_of_row):
+        index = index_of_row[target]
+        if index is None:
+            what = "the home position" if target == 0 else "a row that is not an item"
+            reason = f"it jumps to {what}"
+            raise PlanError(f"line {row.line}, column param1", reason, "Enter an item's index.")
+        return item.model_copy(update={"target_index": index})
+    # a jump beyond the file stays one: the checks report it
+    return item.model_copy(update={"target_index": target - index_of_row.count(None)})
 
 
 def write(plan: Plan) -> Written:
@@ -113,9 +203,7 @@ def write(plan: Plan) -> Written:
     ]
     has_resolved = False
     for index, (_, item) in enumerate(plan.simple_items(), start=1):
-        params = params_of(item)
-        if isinstance(item, Jump):
-            params = (item.target_index + 1, *params[1:])
+        params = _params(item)
         has_resolved |= isinstance(item, PlacedItem) and item.altitude.resolved_amsl_m is not None
         command = item.command if isinstance(item, CommandItem) else item.COMMAND
         lines.append(_line(index, frame_of(item, FILE_FRAME), command, params, item.autocontinue))
@@ -125,8 +213,21 @@ def write(plan: Plan) -> Written:
     return Written(("\n".join(lines) + "\n").encode(), notes)
 
 
+def _params(item: SimpleItem) -> tuple[float | None, ...]:
+    """The seven parameters of an item in a file."""
+    params = params_of(item)
+    if isinstance(item, Jump):
+        return (item.target_index + 1, *params[1:])
+    if hasattr(item, "yaw_ned_deg"):
+        yaw = params[_YAW]
+        yaw = 0.0 if yaw is None else _NORTH_DEG if yaw == 0.0 else yaw
+        return (*params[:_YAW], yaw, *params[_YAW + 1 :])
+    return params
+
+
 def _line(index: int, frame: int, command: int, params: tuple[float | None, ...], autocontinue: bool) -> str:
-    values = ["nan" if value is None else repr(float(value)) for value in params]
+    # Mission Planner reads no other spelling of NaN
+    values = ["NaN" if value is None else repr(float(value)) for value in params]
     return "\t".join(
         [str(index), str(int(index == 0)), str(frame), str(command), *values, str(int(autocontinue))]
     )

@@ -49,7 +49,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
         "the positions of the vehicles are unknown, so their separation cannot be checked",
     ),
     "parameters_unknown": ("warning", "vehicle parameters that are not known; PX4's defaults are used"),
-    "endurance_exceeded": ("warning", "more energy than the battery provides"),
+    "endurance_exceeded": ("error", "more energy than the battery provides"),
 }
 """Severity and meaning of each code."""
 

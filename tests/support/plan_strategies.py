@@ -29,7 +29,8 @@ def float32_numbers(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 PARAMS = float32_numbers(-1e6, 1e6) | st.integers(-100, 100).map(float)
-LAT_DEG = st.integers(-900_000_000, 900_000_000).map(lambda e7: e7 / 1e7)
+LAT_DEG = st.integers(-900_000_000, 900_000_000).filter(bool).map(lambda e7: e7 / 1e7)
+"""Not 0, because a position at 0/0 of a file means "here"."""
 LON_DEG = st.integers(-1_800_000_000, 1_800_000_000).map(lambda e7: e7 / 1e7)
 ALTITUDES = st.builds(
     Altitude, value_m=float32_numbers(-400.0, 9000.0), reference=st.sampled_from(["home", "amsl", "terrain"])

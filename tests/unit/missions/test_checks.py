@@ -102,6 +102,7 @@ CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
     ("command_refused", plan(TAKEOFF, SetServo(servo=1.0, pulse_us=1500.0)), DEFAULTS, 1),
     ("command_refused", plan(TAKEOFF, CameraZoom(zoom_type=2.0, value=50.0)), DEFAULTS, 1),
     ("place_missing", plan(CommandItem(command=22, frame=3, params=PARAMS_WITHOUT_POSITION)), DEFAULTS, 0),
+    ("place_missing", plan(TAKEOFF, Land(lat_deg=0.0, lon_deg=0.0, altitude=alt(0))), DEFAULTS, 1),
     ("vtol_item", plan(CommandItem(command=84, frame=3, params=(0,) * 7)), DEFAULTS, 0),
     ("value_not_sendable", plan(TAKEOFF, Digicam(shoot=0.5)), DEFAULTS, 1),
     ("set_home_place", plan(TAKEOFF, SetHome(use_current=0.0)), DEFAULTS, 1),
@@ -193,3 +194,17 @@ def test_the_table_in_the_documentation_matches_the_code() -> None:
     text = (Path(__file__).parents[3] / "docs" / "missions.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| (error|warning) \| (.+) \|$", text, re.MULTILINE)
     assert {code: (severity, meaning) for code, severity, meaning in rows} == CODES
+
+
+@pytest.mark.parametrize(
+    ("code", "document", "limits"),
+    [
+        ("first_waypoint_far", plan(wp(10_010), TAKEOFF), DEFAULTS),
+        ("leg_too_long", plan(TAKEOFF, wp(2001)), DEFAULTS),
+        ("endurance_exceeded", plan(TAKEOFF, wp(100), wp(0), wp(100)), POWER_LIMITS),
+        ("endurance_endless", plan(TAKEOFF, wp(9), Jump(target_index=1, repeat=-1)), POWER_LIMITS),
+    ],
+)
+def test_a_leg_that_cannot_be_reached_is_an_error(code: str, document: Plan, limits: CheckLimits) -> None:
+    (severity,) = [finding.severity for finding in check(document, limits) if finding.code == code]
+    assert severity == "error"
