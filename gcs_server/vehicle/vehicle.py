@@ -24,7 +24,7 @@ from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.external_control import ExternalControl
 from gcs_server.vehicle.identity import Identity, Version, with_version
 from gcs_server.vehicle.mode_cause import ModeCause
-from gcs_server.vehicle.modes import ModeNames
+from gcs_server.vehicle.modes import BY_CUSTOM_MODE, ModeNames
 from gcs_server.vehicle.px4_events import VehicleEvent
 from gcs_server.vehicle.reach import Feature, Reach, reach_of, require_feature
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
@@ -155,6 +155,17 @@ class Vehicle:
     def mode_cause(self) -> ModeCause | None:
         """Cause of the current mode; None before the first mode change."""
         return self._external_control.mode_cause
+
+    @property
+    def in_failsafe(self) -> bool:
+        """Whether the vehicle itself has left Offboard, or a mode registered with PX4, and returns to it when
+        the cause ends. False once a pilot or a station has selected another mode."""
+        state, cause = self._state.flight_state, self.mode_cause
+        if cause is None or cause.source != "failsafe" or state.intended_custom_mode == state.custom_mode:
+            return False
+        intended = state.intended_custom_mode  # None: not reported since the mode changed
+        mode = BY_CUSTOM_MODE.get(intended) if intended is not None else None
+        return intended is None or (mode is not None and mode.name.startswith(("offboard", "external_")))
 
     @property
     def streaming(self) -> bool:

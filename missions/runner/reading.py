@@ -8,7 +8,7 @@ from missions.frames import Vector3
 from missions.runner.script import ScriptProgress
 from missions.setpoints import Estimate
 
-StreamPhase = Literal["idle", "starting", "flying", "ending"]
+StreamPhase = Literal["idle", "starting", "flying", "interrupted", "ending"]
 
 
 class Reading(NamedTuple):
@@ -47,7 +47,8 @@ class Reading(NamedTuple):
     horizontal_error_m: float | None = None
     """Standard deviation of the position estimate."""
     stream: StreamPhase = "idle"
-    """Phase of the mission's setpoint stream; `flying` when the vehicle is in Offboard."""
+    """Phase of the mission's setpoint stream; `flying` when the vehicle is in Offboard, `interrupted` when it
+    has not followed its setpoints, which then keep it at its place."""
     stream_text: str | None = None
     """Reason for the end of the stream."""
     progress: ScriptProgress | None = None

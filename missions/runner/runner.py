@@ -182,6 +182,12 @@ class Runner(Ending):
         return self._part if self.in_charge and isinstance(self._part, SetpointPart) else None
 
     @property
+    def interrupted(self) -> bool:
+        """Whether the vehicle does not follow the setpoints, which keep it at its place."""
+        part = self.setpoint_part
+        return part is not None and part.interrupted
+
+    @property
     def paused(self) -> bool:
         """Whether the mission is paused, by an operator or because control changed."""
         return self._final_state is None and (self._paused_in_hold or (self.in_charge and self.flight.paused))
@@ -233,6 +239,8 @@ class Runner(Ending):
         """`RunnerStatus.state`."""
         if self._final_state is not None or self._part is None:
             return self._final_state or "ready"
+        if not self._had_link and self._part.in_offboard and not self._suspended:
+            return "not_following"
         return "suspended" if self._suspended else self._part.state
 
     @property

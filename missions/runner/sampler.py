@@ -1,10 +1,10 @@
 """Samples the setpoint of a script for each transmission, without I/O; time and position are inputs.
 
-A wait holds the position until it ends. If the vehicle is too far behind on its path, mission time
-stops until the vehicle has caught up. A pause slows mission time down to zero, so that the vehicle stays on
-its path; resuming speeds mission time up again. Velocity and attitude segments have no path: on a pause the
-vehicle brakes and holds its position, and a new script continues from this position. After the last segment
-the vehicle holds the end position.
+A wait holds the position until it ends. If the vehicle is too far behind on its path, or its position or the
+link for its setpoints is lost, mission time stops until the vehicle has caught up. A pause slows mission time
+down to zero, so that the vehicle stays on its path; resuming speeds mission time up again. Velocity and
+attitude segments have no path: on a pause the vehicle brakes and holds its position, and a new script
+continues from this position. After the last segment the vehicle holds the end position.
 """
 
 from __future__ import annotations
@@ -75,7 +75,9 @@ class ScriptSampler:
         self._stop_setpoint: Position | None = None
         """Position at which the vehicle stopped away from its path."""
         self._setpoint_ned_m: Vector3 | None = None
-        self._held_back = False
+        self._held_back = self._was_seen = False
+        self.received = True
+        """Whether the link accepts the setpoints."""
         self.fence = script.fence
 
     def change_script(self, change: ScriptChange) -> None:
@@ -176,7 +178,10 @@ class ScriptSampler:
         return last.at(math.inf)
 
     def _advance(self, dt_s: float, position_ned_m: Vector3 | None) -> None:
-        self._held_back = self._horizontal_distance_m(self._setpoint_ned_m, position_ned_m) > HELD_BACK_M
+        self._was_seen = self._was_seen or position_ned_m is not None
+        is_unseen = not self.received or (self._was_seen and position_ned_m is None)
+        distance_m = self._horizontal_distance_m(self._setpoint_ned_m, position_ned_m)
+        self._held_back = is_unseen or distance_m > HELD_BACK_M
         goal = 0.0 if self._change.paused or self._held_back else 1.0
         motion = (ZERO_VECTOR, ZERO_VECTOR) if self._scale.is_at(goal) else self._motion()
         self._t_s += self._scale.step(dt_s, goal, *motion)

@@ -80,4 +80,5 @@ class ScriptProgress:
     position_ned_m: Vector3 | None = None
     """The position setpoint; None: the setpoint has no position."""
     held_back: bool = False
-    """Whether mission time has stopped because the vehicle is too far behind on its path."""
+    """Whether mission time stops because the vehicle is too far behind on its path, or its position or the
+    link for its setpoints is lost."""

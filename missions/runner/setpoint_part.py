@@ -5,7 +5,13 @@ from __future__ import annotations
 import math
 
 from missions.errors import PlanError
-from missions.offboard.segments import HoldSegment, Segment, WaitSegment
+from missions.offboard.segments import (
+    AttitudeSegment,
+    HoldSegment,
+    Segment,
+    VelocitySegment,
+    WaitSegment,
+)
 from missions.runner.course import ConditionWatch
 from missions.runner.flight import Flight
 from missions.runner.parts import Failure, Part
@@ -20,6 +26,8 @@ AHEAD_S = 60.0
 not affect the flight [s]."""
 HELD_BACK_REPORTED_S = 2.0
 """Time after which a vehicle that is held back is reported [s]."""
+RESTART_PERIOD_S = 2.0
+"""Time after which a script that goes on from the vehicle's place is sent again [s]."""
 RENEW_S = 0.5
 """Period in which the pause state is sent again, which renews the stream [s]."""
 STARTS_WITHIN_S = 40.0
@@ -55,6 +63,10 @@ class SetpointPart(Part):
         self._may_continue = False
         """Whether the current wait has ended, because the operator has answered or all roles have arrived."""
         self._progress: ScriptProgress | None = None
+        self._interrupted_s: float | None = None
+        """When the vehicle stopped following its setpoints; None: it follows them."""
+        self._restarted_s = -math.inf
+        """When the last script that goes on from the vehicle's place was sent."""
         self._held_back_s = 0.0
         """Time for which the vehicle has been held back [s]."""
 
@@ -103,9 +115,16 @@ class SetpointPart(Part):
         progress = self._progress
         if self._ground_sampler is None and not self._flying:
             return "starting"
+        if self.interrupted or (progress is not None and progress.held_back and progress.rate == 0.0):
+            return "not_following"
         if self.flight.paused:
             return "paused" if progress is not None and progress.rate == 0.0 else "pausing"
         return "waiting" if progress is not None and progress.waiting else "flying"
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the vehicle has left the setpoints, which now keep it at its place."""
+        return self._interrupted_s is not None
 
     @property
     def progress(self) -> ScriptProgress | None:
@@ -128,12 +147,16 @@ class SetpointPart(Part):
     def expects(self, reading: Reading) -> bool:
         if self._ground_sampler is not None:
             return True
-        if reading.mode == self.flight.mode:
+        if reading.mode == self.flight.mode or reading.stream == "interrupted":
             return True
+        if reading.mode_source == "failsafe" and reading.stream == "flying":
+            return True  # the stream decides whether the failsafe interrupts it or ends it
         return not self._flying and reading.mode == self._initial_mode
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
         dt_s, self._last_s = now_s - self._last_s, now_s
+        if reading.stream == "interrupted":
+            return self._continue_from_place(now_s, reading)
         progress = self._update_progress(now_s, reading)
         if progress is None or self.failure is not None:
             return []
@@ -186,7 +209,7 @@ class SetpointPart(Part):
             self._progress = self._ground_sampler.progress
             return self._progress
         if reading.stream == "flying":
-            self._flying = True
+            self._flying, self._interrupted_s = True, None
         elif self._flying:
             self.failure = Failure(self.flight.actions.failure, _reason(reading.stream_text))
             return None
@@ -199,6 +222,26 @@ class SetpointPart(Part):
             return None
         self._progress = progress
         return progress
+
+    def _continue_from_place(self, now_s: float, reading: Reading) -> list[Request]:
+        """Goes on from where the vehicle is, once it follows its setpoints again: with an approach within the
+        mission's limits. A velocity or attitude segment has no path to which the vehicle could return."""
+        if self._interrupted_s is None:
+            self._interrupted_s = now_s
+            text = "The vehicle does not follow its setpoints: the mission waits for it."
+            return [Notify("not_following", text, warning=True)]
+        if reading.mode != self.flight.mode or reading.position_ned_m is None:
+            return []
+        if now_s - self._restarted_s < RESTART_PERIOD_S:
+            return []
+        notify = Notify("follows_again", "The vehicle follows again: going on from where it is.")
+        self._restarted_s = now_s
+        index = self._continue_at
+        if index is None and isinstance(self.flight.segment, VelocitySegment | AttitudeSegment):
+            index = self.flight.index + 1
+        if index is not None:
+            return [notify, *self._continue_with(index, now_s, reading)]
+        return [notify, *self._begin_script(now_s, reading)]
 
     def _continue_with(self, index: int, now_s: float, reading: Reading) -> list[Request]:
         """Continues with another segment after the stop."""
@@ -251,12 +294,10 @@ class SetpointPart(Part):
             self._held_back_s + dt_s if progress.held_back else 0.0,
         )
         setpoint_ned_m, position_ned_m = progress.position_ned_m, reading.position_ned_m
-        if (
-            not before_s < HELD_BACK_REPORTED_S <= self._held_back_s
-            or setpoint_ned_m is None
-            or position_ned_m is None
-        ):
+        if not before_s < HELD_BACK_REPORTED_S <= self._held_back_s or setpoint_ned_m is None:
             return []
+        if position_ned_m is None:
+            return [Notify("held_back", "The vehicle sends no position: the mission waits.", warning=True)]
         behind_m = math.dist(setpoint_ned_m, position_ned_m)
         text = f"The vehicle is {behind_m:.0f} m behind on its path: the mission waits for it."
         return [Notify("held_back", text, warning=True)]

@@ -22,9 +22,10 @@ class RunnerStatus:
     """Status of a mission."""
 
     state: str
-    """ready, taking_off, starting, flying, waiting, pausing, paused, landing, suspended, done, aborted,
-    stopped. A suspended mission sends nothing until an operator resumes it; done, aborted and
-    stopped are final."""
+    """ready, taking_off, starting, flying, not_following, waiting, pausing, paused, landing, suspended, done,
+    aborted, stopped. While the vehicle does not follow (failsafe, lost link, far behind), the mission's time
+    stops; it goes on by itself. A suspended mission sends nothing until an operator resumes it; done,
+    aborted and stopped are final."""
     place: str | None
     """Current step: "step 3", "step 4.2"."""
     title: str | None

@@ -2,8 +2,8 @@
 and end at the same time.
 
 Each role's runner flies its own vehicle. `JointRunner` is updated after all runners. If one vehicle leaves
-the mission early, all other vehicles hold and the mission ends. If one vehicle is paused, all vehicles are
-paused.
+the mission early, or does not follow its setpoints, all other vehicles hold and the mission ends. If one
+vehicle is paused, all vehicles are paused.
 """
 
 from __future__ import annotations
@@ -53,6 +53,10 @@ class JointRunner:
             return self.stop(
                 readings, f"{role} has left the mission ({reason.rstrip('.')}): all other vehicles hold"
             )
+        lost_role = next((role for role, runner in self.runners.items() if runner.interrupted), None)
+        if lost_role is not None:
+            reason = f"{lost_role} does not follow its setpoints: all vehicles hold"
+            return self.stop(readings, reason)
         active = {role: runner for role, runner in self.runners.items() if not runner.over}
         if any(runner.paused for runner in active.values()):
             return self._pause(now_s, readings, "The pause of another vehicle")

@@ -54,8 +54,8 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
     ) -> None:
         super().__init__()
         links = (("gcs", "gcs"),)
-        self.loss = 0.0
-        """The share of packets lost in each direction; may be changed in flight."""
+        self.loss = self.loss_to_vehicle = 0.0
+        """The share of packets lost, in each direction and only to the vehicle; may be changed in flight."""
         self._random = random.Random(seed)
         self.sim = sim or VehicleSim(count, links=links, parameters=parameters, seed=seed, camera=camera)
         self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feed_function(row)) for row in range(count)]
@@ -65,13 +65,14 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
 
     def _feed_function(self, row: int) -> Any:
         def feed(data: bytes, _peer: Any) -> None:
-            if self._packet_arrives():
+            if self._packet_arrives(self.loss_to_vehicle):
                 self.sim.feed(row, "gcs", data)
 
         return feed
 
-    def _packet_arrives(self) -> bool:
-        return not self.loss or self._random.random() >= self.loss
+    def _packet_arrives(self, loss: float = 0.0) -> bool:
+        loss = max(loss, self.loss)
+        return not loss or self._random.random() >= loss
 
     async def _run_scheduler(self) -> None:
         """Runs at the rate of the simulation's ticks: packets sent within a tick arrive at its end."""

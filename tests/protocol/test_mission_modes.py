@@ -311,6 +311,6 @@ def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed
         await rig.until_mode("land", 12)
         assert any(warning in text for text in rig.warning_texts()) == bool(deferral_s)
         assert not rig.station.mission_modes.all("1")[0].failsafe_deferred
-        assert rig.mission_state == "suspended"
+        await until(lambda: rig.mission_state == "suspended", 1)
 
     run_with_mission_modes(run_simulated, scenario)

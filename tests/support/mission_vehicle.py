@@ -68,6 +68,19 @@ class FakeFlight:
         """Lets the vehicle follow its setpoints again."""
         self._blocked_at = None
 
+    def interrupt(self) -> None:
+        """The vehicle's failsafe leaves the mission's mode; the stream keeps the vehicle at its place."""
+        self.change_mode("position", "failsafe", "The failsafe")
+        self.set_reading(stream="interrupted")
+
+    def return_at(self, north_m: float, down_m: float) -> tuple[float, float, float]:
+        """The vehicle is back in the mission's mode, displaced; the stream still keeps it there."""
+        n, e, d = self.reading.position_ned_m or (0.0, 0.0, 0.0)
+        position_ned_m = (n + north_m, e, d + down_m)
+        self._set_mode(self.runner.flight.mode)
+        self.set_reading(position_ned_m=position_ned_m, velocity_ned_m_s=(0.0, 0.0, 0.0))
+        return position_ned_m
+
     def lose_link(self) -> None:
         """Stops all messages of the vehicle; the server has already ended the stream and commanded Hold."""
         self.change_mode("hold", "command", "The server commanded Hold")

@@ -46,6 +46,8 @@ RENEWAL_TIMEOUT_S = 3.0
 Hold mode [s]."""
 HOLD_FOR_S = 5.0
 """Time for which the stream then holds the position, before it requests Hold mode [s]."""
+STREAMED = ("streaming", "interrupted")
+"""Phases of a stream whose setpoints a mission can replace."""
 RATE_HZ = 50.0
 MAX_PICTURES_WAITING = 5
 WARNING, NOTICE = 4, 5
@@ -282,7 +284,7 @@ class MissionFlight:
         if self._task is not None:
             self._task.cancel()
         state = self._streams.state(self._vehicle.id)
-        if state.request is not None and state.request.owner == "mission" and state.phase == "streaming":
+        if state.request is not None and state.request.owner == "mission" and state.phase in STREAMED:
             self._streams.end(self._vehicle.id, "mission", f"{self._by} was interrupted.", state.number)
 
     def _complete_mode(self) -> None:
@@ -335,7 +337,7 @@ class MissionFlight:
             request.script, RENEWAL_TIMEOUT_S, on_expiry, name, owner="mission", mode=self.mode
         )
         state = self._streams.state(self._vehicle.id)
-        if state.request is not None and state.request.owner == "mission" and state.phase == "streaming":
+        if state.request is not None and state.request.owner == "mission" and state.phase in STREAMED:
             await self._control.setpoint(stream_request)
         else:
             select = (lambda: self._executor.set_mode(self.mode, self._by)) if by_executor else None

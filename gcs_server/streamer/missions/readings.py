@@ -14,7 +14,9 @@ from missions.setpoints import Estimate
 
 MAX_DISTANCE_AGE_S, MAX_WIND_AGE_S = 3.0, 10.0
 """Maximum age of these messages [s]; by default PX4 sends DISTANCE_SENSOR and WIND_COV every two seconds."""
-RUNNER_PHASES: dict[str, StreamPhase] = {"idle": "idle", "starting": "starting", "streaming": "flying"}
+RUNNER_PHASES: dict[str, StreamPhase] = {
+    "idle": "idle", "starting": "starting", "streaming": "flying", "interrupted": "interrupted",
+}  # fmt: skip
 """The runner's name of a stream's phase; all other phases are "ending"."""
 
 

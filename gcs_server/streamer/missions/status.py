@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 MissionState = Literal[
-    "ready", "taking_off", "starting", "flying", "waiting", "pausing", "paused", "landing", "suspended",
-    "done", "aborted", "stopped",
+    "ready", "taking_off", "starting", "flying", "not_following", "waiting", "pausing", "paused", "landing",
+    "suspended", "done", "aborted", "stopped",
 ]  # fmt: skip
 
 
@@ -27,9 +27,10 @@ class OffboardMissionStatus:
     `…/offboard_mission`."""
 
     state: MissionState
-    """waiting: for the operator or a condition; paused: the vehicle holds in Offboard, on the mission's path;
-    suspended: the mission does not control the vehicle, and the operator can resume it; done, aborted,
-    stopped: the mission has ended."""
+    """not_following: the vehicle does not follow (failsafe, lost link, far behind), so the mission's time
+    stops; it goes on by itself; waiting: for the operator or a condition; paused: the vehicle holds in
+    Offboard, on the mission's path; suspended: the mission does not control the vehicle, and the operator can
+    resume it; done, aborted, stopped: the mission has ended."""
     name: str
     plan_id: str | None
     """Id of the stored plan; None: the mission was sent with the start."""

@@ -213,6 +213,11 @@ class OffboardControl:
                 NO_STREAM + ended,
                 remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
             )
+        if state.phase == "interrupted" and self.vehicle.in_failsafe:
+            raise Refused(
+                f"Vehicle {self.vehicle.id} has left Offboard by its failsafe; the stream keeps its place.",
+                remedy="Send the setpoint again once the vehicle is back in Offboard, or command Hold.",
+            )
         if state.request is not None and state.request.owner == "mission" != request.owner:
             raise Refused(
                 f"Vehicle {self.vehicle.id} flies the mission {state.request.client!r}.",

@@ -173,6 +173,7 @@ class VehicleEstimates:
             None if command is None else f"{command.by or 'The server'} commanded {command.label!r}",
             estimate_s=self._received_s("local_position") if has_horizontal_position else None,
             armed=status.armed,
+            failsafe=vehicle.in_failsafe,
             lost=status.link_lost or not vehicle.endpoints,
             home_alt_amsl_m=None if home is None else home.alt_amsl_m,
             accuracy_m=self.accuracy_m(),

@@ -79,9 +79,10 @@ class OffboardStatus:
     streaming: bool
     """Whether setpoints are being sent."""
     state: str
-    """idle, starting, streaming, holding (the setpoint has expired, and the stream keeps the position),
-    to_hold and landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may
-    still switch to Offboard)."""
+    """idle, starting, streaming, interrupted (the vehicle has not followed its setpoints; the stream keeps
+    it where it is), holding (the setpoint has expired, and the stream keeps the position), to_hold and
+    landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may still switch to
+    Offboard)."""
     client: str | None
     """Client that sent the setpoint."""
     client_key: str | None

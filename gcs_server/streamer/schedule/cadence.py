@@ -21,12 +21,14 @@ class Cadence:
         self.rate_hz = 50.0
         self.next_s = 0.0
         """Time at which the next setpoint is due."""
+        self.is_sending = True
+        """Whether the link accepted the last setpoint."""
         self._sent_at: deque[float] = deque(maxlen=_MAX_TIMES)
         self._steady_from_s = 0.0
 
     def begin(self, rate_hz: float) -> None:
         """Starts a new stream."""
-        self.rate_hz = rate_hz
+        self.rate_hz, self.is_sending = rate_hz, True
         self._sent_at.clear()
 
     def send_now(self, now_s: float) -> None:
@@ -35,6 +37,7 @@ class Cadence:
 
     def sent(self, now_s: float) -> None:
         """Records a sent setpoint."""
+        self.is_sending = True
         if not self._sent_at or now_s - self._sent_at[-1] > max(PAUSE_S, 2.0 / self.rate_hz):
             self._steady_from_s = now_s
         self._sent_at.append(now_s)
@@ -43,7 +46,7 @@ class Cadence:
 
     def not_sent(self, now_s: float) -> None:
         """Records that the link did not accept the last setpoint: `steady_s` starts again."""
-        self._steady_from_s = now_s
+        self._steady_from_s, self.is_sending = now_s, False
 
     def achieved_hz(self, now_s: float) -> float | None:
         """Rate of the last sent setpoints; None before two setpoints were sent within two seconds."""

@@ -92,6 +92,11 @@ class SetpointPipeline:
         if self._resolved is not None:
             self._resolved.restart_path(now_s)
 
+    def set_received(self, received: bool) -> None:
+        """Stops the time of a mission while the link does not accept its setpoints."""
+        if self._resolved is not None and self._resolved.sampler is not None:
+            self._resolved.sampler.received = received
+
     def change_script(self, change: ScriptChange) -> bool:
         """Updates the mission that is being flown; returns False if no mission is being flown."""
         sampler = None if self._resolved is None else self._resolved.sampler

@@ -6,6 +6,10 @@
       │              landing                 holding ── time ──► to_hold
       └── end ◄─────────┴───────────────────────┴───────────────────┘
 
+If the vehicle's failsafe leaves Offboard because setpoints did not arrive, PX4 returns to Offboard as soon as
+they arrive again. The phase `interrupted` then keeps the vehicle at its place: PX4 would fly at its own speed
+to a setpoint that has moved on. A new setpoint continues the stream; otherwise it expires.
+
 After a failed start, the stream stays in the phase `undoing` for a while: the vehicle may still switch to
 Offboard, and must then be put into Hold.
 
@@ -27,7 +31,7 @@ from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest, m
 from missions.avoidance.setpoints import AvoidanceStatus
 from missions.frames import Vector3
 from missions.runner.script import Script, ScriptChange, ScriptProgress
-from missions.setpoints import DirectSetpoint
+from missions.setpoints import DirectSetpoint, Path
 
 MODE_REQUEST_PERIOD_S = 1.0
 MAX_MODE_REQUESTS = 5
@@ -40,6 +44,17 @@ UNDO_S = 2.5
 """Time in which a vehicle may still report Offboard after a failed start [s]; one heartbeat may be lost."""
 INHIBIT_MODE_REQUESTS_S = 6.5
 """Time after a pilot's mode command in which the stream requests no mode itself [s]."""
+INTERRUPTED_S = 5.0
+"""Time for which the stream keeps a vehicle in failsafe at its place; then it ends [s]."""
+UNKNOWN_PLACE_S = 0.5
+"""Time after which it ends if the vehicle's place is not known: the failsafe then has another cause [s]."""
+FAILSAFE_MODES = frozenset({"position", "altitude", "manual", "stabilized", "hold"})
+"""Modes of a failsafe from which the stream lets the vehicle return. A Land or Return that the vehicle has
+begun is never interrupted."""
+UNSEEN_S = 1.5
+"""Time without a position of the vehicle after which it may not have received setpoints [s]."""
+FOLLOWED_WITHIN_M = 2.0
+"""A vehicle that was not seen has followed if it is at most this far from its setpoint [m]."""
 JUMP_M, JUMP_M_S = 5.0, 20.0
 """The local origin has moved if the local position changes by more than JUMP_M + JUMP_M_S × time."""
 
@@ -73,6 +88,9 @@ class VehicleStream:
         self._inhibited_until_s = -math.inf
         self._was_armed = False
         self._last_estimate: tuple[float, Vector3] | None = None
+        self._interrupted_s = 0.0  # start of the interruption
+        self._in_failsafe = False
+        self._seen_s = math.inf  # when the position was last known, and setpoints were sent
 
     # --- calls of the event loop ------------------------------------------------------------------
 
@@ -81,6 +99,7 @@ class VehicleStream:
         self.cadence.begin(rate_hz)
         self._requested_mode, self.last_end, self._last_estimate = None, None, None
         self._engaged_s, self._was_armed, self.mode = math.inf, False, request.mode
+        self._seen_s = math.inf
         self._enter("starting", now_s, MAX_START_S)
         self._pipeline.reset()
         self._accept(now_s, request, snapshot)
@@ -96,7 +115,12 @@ class VehicleStream:
 
     def change(self, now_s: float, request: StreamRequest, snapshot: Snapshot) -> bool:
         """Applies a new setpoint immediately; returns False if no stream accepts setpoints."""
-        if self.phase not in ("starting", "streaming", "holding") or self._requested_mode is not None:
+        if self.phase == "interrupted" and self._in_failsafe and snapshot.mode == self.mode:
+            self._on_return(now_s, snapshot)
+        accepts = self.phase in ("starting", "streaming", "holding") or (
+            self.phase == "interrupted" and not self._in_failsafe
+        )
+        if not accepts or self._requested_mode is not None:
             return False
         self._accept(now_s, request, snapshot)
         if self.phase != "starting":
@@ -119,7 +143,7 @@ class VehicleStream:
 
     def force_hold(self, now_s: float, snapshot: Snapshot, code: str, why: str) -> None:
         """Stops the vehicle and requests Hold, or Land without a position estimate; ignores `on_expiry`."""
-        if self.phase in ("streaming", "holding") and self._requested_mode is None:
+        if self.phase in ("streaming", "interrupted", "holding") and self._requested_mode is None:
             self._end_reason = why
             self._hold_and_request_mode(now_s, snapshot, code, why, land=False)
 
@@ -127,7 +151,7 @@ class VehicleStream:
         """Keeps the position while the event loop requests Hold for a client. If this takes too long, the
         stream itself requests Hold.
         """
-        if self.phase in ("streaming", "holding"):
+        if self.phase in ("streaming", "interrupted", "holding"):
             self._hold_position(now_s, snapshot)
             self._enter("holding", now_s, STOP_TIMEOUT_S)
             self._requested_mode = "hold"
@@ -179,9 +203,10 @@ class VehicleStream:
                 WARNING,
             )
             return []
-        if self._end_if_offboard_left(snapshot):
+        if self._end_if_offboard_left(now_s, snapshot):
             return []
         self._check_links_and_origin(now_s, snapshot)
+        self._check_following(now_s, snapshot)
         if now_s >= self._phase_until_s:
             self._on_phase_timeout(now_s, snapshot)
         outgoing: list[Outgoing] = []
@@ -243,7 +268,7 @@ class VehicleStream:
 
     def _accept(self, now_s: float, request: StreamRequest, snapshot: Snapshot) -> None:
         self._pipeline.accept(now_s, request.setpoint, snapshot)
-        self._end_reason = ""
+        self._end_reason, self._seen_s = "", math.inf
         self.request, self._since_s = request, now_s
         self.cadence.send_now(now_s)
 
@@ -258,8 +283,9 @@ class VehicleStream:
         else:
             self._execute_expiry_action(now_s, snapshot, "fence", stop)
 
-    def _end_if_offboard_left(self, snapshot: Snapshot) -> bool:
-        """Ends the stream if the vehicle has disarmed or left Offboard; returns True if so."""
+    def _end_if_offboard_left(self, now_s: float, snapshot: Snapshot) -> bool:
+        """Ends the stream if the vehicle has disarmed or left Offboard; returns True if so. A failsafe that
+        may end by itself only interrupts the stream."""
         if snapshot.taken_s < self._engaged_s:
             return False
         if snapshot.mode == self.mode:
@@ -267,7 +293,14 @@ class VehicleStream:
             self._was_armed = snapshot.armed
             if disarmed:  # otherwise the vehicle would fly immediately when armed again
                 self.end("disarmed", "The vehicle disarmed; the setpoint stream has ended.")
+            elif self.phase == "interrupted" and self._in_failsafe:
+                self._on_return(now_s, snapshot)
             return disarmed
+        if self._is_failsafe(snapshot):
+            if self.phase in ("streaming", "holding") and self._requested_mode is None:
+                self._interrupt(now_s, snapshot)
+            if self.phase in ("interrupted", "to_hold"):
+                return False
         if snapshot.mode == self._requested_mode:
             mode = snapshot.mode
             code = "held" if mode == "hold" else "landing"
@@ -276,12 +309,70 @@ class VehicleStream:
         elif snapshot.mode_requested_by is not None:
             self.end("commanded", f"{snapshot.mode_requested_by}; the setpoint stream has ended.", INFO)
         else:
-            self.end(
-                "left_offboard",
-                f"The vehicle left {mode_label(self.mode)} for {snapshot.mode!r}; the stream has ended.",
-                WARNING,
-            )
+            self._end_left(snapshot)
         return True
+
+    def _is_failsafe(self, snapshot: Snapshot) -> bool:
+        """Whether the vehicle is in a failsafe from which it may return to its setpoints."""
+        assert self.request is not None
+        returns = snapshot.armed and snapshot.failsafe and snapshot.mode in FAILSAFE_MODES
+        return returns and self.request.on_expiry.action != "stop_stream"
+
+    def _interrupt(self, now_s: float, snapshot: Snapshot) -> None:
+        self._interrupted_s, self._in_failsafe = now_s, True
+        self._report(
+            "interrupted",
+            f"The vehicle's failsafe left {mode_label(self.mode)} for {snapshot.mode!r}: for up to "
+            f"{INTERRUPTED_S:g} s, setpoints keep the vehicle where it is, in case it returns.",
+        )
+        self._hold_position(now_s, snapshot)
+        self._enter("interrupted", now_s, INTERRUPTED_S)
+
+    def _on_return(self, now_s: float, snapshot: Snapshot) -> None:
+        """The vehicle follows setpoints again, which keep it at its place until a new one arrives."""
+        assert self.request is not None
+        for_s = now_s - self._interrupted_s
+        why = f"For {for_s:.1f} s the vehicle did not follow its setpoints"
+        self._end_reason, self._in_failsafe = why, False
+        if self.request.on_expiry.action != "hold":
+            self._request_expiry_mode(now_s, snapshot, "interrupted", why)
+            return
+        hold_for_s = self.request.on_expiry.hold_for_s
+        self._report(
+            "interrupted",
+            f"{why}: holding here for {hold_for_s:g} s, then Hold mode, without a new setpoint.",
+        )
+        self._hold_position(now_s, snapshot)
+        self._enter("interrupted", now_s, hold_for_s)
+
+    def _check_following(self, now_s: float, snapshot: Snapshot) -> None:
+        """Keeps the place of a vehicle that is interrupted, or that is not where a path or mission has led
+        it, after a time in which the vehicle was not seen."""
+        position = snapshot.position_at(now_s)
+        if self.phase == "interrupted" and self._in_failsafe:
+            if position is None and now_s - self._interrupted_s > UNKNOWN_PLACE_S:
+                self._end_left(snapshot)
+            else:
+                self._pipeline.hold_position(now_s, snapshot)
+            return
+        if self.phase != "streaming" or self.request is None:
+            return
+        if not isinstance(self.request.setpoint, Script | Path):
+            return
+        self._pipeline.set_received(self.cadence.is_sending)
+        if position is None or not self.cadence.is_sending:
+            return
+        seen_s, self._seen_s = self._seen_s, now_s
+        target = getattr(self._pipeline.sent, "position_ned_m", None)
+        if now_s - seen_s < UNSEEN_S or target is None or None in target:
+            return
+        if math.dist(target, position) > FOLLOWED_WITHIN_M:
+            self._interrupted_s = seen_s
+            self._on_return(now_s, snapshot)
+
+    def _end_left(self, snapshot: Snapshot) -> None:
+        text = f"The vehicle left {mode_label(self.mode)} for {snapshot.mode!r}; the stream has ended."
+        self.end("left_offboard", text, WARNING)
 
     def _check_links_and_origin(self, now_s: float, snapshot: Snapshot) -> None:
         """Reacts to a lost link, a lost leader and a moved local origin."""
@@ -292,7 +383,7 @@ class VehicleStream:
                 self._request_mode("hold", now_s)
         elif self.phase == "to_hold" and self._engaged_s == math.inf and not snapshot.lost:
             self._engaged_s = now_s  # after a failed start, the vehicle's mode is checked from now on
-        elif snapshot.lost and self.phase in ("streaming", "holding"):
+        elif snapshot.lost and self.phase in ("streaming", "interrupted", "holding"):
             self._request_expiry_mode(now_s, snapshot, "lost", "Connection to the vehicle lost")
         elif self.phase == "streaming" and self._pipeline.leader_is_lost(now_s, snapshot):
             why = f"No connection to the followed vehicle {self._pipeline.followed_vehicle}"
@@ -301,7 +392,7 @@ class VehicleStream:
             why = f"The vehicle's local position jumped by {jumped_m:.0f} m (its origin moved)"
             if self.phase == "streaming":
                 self._request_expiry_mode(now_s, snapshot, "jumped", f"{why}: the setpoint is invalid now")
-            elif self.phase in ("holding", "to_hold", "landing", "undoing"):
+            elif self.phase in ("interrupted", "holding", "to_hold", "landing", "undoing"):
                 self._hold_position(now_s, snapshot)
 
     def _jumped_m(self, snapshot: Snapshot) -> float | None:
@@ -324,7 +415,9 @@ class VehicleStream:
             self.end("not_confirmed", "Offboard was never confirmed; the setpoint stream has ended.", WARNING)
         elif self.phase == "streaming":
             self._on_expiry(now_s, snapshot)
-        elif self.phase == "holding":
+        elif self.phase == "interrupted" and self._in_failsafe:
+            self._end_left(snapshot)
+        elif self.phase in ("holding", "interrupted"):
             self._request_mode("hold", now_s)
 
     def _on_expiry(self, now_s: float, snapshot: Snapshot) -> None:

@@ -14,7 +14,7 @@ class StreamEvent:
 
     code: str
     """expired, lost, jumped, leader_lost, fence, limited, held, landing, commanded, left_offboard, disarmed,
-    server_silent, not_confirmed, fault, separation, group, avoidance, avoidance_stopped,
+    interrupted, server_silent, not_confirmed, fault, separation, group, avoidance, avoidance_stopped,
     obstacle_sensor_lost."""
     severity: int
     text: str

@@ -64,6 +64,9 @@ class Snapshot:
     """Newest scans of the vehicle's distance sensors."""
     avoidance: AvoidanceWay | None = None
     """What avoidance tries first (over or around); None: avoidance is off."""
+    failsafe: bool = False
+    """Whether the vehicle itself has left Offboard or its registered mode, and returns to it when the cause
+    ends."""
     mission_avoidance: AvoidanceWay | None = None
     """Not None: the steps of the mission may use avoidance; each step defines what avoidance tries first."""
 

@@ -1,8 +1,10 @@
 """The mission runner: its actions on faults during each kind of step."""
 
+import math
+
 import pytest
 
-from missions.runner.requests import ChangeScript, Photo, SetMode, TakeOff
+from missions.runner.requests import ChangeScript, Photo, SetMode, StreamScript, TakeOff
 from missions.runner.status import CannotDo
 from tests.support.mission_steps import (
     FLOWN_BY_SETPOINTS,
@@ -169,3 +171,77 @@ def test_a_flying_step_before_a_take_off_does_not_start_on_the_ground():
     assert fake.status.state == "suspended"
     assert "needs a take-off" in str(fake.status.reason)
     assert fake.sent_setpoints == []
+
+
+@pytest.mark.parametrize("kind", FLOWN_BY_SETPOINTS)
+def test_after_a_gap_the_mission_goes_on_from_where_the_vehicle_is(kind):
+    fake = flight_in_step(kind)
+    place, number = fake.status.place, fake.count_requests(StreamScript)
+    fake.interrupt()
+    fake.fly(3.3)
+    assert (fake.status.state, fake.status.place, fake.requested_modes()) == ("not_following", place, [])
+    assert fake.count_requests(StreamScript) == number
+    place_ned_m = fake.return_at(north_m=-6.0, down_m=1.2)
+    fake.set_reading(satellites=14)
+    sent_before = len(fake.sent_setpoints)
+    fake.fly(0.3)
+    assert fake.count_requests(StreamScript) == number + 1
+    first = fake.sent_setpoints[sent_before][1]
+    if hasattr(first, "position_ned_m"):
+        assert math.dist(first.position_ned_m, place_ned_m) < 1.0
+    assert fake.status.state != "not_following"
+    texts = " ".join(fake.event_texts)
+    assert "does not follow" in texts
+    assert "going on from where it is" in texts
+    end_wait(fake, kind).until_state("done")
+
+
+def test_a_skip_during_an_interruption_continues_with_the_next_step():
+    fake = flight_in_step("orbit")
+    fake.interrupt()
+    fake.fly(1.0)
+    fake.skip()
+    fake.return_at(north_m=0.0, down_m=0.0)
+    fake.fly(0.3)
+    assert fake.status.place == "step 3"
+
+
+def test_a_pause_during_an_interruption_keeps_the_vehicle_at_its_place():
+    fake = flight_in_step("fly")
+    fake.interrupt()
+    fake.fly(1.0)
+    fake.pause()
+    place_ned_m = fake.return_at(north_m=-6.0, down_m=1.2)
+    fake.fly(10.0)
+    assert fake.status.state == "paused"
+    assert math.dist(fake.flown_path[-1], place_ned_m) < 1.0
+
+
+def test_an_interruption_that_ends_the_stream_suspends_the_mission():
+    fake = flight_in_step("fly")
+    fake.interrupt()
+    fake.fly(3.0)
+    fake.set_reading(stream="idle", stream_text="The vehicle left Offboard")
+    fake.fly(0.3)
+    assert (fake.status.state, fake.requested_modes()) == ("suspended", [])
+    assert "failsafe" in str(fake.status.reason)
+
+
+def test_mission_time_stops_without_a_position_and_goes_on_with_it():
+    fake = flight_in_step("fly")
+    position_ned_m = fake.reading.position_ned_m
+    fake.set_reading(position_ned_m=None)
+    fake.fly(3.0)
+    stopped = fake.sent_setpoints[-1][1]
+    assert fake.status.state == "not_following"
+    assert math.hypot(*stopped.velocity_ned_m_s) == 0.0
+    assert any("no position" in text for text in fake.event_texts)
+    fake.set_reading(position_ned_m=position_ned_m)
+    fake.until_state("flying")
+
+
+def test_a_lost_link_is_not_shown_as_flying():
+    fake = flight_in_step("fly", link_loss="continue")
+    fake.lose_link()
+    fake.fly(0.3)
+    assert fake.status.state == "not_following"

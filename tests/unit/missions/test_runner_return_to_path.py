@@ -71,7 +71,7 @@ def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_the_delay_once():
     fake.until_state("flying").fly(3.0)
     blocked_at = fake.block()
     fake.fly(30.0)
-    assert fake.status.state == "flying"
+    assert fake.status.state == "not_following"
     assert 8.0 < fake.status.deviation_m < 16.0
     assert sum("the mission waits" in text for text in fake.event_texts) == 1
     assert fake.reading.position_ned_m == blocked_at

@@ -160,6 +160,14 @@ def test_when_one_vehicle_leaves_the_mission_the_other_holds_and_the_mission_end
         joint_flight.runner.resume(joint_flight.now_s, joint_flight.readings(), "Alice")
 
 
+def test_when_one_vehicle_does_not_follow_all_hold():
+    joint_flight = in_flight()
+    joint_flight.flights["lead"].interrupt()
+    joint_flight.until(lambda: joint_flight.runner.over, 2)
+    assert all(flight.requested_modes() == ["hold"] for flight in joint_flight.flights.values())
+    assert "lead does not follow" in str(joint_flight.flights["left"].status.reason)
+
+
 def test_when_one_vehicle_leaves_a_take_off_is_stopped_and_a_landing_continues():
     joint_flight = JointFlight(
         mission_text(f"{HIGH_TAKE_OFF}, {fly_step(20)}", f"{TAKE_OFF}, {LAND}")

@@ -8719,12 +8719,13 @@ export interface components {
         readonly OffboardMissionStatus: {
             /**
              * State
-             * @description waiting: for the operator or a condition; paused: the vehicle holds in Offboard, on the mission's path;
-             *     suspended: the mission does not control the vehicle, and the operator can resume it; done, aborted,
-             *     stopped: the mission has ended.
+             * @description not_following: the vehicle does not follow (failsafe, lost link, far behind), so the mission's time
+             *     stops; it goes on by itself; waiting: for the operator or a condition; paused: the vehicle holds in
+             *     Offboard, on the mission's path; suspended: the mission does not control the vehicle, and the operator can
+             *     resume it; done, aborted, stopped: the mission has ended.
              * @enum {string}
              */
-            readonly state: "ready" | "taking_off" | "starting" | "flying" | "waiting" | "pausing" | "paused" | "landing" | "suspended" | "done" | "aborted" | "stopped";
+            readonly state: "ready" | "taking_off" | "starting" | "flying" | "not_following" | "waiting" | "pausing" | "paused" | "landing" | "suspended" | "done" | "aborted" | "stopped";
             /**
              * Name
              * @description Name.
@@ -8848,9 +8849,10 @@ export interface components {
             readonly streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (the setpoint has expired, and the stream keeps the position),
-             *     to_hold and landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may
-             *     still switch to Offboard).
+             * @description idle, starting, streaming, interrupted (the vehicle has not followed its setpoints; the stream keeps
+             *     it where it is), holding (the setpoint has expired, and the stream keeps the position), to_hold and
+             *     landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may still switch to
+             *     Offboard).
              */
             readonly state: string;
             /**
@@ -8953,9 +8955,10 @@ export interface components {
             readonly streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (the setpoint has expired, and the stream keeps the position),
-             *     to_hold and landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may
-             *     still switch to Offboard).
+             * @description idle, starting, streaming, interrupted (the vehicle has not followed its setpoints; the stream keeps
+             *     it where it is), holding (the setpoint has expired, and the stream keeps the position), to_hold and
+             *     landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may still switch to
+             *     Offboard).
              */
             readonly state: string;
             /**
@@ -9056,9 +9059,10 @@ export interface components {
             readonly streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (the setpoint has expired, and the stream keeps the position),
-             *     to_hold and landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may
-             *     still switch to Offboard).
+             * @description idle, starting, streaming, interrupted (the vehicle has not followed its setpoints; the stream keeps
+             *     it where it is), holding (the setpoint has expired, and the stream keeps the position), to_hold and
+             *     landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may still switch to
+             *     Offboard).
              */
             readonly state: string;
             /**

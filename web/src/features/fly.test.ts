@@ -115,7 +115,7 @@ describe('messages', () => {
 
 describe('the offboard stream', () => {
   it('has a text for each of its states', () => {
-    for (const state of ['idle', 'starting', 'holding', 'to_hold', 'landing', 'undoing']) {
+    for (const state of ['idle', 'starting', 'interrupted', 'holding', 'to_hold', 'landing', 'undoing']) {
       const status = readOffboard({ streaming: false, state, setpoint: null });
       expect(status && streamText(status)).not.toContain('NED');
     }

@@ -20,7 +20,7 @@ export interface Avoidance {
 export interface OffboardStatus {
   /** The server sends setpoints to this vehicle. */
   streaming: boolean;
-  /** idle, starting, streaming, holding, to_hold, landing, undoing. */
+  /** idle, starting, streaming, interrupted, holding, to_hold, landing, undoing. */
   state: string;
   type: string | null;
   position_ned_m: MaybeVector3 | null;
@@ -126,6 +126,7 @@ const STATE_TEXTS: Readonly<Record<string, string>> = {
   idle: 'no stream',
   starting: 'Starting',
   undoing: 'Start failed: the server stops the stream',
+  interrupted: 'Interrupted by the failsafe: holding position',
   holding: 'Expired: holding position',
   to_hold: 'Expired: switching to Hold',
   landing: 'Expired: landing',

@@ -43,6 +43,7 @@ class Vehicle:
         self.command = self.params = self
         self.offboard = None
         self.has_position = True
+        self.in_failsafe = False
         self.mode_error = None
         self.latest_command = None
         self.mode_request_hangs = False

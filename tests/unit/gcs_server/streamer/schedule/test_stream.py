@@ -1,6 +1,8 @@
 """The state machine of a setpoint stream from start to end, with a fake clock."""
 
 import itertools
+import json
+import math
 import struct
 
 import pytest
@@ -9,7 +11,8 @@ from gcs_server.streamer.schedule.stream import MAX_MODE_REQUESTS, VehicleStream
 from gcs_server.streamer.transport.mavlink_transport import MavlinkTransport
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
-from missions.setpoints import Position, Velocity
+from gcs_server.vehicle.modes import BY_CUSTOM_MODE
+from missions.setpoints import Path, PathPoint, Position, Velocity
 
 SETPOINT, COMMAND = 84, 76
 """Ids of SET_POSITION_TARGET_LOCAL_NED and COMMAND_LONG."""
@@ -30,6 +33,7 @@ class Flight:
         self.mode = "hold"
         self.position = (1.0, 2.0, -5.0)
         self.velocity = (0.0, 0.0, 0.0)
+        self.armed = self.failsafe = False
         self.loop_alive = True
         self.loop_message_s = self.now_s
         self.last_snapshot = None
@@ -38,7 +42,10 @@ class Flight:
 
     def snapshot(self):
         if self.loop_alive or self.last_snapshot is None:
-            self.last_snapshot = Snapshot(self.now_s, self.mode, self.position, self.velocity, 0.25)
+            self.last_snapshot = Snapshot(
+                self.now_s, self.mode, self.position, self.velocity, 0.25,
+                armed=self.armed, failsafe=self.failsafe,
+            )  # fmt: skip
         return self.last_snapshot
 
     def send_payload(self, msg_id, payload):
@@ -234,6 +241,119 @@ def test_leaving_offboard_ends_the_stream(mode):
     assert flight.run(2.0) == []
     assert flight.report_codes() == ["left_offboard"]
     assert not flight.change(HOVER, valid_for_s=1)
+
+
+def in_failsafe(setpoint=NORTH, mode="position", **validity):
+    """A flight whose vehicle has left Offboard for its failsafe, 10 m north of its start."""
+    flight = start_flight(setpoint, **{"valid_for_s": 60, **validity})
+    flight.armed = True
+    flight.run(0.5)
+    flight.mode, flight.failsafe, flight.position = mode, True, (10.0, 2.0, -4.0)
+    return flight
+
+
+@pytest.mark.parametrize("mode", ["position", "altitude", "hold"])
+def test_a_failsafe_interrupts_the_stream_which_keeps_the_vehicle_at_its_place(mode):
+    flight = in_failsafe(mode=mode)
+    assert {sent["position"] for _, _, sent in flight.run(0.5)} == {(10.0, 2.0, -4.0)}
+    flight.position = (11.0, 2.0, -3.0)  # the failsafe sinks
+    assert flight.run(0.5)[-1][2]["position"] == (11.0, 2.0, -3.0)
+    assert flight.stream.phase == "interrupted"
+    assert not flight.change(NORTH, valid_for_s=60), "a setpoint was accepted that the vehicle does not fly"
+    flight.mode, flight.failsafe = "offboard", False
+    flight.run(0.1)
+    flight.position = (11.5, 2.0, -3.0)
+    assert flight.run(0.5)[-1][2]["position"] == (11.0, 2.0, -3.0)
+    assert flight.change(NORTH, valid_for_s=60)
+    assert (flight.run(0.1)[-1][2]["mask"], flight.stream.phase) == (VELOCITY_AND_YAW, "streaming")
+    assert flight.report_codes() == ["interrupted", "interrupted"]
+
+
+def test_after_an_interruption_without_a_new_setpoint_the_vehicle_is_put_into_hold():
+    flight = in_failsafe(on_expiry=OnExpiry("hold", hold_for_s=1.0))
+    flight.run(2.0)
+    flight.mode, flight.failsafe = "offboard", False
+    requests = [sent["main_mode"] for _, msg_id, sent in flight.run(2.0) if msg_id == COMMAND]
+    assert requests
+    flight.mode = "hold"
+    assert flight.run(1.0) == []
+
+
+@pytest.mark.parametrize("mode", ["rtl", "land", "precision_land"])
+def test_a_return_or_landing_of_the_failsafe_is_not_interrupted_by_setpoints(mode):
+    flight = in_failsafe(mode=mode)
+    assert flight.run(2.0) == []
+    assert flight.report_codes() == ["left_offboard"]
+
+
+def test_a_failsafe_that_lasts_or_whose_vehicle_has_no_position_ends_the_stream():
+    flight = in_failsafe()
+    assert 4.9 < flight.run(10.0)[-1][0] - 101.7 < 5.1
+    assert flight.report_codes() == ["interrupted", "left_offboard"]
+    flight = in_failsafe()
+    flight.position = None
+    assert flight.run(10.0)[-1][0] - 101.7 < 0.6
+
+
+def test_a_pilot_who_selects_a_mode_during_a_failsafe_ends_the_stream():
+    flight = in_failsafe()
+    flight.run(0.5)
+    flight.failsafe = False
+    assert flight.run(5.0) == []
+    assert flight.stream.phase == "idle"
+
+
+def test_a_client_that_wants_the_failsafe_gets_no_interruption():
+    flight = in_failsafe(on_expiry=OnExpiry("stop_stream"))
+    assert flight.run(2.0) == []
+
+
+def test_an_interrupted_stream_that_is_stopped_requests_hold_and_ends():
+    flight = in_failsafe()
+    flight.run(0.5)
+    flight.stream.request_stop(flight.now_s, flight.snapshot())
+    flight.stream.end("stopped", "stopped by the client")
+    assert flight.run(5.0) == []
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_after_a_gap_a_path_goes_on_only_if_the_vehicle_has_followed_it(follows):
+    line = Path((PathPoint(0.0, (0.0, 2.0, -5.0)), PathPoint(20.0, (60.0, 2.0, -5.0))))
+    flight = start_flight(line, valid_for_s=60)
+    flight.run(2.0)
+    flight.position = None
+    on_path = flight.run(2.6)[-1][2]["position"]
+    flight.position = place = on_path if follows else (on_path[0] - 3.0, 2.0, -4.0)
+    sent = flight.run(0.5)[-1][2]["position"]
+    assert flight.stream.phase == ("streaming" if follows else "interrupted")
+    assert sent[0] > on_path[0] if follows else sent == pytest.approx(place)
+
+
+def test_the_stream_never_leads_a_recorded_px4_away_from_its_place_after_a_gap(reference_data):
+    """Every gap in which a real PX4 left Offboard, as the server sees it: modes and positions, 10 m high."""
+    cases = json.loads((reference_data / "px4/items/link_gap.json").read_text())["cases"]
+    left = [case for case in cases if case["clean"] and case["left_offboard_s"] is not None]
+    assert len(left) >= 8
+    for case in left:
+        rows, flight, seen_failsafe = case["rows_every_0.2s"], Flight(), False
+        start_ned_m = (rows[0][1], 0.0, rows[0][2])
+        flight.position, flight.armed = start_ned_m, True
+        path = Path((PathPoint(0.0, start_ned_m), PathPoint(40.0, (120.0, 0.0, -10.0))))
+        flight.begin(path, valid_for_s=60)
+        flight.engage()
+        for (t_s, x, z, vx, vz, custom_mode), (next_s, *_) in itertools.pairwise(rows):
+            flight.mode = BY_CUSTOM_MODE[custom_mode].name
+            flight.failsafe = flight.mode != "offboard"
+            flight.position, flight.velocity = (x, 0.0, z), (vx, 0.0, vz)
+            sent = [fields for _, _, fields in flight.run(next_s - t_s)]
+            seen_failsafe |= flight.failsafe
+            if flight.failsafe and sent:
+                away_m = math.dist(sent[-1]["position"], flight.position)
+                assert away_m < 1.5, (case["gap_s"], t_s, flight.mode)
+            if flight.mode in ("rtl", "land"):
+                assert sent == []
+        assert seen_failsafe
+        assert flight.stream.phase in ("idle", "interrupted", "to_hold"), "the path was flown on"
 
 
 def test_a_stopped_stream_holds_the_position_until_its_end_and_then_sends_nothing():

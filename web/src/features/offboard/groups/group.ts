@@ -76,6 +76,7 @@ export function stateLabel(group: Group, now_unix_s: number): { text: string; to
 const STREAM_TEXTS: Readonly<Record<string, string>> = {
   idle: 'no stream',
   starting: 'switching to Offboard',
+  interrupted: 'interrupted by its failsafe: holds its position',
   holding: 'expired: holds its position',
   to_hold: 'switches to Hold',
   landing: 'expired: lands',

@@ -132,6 +132,7 @@ describe('an offboard mission in flight', () => {
     expect(deviationText(FLIGHT)).toBe('0.3 m position error');
     expect(deviationText(flightWith({ deviation_m: null }))).toBeNull();
     expect(stateLabel(flightWith({ state: 'suspended' }))).toEqual({ text: 'Interrupted by another mode', tone: 'caution' });
+    expect(stateLabel(flightWith({ state: 'not_following' }))).toMatchObject({ tone: 'caution' });
     expect(lastFlightText(flightWith({ state: 'aborted' }), 'Quad 1')).toBe(`Last flight of “${FLIGHT.name}” by Quad 1: aborted.`);
     expect(stateLabel(flightWith({ state: 'starting' })).text).toBe('Switching to Offboard');
     expect(stateLabel(flightWith({ state: 'starting', mode: 'external_1' })).text).toBe('Starting');

@@ -19,6 +19,7 @@ const STATE_TEXTS: Readonly<Record<State, string>> = {
   taking_off: 'Taking off',
   starting: 'Switching to Offboard',
   flying: 'Flying',
+  not_following: 'Waiting: the vehicle does not follow',
   waiting: 'Waiting',
   pausing: 'Pausing',
   paused: 'Paused',
@@ -37,7 +38,7 @@ export function hasEnded(flight: MissionFlight): boolean {
 export function stateLabel(flight: MissionFlight): { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' } {
   const text = flight.state === 'starting' && flight.mode !== 'offboard' ? 'Starting' : STATE_TEXTS[flight.state];
   if (flight.state === 'done') return { text, tone: 'ok' };
-  if (hasEnded(flight) || flight.state === 'suspended') return { text, tone: 'caution' };
+  if (hasEnded(flight) || flight.state === 'suspended' || flight.state === 'not_following') return { text, tone: 'caution' };
   return { text, tone: flight.state === 'paused' ? 'dim' : 'target' };
 }
 
