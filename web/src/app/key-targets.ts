@@ -53,6 +53,15 @@ export function characterOf(event: { readonly key: string; readonly code: string
   return event.key === event.key.toLowerCase() ? letter.toLowerCase() : letter;
 }
 
+/**
+ * Whether a held Space or Enter repeats on the element: only where it types a character. A held key presses a button, or submits
+ * a form, once.
+ */
+export function mayRepeat(key: string, target: KeyTarget | null): boolean {
+  if (key !== ' ' && key !== 'Enter') return true;
+  return takesText(target) && (key === ' ' || target?.tagName?.toUpperCase() !== 'INPUT');
+}
+
 /** Whether the element is a control, which handles Space, Enter and arrows itself. A focused panel is not a control. */
 export function isControl(target: KeyTarget | null): boolean {
   return target !== null && target.tagName?.toUpperCase() !== 'BODY' && (target.tabIndex ?? -1) >= 0;

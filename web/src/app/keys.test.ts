@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { KeyGuard } from './key-guard';
-import { characterOf, isControl, isShortcut, takesText, hasTypeAhead, type KeyTarget } from './key-targets';
+import { characterOf, isControl, isShortcut, mayRepeat, takesText, hasTypeAhead, type KeyTarget } from './key-targets';
 import { Shortcuts } from './shortcuts.svelte';
 
 const input = (type?: string, more: object = {}): KeyTarget => ({ tagName: 'INPUT', tabIndex: 0, ...(type === undefined ? {} : { type }), ...more });
@@ -110,6 +110,12 @@ describe('a key pressed on one control', () => {
     expect(guard.blocksKeyDown({ key: ' ', target: 'Up 1 m more', repeat: true })).toBe(true);
     expect(guard.blocksKeyUp({ key: ' ', target: 'Up 1 m more' })).toBe(true);
     expect(guard.blocksKeyDown({ key: ' ', target: 'Up 1 m more' })).toBe(false);
+  });
+  it('presses the control once, however long it is held', () => {
+    const [button, field, text] = ['BUTTON', 'INPUT', 'TEXTAREA'].map((tagName) => ({ tagName, type: 'text' }));
+    expect([' ', 'Enter'].map((key) => mayRepeat(key, button ?? null))).toEqual([false, false]);
+    expect([' ', 'Enter'].map((key) => mayRepeat(key, field ?? null))).toEqual([true, false]); // Enter submits the form
+    expect([mayRepeat('Enter', text ?? null), mayRepeat('ArrowUp', button ?? null), mayRepeat('a', null)]).toEqual([true, true, true]);
   });
   it('does not affect other keys', () => {
     const guard = new KeyGuard<string>();

@@ -5,7 +5,7 @@
  */
 
 import { KeyGuard } from './key-guard';
-import { characterOf, isShortcut, type KeyTarget } from './key-targets';
+import { characterOf, isShortcut, mayRepeat, type KeyTarget } from './key-targets';
 import { page } from './page.svelte';
 import { registry } from './registry.svelte';
 import { actions } from './vehicle-actions.svelte';
@@ -49,7 +49,8 @@ export function listenToKeys(target: Window): () => void {
   };
   // Runs before any control handles the event: a key pressed on one control must not act on another control.
   const guardDown = (event: KeyboardEvent): void => {
-    if (guard.blocksKeyDown(event)) stop(event);
+    const isHeldDown = event.repeat && !mayRepeat(event.key, event.target as KeyTarget | null);
+    if (guard.blocksKeyDown(event) || isHeldDown) stop(event);
   };
   const guardUp = (event: KeyboardEvent): void => {
     if (guard.blocksKeyUp(event)) event.preventDefault(); // not stopped: a control that waits for the key's release still gets the event

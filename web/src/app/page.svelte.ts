@@ -185,6 +185,11 @@ class Page {
     return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);
   }
 
+  /** Identifies the vehicle that has this id now; null: none. The value changes when the vehicle is replaced by another. */
+  identify(id: string): object | null {
+    return this.store.vehicles.get(id)?.incarnation ?? null;
+  }
+
   /** Whether the server streams setpoints to a vehicle now. */
   isStreaming(id: string): boolean {
     return readOffboard(this.store.vehicles.get(id)?.newestSample('offboard')?.value)?.streaming ?? false;

@@ -1,6 +1,7 @@
 /** Shared by all features: the vehicle actions, and the queue of commands for each vehicle. */
 
 import { CommandQueue } from '../api/command-queue';
+import { CommandGate } from './actions/command.svelte';
 import { ActionController } from './actions/controller.svelte';
 import { page } from './page.svelte';
 import { registry } from './registry.svelte';
@@ -10,6 +11,9 @@ export const nowS = (): number => performance.now() / 1000;
 
 export const commandQueue = new CommandQueue();
 
+/** Sends each command of this page once, and only to the vehicles for which it was given. */
+export const commandGate = new CommandGate((id) => page.identify(id), nowS);
+
 export const nameOf = (id: string): string => page.factsOf(id)?.name ?? `Vehicle ${id}`;
 
 export const actions = new ActionController(
@@ -17,6 +21,8 @@ export const actions = new ActionController(
   nowS,
   (facts, streamStart) => service('offboard').start(facts, streamStart),
   (id) => page.factsOf(id),
+  commandGate,
+  () => page.selectedId,
 );
 
 registry.addCloser({ order: 0, isOpen: () => actions.confirmation !== null, close: () => actions.cancelConfirmation() });

@@ -2,7 +2,7 @@
 
 import { beforeEach, describe, expect, it } from 'vitest';
 import type { ApiClient } from '../api/client';
-import type { ActionController } from '../app/actions/controller.svelte';
+import { ActionController } from '../app/actions/controller.svelte';
 import { provide } from '../app/services';
 import type { Gimbal } from '../live/topics';
 import type { VehicleFacts } from '../vehicle/facts';
@@ -46,11 +46,12 @@ describe('a vehicle with two gimbals', () => {
       return { ok: true, value: { in_control: true, roi: null, limited: null } };
     };
     const api = { get: respond, post: respond } as unknown as ApiClient;
-    const actions = {
-      pending: null,
-      dismissRefusal: () => undefined,
-      attempt: async (_commandName: string, _facts: unknown, _pagePart: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
-    } as unknown as ActionController;
+    const actions = new ActionController(
+      api,
+      () => 0,
+      () => Promise.reject(new Error('not requested')),
+      () => facts,
+    );
     gimbal = new GimbalControl(api, actions);
     provide('gimbal', gimbal);
     menu = new MapPointMenu(api, actions, () => 0);
@@ -62,6 +63,21 @@ describe('a vehicle with two gimbals', () => {
     gimbal.select(facts, gimbalKey(second));
     expect(gimbalKey(gimbal.withSelectedGimbal(facts))).toBe(gimbalKey(second));
     expect(gimbalKey(gimbal.withSelectedGimbal(vehicle('8')))).toBe('8/1.1');
+  });
+
+  it('has a target and a yaw lock of its own for each gimbal of each vehicle', () => {
+    gimbal.point(facts, { pitch_deg: -20, yaw_deg: 0 });
+    gimbal.setYawLock(facts, true);
+    expect([gimbal.targetAnglesOf(facts)?.pitch_deg, gimbal.yawLock(facts)]).toEqual([-20, true]);
+    expect([gimbal.targetAnglesOf(vehicle('8')), gimbal.yawLock(vehicle('8'))]).toEqual([null, false]);
+  });
+
+  it('stops the gimbal that was turned, although another vehicle’s gimbal is commanded meanwhile', async () => {
+    gimbal.turn(facts, 1, 0);
+    gimbal.stop();
+    gimbal.point(vehicle('8'), { pitch_deg: 0, yaw_deg: 0 });
+    await new Promise((resolve) => setTimeout(resolve));
+    expect(calls.map(({ path }) => path.split('/').at(-1))).toEqual(['rates', 'angles', 'rates']);
   });
 
   it.each([

@@ -10,6 +10,8 @@ export interface Identity {
   system_id: number | null;
   autopilot: number | null;
   vehicle_type: number | null;
+  /** The autopilot's unique id. */
+  uid: string | null;
   /** Null until it is known whether the vehicle is simulated. */
   simulated: boolean | null;
   replayed: boolean;
@@ -21,6 +23,7 @@ export const UNKNOWN_IDENTITY: Identity = {
   system_id: null,
   autopilot: null,
   vehicle_type: null,
+  uid: null,
   simulated: null,
   replayed: false,
   firmware: null,
@@ -55,6 +58,8 @@ const MAX_MESSAGES = 200;
 export class VehicleState {
   readonly id: string;
   identity: Identity = UNKNOWN_IDENTITY;
+  /** Identifies the vehicle behind the id: replaced when another vehicle reports under the id. */
+  incarnation: object = {};
   readonly trail = new Trail();
   flight: FlightClock = NO_FLIGHT;
   /** Messages, newest first. */
@@ -80,10 +85,15 @@ export class VehicleState {
       received_unix_s: sample.received_unix_s,
       period_s: updatedPeriod(previousSample?.period_s ?? null, gap),
     });
-    if (sample.topic === 'identity') this.identity = toIdentity(sample.value);
+    if (sample.topic === 'identity') this.setIdentity(toIdentity(sample.value));
     if (sample.topic === 'status') this.flight = updatedClock(this.flight, sample.value as Status, sample.received_unix_s);
     if (sample.topic === 'global_position') this.trail.add(sample.value as GlobalPosition);
     return true;
+  }
+
+  private setIdentity(identity: Identity): void {
+    if (isOtherVehicle(this.identity, identity)) this.incarnation = {};
+    this.identity = identity;
   }
 
   /** Adds older samples, oldest first, to trail and flight time; the newest values do not change. */
@@ -146,6 +156,15 @@ export function severityNumber(severity: string | number | null): number {
   return index === -1 ? 6 : index;
 }
 
+/** Whether two identities are of different vehicles; a value that is not known yet is no difference. */
+function isOtherVehicle(before: Identity, now: Identity): boolean {
+  const fields = ['system_id', 'autopilot', 'vehicle_type', 'uid'] as const;
+  return (
+    fields.some((field) => before[field] !== null && now[field] !== null && before[field] !== now[field]) ||
+    (before.system_id !== null && before.replayed !== now.replayed)
+  );
+}
+
 /** Reads the known fields of an identity; other versions of the server may send more or fewer fields. */
 function toIdentity(value: unknown): Identity {
   if (typeof value !== 'object' || value === null) return UNKNOWN_IDENTITY;
@@ -155,6 +174,7 @@ function toIdentity(value: unknown): Identity {
     system_id: number('system_id'),
     autopilot: number('autopilot'),
     vehicle_type: number('vehicle_type'),
+    uid: typeof raw['uid'] === 'string' ? raw['uid'] : null,
     simulated: typeof raw['simulated'] === 'boolean' ? raw['simulated'] : null,
     replayed: raw['replayed'] === true,
     firmware: typeof raw['firmware'] === 'string' ? raw['firmware'] : null,

@@ -17,46 +17,35 @@ import {
   type GotoTarget,
 } from './actions';
 import type { StreamStart } from '../../vehicle/setpoint';
+import { closingProblem, CommandGate, DOUBLE_CLICK, type Command, type CommandToConfirm, type FixedVehicles, type Given } from './command.svelte';
 import { ConfirmationSlider } from './confirmation';
 
 /** The part of the page that contains the pressed button and shows the refusal. `stage`: map and 3D view; `offboard`: the offboard card. */
 export type PagePart = 'actionBar' | 'offboard' | 'offboardRoom' | 'gimbal' | 'camera' | 'stage' | 'control';
 
-/** A command whose request and confirmation texts the caller provides, for example for a group or a mission. */
-export interface CommandToConfirm {
-  commandName: string;
-  /** Name of the vehicle, or names of several vehicles as one text. */
-  vehicleNames: string;
-  /** Returns the present texts of the confirmation. */
-  texts: () => ConfirmationTexts;
-  /** Sends the command after the confirmation. */
-  send: () => Promise<Outcome<unknown>>;
-}
-
-/** Used as the vehicle id of a `CommandToConfirm`, which may be for several vehicles. */
-export const SEVERAL_VEHICLES = 'several';
+/** The vehicle of a request without a confirmation, or all its vehicles. */
+export type CommandTarget = { readonly name: string; readonly part?: string; readonly stops?: boolean; readonly series?: boolean } & (
+  { readonly id: string } | { readonly vehicles: readonly string[] }
+);
 
 export interface PendingConfirmation {
-  action: ActionName;
+  /** The vehicle action that the command is; null: another command. */
+  action: ActionName | null;
   pagePart: PagePart;
-  facts: VehicleFacts;
-  target: GotoTarget | null;
-  /** The stream's first setpoint; null: hold the vehicle's position. */
-  streamStart: StreamStart | null;
-  /** Null: the command and its texts are those of `action`. */
-  command: CommandToConfirm | null;
-  /** The texts when the confirmation was opened. */
-  initialTexts: ConfirmationTexts;
+  command: CommandToConfirm;
+  given: Given;
   slider: ConfirmationSlider;
 }
 
 export interface RunningCommand {
   id: number;
-  action: ActionName;
+  /** The vehicle action that the command is; null: another command. */
+  action: ActionName | null;
   /** The command's name, for the progress text. */
   commandName: string;
   pagePart: PagePart;
-  vehicle: string;
+  /** The vehicle's id; null: a command for several vehicles. */
+  vehicle: string | null;
   vehicleName: string;
   /** The server's latest progress text; null before the first text. */
   progressText: string | null;
@@ -76,6 +65,8 @@ const DEFAULT_TAKEOFF_ALT_HOME_M = 10;
 const IGNORE_KEYS_S = 0.6;
 /** Name of PX4's parameter for the return altitude [m above home]. */
 const RETURN_ALT_PARAM = 'RTL_RETURN_ALT';
+/** Actions that make the vehicle stop what it is doing. */
+const STOPS: ReadonlySet<ActionName> = new Set(['hold', 'land_now', 'kill']);
 /** The API's limits of the take-off altitude [m above home]. */
 export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
 
@@ -107,14 +98,14 @@ export class ActionController {
     private readonly startOffboard: (facts: VehicleFacts, streamStart: StreamStart | null) => Promise<Outcome<unknown>>,
     /** Reads the vehicle's present state; the vehicle may have moved since the confirmation was opened. */
     private readonly readFacts: (id: string) => VehicleFacts | null,
+    readonly gate = new CommandGate(),
+    /** The vehicle that the page shows. */
+    private readonly selectedId: () => string | null = () => null,
   ) {}
 
-  /** The confirmation's texts with the vehicle's present altitude. */
+  /** The confirmation's present texts. */
   textsFor(confirmation: PendingConfirmation): ConfirmationTexts {
-    const { action, facts, target, streamStart } = confirmation;
-    return (
-      confirmation.command?.texts() ?? confirmationTexts(action, this.actionFactsOf(this.currentFacts(facts)), target, streamStart) ?? confirmation.initialTexts
-    );
+    return confirmation.command.texts();
   }
 
   /** Handles a button or key: opens the confirmation, sends an action without confirmation immediately, or shows why the action is not possible. */
@@ -127,54 +118,66 @@ export class ActionController {
   ): void {
     if (facts === null || (action === 'goto' && target === null)) return;
     this.dismissRefusal(pagePart);
-    const reason = reasonUnavailable(action, { ...this.actionFactsOf(facts), lost: facts.lost, replayed: facts.replayed });
-    if (reason !== null) {
+    const problem = this.unavailableProblem(action, facts);
+    if (problem !== null) {
       this.confirmation = null;
-      this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem: notPossibleNow(reason) } };
+      this.showProblem(ACTION_NAMES[action], facts.name, pagePart, problem);
       return;
     }
-    const controlRefusal = controlProblem(action, this.actionFactsOf(facts).controlHolder ?? null);
-    if (controlRefusal !== null) {
-      this.confirmation = null;
-      const problem: Problem = {
-        ...notPossibleNow(controlRefusal.detail),
-        title: 'Another client has control',
-        code: 'not_in_control',
-        remedy: controlRefusal.remedy,
-      };
-      this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem } };
-      return;
-    }
-    const texts = confirmationTexts(action, this.actionFactsOf(facts), target, streamStart);
-    if (texts === null) {
-      this.confirmation = null;
-      void this.run(action, facts, pagePart);
-      return;
-    }
-    this.confirmation = {
-      action,
-      pagePart,
-      facts,
-      target,
-      streamStart,
-      command: null,
-      initialTexts: texts,
-      slider: new ConfirmationSlider(texts.danger, this.nowS()),
+    const initialTexts = confirmationTexts(action, this.actionFactsOf(facts), target, streamStart);
+    const command: Command = {
+      name: ACTION_NAMES[action],
+      vehicles: [facts.id],
+      vehicleNames: facts.name,
+      stops: STOPS.has(action),
+      send: async () => {
+        const outcome = await this.sendOrStartStream(action, this.currentFacts(facts), target, streamStart);
+        target?.onResult?.(outcome.ok);
+        return outcome;
+      },
     };
-    this.sliderProgress = 0;
-    this.remaining_s = this.confirmation.slider.remaining_s(this.nowS());
-    this.takeoffProblem = null;
+    if (initialTexts === null) {
+      this.confirmation = null;
+      void this.run(action, command, pagePart);
+      return;
+    }
+    const texts = (): ConfirmationTexts => confirmationTexts(action, this.actionFactsOf(this.currentFacts(facts)), target, streamStart) ?? initialTexts;
+    this.ask(action, { ...command, texts }, pagePart);
     if (action === 'rtl') void this.loadReturnAltitude(facts.id);
   }
 
-  /** Opens the confirmation of a command. @param facts the selected vehicle. */
-  requestCommand(command: CommandToConfirm, facts: VehicleFacts, pagePart: PagePart): void {
+  /** What is true now, for a command that a person gives now and that is sent or confirmed later. */
+  give(vehicles: readonly string[]): Given {
+    return { fixed: this.gate.fix(vehicles), selectedId: this.selectedId() };
+  }
+
+  /** Opens the confirmation of a command. @param given when the person gave the command; before the page saved a plan, for example. */
+  requestCommand(command: CommandToConfirm, pagePart: PagePart, given = this.give(command.vehicles)): void {
     this.dismissRefusal(pagePart);
-    const texts = command.texts();
-    const slider = new ConfirmationSlider(texts.danger, this.nowS());
-    this.confirmation = { action: 'offboard_start', pagePart, facts, target: null, streamStart: null, command, initialTexts: texts, slider };
+    const problem = closingProblem(command, given, this.selectedId());
+    if (problem === null) this.ask(null, command, pagePart, given);
+    else this.showProblem(command.name, command.vehicleNames, pagePart, problem);
+  }
+
+  /** Opens a confirmation; instead of it shows that the same command has no answer yet. */
+  private ask(action: ActionName | null, command: CommandToConfirm, pagePart: PagePart, given = this.give(command.vehicles)): void {
+    this.confirmation = null;
+    const problem = this.gate.waitingProblem(command);
+    if (problem !== null) return this.showProblem(command.name, command.vehicleNames, pagePart, problem);
+    const slider = new ConfirmationSlider(command.texts().danger, this.nowS());
+    this.confirmation = { action, pagePart, command, given, slider };
     this.sliderProgress = 0;
     this.remaining_s = slider.remaining_s(this.nowS());
+    this.takeoffProblem = null;
+  }
+
+  /** Why an action is not possible now; null: it is possible. */
+  private unavailableProblem(action: ActionName, facts: VehicleFacts): Problem | null {
+    const reason = reasonUnavailable(action, { ...this.actionFactsOf(facts), lost: facts.lost, replayed: facts.replayed });
+    if (reason !== null) return notPossibleNow(reason);
+    const refusal = controlProblem(action, this.actionFactsOf(facts).controlHolder ?? null);
+    if (refusal === null) return null;
+    return { ...notPossibleNow(refusal.detail), title: 'Another client has control', code: 'not_in_control', remedy: refusal.remedy };
   }
 
   /**
@@ -220,20 +223,24 @@ export class ActionController {
     this.refusals = { ...this.refusals, [pagePart]: undefined };
   }
 
-  /** Once per animation frame: sends a confirmed command, and closes a confirmation that expired or whose vehicle is no longer selected. */
+  /**
+   * Once per animation frame: sends a confirmed command, and closes a confirmation that expired. Closes it with a word if one of
+   * its vehicles was removed or replaced, or if a vehicle was selected that the command is not for.
+   */
   onFrame(selectedId: string | null): void {
     const confirmation = this.confirmation;
     if (confirmation === null) return;
     const now = this.nowS();
-    const phase = confirmation.command !== null || confirmation.facts.id === selectedId ? confirmation.slider.updatePhase(now) : 'cancelled';
-    this.sliderProgress = confirmation.slider.progress();
-    this.remaining_s = confirmation.slider.remaining_s(now);
+    const { action, command, given, pagePart, slider } = confirmation;
+    const problem = closingProblem(command, given, selectedId);
+    const phase = problem === null ? slider.updatePhase(now) : 'cancelled';
+    this.sliderProgress = slider.progress();
+    this.remaining_s = slider.remaining_s(now);
     if (phase === 'asking') return;
     this.confirmation = null;
     if (phase !== 'confirmed') this.closedWithoutKey_s = now;
-    if (phase === 'confirmed' && confirmation.command !== null) void this.runCommand(confirmation.command, confirmation.pagePart);
-    else if (phase === 'confirmed')
-      void this.run(confirmation.action, confirmation.facts, confirmation.pagePart, confirmation.target, confirmation.streamStart);
+    if (problem !== null) this.showProblem(command.name, command.vehicleNames, 'actionBar', problem);
+    if (phase === 'confirmed') void this.run(action, command, pagePart, given.fixed);
   }
 
   /** Shows a problem that was not caused by a button, as a refusal in `pagePart`. */
@@ -242,54 +249,44 @@ export class ActionController {
   }
 
   /**
-   * Sends a request without asking for confirmation, and shows a refusal in `pagePart`.
+   * Sends a request without asking for confirmation, and shows a refusal in `pagePart`. A request that has no answer yet is not
+   * sent a second time.
    * @returns whether the server accepted the request.
    */
-  async attempt<T>(commandName: string, facts: Pick<VehicleFacts, 'name'>, pagePart: PagePart, sendRequest: () => Promise<Outcome<T>>): Promise<boolean> {
-    const outcome = await sendRequest();
-    const refusal = outcome.ok ? undefined : { commandName, vehicleName: facts.name, problem: outcome.problem };
-    this.refusals = { ...this.refusals, [pagePart]: refusal };
-    return outcome.ok;
-  }
-
-  private async run(
-    action: ActionName,
-    facts: VehicleFacts,
+  async attempt<T>(
+    commandName: string,
+    target: CommandTarget,
     pagePart: PagePart,
-    target: GotoTarget | null = null,
-    streamStart: StreamStart | null = null,
-  ): Promise<void> {
-    const runningCommand: RunningCommand = {
-      id: this.nextId++,
-      action,
-      commandName: ACTION_NAMES[action],
-      pagePart,
-      vehicle: facts.id,
-      vehicleName: facts.name,
-      progressText: null,
-      fraction: null,
-    };
-    this.runningCommands = [...this.runningCommands, runningCommand];
-    const current = this.currentFacts(facts);
-    const accepted = await this.attempt(runningCommand.commandName, current, pagePart, () => this.sendOrStartStream(action, current, target, streamStart));
-    this.runningCommands = this.runningCommands.filter((r) => r.id !== runningCommand.id);
-    target?.onResult?.(accepted);
+    sendRequest: (fixed: FixedVehicles) => Promise<Outcome<T>>,
+    fixed?: FixedVehicles,
+  ): Promise<boolean> {
+    const { name: vehicleName, part = '', stops = false, series = false } = target;
+    const vehicles = 'vehicles' in target ? target.vehicles : [target.id];
+    return this.show(await this.gate.run({ name: commandName, vehicles, part, stops, series }, sendRequest, fixed), commandName, vehicleName, pagePart);
   }
 
-  private async runCommand({ commandName, vehicleNames, send }: CommandToConfirm, pagePart: PagePart): Promise<void> {
-    const runningCommand: RunningCommand = {
-      id: this.nextId++,
-      action: 'offboard_start',
-      commandName,
-      pagePart,
-      vehicle: SEVERAL_VEHICLES,
-      vehicleName: vehicleNames,
-      progressText: null,
-      fraction: null,
+  /** Shows the outcome of a command in `pagePart`. @returns whether the server accepted the command. */
+  private show(outcome: Outcome<unknown>, commandName: string, vehicleName: string, pagePart: PagePart): boolean {
+    // The refusal of a command to another vehicle stays.
+    if (outcome.ok && this.refusals[pagePart]?.vehicleName === vehicleName) this.dismissRefusal(pagePart);
+    if (outcome.ok) return true;
+    if (outcome.problem.code !== DOUBLE_CLICK) this.showProblem(commandName, vehicleName, pagePart, outcome.problem);
+    return false;
+  }
+
+  private async run(action: ActionName | null, command: Command, pagePart: PagePart, fixed?: FixedVehicles): Promise<void> {
+    const send = async (): Promise<Outcome<unknown>> => {
+      const { name: commandName, vehicles, vehicleNames: vehicleName } = command;
+      const vehicle = vehicles.length === 1 ? (vehicles[0] ?? null) : null;
+      const id = this.nextId++;
+      this.runningCommands = [...this.runningCommands, { id, action, commandName, pagePart, vehicle, vehicleName, progressText: null, fraction: null }];
+      try {
+        return await command.send();
+      } finally {
+        this.runningCommands = this.runningCommands.filter((r) => r.id !== id);
+      }
     };
-    this.runningCommands = [...this.runningCommands, runningCommand];
-    await this.attempt(commandName, { name: vehicleNames }, pagePart, send);
-    this.runningCommands = this.runningCommands.filter((r) => r.id !== runningCommand.id);
+    this.show(await this.gate.run(command, send, fixed), command.name, command.vehicleNames, pagePart);
   }
 
   private sendOrStartStream(action: ActionName, facts: VehicleFacts, target: GotoTarget | null, streamStart: StreamStart | null): Promise<Outcome<unknown>> {

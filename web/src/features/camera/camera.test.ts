@@ -1,6 +1,6 @@
 import { beforeEach, describe, expect, it } from 'vitest';
 import type { ApiClient } from '../../api/client';
-import type { ActionController } from '../../app/actions/controller.svelte';
+import { ActionController } from '../../app/actions/controller.svelte';
 import type { Component } from '../../live/topics';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { CameraControl, reasonNoPhoto } from './control.svelte';
@@ -21,13 +21,18 @@ describe('the cameras of a vehicle', () => {
     accepted = true;
     const post = async (path: string, request: unknown): Promise<unknown> => {
       calls.push([path, request]);
-      return { ok: accepted };
+      return accepted ? { ok: true, value: null } : { ok: false, problem: { code: 'rejected' } };
     };
-    const actions = {
-      dismissRefusal: () => undefined,
-      attempt: async (_commandName: string, _facts: unknown, _pagePart: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
-    } as unknown as ActionController;
-    control = new CameraControl({ post } as unknown as ApiClient, actions);
+    const api = { post } as unknown as ApiClient;
+    control = new CameraControl(
+      api,
+      new ActionController(
+        api,
+        () => 0,
+        () => Promise.reject(new Error('not requested')),
+        () => facts,
+      ),
+    );
   });
 
   it('have a default selection: the first connected camera', () => {

@@ -17,8 +17,9 @@ export function reasonNoPhoto(facts: VehicleFacts, camera: Component): string | 
   return camera.lost ? 'No connection to the camera.' : null;
 }
 
+const PHOTO = 'Take photo';
+
 export class CameraControl {
-  busy = $state(false);
   /** The camera with which this page took its last photo. */
   private lastPhotoCamera = $state.raw<{ vehicle: string; camera: number } | null>(null);
   /** Component id of the camera that a person has selected, by vehicle. */
@@ -46,15 +47,18 @@ export class CameraControl {
     return this.lastPhotoCamera?.vehicle === facts.id && this.lastPhotoCamera.camera === camera.component_id;
   }
 
+  /** Whether the camera has not answered the request for a photo yet. */
+  isBusy(facts: VehicleFacts, camera: Component): boolean {
+    return this.actions.gate.isWaiting({ name: PHOTO, vehicles: [facts.id], part: String(camera.component_id) });
+  }
+
   async takePhoto(facts: VehicleFacts, camera: Component): Promise<void> {
-    if (this.busy || reasonNoPhoto(facts, camera) !== null) return;
-    this.busy = true;
+    if (reasonNoPhoto(facts, camera) !== null) return;
     this.lastPhotoCamera = null;
     const component = camera.component_id;
-    const accepted = await this.actions.attempt('Take photo', facts, 'camera', () =>
+    const accepted = await this.actions.attempt(PHOTO, { id: facts.id, name: facts.name, part: String(component) }, 'camera', () =>
       this.api.post('/vehicles/{v}/camera/picture', { params: { path: { v: facts.id }, query: { component } } }),
     );
-    this.busy = false;
     if (accepted) this.lastPhotoCamera = { vehicle: facts.id, camera: component };
   }
 }

@@ -3,7 +3,8 @@
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { components } from '../../api/schema';
 import type { ApiClient, Outcome } from '../../api/client';
-import type { ActionController } from '../../app/actions/controller.svelte';
+import type { FixedVehicles } from '../../app/actions/command.svelte';
+import type { ActionController, CommandTarget } from '../../app/actions/controller.svelte';
 import { LatestSender } from './latest-sender';
 import { gimbalKey, angleLimits, gimbalParams, withGimbal, type Angles } from '../../vehicle/gimbal';
 import { clamp } from './pad';
@@ -20,15 +21,23 @@ export type Roi = components['schemas']['Roi'];
 
 interface QueuedCommand {
   facts: VehicleFacts;
+  /** The vehicle as it was when the command was given. */
+  fixed: FixedVehicles;
   send: () => Promise<Outcome<unknown>>;
 }
 
+const TAKE = 'Take gimbal control';
+const RELEASE = 'Release gimbal control';
+const CLEAR_ROI = 'Clear ROI';
+
+/** The gimbal as the target of a command: a vehicle may have several gimbals. */
+const targetOf = (facts: VehicleFacts): CommandTarget => ({ id: facts.id, name: facts.name, part: gimbalKey(facts) });
+
 export class GimbalControl {
-  /** The target angles: the ring on the pad. */
-  targetAngles = $state.raw<Angles | null>(null);
-  /** Whether yaw is locked relative to north; null: as the gimbal reports it. */
-  private chosenYawLock = $state<boolean | null>(null);
-  busy = $state(false);
+  /** The target angles of one gimbal: the ring on the pad. */
+  private target = $state.raw<{ gimbal: string; angles: Angles } | null>(null);
+  /** Whether a person locked yaw relative to north, by gimbal; missing: as the gimbal reports it. */
+  private chosenYawLocks = $state.raw<Readonly<Record<string, boolean>>>({});
   /** Key of the gimbal that a person has selected, by vehicle. */
   private selectedKeys = $state.raw<Readonly<Record<string, string>>>({});
   /** Text about the limit that stopped the camera of one gimbal; null: the camera reached its target or is still moving. */
@@ -38,15 +47,24 @@ export class GimbalControl {
   private sentCount = 0;
   /** The server's latest response for each gimbal: whether the server was in control of the gimbal (`isServerInControl`), and the ROI. */
   private responses = $state.raw<Readonly<Record<string, { gimbalAndHolder: string; isServerInControl: boolean; roi: Roi | null }>>>({});
-  private readonly sender: LatestSender<QueuedCommand>;
+  /** Each gimbal has its own sender: a command to one gimbal must not replace the stop of another. */
+  private readonly senders = new Map<string, LatestSender<QueuedCommand>>();
   /** The gimbal that a held arrow button turns. This gimbal stops when the button is released, even if the card then shows another gimbal. */
   private turnedGimbal: VehicleFacts | null = null;
 
   constructor(
     private readonly api: ApiClient,
     private readonly actions: ActionController,
-  ) {
-    this.sender = new LatestSender((command) => this.actions.attempt('Gimbal', command.facts, 'gimbal', () => command.send()));
+  ) {}
+
+  /** The target angles of this gimbal; null: none. */
+  targetAnglesOf(facts: VehicleFacts): Angles | null {
+    return this.target?.gimbal === gimbalKey(facts) ? this.target.angles : null;
+  }
+
+  /** Whether a request about the control or the ROI of this gimbal has no answer yet. */
+  isBusy(facts: VehicleFacts): boolean {
+    return [TAKE, RELEASE, CLEAR_ROI].some((name) => this.actions.gate.isWaiting({ name, vehicles: [facts.id], part: gimbalKey(facts) }));
   }
 
   /** Whether this server controls the gimbal; false until the server has confirmed that. */
@@ -72,39 +90,38 @@ export class GimbalControl {
   }
 
   async clearRoi(facts: VehicleFacts): Promise<void> {
-    this.busy = true;
-    await this.actions.attempt('Clear ROI', facts, 'gimbal', () => this.api.post('/vehicles/{v}/gimbal/roi/clear', gimbalParams(facts)));
-    this.busy = false;
+    await this.actions.attempt(CLEAR_ROI, targetOf(facts), 'gimbal', () => this.api.post('/vehicles/{v}/gimbal/roi/clear', gimbalParams(facts)));
     await this.fetchControlAndRoi(facts);
   }
 
   /** Whether yaw is locked relative to north. */
   yawLock(facts: VehicleFacts): boolean {
-    return this.chosenYawLock ?? facts.gimbal?.value.yaw_lock ?? false;
+    return this.chosenYawLocks[gimbalKey(facts)] ?? facts.gimbal?.value.yaw_lock ?? false;
   }
 
   async takeOrRelease(facts: VehicleFacts, take: boolean): Promise<void> {
-    this.busy = true;
-    this.targetAngles = null;
+    this.target = null;
     clearTimeout(this.finalAnglesTimer);
     this.limitNotice = null;
-    await this.actions.attempt(take ? 'Take gimbal control' : 'Release gimbal control', facts, 'gimbal', () =>
+    await this.actions.attempt(take ? TAKE : RELEASE, targetOf(facts), 'gimbal', () =>
       this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, gimbalParams(facts)),
     );
-    this.busy = false;
   }
 
   /** Points the camera. The yaw in `angles` is relative to the vehicle's nose. */
   point(facts: VehicleFacts, angles: Angles): void {
     const clamped = clamp(angles, angleLimits(facts.gimbal?.value ?? null));
-    this.targetAngles = clamped;
+    this.target = { gimbal: gimbalKey(facts), angles: clamped };
     const lock = this.yawLock(facts);
     const vehicleYaw = facts.attitude?.value.yaw_ned_rad ?? null;
     // With yaw lock the API's yaw is relative to north.
     const yaw_deg = lock && vehicleYaw !== null ? wrap180(clamped.yaw_deg + (vehicleYaw * 180) / Math.PI) : clamped.yaw_deg;
     const body = { pitch_deg: round(clamped.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock };
     this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/angles', { ...gimbalParams(facts), body: { ...body, wait: false } }) });
-    this.finalAnglesTimer = setTimeout(() => void this.sendFinalAngles(facts, body), FINAL_ANGLES_DELAY_MS);
+    const fixed = this.actions.gate.fix([facts.id]);
+    this.finalAnglesTimer = setTimeout(() => {
+      if (fixed.problem() === null) void this.sendFinalAngles(facts, body);
+    }, FINAL_ANGLES_DELAY_MS);
   }
 
   /** Text about the limit that stopped the camera before its target; null: no limit stopped the camera. */
@@ -121,16 +138,21 @@ export class GimbalControl {
   }
 
   /** Sends a command, and clears the limit text of the previous command. */
-  private push(command: QueuedCommand): void {
+  private push(command: Omit<QueuedCommand, 'fixed'>): void {
     clearTimeout(this.finalAnglesTimer);
     this.sentCount += 1;
     this.limitNotice = null;
-    this.sender.push(command);
+    const gimbal = gimbalKey(command.facts);
+    const sender =
+      this.senders.get(gimbal) ??
+      new LatestSender<QueuedCommand>(({ facts, fixed, send }) => this.actions.attempt('Gimbal', targetOf(facts), 'gimbal', send, fixed));
+    this.senders.set(gimbal, sender);
+    sender.push({ ...command, fixed: this.actions.gate.fix([command.facts.id]) });
   }
 
   /** Turns the camera while an arrow button is held. Up and right are positive. */
   turn(facts: VehicleFacts, pitchSign: number, yawSign: number): void {
-    this.targetAngles = null;
+    this.target = null;
     this.turnedGimbal = facts;
     this.sendRates(facts, pitchSign * RATE_DEG_S, yawSign * RATE_DEG_S);
   }
@@ -151,11 +173,12 @@ export class GimbalControl {
   select(facts: VehicleFacts, key: string): void {
     this.selectedKeys = { ...this.selectedKeys, [facts.id]: key };
     clearTimeout(this.finalAnglesTimer);
-    this.targetAngles = this.chosenYawLock = null;
+    this.target = null;
+    this.chosenYawLocks = {};
   }
 
   setYawLock(facts: VehicleFacts, lock: boolean): void {
-    this.chosenYawLock = lock;
+    this.chosenYawLocks = { ...this.chosenYawLocks, [gimbalKey(facts)]: lock };
     this.sendRates(facts, 0, 0);
   }
 

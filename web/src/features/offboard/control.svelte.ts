@@ -4,6 +4,7 @@ import type { VehicleFacts } from '../../vehicle/facts';
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { CommandQueue } from '../../api/command-queue';
+import { CommandGate, type FixedVehicles } from '../../app/actions/command.svelte';
 import { ageText } from '../../live/age';
 import { SetpointRenewer } from './renewer';
 import {
@@ -42,7 +43,7 @@ const TRANSIENT_CODES: readonly string[] = ['unreachable', 'refused'];
 
 export class OffboardControl {
   nudgeSize = $state.raw<NudgeSize>(NUDGE_SIZES[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
-  private readonly renewers = new Map<string, SetpointRenewer>();
+  private readonly renewers = new Map<string, { readonly renewer: SetpointRenewer; readonly fixed: FixedVehicles }>();
   /** Called when this page sends a setpoint to one vehicle, which then no longer follows its group. */
   onVehicleSetpoint: (id: string) => void = () => undefined;
   /** Called when the server refuses a renewal: the setpoint will expire. */
@@ -52,6 +53,7 @@ export class OffboardControl {
     private readonly api: ApiClient,
     private readonly queue: CommandQueue,
     private readonly nowS: () => number,
+    private readonly gate = new CommandGate(),
   ) {}
 
   /** Starts the stream with the given setpoint; null: with the vehicle's position. */
@@ -95,7 +97,7 @@ export class OffboardControl {
 
   /** This page no longer renews the vehicle's setpoint, for example because the vehicle flies in a group. */
   stopRenewing(id: string): void {
-    this.renewers.get(id)?.stop();
+    this.renewers.get(id)?.renewer.stop();
   }
 
   private async postStart(id: string, setpoint: AnySetpoint, validity: Validity, rate_hz?: number): Promise<Outcome<unknown>> {
@@ -121,38 +123,47 @@ export class OffboardControl {
 
   /** Switches obstacle avoidance on or off. */
   setAvoidance(id: string, on: boolean): Promise<Outcome<unknown>> {
-    return this.api.put('/vehicles/{v}/offboard/avoidance', { ...ofVehicle(id), body: { on } });
+    const name = on ? 'Avoidance on' : 'Avoidance off';
+    return this.gate.run({ name, vehicles: [id] }, () => this.api.put('/vehicles/{v}/offboard/avoidance', { ...ofVehicle(id), body: { on } }));
   }
 
   /** Vehicles whose setpoint this page renews. */
   renewedVehicles(): string[] {
-    return [...this.renewers].flatMap(([id, renewer]) => (renewer.setpoint === null ? [] : [id]));
+    return [...this.renewers].flatMap(([id, { renewer }]) => (renewer.setpoint === null ? [] : [id]));
   }
 
   /** Called when telemetry arrives. @param isStreaming whether the server streams to a vehicle. */
   onTelemetry(isStreaming: (id: string) => boolean): void {
-    for (const [id, renewer] of this.renewers) renewer.renewIfDue(this.nowS(), isStreaming(id));
+    for (const [id, { renewer, fixed }] of this.renewers) {
+      if (fixed.problem() !== null) this.renewers.delete(id);
+      else renewer.renewIfDue(this.nowS(), isStreaming(id));
+    }
   }
 
   private postSetpoint(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Validity): Promise<Outcome<unknown>> {
-    return this.queue.run([id], () =>
-      this.api.post('/vehicles/{v}/offboard/setpoint', { ...ofVehicle(id), body: { setpoint: toRequestSetpoint(setpoint), valid_for_s, on_expiry } }),
-    );
+    const fixed = this.gate.fix([id]);
+    return this.queue.run([id], async () => {
+      const problem = fixed.problem();
+      if (problem !== null) return { ok: false, problem };
+      return this.api.post('/vehicles/{v}/offboard/setpoint', { ...ofVehicle(id), body: { setpoint: toRequestSetpoint(setpoint), valid_for_s, on_expiry } });
+    });
   }
 
+  /** Renews the setpoint of exactly this vehicle; another vehicle with the same id gets a new renewer. */
   private renewer(id: string): SetpointRenewer {
-    let renewer = this.renewers.get(id);
-    if (renewer === undefined) {
-      renewer = new SetpointRenewer(async ({ setpoint, validity }) => {
+    const known = this.renewers.get(id);
+    if (known === undefined || known.fixed.problem() !== null) {
+      const renewer = new SetpointRenewer(async ({ setpoint, validity }) => {
         const outcome = await this.postSetpoint(id, setpoint, validity);
         if (outcome.ok) return 'accepted';
         if (TRANSIENT_CODES.includes(outcome.problem.code)) return 'retry';
         this.onRenewalRefused(id, outcome.problem);
         return 'refused';
       });
-      this.renewers.set(id, renewer);
+      this.renewers.set(id, { renewer, fixed: this.gate.fix([id]) });
+      return renewer;
     }
-    return renewer;
+    return known.renewer;
   }
 }
 

@@ -1,11 +1,11 @@
 /** The page's only instances of OffboardControl and GroupController. */
 
 import { page } from '../../app/page.svelte';
-import { actions, nameOf, nowS, commandQueue } from '../../app/vehicle-actions.svelte';
+import { actions, commandGate, nameOf, nowS, commandQueue } from '../../app/vehicle-actions.svelte';
 import { OffboardControl } from './control.svelte';
 import { GroupController } from './groups/groups.svelte';
 
-export const offboard = new OffboardControl(page.api, commandQueue, nowS);
+export const offboard = new OffboardControl(page.api, commandQueue, nowS, commandGate);
 
 export const groups = new GroupController(
   page.api,

@@ -2,25 +2,44 @@
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
+import { CommandGate, DOUBLE_CLICK } from '../../app/actions/command.svelte';
 import { NO_FILTER, type Filter, type Parameters } from './params';
 
 /** Poll interval while the parameters are read [ms]. */
 const POLL_MS = 500;
 
-class ParamPanelState {
+/** Name of the command that sets a parameter. */
+const SET = 'Set parameter';
+
+export class ParamPanelState {
   open = $state(false);
   filter = $state.raw<Filter>(NO_FILTER);
   /** The parameters that the server has read; null: not requested yet. */
   parametersView = $state.raw<Parameters | null>(null);
-  problem = $state.raw<Problem | null>(null);
+  private lastProblem = $state.raw<{ readonly vehicle: string; readonly problem: Problem } | null>(null);
   /** Name of the parameter whose editor is open. */
   editedName = $state<string | null>(null);
-  busy = $state(false);
   /** Number of the latest call of `show`; earlier calls stop polling. */
   private latestShowNumber = 0;
 
+  constructor(private readonly gate = new CommandGate()) {}
+
   toggle(): void {
     this.open = !this.open;
+  }
+
+  /** Why the last request to this vehicle failed; null: it did not fail. */
+  problemOf(vehicle: string): Problem | null {
+    return this.lastProblem?.vehicle === vehicle ? this.lastProblem.problem : null;
+  }
+
+  clearProblem(): void {
+    this.lastProblem = null;
+  }
+
+  /** Whether the vehicle has not answered the new value of a parameter yet. */
+  isSetting(vehicle: string, name: string): boolean {
+    return this.gate.isWaiting({ name: SET, vehicles: [vehicle], part: name });
   }
 
   close(): void {
@@ -34,7 +53,7 @@ class ParamPanelState {
    */
   async show(api: ApiClient, vehicle: string, readAgain = false): Promise<void> {
     const showNumber = ++this.latestShowNumber;
-    this.problem = null;
+    this.lastProblem = null;
     if (this.parametersView?.vehicle !== vehicle) {
       this.parametersView = null;
       this.editedName = null;
@@ -45,7 +64,7 @@ class ParamPanelState {
       const refresh = await api.post('/vehicles/{v}/params/refresh', ofVehicle(vehicle));
       if (showNumber !== this.latestShowNumber) return;
       if (!refresh.ok) {
-        this.problem = refresh.problem;
+        this.lastProblem = { vehicle, problem: refresh.problem };
         return;
       }
     }
@@ -58,13 +77,12 @@ class ParamPanelState {
 
   /** Sets a parameter, and stores the value that the vehicle reports. @returns whether the vehicle set the parameter. */
   async set(api: ApiClient, vehicle: string, name: string, value: number, force = false): Promise<boolean> {
-    if (this.busy) return false;
-    this.busy = true;
-    this.problem = null;
-    const outcome = await api.put('/vehicles/{v}/params/{name}', { params: { path: { v: vehicle, name } }, body: force ? { value, force } : { value } });
-    this.busy = false;
+    this.lastProblem = null;
+    const outcome = await this.gate.run({ name: SET, vehicles: [vehicle], part: name }, () =>
+      api.put('/vehicles/{v}/params/{name}', { params: { path: { v: vehicle, name } }, body: force ? { value, force } : { value } }),
+    );
     if (!outcome.ok) {
-      this.problem = outcome.problem;
+      if (outcome.problem.code !== DOUBLE_CLICK) this.lastProblem = { vehicle, problem: outcome.problem };
       return false;
     }
     const { parametersView } = this;
@@ -83,8 +101,6 @@ class ParamPanelState {
     const outcome = await api.get('/vehicles/{v}/params', ofVehicle(vehicle));
     if (showNumber !== this.latestShowNumber) return;
     if (outcome.ok) this.parametersView = outcome.value;
-    else this.problem = outcome.problem;
+    else this.lastProblem = { vehicle, problem: outcome.problem };
   }
 }
-
-export const paramPanel = new ParamPanelState();

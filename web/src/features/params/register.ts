@@ -1,6 +1,6 @@
 import { registry } from '../../app/registry.svelte';
 import ParamPanel from './ParamPanel.svelte';
-import { paramPanel } from './panel.svelte';
+import { paramPanel } from './controllers';
 
 registry.addPanel({
   id: 'params',

@@ -2,6 +2,7 @@
 
 import { page } from '../../app/page.svelte';
 import { availableStorage } from '../../app/identity';
+import { actions, commandGate, nameOf } from '../../app/vehicle-actions.svelte';
 import { AcceptedErrors } from './flight/accepted-errors.svelte';
 import { RoleAssignment } from './flight/role-assignment.svelte';
 import type { PlannedHome } from './document/document';
@@ -21,7 +22,9 @@ export const drawing = new PatternDrawing(planApi, editor, browserStorage);
 
 export const insertion = new MissionInsertion(planApi, editor);
 
-export const vehicleMission = new VehicleMission(page.api);
+export const vehicleMission = new VehicleMission(page.api, commandGate, (commandName, vehicle, problem) =>
+  actions.showProblem(commandName, nameOf(vehicle), 'actionBar', problem),
+);
 export const dryRun = new DryRun(page.api);
 // Registered for the whole page, because a dry run continues while another room is open.
 page.eventListeners.push((event) => void dryRun.handleEvent(event));

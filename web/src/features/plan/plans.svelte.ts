@@ -15,7 +15,7 @@ import { MAX_TABLES, withTable } from './offboard/tables';
 import { fixed } from '../../ui/format';
 
 /** A plan as it was last read from the server or saved there. */
-interface SavedPlan {
+export interface SavedPlan {
   readonly id: string;
   readonly version: number;
   readonly name: string;
@@ -54,7 +54,13 @@ export class Plans {
   private savedPlans = $state.raw<Readonly<Record<number, SavedPlan>>>({});
   list = $state.raw<readonly PlanVersion[] | null>(null);
   notice = $state.raw<Notice | null>(null);
-  busy = $state(false);
+  /** Number of requests without an answer. */
+  private requestCount = $state(0);
+  readonly busy: boolean = $derived.by(() => this.requestCount > 0);
+  /** The plans that are being deleted. */
+  private readonly deletedIds = new Set<string>();
+  /** The save without an answer: the draft, and whether it is saved as a new plan. */
+  private saving: { readonly draft: Draft; readonly asNewPlan: boolean; readonly saved: Promise<SavedPlan | null> } | null = null;
   private checkResult = $state.raw<Check | null>(null);
   /** The document of the newest check. */
   private checkedDocument = $state.raw<Document | null>(null);
@@ -104,10 +110,16 @@ export class Plans {
 
   /** Converts the edited waypoint plan to an offboard mission; undo restores the plan. */
   async convert(vehicle: string | null): Promise<boolean> {
-    const { name } = this.editor.draft;
+    const draft = this.editor.draft;
+    const { name } = draft;
+    const failure = 'The offboard mission was not created.';
     const response = await this.whileBusy(this.api.convert(this.editor.plan, nameOrDefault(name), vehicle));
     if (!response.ok) {
-      this.showProblem('The offboard mission was not created.', response.problem);
+      this.showProblem(failure, response.problem);
+      return false;
+    }
+    if (this.editor.draft !== draft) {
+      this.notice = { tone: 'caution', text: `${failure} The plan was changed during the request. Try again.` };
       return false;
     }
     this.editor.replace(name, response.value.plan);
@@ -162,23 +174,50 @@ export class Plans {
     return true;
   }
 
-  /** Saves the edited plan. @param asNewPlan true: saves a new plan, not a new version. */
-  async save(asNewPlan = false): Promise<void> {
+  /**
+   * Saves the edited plan as it is now. A second call for the same draft waits for the first one; the save of a changed draft
+   * follows the earlier one, so that both are versions of one plan.
+   * @param asNewPlan true: saves a new plan, not a new version.
+   * @returns the saved version of this draft; null: it was not saved, see `notice`.
+   */
+  save(asNewPlan = false): Promise<SavedPlan | null> {
     const draft = this.editor.draft;
-    const base = asNewPlan ? null : this.savedPlan;
+    const earlier = this.saving;
+    if (earlier?.draft === draft && earlier.asNewPlan === asNewPlan) return earlier.saved;
+    const saved = (earlier === null ? Promise.resolve() : earlier.saved).then(() => this.saveDraft(draft, asNewPlan));
+    const saving = { draft, asNewPlan, saved };
+    this.saving = saving;
+    void saved.then(() => {
+      if (this.saving === saving) this.saving = null;
+    });
+    return saved;
+  }
+
+  /** The saved version of the edited plan as it is now; saves it if necessary. Null: it was not saved, see `notice`. */
+  async savedVersion(): Promise<SavedPlan | null> {
+    return this.saved && this.savedPlan !== null ? this.savedPlan : this.save();
+  }
+
+  private async saveDraft(draft: Draft, asNewPlan: boolean): Promise<SavedPlan | null> {
+    const base = asNewPlan ? null : (this.savedPlans[draft.documentId] ?? null);
     const name = nameOrDefault(draft.name);
     const response = await this.whileBusy(base === null ? this.api.create(name, draft.plan) : this.api.save(base.id, name, draft.plan, base.version));
     if (!response.ok) {
       const conflict = response.problem.code === 'conflict';
       this.showProblem(conflict ? '' : 'Not saved.', response.problem, conflict);
-      return;
+      return null;
     }
-    this.setSaved(draft.documentId, { id: response.value.id, version: response.value.version, name: draft.name, plan: draft.plan });
-    this.notice = { tone: 'ok', text: `Saved as version ${response.value.version}.` };
+    const saved = { id: response.value.id, version: response.value.version, name: draft.name, plan: draft.plan };
+    this.setSaved(draft.documentId, saved);
+    this.notice = { tone: 'ok', text: `Saved as version ${saved.version}.` };
+    return saved;
   }
 
   async delete(plan: PlanVersion): Promise<void> {
+    if (this.deletedIds.has(plan.id)) return;
+    this.deletedIds.add(plan.id);
     const response = await this.whileBusy(this.api.delete(plan.id, plan.version));
+    this.deletedIds.delete(plan.id);
     if (!response.ok) return this.showProblem('Not deleted.', response.problem);
     for (const [documentId, saved] of Object.entries(this.savedPlans)) if (saved.id === plan.id) this.removeSaved(Number(documentId));
     await this.refresh();
@@ -360,9 +399,9 @@ export class Plans {
 
   /** Waits for a request; meanwhile `busy` is true. */
   private async whileBusy<T>(request: Promise<Outcome<T>>): Promise<Outcome<T>> {
-    this.busy = true;
+    this.requestCount += 1;
     const response = await request;
-    this.busy = false;
+    this.requestCount -= 1;
     return response;
   }
 

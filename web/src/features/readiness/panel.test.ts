@@ -1,8 +1,9 @@
 import { expect, test } from 'vitest';
 import { ApiClient } from '../../api/client';
-import { readinessPanel } from './panel.svelte';
+import { ReadinessPanel } from './panel.svelte';
 
 test('the mode can be switched while a check is running', async () => {
+  const readinessPanel = new ReadinessPanel();
   const requests: string[] = [];
   let endCheck = (): void => undefined;
   const api = new ApiClient('p', undefined, async (path) => {
@@ -13,8 +14,8 @@ test('the mode can be switched while a check is running', async () => {
   const check = readinessPanel.check(api, '1');
   await readinessPanel.switchMode(api, '1', 'hold');
   expect(requests).toEqual(['/vehicles/1/readiness/check', '/vehicles/1/mode']);
-  expect([readinessPanel.checking, readinessPanel.switching]).toEqual([true, false]);
+  expect([readinessPanel.isChecking('1'), readinessPanel.isSwitching('1')]).toEqual([true, false]);
   endCheck();
   await check;
-  expect(readinessPanel.checking).toBe(false);
+  expect(readinessPanel.isChecking('1')).toBe(false);
 });

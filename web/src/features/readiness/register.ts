@@ -1,5 +1,5 @@
 import { registry } from '../../app/registry.svelte';
-import { readinessPanel } from './panel.svelte';
+import { readinessPanel } from './controllers';
 import ReadinessPanel from './ReadinessPanel.svelte';
 
 registry.addPanel({

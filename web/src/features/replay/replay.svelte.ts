@@ -16,6 +16,8 @@ const SEEK_TIMEOUT_MS = 2000;
 const SEEK_TIMEOUT_FRAMES = 20;
 
 interface ReplayCommand {
+  /** The replay that the person commanded. */
+  name: string;
   playing?: boolean;
   speed?: number;
   position_unix_s?: number;
@@ -49,6 +51,8 @@ export class ReplayControl {
   private indexedName: string | null = null;
   private pendingCommand: ReplayCommand | null = null;
   private isSending = false;
+  /** Name of the replay that is being closed. */
+  private closingName: string | null = null;
   private respondedAt_ms = 0;
   private framesSinceResponse = 0;
 
@@ -66,6 +70,7 @@ export class ReplayControl {
   }
 
   async open(recording: string): Promise<void> {
+    if (this.openingName !== null) return;
     this.openingName = recording;
     this.problem = null;
     const response = await this.deps.api.post('/replays', { body: { recording } });
@@ -83,9 +88,11 @@ export class ReplayControl {
 
   async close(): Promise<void> {
     const name = this.shownReplay?.name;
-    if (name === undefined) return;
+    if (name === undefined || name === this.closingName) return;
     this.expectedName = null;
+    this.closingName = name;
     const response = await this.deps.api.delete('/replays/{name}', replayPath(name));
+    this.closingName = null;
     if (!response.ok) this.problem = response.problem;
   }
 
@@ -121,18 +128,19 @@ export class ReplayControl {
     this.queueCommand({ position_unix_s: unix_s });
   }
 
-  private queueCommand(command: ReplayCommand): void {
-    this.pendingCommand = { ...this.pendingCommand, ...command };
+  private queueCommand(command: Omit<ReplayCommand, 'name'>): void {
+    const name = this.shownReplay?.name ?? this.expectedName; // between two vehicles of a replay, `shownReplay` is null for a moment
+    if (name === null) return;
+    const earlier = this.pendingCommand?.name === name ? this.pendingCommand : {};
+    this.pendingCommand = { ...earlier, ...command, name };
     if (!this.isSending) void this.send();
   }
 
   private async send(): Promise<void> {
     this.isSending = true;
     while (this.pendingCommand !== null) {
-      const name = this.shownReplay?.name ?? this.expectedName ?? undefined; // between two vehicles of a replay, `shownReplay` is null for a moment
-      const command: ReplayCommand = this.pendingCommand;
+      const { name, ...command }: ReplayCommand = this.pendingCommand;
       this.pendingCommand = null;
-      if (name === undefined) break;
       const response = await this.deps.api.post('/replays/{name}', { ...replayPath(name), body: command });
       this.problem = response.ok ? null : response.problem;
     }

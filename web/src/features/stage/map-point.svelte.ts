@@ -6,7 +6,7 @@ import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { service } from '../../app/services';
 import type { Pixel } from '../../vehicle/geo';
-import { gimbalParams } from '../../vehicle/gimbal';
+import { gimbalKey, gimbalParams } from '../../vehicle/gimbal';
 import { isTargetActive, type RequestedTarget, type RequestedTargets } from './map-model';
 import { distance_m, flightTime_s, altitudeInRange, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type MapPoint } from './map-point';
 
@@ -27,7 +27,6 @@ export class MapPointMenu {
   goto_home_m = $state(0);
   /** Altitude of the point to look at, above home. */
   point_home_m = $state(0);
-  busy = $state(false);
   private speeds = $state.raw<Record<string, Speeds>>({});
   private readonly activeTargets = new Map<string, ActiveTarget>();
 
@@ -121,11 +120,15 @@ export class MapPointMenu {
   }
 
   private async send(commandName: string, facts: VehicleFacts, request: () => Promise<Outcome<unknown>>): Promise<void> {
-    this.busy = true;
-    const accepted = await this.actions.attempt(commandName, facts, 'stage', request);
-    this.busy = false;
+    const mapPoint = this.mapPoint;
+    const accepted = await this.actions.attempt(commandName, { id: facts.id, name: facts.name, part: gimbalKey(facts) }, 'stage', request);
     await service('gimbal').fetchControlAndRoi(facts);
-    if (accepted) this.close();
+    if (accepted && this.mapPoint === mapPoint) this.close(); // not the menu of another point or vehicle, opened meanwhile
+  }
+
+  /** Whether a camera command of this menu has no answer yet. */
+  isBusy(facts: VehicleFacts): boolean {
+    return ['Look here', 'Set ROI'].some((name) => this.actions.gate.isWaiting({ name, vehicles: [facts.id], part: gimbalKey(facts) }));
   }
 
   private async loadSpeeds(id: string): Promise<void> {

@@ -3,7 +3,9 @@ import { ApiClient } from '../../api/client';
 import { TelemetryStore } from '../../live/store';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
 import { holdText, matchingRows, canRemove, rowOf, stateLabel, rowAfterKey } from './fleet';
-import { vehicleList } from './list.svelte';
+import { VehicleList } from './list.svelte';
+
+const vehicleList = new VehicleList();
 
 function facts(id: string, more: Partial<VehicleFacts> = {}, landedState = 'on_ground'): VehicleFacts {
   const store = new TelemetryStore(() => 100);
@@ -62,7 +64,7 @@ describe('list of vehicles', () => {
     await vehicleList.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
     expect(requests).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((vehicle) => vehicle.id) }]);
     expect(vehicleList.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not confirmed: Quad 7.', refused: true });
-    expect(vehicleList.isHoldPending).toBe(false);
+    expect(vehicleList.isHoldWaiting([{ id: '1' }])).toBe(false);
     expect(holdText(3, [])).toBe('All 3 vehicles switched to Hold.');
   });
 
@@ -71,7 +73,7 @@ describe('list of vehicles', () => {
     const fetch = vi.fn(() => Promise.resolve(new Response(JSON.stringify(refusal), { status: 401 })));
     await vehicleList.hold(new ApiClient('test', () => undefined, fetch as never), [{ id: '1', name: 'Quad 1' }]);
     expect(vehicleList.result).toEqual({ text: 'The token is not valid. Sign in again.', refused: true });
-    expect(vehicleList.isHoldPending).toBe(false);
+    expect(vehicleList.isHoldWaiting([{ id: '1' }])).toBe(false);
   });
 
   it('removes a lost vehicle, and shows why a removal failed', async () => {

@@ -2,18 +2,26 @@
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
+import { CommandGate, DOUBLE_CLICK } from '../../app/actions/command.svelte';
 import { holdText, type Filter } from './fleet';
 
 const problemText = (problem: Problem): string => [problem.detail, problem.remedy].filter(Boolean).join(' ');
 
-class VehicleList {
+const HOLD = 'Hold all flying';
+
+export class VehicleList {
   open = $state(false);
   text = $state('');
   filter = $state<Filter>('all');
-  /** Whether the page is waiting for the result of a Hold command. */
-  isHoldPending = $state(false);
   /** Result of the last command; null before the first command. */
   result = $state.raw<{ text: string; refused: boolean } | null>(null);
+
+  constructor(private readonly gate = new CommandGate()) {}
+
+  /** Whether the server has not answered Hold for these vehicles yet. */
+  isHoldWaiting(vehicles: readonly { id: string }[]): boolean {
+    return this.gate.isWaiting({ name: HOLD, vehicles: vehicles.map(({ id }) => id) });
+  }
 
   toggle(): void {
     this.open = !this.open;
@@ -27,26 +35,23 @@ class VehicleList {
 
   /** Sends Hold to these vehicles in one request, without asking the person for confirmation. */
   async hold(api: ApiClient, vehicles: readonly { id: string; name: string }[]): Promise<void> {
-    if (this.isHoldPending || vehicles.length === 0) return;
-    this.result = null;
-    this.isHoldPending = true;
-    const outcome = await api.post('/hold', { body: { vehicles: vehicles.map((vehicle) => vehicle.id) } });
-    this.isHoldPending = false;
+    if (vehicles.length === 0) return;
+    const ids = vehicles.map((vehicle) => vehicle.id);
+    const outcome = await this.gate.run({ name: HOLD, vehicles: ids, stops: true }, () => api.post('/hold', { body: { vehicles: ids } }));
     if (outcome.ok) {
       const unconfirmedIds = new Set(outcome.value.results.filter((result) => !result.held).map((result) => result.vehicle));
       const unconfirmedNames = vehicles.filter((vehicle) => unconfirmedIds.has(vehicle.id)).map((vehicle) => vehicle.name);
       this.result = { text: holdText(vehicles.length, unconfirmedNames), refused: unconfirmedNames.length > 0 };
-    } else {
+    } else if (outcome.problem.code !== DOUBLE_CLICK) {
       this.result = { text: problemText(outcome.problem), refused: true };
     }
   }
 
   /** Removes a vehicle whose connection is lost; `result` contains the refusal, if any. */
   async remove(api: ApiClient, vehicle: { id: string; name: string }): Promise<void> {
-    const outcome = await api.delete('/vehicles/{v}', ofVehicle(vehicle.id));
+    const outcome = await this.gate.run({ name: 'Remove', vehicles: [vehicle.id] }, () => api.delete('/vehicles/{v}', ofVehicle(vehicle.id)));
+    if (!outcome.ok && outcome.problem.code === DOUBLE_CLICK) return;
     const text = outcome.ok ? `${vehicle.name} was removed.` : problemText(outcome.problem);
     this.result = { text, refused: !outcome.ok };
   }
 }
-
-export const vehicleList = new VehicleList();

@@ -1,6 +1,6 @@
 import { page } from '../../app/page.svelte';
 import { registry } from '../../app/registry.svelte';
-import { vehicleList } from './list.svelte';
+import { vehicleList } from './controllers';
 import VehicleBar from './VehicleBar.svelte';
 import VehiclePanel from './VehiclePanel.svelte';
 

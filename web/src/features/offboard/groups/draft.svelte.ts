@@ -4,6 +4,7 @@ import type { VehicleFacts } from '../../../vehicle/facts';
 import { page } from '../../../app/page.svelte';
 import { actions } from '../../../app/vehicle-actions.svelte';
 import { groups } from '../controllers';
+import { vehiclesOf } from './groups.svelte';
 import type { Outcome } from '../../../api/client';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import { editor } from '../setpoints/editor.svelte';
@@ -23,6 +24,9 @@ import {
   type FieldErrors,
 } from './group-form';
 
+/** Name of the command that starts a group. */
+export const GROUP = 'Group';
+
 class GroupDraft {
   fields = $state.raw<Draft>(NEW_DRAFT);
   /** False until a person presses Start, Send or Renew. */
@@ -41,14 +45,13 @@ class GroupDraft {
   }
 
   /** Opens the confirmation; if the form has errors, shows all errors instead. */
-  requestStart(selectedFacts: VehicleFacts): void {
+  requestStart(): void {
     const fields = this.fields;
     this.showsErrors = true;
     if (Object.keys(fieldErrors(fields, false)).length > 0) return;
     const names = fields.members.map((id) => page.factsOf(id)?.name ?? id);
     actions.requestCommand(
-      { commandName: 'Group', vehicleNames: joinNames(names), texts: () => startTexts(names, fields), send: () => this.start(fields) },
-      selectedFacts,
+      { name: GROUP, vehicles: fields.members, vehicleNames: joinNames(names), texts: () => startTexts(names, fields), send: () => this.start(fields) },
       'offboardRoom',
     );
   }
@@ -67,10 +70,15 @@ class GroupDraft {
     this.showsErrors = true;
     if (Object.keys(fieldErrors(fields, true)).length > 0) return;
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
-    await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.memberNames(group)) }, 'offboardRoom', async (): Promise<Outcome<unknown>> => {
-      const result = setpointsFor(factsOf(members), fields);
-      return result.ok ? this.sendAndLog(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : positionsUnknownRefusal(result);
-    });
+    await actions.attempt(
+      `Group ${group.id}`,
+      { vehicles: vehiclesOf(group), name: joinNames(groups.memberNames(group)) },
+      'offboardRoom',
+      async (): Promise<Outcome<unknown>> => {
+        const result = setpointsFor(factsOf(members), fields);
+        return result.ok ? this.sendAndLog(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : positionsUnknownRefusal(result);
+      },
+    );
   }
 
   /** Renews the group's setpoints once, with the form's validity for setpoints of this type. If the form's checkbox is set, this page continues to renew them. */
@@ -78,7 +86,7 @@ class GroupDraft {
     const renewalDraft: Draft = { ...this.fields, motion: motionOf(group) };
     this.showsErrors = true;
     if ('valid' in fieldErrors(renewalDraft, true)) return;
-    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.memberNames(group)) }, 'offboardRoom', () =>
+    await actions.attempt(`Renewing group ${group.id}`, { vehicles: vehiclesOf(group), name: joinNames(groups.memberNames(group)) }, 'offboardRoom', () =>
       groups.renew(group, validityOf(renewalDraft)),
     );
   }

@@ -34,7 +34,7 @@ export class GroupController {
   constructor(
     private readonly api: ApiClient,
     private readonly queue: CommandQueue,
-    private readonly actions: Pick<ActionController, 'attempt'>,
+    private readonly actions: Pick<ActionController, 'attempt' | 'showProblem'>,
     private readonly nowS: () => number,
     /** Whether the page is visible. */
     private readonly isVisible: () => boolean,
@@ -125,16 +125,21 @@ export class GroupController {
 
   async hold(group: Group): Promise<void> {
     this.stopRenewing();
-    await this.actions.attempt(`Hold group ${group.id}`, { name: this.memberNames(group).join(', ') }, 'offboardRoom', async () => {
-      const outcome = await this.api.post('/groups/{g}/hold', groupParams(group));
-      if (outcome.ok) this.update(outcome.value);
-      return outcome;
-    });
+    await this.actions.attempt(
+      `Hold group ${group.id}`,
+      { vehicles: vehiclesOf(group), name: this.memberNames(group).join(', '), stops: true },
+      'offboardRoom',
+      async () => {
+        const outcome = await this.api.post('/groups/{g}/hold', groupParams(group));
+        if (outcome.ok) this.update(outcome.value);
+        return outcome;
+      },
+    );
   }
 
   /** Shows a problem in the room, for example a refused renewal. */
-  async showProblem(commandName: string, vehicleName: string, problem: Problem): Promise<void> {
-    await this.actions.attempt(commandName, { name: vehicleName }, 'offboardRoom', () => Promise.resolve({ ok: false, problem }));
+  private showProblem(commandName: string, vehicleName: string, problem: Problem): void {
+    this.actions.showProblem(commandName, vehicleName, 'offboardRoom', problem);
   }
 
   private async sendRenewal(group: Group, validity: Validity): Promise<GroupRenewalResult> {
@@ -144,7 +149,7 @@ export class GroupController {
       return 'accepted';
     }
     if (outcome.problem.status === 0) return 'no answer';
-    await this.showProblem(`Renewing group ${group.id}`, this.memberNames(group).join(', '), outcome.problem);
+    this.showProblem(`Renewing group ${group.id}`, this.memberNames(group).join(', '), outcome.problem);
     return 'refused';
   }
 
@@ -215,7 +220,7 @@ export class GroupController {
   }
 }
 
-function vehiclesOf(group: Group): string[] {
+export function vehiclesOf(group: Group): string[] {
   return group.members.map((member) => member.vehicle);
 }
 

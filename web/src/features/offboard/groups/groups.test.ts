@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { CommandQueue } from '../../../api/command-queue';
+import { CommandGate, type FixedVehicles } from '../../../app/actions/command.svelte';
 import type { Refusal } from '../../../app/actions/controller.svelte';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import {
@@ -198,12 +199,14 @@ describe('the group controller', () => {
         commandName: string,
         { name }: { name: string },
         _pagePart: string,
-        send: () => Promise<{ ok: true; value: T } | { ok: false; problem: Refusal['problem'] }>,
+        send: (fixed: FixedVehicles) => Promise<{ ok: true; value: T } | { ok: false; problem: Refusal['problem'] }>,
       ): Promise<boolean> => {
-        const outcome = await send();
+        const outcome = await send(new CommandGate().fix([]));
         if (!outcome.ok) refused.push({ commandName, vehicleName: name, problem: outcome.problem });
         return outcome.ok;
       },
+      showProblem: (commandName: string, vehicleName: string, _pagePart: string, problem: Refusal['problem']): void =>
+        void refused.push({ commandName, vehicleName, problem }),
     };
     const controller = new GroupController(
       api,

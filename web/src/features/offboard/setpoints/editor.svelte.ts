@@ -127,10 +127,15 @@ class SetpointEditor {
     if (response.ok && id === this.vehicle) this.offboardView = response.value;
   }
 
+  /** Changes the shown view, unless another vehicle was selected meanwhile. */
+  private updateView(id: string, changed: Partial<OffboardView>): void {
+    if (id === this.vehicle && this.offboardView !== null) this.offboardView = { ...this.offboardView, ...changed };
+  }
+
   async setLimits(facts: VehicleFacts, limits: LimitsBody): Promise<boolean> {
     return actions.attempt('Setting the limits', facts, 'offboardRoom', async () => {
       const response = await page.api.put('/vehicles/{v}/offboard/limits', { ...ofVehicle(facts.id), body: limits });
-      if (response.ok && this.offboardView !== null) this.offboardView = { ...this.offboardView, limits: response.value };
+      if (response.ok) this.updateView(facts.id, { limits: response.value });
       return response;
     });
   }
@@ -138,7 +143,7 @@ class SetpointEditor {
   async setFailsafe(facts: VehicleFacts, action: FailsafeAction, after_s: number): Promise<boolean> {
     return actions.attempt('Setting the failsafe action', facts, 'offboardRoom', async () => {
       const response = await page.api.put('/vehicles/{v}/offboard/failsafe', { ...ofVehicle(facts.id), body: { action, after_s } });
-      if (response.ok && this.offboardView !== null) this.offboardView = { ...this.offboardView, failsafe: response.value };
+      if (response.ok) this.updateView(facts.id, { failsafe: response.value });
       return response;
     });
   }

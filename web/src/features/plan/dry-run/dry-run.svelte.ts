@@ -42,6 +42,7 @@ export class DryRun {
    * vehicle, the dry run begins at the planned start position. A mission with roles has a vehicle for each role, or none.
    */
   async start(document: Document, vehicles: DryRunVehicles, conditions: Conditions): Promise<void> {
+    if (this.earlyEvents !== null || this.running) return; // one dry run at a time: the first one is still starting or running
     this.problem = null;
     this.requestedDocument = document;
     this.earlyEvents = [];
@@ -75,6 +76,7 @@ export class DryRun {
     const id = operation.result?.['dry_run'];
     if (operation.state !== 'succeeded' || typeof id !== 'string') return;
     const response = await this.api.get('/dry_runs/{d}', { params: { path: { d: id } } });
+    if (this.operation?.id !== operation.id) return; // another dry run was started meanwhile
     if (!response.ok) {
       this.problem = response.problem;
       return;

@@ -28,6 +28,11 @@ export function continueButtonText(progress: MissionProgress | null): string {
   return progress === null ? 'Resume…' : `Resume at item ${progress.current + 1}${progress.count === null ? '' : ` of ${progress.count}`}…`;
 }
 
+/** Text about a vehicle that is flying its mission. */
+export function flyingText(progress: MissionProgress | null): string {
+  return progress === null ? 'It is being flown.' : `It is being flown: item ${progress.current + 1}${progress.count === null ? '' : ` of ${progress.count}`}.`;
+}
+
 /**
  * @param row the row to start at; null: the first item, or in the air the current item.
  * @param acceptedTexts texts of the accepted errors.

@@ -2,6 +2,7 @@
 
 import { ofVehicle, type ApiClient, type Outcome } from '../../../api/client';
 import type { Problem } from '../../../api/problems';
+import { CommandGate, DOUBLE_CLICK, type FixedVehicles } from '../../../app/actions/command.svelte';
 import type { components } from '../../../api/schema';
 import type { WireEvent } from '../../../live/wire';
 import type { Plan } from '../document/document';
@@ -23,13 +24,22 @@ export class VehicleMission {
   private lastComparison = $state.raw<{ readonly plan: Plan; readonly result: Comparison } | null>(null);
   /** The plan to compare after the download has ended. */
   private pendingComparison: { readonly download: string; readonly plan: Plan; readonly reference: PlanReference } | null = null;
-  problem = $state.raw<Problem | null>(null);
-  private vehicle: string | null = null;
+  /** Why the last request about the plan of a vehicle failed. */
+  private lastProblem = $state.raw<{ readonly vehicle: string; readonly problem: Problem } | null>(null);
+  private vehicle = $state<string | null>(null);
   /** The newest reported state of the vehicle; null: none since the vehicle was selected. */
   private reportedState: string | null = null;
   private requestCount = 0;
 
-  constructor(private readonly api: ApiClient) {}
+  constructor(
+    private readonly api: ApiClient,
+    private readonly gate = new CommandGate(),
+    /** Shows why a request failed about a vehicle that is no longer shown. */
+    private readonly showElsewhere: (commandName: string, vehicle: string, problem: Problem) => void = () => undefined,
+  ) {}
+
+  /** Why the last request about the shown vehicle failed; null: it did not fail. */
+  readonly problem: Problem | null = $derived.by(() => (this.lastProblem?.vehicle === this.vehicle ? (this.lastProblem?.problem ?? null) : null));
 
   readonly running: boolean = $derived.by(() => this.transfer?.state === 'running');
 
@@ -37,7 +47,7 @@ export class VehicleMission {
   selectVehicle(vehicle: string | null): void {
     if (vehicle === this.vehicle) return;
     this.vehicle = vehicle;
-    this.missionView = this.transfer = this.problem = this.lastComparison = this.pendingComparison = this.reportedState = null;
+    this.missionView = this.transfer = this.lastComparison = this.pendingComparison = this.reportedState = null;
     void this.refresh();
   }
 
@@ -73,16 +83,27 @@ export class VehicleMission {
     return isOnVehicle(this.missionView?.holds, { id, version });
   }
 
-  async upload(plan_id: string, version: number): Promise<void> {
+  /**
+   * Uploads a saved version to the vehicle.
+   * @param save saves the plan if necessary; null: it was not saved.
+   */
+  async upload(vehicle: string, save: () => Promise<{ readonly id: string; readonly version: number } | null>): Promise<void> {
     this.lastComparison = null;
-    await this.startTransfer((target) => this.api.post('/vehicles/{v}/mission/upload', { ...target, body: { plan_id, version } }));
+    await this.startTransfer('Upload', vehicle, async (fixed) => {
+      const saved = await save();
+      if (saved === null) return null;
+      const problem = fixed.problem();
+      if (problem !== null) return { ok: false, problem };
+      return this.api.post('/vehicles/{v}/mission/upload', { ...ofVehicle(vehicle), body: { plan_id: saved.id, version: saved.version } });
+    });
   }
 
   /** Reads the vehicle's plan, and then compares this plan with `plan`. */
-  async readBack(plan: Plan, reference: PlanReference): Promise<void> {
+  async readBack(vehicle: string, plan: Plan, reference: PlanReference): Promise<void> {
     this.lastComparison = this.pendingComparison = null;
-    const download = await this.startTransfer((target) => this.api.post('/vehicles/{v}/mission/download', target));
-    if (download !== null) this.pendingComparison = { download, plan, reference };
+    const download = await this.startTransfer('Read back', vehicle, () => this.api.post('/vehicles/{v}/mission/download', ofVehicle(vehicle)));
+    if (download === null) return;
+    this.pendingComparison = { download, plan, reference };
     // The end event of a short download may arrive before the response.
     if (this.transfer?.id === download && this.transfer?.state === 'succeeded') await this.compare();
   }
@@ -92,17 +113,26 @@ export class VehicleMission {
     return this.lastComparison?.plan === plan ? this.lastComparison.result : null;
   }
 
-  /** The plan that the server last read from the vehicle; null: the request failed, see `problem`. */
-  async downloadedPlan(): Promise<DownloadedPlan | null> {
-    const response = await this.api.get('/vehicles/{v}/mission/plan', ofVehicle(this.vehicle ?? ''));
-    this.problem = response.ok ? null : response.problem;
-    return response.ok ? (response.value as DownloadedPlan) : null;
+  /** The plan that the server last read from the vehicle; null: the request failed, see `problem`, or another vehicle was selected meanwhile. */
+  async downloadedPlan(vehicle: string): Promise<DownloadedPlan | null> {
+    const response = await this.api.get('/vehicles/{v}/mission/plan', ofVehicle(vehicle));
+    this.setProblem('Open the vehicle’s plan', vehicle, response);
+    return response.ok && vehicle === this.vehicle ? (response.value as DownloadedPlan) : null;
   }
 
   async cancel(): Promise<void> {
-    if (this.transfer === null) return;
-    const response = await this.api.delete('/operations/{o}', { params: { path: { o: this.transfer.id } } });
-    if (!response.ok) this.problem = response.problem;
+    const { transfer, vehicle } = this;
+    if (transfer === null || vehicle === null) return;
+    const command = { name: 'Cancel the transfer', vehicles: [vehicle] };
+    this.setProblem(command.name, vehicle, await this.gate.run(command, () => this.api.delete('/operations/{o}', { params: { path: { o: transfer.id } } })));
+  }
+
+  private setProblem(commandName: string, vehicle: string, outcome: Outcome<unknown>): void {
+    if (outcome.ok) this.lastProblem = null;
+    else if (outcome.problem.code !== DOUBLE_CLICK) {
+      this.lastProblem = { vehicle, problem: outcome.problem };
+      if (vehicle !== this.vehicle) this.showElsewhere(commandName, vehicle, outcome.problem);
+    }
   }
 
   handleEvent(event: WireEvent): void {
@@ -114,14 +144,15 @@ export class VehicleMission {
     else void this.refresh();
   }
 
-  /** Starts a transfer. @returns the operation's id; null: the server refused the transfer. */
-  private async startTransfer(send: (target: ReturnType<typeof ofVehicle>) => Promise<Outcome<Operation>>): Promise<string | null> {
-    this.problem = null;
-    const response = await send(ofVehicle(this.vehicle ?? ''));
-    if (!response.ok) {
-      this.problem = response.problem;
-      return null;
-    }
+  /**
+   * Starts a transfer of a vehicle's plan.
+   * @param send null: the transfer was not requested.
+   * @returns the operation's id; null: the transfer was refused, or another vehicle was selected meanwhile.
+   */
+  private async startTransfer(name: string, vehicle: string, send: (fixed: FixedVehicles) => Promise<Outcome<Operation> | null>): Promise<string | null> {
+    const response = await this.gate.run<Operation | null>({ name, vehicles: [vehicle] }, async (fixed) => (await send(fixed)) ?? { ok: true, value: null });
+    this.setProblem(name, vehicle, response);
+    if (!response.ok || response.value === null || vehicle !== this.vehicle) return null;
     // The end event of the operation may arrive before the response.
     if (this.transfer?.id !== response.value.id) this.transfer = response.value;
     return response.value.id;
@@ -133,8 +164,8 @@ export class VehicleMission {
     this.pendingComparison = null;
     const response = await this.api.post('/vehicles/{v}/mission/compare', { ...ofVehicle(vehicle ?? ''), body: pending.reference });
     if (vehicle !== this.vehicle) return;
+    this.setProblem('Compare', vehicle ?? '', response);
     if (response.ok) this.lastComparison = { plan: pending.plan, result: response.value };
-    else this.problem = response.problem;
     await this.refresh();
   }
 }

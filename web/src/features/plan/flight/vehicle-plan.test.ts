@@ -57,7 +57,7 @@ describe('the plan on the vehicle', () => {
     const { mission, requests } = pageWith([200, missionView('not_known', null)], [202, operation({})], [200, missionView('plan', tower)]);
     mission.selectVehicle('1');
     await settle();
-    await mission.upload('abc', 2);
+    await mission.upload('1', async () => ({ id: 'abc', version: 2 }));
     mission.handleEvent(event({ progress: 0.9 }));
     mission.handleEvent(event({ vehicle: '2', progress: 0.1 }));
     expect([mission.running, mission.transfer?.progress]).toEqual([true, 0.9]);
@@ -81,7 +81,7 @@ describe('the plan on the vehicle', () => {
     const { mission } = pageWith([200, missionView('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
     mission.selectVehicle('1');
     await settle();
-    await mission.upload('abc', 2);
+    await mission.upload('1', async () => ({ id: 'abc', version: 2 }));
     expect(mission.problem?.detail).toBe('anna has control.');
     expect(mission.running).toBe(false);
   });
@@ -140,7 +140,7 @@ describe('the plan on the vehicle', () => {
     const { mission, requests } = pageWith([200, missionView('another', null)], [202, download], [200, comparison], [200, missionView('another', null)]);
     mission.selectVehicle('1');
     await settle();
-    await mission.readBack(EMPTY_PLAN, { plan_id: 'abc', version: 2 });
+    await mission.readBack('1', EMPTY_PLAN, { plan_id: 'abc', version: 2 });
     expect([mission.running, mission.comparison(EMPTY_PLAN)]).toEqual([true, null]);
     mission.handleEvent(event({ kind: 'mission/download', state: 'succeeded' }));
     await settle();

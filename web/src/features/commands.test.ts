@@ -1,0 +1,527 @@
+/**
+ * Every command of the page × every change of the vehicles × double click and repeated key, at each moment at which the command
+ * waits. A seed decides the order. `PAGE_SEEDS` sets the number of orders for each command and change.
+ */
+
+import { afterAll, describe, expect, it, vi } from 'vitest';
+import type { Outcome } from '../api/client';
+import type { VehicleFacts } from '../vehicle/facts';
+import { EMPTY_PLAN } from './plan/document/document';
+import { StartErrors } from './plan/flight/accepted-errors.svelte';
+import { FakeServer, samplesOf, seeded, stubBrowser, type SentRequest } from '../app/page.fixture';
+
+declare const process: { env: Record<string, string | undefined> };
+const SEEDS = Number(process.env['PAGE_SEEDS'] ?? 1);
+const CHANGES = ['nothing changes', 'another vehicle is selected', 'the vehicle is removed', 'the vehicle is replaced'] as const;
+type Change = (typeof CHANGES)[number];
+
+stubBrowser();
+vi.useFakeTimers();
+const server = new FakeServer();
+vi.stubGlobal('fetch', server.fetch);
+
+const { page } = await import('../app/page.svelte');
+const { actions } = await import('../app/vehicle-actions.svelte');
+const { provide } = await import('../app/services');
+const { offboard, groups } = await import('./offboard/controllers');
+const { editor: setpoints } = await import('./offboard/setpoints/editor.svelte');
+const { draft } = await import('./offboard/groups/draft.svelte');
+const { NEW_DRAFT } = await import('./offboard/groups/group-form');
+const { dryRun, editor, plans, vehicleMission } = await import('./plan/controllers');
+const { DEFAULT_CONDITIONS } = await import('./plan/dry-run/conditions');
+const start = await import('./plan/flight/start-commands');
+const { DEFAULT_VALIDITY } = await import('../vehicle/setpoint');
+const { gimbalControl } = await import('./gimbal/controllers');
+const { cameraControl } = await import('./camera/controllers');
+const { control } = await import('./control/controllers');
+const { paramPanel } = await import('./params/controllers');
+const { readinessPanel } = await import('./readiness/controllers');
+const { vehicleList } = await import('./vehicles/controllers');
+const { mapPointMenu } = await import('./stage/controllers');
+const { replay } = await import('./replay/controllers');
+
+provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
+provide('gimbal', gimbalControl);
+
+const GROUP = {
+  id: '1',
+  created_unix_s: 1,
+  state: 'flying',
+  findings: [],
+  client_key: null,
+  members: ['1', '3'].map((vehicle) => ({ vehicle, held: false, ordered_type: 'velocity' })),
+};
+const MISSION = { name: 'Test', steps: [], actions: {}, fence: [], lists: {} } as never;
+const OFFER = {
+  item: 1,
+  title: 'Waypoint',
+  count: 4,
+  mission_id: 7,
+  altitude_m: 10,
+  altitude_reference: 'home',
+  distance_m: 5,
+  interrupted_item: 2,
+  interrupted_unix_s: 1,
+  cautions: [],
+} as const;
+const MODE = { name: 'Survey', mode: 'external_1', mission: 'Test', version: 1, takes_off: true, defer_failsafes_s: 0 } as never;
+const REQUEST = { key: 'other', client: 'Other', reason: null, answer_left_s: 3 } as never;
+const inputs = () => ({ findings: [], acceptedErrors: [], startErrors: new StartErrors(), time_s: null });
+const stateNow = () => ({ inAir: page.factsNow('1')?.inAir ?? true, current: 1 });
+
+interface PageCommand {
+  /** What a click on the command's button calls, with the vehicle 1. */
+  readonly click: (facts: VehicleFacts) => unknown;
+  /** The vehicles for which the page may send requests; default: 1. */
+  readonly vehicles?: readonly string[];
+  /** The vehicle is on the ground. */
+  readonly onGround?: boolean;
+  /** Each click is one of a series. */
+  readonly series?: boolean;
+}
+
+const COMMANDS: Readonly<Record<string, PageCommand>> = {
+  arm: { click: (facts) => actions.request('arm', facts), onGround: true },
+  disarm: { click: (facts) => actions.request('disarm', facts), onGround: true },
+  'take off': { click: (facts) => actions.request('takeoff', facts), onGround: true },
+  land: { click: (facts) => actions.request('land', facts) },
+  return: { click: (facts) => actions.request('rtl', facts) },
+  hold: { click: (facts) => actions.request('hold', facts) },
+  'land now': { click: (facts) => actions.request('land_now', facts) },
+  'stop motors': { click: (facts) => actions.request('kill', facts) },
+  'take control by force': { click: (facts) => actions.request('force_control', facts) },
+  'take control': { click: (facts) => control.take(facts) },
+  'request control': { click: (facts) => control.requestControl(facts) },
+  'release control': { click: (facts) => control.release(facts) },
+  'give control': { click: (facts) => control.grant(facts, REQUEST) },
+  'keep control': { click: (facts) => control.deny(facts, REQUEST) },
+  'go here': {
+    click: (facts) => {
+      mapPointMenu.open({ lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null, scenePixel: null }, facts);
+      mapPointMenu.requestGoto(facts);
+    },
+  },
+  'look here': {
+    click: (facts) => {
+      mapPointMenu.open({ lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null, scenePixel: null }, facts);
+      return mapPointMenu.lookAt(facts);
+    },
+  },
+  'set ROI': {
+    click: (facts) => {
+      mapPointMenu.open({ lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null, scenePixel: null }, facts);
+      return mapPointMenu.setRoi(facts);
+    },
+  },
+  'clear ROI': { click: (facts) => gimbalControl.clearRoi(facts) },
+  'take the gimbal': { click: (facts) => gimbalControl.takeOrRelease(facts, true) },
+  'release the gimbal': { click: (facts) => gimbalControl.takeOrRelease(facts, false) },
+  'lock yaw': { click: (facts) => gimbalControl.setYawLock(facts, true) },
+  'point the gimbal': { click: (facts) => gimbalControl.point(facts, { pitch_deg: -20, yaw_deg: 0 }), series: true },
+  'take a photo': { click: (facts) => cameraControl.takePhoto(facts, facts.components[0] as never) },
+  'set a parameter': { click: (facts) => paramPanel.set(page.api, facts.id, 'MPC_XY_CRUISE', 3) },
+  'switch to a ready mode': { click: (facts) => readinessPanel.switchMode(page.api, facts.id, 'hold') },
+  'run the checks': { click: (facts) => readinessPanel.check(page.api, facts.id) },
+  'hold all flying': { click: (facts) => vehicleList.hold(page.api, [facts]) },
+  'remove a vehicle': { click: (facts) => vehicleList.remove(page.api, facts) },
+  'start offboard': { click: (facts) => actions.request('offboard_start', facts, 'offboard') },
+  'start offboard with a setpoint': {
+    click: (facts) => setpoints.requestStart(facts, { type: 'velocity', velocity_ned_m_s: [1, 0, 0] }, DEFAULT_VALIDITY),
+  },
+  'move the target': {
+    click: (facts) =>
+      actions.attempt('Moving the target', { id: facts.id, name: facts.name, series: true }, 'offboard', () => offboard.nudge(facts, 'north', 1)),
+    series: true,
+  },
+  'send a setpoint': { click: (facts) => (setpoints.selectVehicle(facts), setpoints.fill(facts), setpoints.sendOrStart(facts, true)) },
+  'switch avoidance': { click: (facts) => offboard.setAvoidance(facts.id, true) },
+  'set the limits': { click: (facts) => (setpoints.selectVehicle(facts), setpoints.setLimits(facts, {} as never)) },
+  'set the failsafe': { click: (facts) => (setpoints.selectVehicle(facts), setpoints.setFailsafe(facts, 'hold' as never, 1)) },
+  'start a group': {
+    vehicles: ['1', '3'],
+    click: () => {
+      draft.fields = { ...NEW_DRAFT, members: ['1', '3'], motion: 'velocity' };
+      draft.requestStart();
+    },
+  },
+  'send to a group': {
+    vehicles: ['1', '3'],
+    click: () => {
+      draft.fields = { ...NEW_DRAFT, motion: 'velocity' };
+      return draft.send(GROUP as never);
+    },
+  },
+  'renew a group': { vehicles: ['1', '3'], click: () => draft.renew(GROUP as never) },
+  'hold a group': { vehicles: ['1', '3'], click: () => groups.hold(GROUP as never) },
+  'save a plan': { vehicles: [], click: () => plans.save() },
+  'save as a new plan': { vehicles: [], click: () => plans.save(true) },
+  'save a new version': {
+    vehicles: [],
+    click: () => {
+      if (plans.savedPlan === null)
+        (plans as unknown as { setSaved: (id: number, saved: unknown) => void }).setSaved(editor.draft.documentId, {
+          id: 'p1',
+          version: 1,
+          name: '',
+          plan: EMPTY_PLAN,
+        });
+      return plans.save();
+    },
+  },
+  'delete a plan': { vehicles: [], click: () => plans.delete({ id: 'p1', version: 1 } as never) },
+  'dry run': { click: (facts) => dryRun.start(editor.document, { vehicle: facts.id }, DEFAULT_CONDITIONS) },
+  upload: { click: (facts) => vehicleMission.upload(facts.id, () => plans.savedVersion()) },
+  'read back': { click: (facts) => vehicleMission.readBack(facts.id, editor.plan, { plan_id: 'p1', version: 1 }) },
+  'cancel a transfer': {
+    click: () => {
+      vehicleMission.transfer = { id: 'o1', state: 'running', kind: 'mission/upload', vehicle: '1' } as never;
+      return vehicleMission.cancel();
+    },
+  },
+  'fly the plan': {
+    onGround: true,
+    click: (facts) => {
+      const command = { plan: editor.plan, row: null, key: {}, dryRun: null, progress: null, stateNow, ...inputs() };
+      actions.requestCommand(start.startPlanCommand(page.api, facts, command), 'actionBar');
+    },
+  },
+  'resume the plan': {
+    click: (facts) => actions.requestCommand(start.resumeCommand(page.api, facts, OFFER, { plan: editor.plan, key: {}, ...inputs() }), 'actionBar'),
+  },
+  'fly an offboard mission': {
+    click: async (facts) => {
+      const mission = new start.OffboardMissionStart(facts, MISSION, { ...inputs(), dryRun: null });
+      const given = actions.give([facts.id]);
+      const saved = await plans.savedVersion();
+      if (saved !== null) actions.requestCommand(await mission.command(page.api, saved), 'actionBar', given);
+    },
+  },
+  'fly with several vehicles': {
+    vehicles: ['1', '3'],
+    click: async () => {
+      const command = start.rolesStart(MISSION, ['lead', 'wing'], { lead: '1', wing: '3' }, (id) => `Quad ${id}`, {
+        ...inputs(),
+        ifStreamStops: null,
+        dry_run: null,
+      });
+      const given = actions.give(['1', '3']);
+      const saved = await plans.savedVersion();
+      if (saved !== null) actions.requestCommand(command(page.api, saved), 'actionBar', given);
+    },
+  },
+  ...Object.fromEntries(
+    (['pause', 'resume', 'skip', 'go_on', 'abort'] as const).map((command): [string, PageCommand] => [
+      `${command} the mission`,
+      {
+        click: (facts) => {
+          const toSend = start.flightCommand(page.api, command, facts);
+          return actions.attempt(toSend.name, { id: facts.id, name: facts.name }, 'actionBar', toSend.send);
+        },
+      },
+    ]),
+  ),
+  'select a flight mode': {
+    click: (facts) =>
+      actions.requestCommand(
+        start.selectModeCommand(page.api, MODE, facts, () => facts.inAir),
+        'actionBar',
+      ),
+  },
+  'register a flight mode': {
+    click: (facts) =>
+      actions.attempt('Register flight mode', facts, 'actionBar', async (fixed): Promise<Outcome<unknown>> => {
+        const request = { name: 'Survey', despite: [], defer_failsafes_s: 0 };
+        return (await start.registerMode(page.api, facts.id, fixed, () => plans.savedVersion(), request)) ?? { ok: true, value: null };
+      }),
+  },
+  'remove a flight mode': {
+    click: (facts) => actions.attempt('Remove flight mode', facts, 'actionBar', () => start.removeMode(page.api, facts.id, 'Survey')),
+  },
+  'open a replay': { vehicles: [], click: () => replay.open('flight.tlog') },
+  'close a replay': {
+    vehicles: [],
+    click: () => {
+      page.store.apply({ type: 'replays', replays: [{ name: 'r', vehicles: ['1'] }] as never });
+      void replay.close();
+      page.store.apply({ type: 'replays', replays: [] });
+    },
+  },
+  'command a replay': {
+    vehicles: [],
+    click: () => {
+      page.store.apply({ type: 'replays', replays: [{ name: 'r', vehicles: ['1'] }] as never });
+      replay.setPlaying(false);
+      page.store.apply({ type: 'replays', replays: [] });
+    },
+  },
+};
+
+/** Requests that change nothing: the server computes or compares, or reads from the vehicle again. */
+const COMPUTING = new Set([
+  '/plans/check',
+  '/plans/convert',
+  '/plans/ground',
+  '/plans/import',
+  '/plans/insert',
+  '/plans/table',
+  '/plans/export',
+  '/plans/pattern',
+  '/vehicles/{v}/mission/compare',
+  '/vehicles/{v}/params/refresh',
+]);
+/** A command that the page gives itself, with its own tests (`dry-run.test.ts`, `vehicle-plan.test.ts`). */
+const seenPaths = new Set<string>();
+
+/** The page's view of vehicle 2: what the late answers about vehicle 1 must not change. */
+function viewOfOther(): string {
+  const facts = page.factsNow('2');
+  if (facts === null) return '';
+  return JSON.stringify([
+    paramPanel.problemOf('2'),
+    readinessPanel.problemOf('2'),
+    vehicleMission.problem,
+    vehicleMission.missionView?.vehicle ?? '2',
+    vehicleMission.transfer,
+    vehicleMission.comparison(editor.plan),
+    gimbalControl.targetAnglesOf(facts),
+    gimbalControl.yawLock(facts),
+    gimbalControl.limitNoticeOf(facts),
+    setpoints.offboardView,
+    mapPointMenu.mapPoint,
+  ]);
+}
+
+/** All texts that tell a person why something was not sent. */
+function words(): string {
+  return JSON.stringify([actions.refusals, plans.notice, vehicleList.result]);
+}
+
+function addVehicles(inAir: boolean): void {
+  page.store.connected = true;
+  for (const id of ['1', '2', '3']) page.store.apply({ type: 'samples', samples: samplesOf(id, `uid ${id}`, inAir, page.store.nowUnixS()) });
+  page.repaintCount += 1;
+}
+
+/** The vehicles that a request is for. */
+function vehiclesOf({ path, body }: SentRequest): string[] {
+  const inPath = /^\/vehicles\/([^/?]+)/.exec(path)?.[1];
+  const members = Array.isArray(body['members'])
+    ? (body['members'] as { vehicle: string }[])
+    : ((body['setpoints'] as { vehicle: string }[] | undefined) ?? []);
+  const inBody = Array.isArray(body['vehicles'])
+    ? (body['vehicles'] as string[])
+    : Object.values((body['vehicles'] as Record<string, string> | undefined) ?? {});
+  const single = typeof body['vehicle'] === 'string' ? [body['vehicle']] : [];
+  return [...(inPath === undefined ? [] : [inPath]), ...members.map(({ vehicle }) => vehicle), ...inBody, ...single];
+}
+
+const isCommand = ({ method, path }: SentRequest): boolean => method !== 'GET' && ![...COMPUTING].some((computing) => matches(computing, path));
+
+function matches(template: string, path: string): boolean {
+  const pattern = template.replace(/[.*+?^()|[\]\\]/g, '\\$&').replace(/\$?\{[^}]*\}/g, '[^/?]+');
+  return new RegExp(`^${pattern}(\\?.*)?$`).test(path);
+}
+
+async function settle(): Promise<void> {
+  await vi.advanceTimersByTimeAsync(0);
+  for (const listener of page.paintListeners) listener();
+  await vi.advanceTimersByTimeAsync(0);
+}
+
+function answer(request: SentRequest, refuse: boolean): void {
+  const vehicle = vehiclesOf(request)[0] ?? '1';
+  const accepted = {
+    id: 'p1',
+    version: 2,
+    vehicle,
+    state: 'running',
+    kind: 'mission/download',
+    members: GROUP.members,
+    findings: [],
+    name: 'r',
+    vehicles: [],
+    results: [],
+  };
+  request.answer(refuse ? Response.json({ code: 'rejected', detail: 'Refused.' }, { status: 409 }) : Response.json(accepted));
+}
+
+/** Ends the earlier command: its requests get answers, and its confirmation closes. */
+async function reset(): Promise<void> {
+  actions.cancelConfirmation();
+  while (server.open.length > 0) {
+    for (const request of server.open) answer(request, true);
+    await vi.advanceTimersByTimeAsync(4000);
+    actions.cancelConfirmation();
+  }
+  await settle();
+  actions.refusals = {};
+  page.store.keepOnly([]);
+  page.repaintCount += 1;
+  [dryRun.operation, vehicleMission.transfer, plans.notice, vehicleList.result] = [null, null, null, null];
+  mapPointMenu.close();
+  setpoints.offboardView = null;
+  editor.replace('Test', EMPTY_PLAN);
+  server.requests = [];
+}
+
+const STEPS = ['click again', 'click again', 'change', 'confirm', 'answer', 'answer'] as const;
+/** Orders in which the change comes while the command waits for the confirmation, and while it waits for an answer. */
+const ORDERS: readonly (readonly (typeof STEPS)[number][])[] = [
+  ['click again', 'change', 'confirm', 'answer', 'answer'],
+  ['confirm', 'click again', 'change', 'answer', 'answer'],
+];
+
+/** @param order the steps after the first click. @param refuses whether the server refuses the next request. */
+async function give(command: PageCommand, change: Change, order: readonly (typeof STEPS)[number][], refuses: () => boolean): Promise<void> {
+  addVehicles(command.onGround !== true);
+  page.select('1');
+  vehicleMission.selectVehicle('1');
+  const facts = page.factsNow('1') as VehicleFacts;
+  await settle();
+  server.requests.length = 0;
+
+  const vehicles = command.vehicles ?? ['1'];
+  let changedAt: number | null = null;
+  let viewBefore = '';
+  let wasAsked = false;
+  let closedByChange = false;
+  void command.click(facts);
+  await settle();
+  for (const step of [...order, 'confirm', 'answer', 'answer', 'answer']) {
+    if (step === 'click again' && changedAt === null) void command.click(facts);
+    if (step === 'confirm' && actions.confirmation !== null) {
+      wasAsked = true;
+      actions.confirmation.slider.slide(1, performance.now() / 1000);
+    }
+    if (step === 'answer' && server.open[0] !== undefined) answer(server.open[0], refuses());
+    if (step === 'change' && change !== 'nothing changes') {
+      await settle();
+      const isOpen = actions.confirmation !== null;
+      changedAt = server.next();
+      if (change === 'another vehicle is selected') page.select('2');
+      else page.store.apply({ type: 'event', event: { kind: 'vehicle_removed', vehicle: '1', unix_s: 0, severity: null, text: '' } });
+      if (change === 'the vehicle is replaced') page.store.apply({ type: 'samples', samples: samplesOf('1', 'another uid', true, page.store.nowUnixS()) });
+      page.repaintCount += 1;
+      vehicleMission.selectVehicle(page.selectedId);
+      const selected = page.facts;
+      if (selected !== null) setpoints.selectVehicle(selected);
+      await settle();
+      if (selected !== null && page.selectedId === '2') {
+        setpoints.offboardView = { limits: 'of 2', failsafe: 'of 2' } as never;
+        mapPointMenu.open({ lat_deg: 47.4, lon_deg: 8.501, ground_amsl_m: null, scenePixel: null }, selected);
+      }
+      viewBefore = viewOfOther();
+      closedByChange = isOpen && actions.confirmation === null;
+      if (isOpen && vehicles.length === 1) expect(closedByChange, 'the confirmation closes').toBe(true);
+      if (closedByChange) expect(words(), 'a word says why').toContain('Not sent');
+    }
+    await settle();
+    expect(server.open.length, 'requests do not pile up').toBeLessThan(12);
+  }
+
+  for (let open = server.open[0]; open !== undefined; open = server.open[0]) {
+    answer(open, false);
+    await settle();
+  }
+
+  const sent = server.requests.filter(isCommand);
+  for (const { method, path } of sent) seenPaths.add(`${method} ${path}`);
+  if (change === 'nothing changes' && (wasAsked || vehicles.length > 0)) expect(sent.length, 'the command is sent').toBeGreaterThan(0);
+  for (const request of sent) for (const id of vehiclesOf(request)) expect(vehicles, `${request.path} is for ${id}`).toContain(id);
+  for (const [index, request] of sent.entries()) {
+    const twin = sent
+      .slice(0, index)
+      .find(({ method, path, answeredAt }) => method === request.method && path === request.path && (answeredAt === null || answeredAt > request.order));
+    if (command.series !== true) expect(twin?.path, 'not sent again before its answer').toBeUndefined();
+  }
+  const sentAfter = sent.filter(({ order }) => changedAt !== null && order > changedAt);
+  if (change === 'the vehicle is removed' || change === 'the vehicle is replaced') {
+    const toVehicle = sentAfter.filter((request) => vehiclesOf(request).includes('1') || request.path.startsWith('/groups'));
+    expect(
+      toVehicle.map(({ path }) => path),
+      'nothing is sent to another vehicle',
+    ).toEqual([]);
+    if (vehicles.length > 0 && sent.length === 0) expect(words(), 'a word says why').toMatch(/removed|place of/);
+  }
+  if (closedByChange)
+    expect(
+      sentAfter.filter((request) => vehiclesOf(request).length > 0),
+      'a closed confirmation sends nothing',
+    ).toEqual([]);
+  if (change === 'another vehicle is selected') expect(viewOfOther(), 'the view of the other vehicle').toBe(viewBefore);
+}
+
+describe.each(Object.entries(COMMANDS))('the command “%s”', (name, command) => {
+  it.each(CHANGES)('is sent once, to its vehicles only, when %s', async (change) => {
+    for (const order of ORDERS) {
+      await reset();
+      await give(command, change, order, () => false);
+    }
+    for (let seed = 1; seed <= SEEDS; seed++) {
+      const random = seeded(seed * 7919 + name.length * 31 + CHANGES.indexOf(change));
+      const order = STEPS.map((step) => [random(), step] as const).sort(([a], [b]) => a - b);
+      await reset();
+      await give(
+        command,
+        change,
+        order.map(([, step]) => step),
+        () => random() < 0.5,
+      );
+    }
+  });
+});
+
+describe('a save', () => {
+  const sent = () => server.requests.filter(isCommand).map(({ method, path, body }) => [method, path, body['base_version']]);
+  it('of one draft is one plan, however often it is given', async () => {
+    await reset();
+    const saves = [plans.save(), plans.save(), plans.savedVersion()];
+    await settle();
+    expect(sent()).toEqual([['POST', '/plans', undefined]]);
+    for (const request of server.open) answer(request, false);
+    expect(new Set(await Promise.all(saves)).size).toBe(1);
+    await settle();
+    expect(sent()).toHaveLength(1);
+  });
+  it('of a changed draft follows the earlier save as a version of the same plan', async () => {
+    await reset();
+    void plans.save();
+    editor.rename('Changed');
+    void plans.save();
+    await settle();
+    expect(sent()).toEqual([['POST', '/plans', undefined]]);
+    for (const request of server.open) answer(request, false);
+    await settle();
+    expect(sent()).toEqual([
+      ['POST', '/plans', undefined],
+      ['PUT', '/plans/p1', 2],
+    ]);
+  });
+});
+
+describe('the page', () => {
+  const sources = import.meta.glob<string>(['../**/*.{ts,svelte}', '!../**/*.test.ts'], { query: '?raw', import: 'default', eager: true });
+  const callsOf = (source: string): string[] =>
+    [...source.matchAll(/\.(post|put|delete)\(\s*(?:'(\/[^']+)'|`(\/[^`]+)`)/g)].map(
+      ([, method, path, template]) => `${method?.toUpperCase()} ${path ?? template}`,
+    );
+
+  it('sends no command that these tests do not give', () => {
+    const calls = Object.values(sources).flatMap(callsOf);
+    expect(calls.length).toBeGreaterThan(40);
+    const untested = calls.filter((call) => {
+      const [method = '', template = ''] = call.split(/ (.*)/);
+      if (COMPUTING.has(template)) return false;
+      return ![...seenPaths].some((seen) => seen.startsWith(`${method} `) && matches(template, seen.slice(method.length + 1)));
+    });
+    expect(untested).toEqual([]);
+  });
+  it('sends commands from no component, where these tests cannot give them', () => {
+    const inComponents = Object.entries(sources).flatMap(([file, source]) =>
+      file.endsWith('.svelte') ? callsOf(source).map((call) => `${file}: ${call}`) : [],
+    );
+    expect(inComponents).toEqual([]);
+  });
+});
+
+afterAll(() => vi.useRealTimers());
