@@ -121,6 +121,7 @@ nightly: $(VENV)/.clients web kernels
 	@$(BIN)/python -m pytest tests/clients tests/hostile
 	@GENERATED_REQUESTS=12 $(BIN)/python -m pytest tests/api/test_responses_are_described.py
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
+	@PAGE_SEEDS=30 $(BIN)/python -m tools.build_page npm run test -- src/features/commands.test.ts
 	@ALL_DIALOGUES=1 $(BIN)/python -m pytest -n 2 --dist loadscope tests/contract
 
 bench: $(VENV)/.clients kernels
