@@ -37,6 +37,11 @@ class AttachedMission(Protocol):
         ...
 
     @property
+    def active(self) -> bool:
+        """Whether the newest mission has not ended."""
+        ...
+
+    @property
     def flown_by_pilot(self) -> bool:
         """Whether the RC pilot or another ground station started the mission that is flown now."""
         ...

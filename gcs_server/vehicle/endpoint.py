@@ -10,7 +10,8 @@ that starts to send after the other has stopped is the same vehicle with a new p
 vehicles. This also distinguishes simulators, which all have the same uid.
 
 If no rule applies, the endpoints belong to two vehicles. The decision takes at most `DECISION_TIMEOUT_S`;
-until then, the endpoint's messages are ignored. A uid that arrives later corrects the decision.
+until then, the endpoint's messages are ignored. Later uids and boot times correct the decision
+(`same_vehicle.py`).
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ from gcs_server.vehicle.population import (
     limit_reached,
     removable_vehicle,
 )
+from gcs_server.vehicle.same_vehicle import SameVehicleWatch
 from gcs_server.vehicle.vehicle import Vehicle
 
 TICK_S = 0.25
@@ -70,6 +72,7 @@ class Fleet(FrameSink):
         self._on_added: list[Callable[[Vehicle], None]] = []
         self._on_removed: list[Callable[[Vehicle], None]] = []
         self._refusals = Refusals()
+        self._same_vehicle = SameVehicleWatch()
         self._link_states: dict[str, tuple[str, str]] = {}
         self.events.subscribe(self._publish)
         router.sink = self
@@ -194,6 +197,7 @@ class Fleet(FrameSink):
                 self._assign(endpoint)
             if endpoint.version is None and now_s >= endpoint.next_request_s:
                 endpoint.request_version(now_s)
+        self._revise_vehicles()
         for vehicle in list(self._vehicles.values()):
             vehicle.isolation.run("the periodic update", vehicle.tick)
 
@@ -339,20 +343,60 @@ class Fleet(FrameSink):
         if vehicle is None:
             return
         uid = endpoint.unique_uid
-        if uid is not None and any(e.unique_uid not in (None, uid) for e in vehicle.endpoints):
-            # the endpoint was assigned to the wrong vehicle; it is assigned again by its uid
-            vehicle.detach(endpoint)
-            return
-        vehicle.set_version(endpoint.version)
-        for other in self.all():
-            if uid is None or other is vehicle or not self._may_belong_to(endpoint, other):
-                continue
-            if any(e.unique_uid == uid for e in other.endpoints):
-                first, second = sorted((vehicle, other), key=lambda v: _sort_key(v.id))
-                self._merge(first, second)
-                return
+        if uid is None or all(e.unique_uid in (None, uid) for e in vehicle.endpoints):
+            vehicle.set_version(endpoint.version)
+        self._revise_vehicles()
 
-    def _merge(self, into: Vehicle, removed: Vehicle) -> None:
+    def _revise_vehicles(self) -> None:
+        """Separates endpoints that belong to another vehicle, and merges vehicles that are one."""
+        now_s = self._clock.monotonic_s()
+        vehicles = [v for v in self.all() if not v.identity.replayed and v.endpoints]
+        by_system: dict[int, list[Vehicle]] = {}
+        for vehicle in vehicles:
+            by_system.setdefault(vehicle.identity.system_id, []).append(vehicle)
+        ambiguous = [group for group in by_system.values() if len(group) > 1 or len(group[0].endpoints) > 1]
+        self._same_vehicle.update([e for group in ambiguous for v in group for e in v.endpoints], now_s)
+        for group in ambiguous:
+            for vehicle in group:
+                self._separate(vehicle, now_s)
+            for first, second in itertools.combinations(group, 2):
+                if self._same_vehicle.are_one(first.endpoints, second.endpoints, now_s):
+                    self._merge(first, second)
+                    break  # the next call compares the other vehicles
+
+    def _separate(self, vehicle: Vehicle, now_s: float) -> None:
+        """Detaches endpoints of other vehicles, which are then assigned again. The vehicle keeps the one to
+        which its setpoints are sent, or that has its uid."""
+        uid = vehicle.identity.uid
+        with_uid = (e for e in vehicle.endpoints if e.unique_uid is not None and e.unique_uid == uid)
+        kept = vehicle.send_path() if vehicle.streaming else next(with_uid, vehicle.endpoints[0])
+        if kept is None:
+            return
+        for endpoint in vehicle.endpoints:
+            if endpoint is kept or self._same_vehicle.is_same(kept, endpoint, now_s) is not False:
+                continue
+            vehicle.detach(endpoint)
+            text = (
+                f"Link {endpoint.connection.name} belongs to another vehicle with system id "
+                f"{endpoint.system_id} than {vehicle.id}: it is now shown as a vehicle of its own."
+            )
+            vehicle.events.add("warning", self._clock.unix_s(), text, severity=d.MAV_SEVERITY_WARNING)
+        if kept.version is not None:
+            vehicle.set_version(kept.version)
+
+    def _merge(self, first: Vehicle, second: Vehicle) -> None:
+        """Makes two vehicles one; the one in use remains. Waits and warns while a stream is sent, which a
+        further link could interrupt, or both are in use."""
+        used = [v for v in (first, second) if v.in_use]
+        if len(used) > 1 or any(v.streaming for v in used):
+            text = (
+                f"Vehicles {first.id} and {second.id} are one vehicle on two links. They become one when "
+                "the setpoint stream has ended and only one of them is used (mission, control)."
+            )
+            for vehicle in (first, second):
+                vehicle.warn(text)
+            return
+        into, removed = (second, first) if second in used else (first, second)
         for endpoint in removed.endpoints:
             removed.detach(endpoint)
             into.attach(endpoint)

@@ -174,8 +174,13 @@ class Vehicle:
 
     @property
     def in_use(self) -> bool:
-        """Whether the vehicle has a setpoint stream, or a client controls it."""
-        return self.streaming or (self.control is not None and self.control.status().holder is not None)
+        """Whether the vehicle has a setpoint stream or an offboard mission, or a client controls it."""
+        has_mission = self.offboard_mission is not None and self.offboard_mission.active
+        return (
+            self.streaming
+            or has_mission
+            or (self.control is not None and self.control.status().holder is not None)
+        )
 
     @property
     def links(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInContro
 from tests.protocol.api_calls import journal_entries, new_station
 from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD_MODE, LAND_MODE, OFFBOARD_MODE, POSITION_MODE
-from tests.protocol.offboard_testbed import OffboardTestbed, sleep, stream_request
+from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
 ME, ANNA, BERT, CARLA = (Principal.from_identity(name, name) for name in ("me", "anna", "bert", "carla"))
 HOVER = {"type": "position", "position_ned_m": [0, 0, -5]}
@@ -137,27 +137,6 @@ def test_kill_of_an_unknown_vehicle_is_refused_and_journaled(run_simulated):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
             await vehicle_routes.kill("3", body, station, ME)
         assert journal_entries(station) == [("me", "kill", "3", "unknown_vehicle")]
-
-    run_with_equal_system_ids(run_simulated, scenario)
-
-
-def test_a_vehicle_identified_as_another_vehicle_loses_its_stream_and_reports_it(run_simulated):
-    """Vehicle `1~2` has a setpoint stream when the server identifies it as vehicle `1` on another link. The
-    id `1~2` is then removed and may be used again."""
-
-    async def scenario(testbed, station, first_autopilot, second_autopilot):
-        merged, kept = testbed.fleet.get("1~2"), testbed.fleet.get("1")
-        await merged.offboard.start(stream_request())
-        testbed.fleet._merge(kept, merged)
-        count = len(second_autopilot.setpoints)
-        await sleep(6)
-        assert len(second_autopilot.setpoints) == count
-        assert not first_autopilot.setpoints
-        assert not merged.offboard.status().streaming
-        assert [e.data["code"] for e in merged.events.since() if e.data.get("source")] == [
-            "lost",
-            "not_confirmed",
-        ]
 
     run_with_equal_system_ids(run_simulated, scenario)
 

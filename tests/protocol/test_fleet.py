@@ -1,13 +1,15 @@
 """How the server identifies vehicles: system ids, uids, peers, links, recordings, other stations."""
 
 import asyncio
+from types import SimpleNamespace
 
 import pytest
 
 from gcs_server.errors import InvalidRequest, Refused, UnknownLink, UnknownVehicle
 from tests.protocol.command_numbers import ARM_DISARM, REQUEST_MESSAGE, SET_MESSAGE_INTERVAL
-from tests.protocol.fake_autopilot import TAKEOFF_MODE
+from tests.protocol.fake_autopilot import OFFBOARD_MODE, TAKEOFF_MODE
 from tests.protocol.memory_testbed import MemoryTestbed, run_test
+from tests.protocol.offboard_testbed import OffboardTestbed, setpoint_gaps_s, stream_request
 from vehicle_sim.mavlink import generated_dialect as sim
 
 HARDWARE_UID_A, HARDWARE_UID_B = 0x0011223344556677, 0x0011223344556688
@@ -117,6 +119,98 @@ def test_one_vehicle_on_two_links_is_shown_twice_until_its_uid_is_known(run_simu
         assert any(e.kind == "vehicle_removed" for e in testbed.fleet.events.since())
 
     run_test(run_simulated, scenario)
+
+
+@pytest.mark.parametrize("streamed", ["1", "1~2"])
+def test_two_vehicles_that_are_one_stay_two_with_a_warning_while_one_is_streamed(run_simulated, streamed):
+    async def run():
+        testbed = OffboardTestbed()
+        autopilots = [testbed.offboard_autopilot(testbed.link(i), uid=HARDWARE_UID_A) for i in ("a", "b")]
+        for boot_s, autopilot in zip((900.0, 700.0), autopilots, strict=True):
+            autopilot.sends_version, autopilot.booted_at_s = False, boot_s
+            autopilot.set_hovering()
+        try:
+            vehicle = await testbed.wait_for_vehicle(streamed)
+            await asyncio.sleep(5)
+            await vehicle.offboard.start(stream_request(valid_for_s=600))
+            flown = next(autopilot for autopilot in autopilots if autopilot.mode == OFFBOARD_MODE)
+            for autopilot in autopilots:
+                autopilot.sends_version = True
+            await asyncio.sleep(45)
+            assert vehicle_ids(testbed) == ["1", "1~2"]
+            assert any("are one vehicle" in warning.text for warning in testbed.fleet.warnings())
+            assert vehicle.offboard.status().streaming
+            assert max(setpoint_gaps_s(flown)) < 0.05
+            await vehicle.offboard.stop()
+            await asyncio.sleep(1)
+            assert vehicle_ids(testbed) == ["1"]
+            assert testbed.fleet.warnings() == []
+        finally:
+            await testbed.close()
+
+    run_simulated(run)
+
+
+def test_the_vehicle_in_use_remains_when_two_vehicles_are_merged(run_simulated):
+    async def scenario(testbed):
+        autopilots = [testbed.autopilot(testbed.link(link), uid=HARDWARE_UID_A) for link in ("a", "b")]
+        for autopilot in autopilots:
+            autopilot.sends_version = autopilot.has_position = False
+        await asyncio.sleep(8)
+        vehicle = testbed.fleet.get("1~2")
+        vehicle.offboard_mission = SimpleNamespace(active=True)
+        for autopilot in autopilots:
+            autopilot.sends_version = True
+        await asyncio.sleep(65)
+        assert vehicle_ids(testbed) == ["1~2"]
+        assert set(vehicle.links) == {"a", "b"}
+
+    run_test(run_simulated, scenario)
+
+
+def test_boot_times_revise_later_whether_two_links_belong_to_one_vehicle(run_simulated):
+    async def scenario(testbed):
+        testbed.autopilot(testbed.link("gcs"))
+        other = testbed.autopilot(testbed.link("api"), booted_at_s=930.0)
+        await testbed.wait_for_vehicle("1~2")
+        other.booted_at_s = 900.016
+        await asyncio.sleep(4)
+        assert vehicle_ids(testbed) == ["1", "1~2"]
+        await asyncio.sleep(3)
+        assert vehicle_ids(testbed) == ["1"]
+        other.booted_at_s = 930.0
+        await asyncio.sleep(8)
+        assert vehicle_ids(testbed) == ["1"]
+        await asyncio.sleep(6)
+        assert vehicle_ids(testbed) == ["1", "1~2"]
+        texts = [event.text for event in testbed.fleet.get("1").events.since()]
+        assert any("belongs to another vehicle" in text for text in texts)
+
+    run_test(run_simulated, scenario)
+
+
+def test_a_streamed_vehicle_keeps_its_link_when_another_vehicles_link_is_separated(run_simulated):
+    async def run():
+        testbed = OffboardTestbed()
+        autopilots = [testbed.offboard_autopilot(testbed.link(link)) for link in ("a", "b")]
+        for autopilot in autopilots:
+            autopilot.set_hovering()
+        try:
+            vehicle = await testbed.wait_for_vehicle()
+            await asyncio.sleep(5)
+            assert set(vehicle.links) == {"a", "b"}
+            await vehicle.offboard.start(stream_request(valid_for_s=600))
+            flown, other = sorted(autopilots, key=lambda autopilot: autopilot.mode != OFFBOARD_MODE)
+            other.booted_at_s, other.mode, other.has_stream = 700.0, OFFBOARD_MODE, lambda: True
+            await asyncio.sleep(15)
+            assert len(vehicle.links) == 1
+            assert vehicle_ids(testbed) == ["1", "1~2"]
+            assert vehicle.offboard.status().streaming
+            assert max(setpoint_gaps_s(flown)) < 0.05
+        finally:
+            await testbed.close()
+
+    run_simulated(run)
 
 
 def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(run_simulated):

@@ -182,6 +182,12 @@ class VehicleMission:
         return self.missions.status(self.vehicle_id)
 
     @property
+    def active(self) -> bool:
+        """Whether the newest mission has not ended."""
+        flight = self.missions.find_flight(self.vehicle_id)
+        return flight is not None and not flight.over
+
+    @property
     def flown_by_pilot(self) -> bool:
         """Whether a pilot or another station has started the mission that is flown now."""
         flight = self.missions.find_flight(self.vehicle_id)

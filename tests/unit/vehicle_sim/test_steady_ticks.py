@@ -26,9 +26,7 @@ Script = Mapping[float, Callable[[VehicleSim], object]]
 """Actions by time since boot [s]."""
 
 
-def mission_item(
-    command: int, north_m: float, east_m: float, alt_home_m: float, *parameters: float
-) -> Item:
+def mission_item(command: int, north_m: float, east_m: float, alt_home_m: float, *parameters: float) -> Item:
     home = VehicleSim(links=()).simulation.home
     lat, lon = to_global(*(np.array(value) for value in (north_m, east_m, home.lat_deg, home.lon_deg)))
     all_parameters = (*parameters, 0.0, 0.0, 0.0, 0.0)[:4]
