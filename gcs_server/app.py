@@ -143,7 +143,7 @@ class Server:
                 self._offboard_target,
                 self._scene_clicked,
                 self._scene_dragged,
-                dry_runs.get,
+                dry_runs.body,
             )
             if settings.scene
             else None
@@ -151,6 +151,7 @@ class Server:
         journal = Journal(clock, folder.journal)
         lease_times = LeaseTimes(settings.control_lease_s, settings.control_answer_s)
         replays = Replays(self.router, self.fleet, folder.recordings)
+        authority = Authority(clock, self.fleet, journal, self.supervisor, lease_times)
         plans = PlanStore(folder.plans, clock, self._publish_plan_change)
         self.station = Station(
             clock=clock,
@@ -158,7 +159,7 @@ class Server:
             fleet=self.fleet,
             hub=Hub(clock, self.fleet),
             journal=journal,
-            authority=Authority(clock, self.fleet, journal, self.supervisor, lease_times),
+            authority=authority,
             replays=replays,
             streamer=self.streamer,
             missions=missions,
@@ -166,7 +167,7 @@ class Server:
             mission_modes=mission_modes,
             operations=Operations(clock, self.supervisor, self._publish_operation),
             plans=plans,
-            plan_work=PlanWork(folder.elevation),
+            plan_work=PlanWork(folder.elevation, authority.controls_any),
             dry_runs=dry_runs,
             topic_inspectors=TopicInspectors(),
             started_s=clock.monotonic_s(),

@@ -17,6 +17,8 @@
     │   ├── NotVerified          commands are not verified for this autopilot or airframe
     │   ├── NotInControl         another client has control of the vehicle
     │   ├── PlanFindings         a plan has errors that the caller has not accepted
+    │   ├── ClientHasTooMany     too much work of one client is running or waiting
+    │   ├── ServerBusy           too much work of all clients is waiting
     │   └── NotTogether          a group cannot fly: a vehicle cannot join, or two come too close
     ├── Rejected                 the vehicle refused, with its reasons
     ├── NoReply                  the vehicle did not reply within the deadline
@@ -186,6 +188,18 @@ class Refused(GcsError):
     """A check of this server refused the command; nothing was sent."""
 
     code = "refused"
+
+
+class ClientHasTooMany(Refused):
+    """Too much work of this client is running or waiting."""
+
+    code = "too_many_requests"
+
+
+class ServerBusy(Refused):
+    """Too much work of all clients is waiting."""
+
+    code = "server_busy"
 
 
 class NotVerified(Refused):

@@ -1,73 +1,33 @@
-"""Reads the body of each request before the request is handled. Limits its size, time, depth and values.
-
-A body that is nested deeper, or has more keys, than any valid body is refused before it is parsed, because
-each unknown key would produce a validation error.
-"""
+"""Reads the body of each request before the request is handled. Limits its size, time, depth and values."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import json
 import re
-from typing import Any
 
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gcs_server.api import refusals
 from gcs_server.api.admission import refusal_response
+from gcs_server.api.json_limits import REFUSED_REMEDY, json_fault
 from gcs_server.api.principals import principal_of
 from gcs_server.api.problems import problem
 from gcs_server.api.request_queue import RequestQueue
+from gcs_server.operations.turns import CALLER, Caller
 
-MAX_DEPTH = 32
-MAX_VALUES = 100_000
-"""Maximum number of commas and opening brackets; a path of 5000 points has 35,000."""
-MAX_KEYS = 100
-"""Maximum number of keys in one object; the largest valid object has 20."""
-_LONG_NUMBER = re.compile(rb"[0-9]{400}")
-_JSON_STRING = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
-_NOT_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
-
-
-def json_fault(text: bytes) -> str | None:
-    """Why this JSON text is refused; None if it may be parsed. Invalid JSON is reported by the parser."""
-    try:
-        text.decode()
-    except UnicodeDecodeError:
-        return "it is not UTF-8 text"
-    if _LONG_NUMBER.search(text) and _LONG_NUMBER.search(_JSON_STRING.sub(b"", text)):
-        return "it has a number of 400 digits or more"
-    opening = text.count(b"{") + text.count(b"[")
-    if opening + text.count(b",") > MAX_VALUES:
-        return f"it has more than {MAX_VALUES:,} values"
-    if opening > MAX_DEPTH and _deeper_than(text, MAX_DEPTH):
-        return f"it is nested deeper than {MAX_DEPTH} levels"
-    if text.count(b":") > MAX_KEYS and _most_keys(text) > MAX_KEYS:
-        return f"one of its objects has more than {MAX_KEYS} keys"
-    return None
+MAX_SMALL_BODY_BYTES = 65_536
+"""Maximum size of a body that contains neither a document nor a file nor setpoints."""
+_PLANS = r"plans(/\w+)?|dry_runs|offboard_missions/start"
+_OF_VEHICLE = r"vehicles/[^/]+/(mission/(upload|compare)|offboard_mission/start|mission_modes/register)"
+DOCUMENT_PATHS = re.compile(rf"/api/v1/({_PLANS}|{_OF_VEHICLE})")
+"""Routes whose body contains a document or a file (`documents.py`)."""
+SETPOINT_PATHS = re.compile(r"/api/v1/(vehicles/[^/]+/offboard/(start|setpoint)|groups(/.+)?)")
+"""Routes whose body contains setpoints; a path of 5000 points has 700 kB."""
 
 
-def _deeper_than(text: bytes, max_depth: int) -> bool:
-    depth = 0
-    for bracket in _JSON_STRING.sub(b"", text).translate(None, _NOT_BRACKETS):
-        depth += 1 if bracket in b"[{" else -1
-        if depth > max_depth:
-            return True
-    return False
-
-
-def _most_keys(text: bytes) -> int:
-    largest = 0
-
-    def count(pairs: list[tuple[str, Any]]) -> None:
-        nonlocal largest
-        largest = max(largest, len(pairs))
-
-    with contextlib.suppress(ValueError):
-        json.loads(text, object_pairs_hook=count)
-    return largest
+def _may_be_large(scope: Scope) -> bool:
+    return any(paths.fullmatch(scope["path"]) for paths in (DOCUMENT_PATHS, SETPOINT_PATHS))
 
 
 class _ClientDisconnected(Exception):
@@ -90,6 +50,7 @@ class BodyReader:
             await self._app(scope, receive, send)
             return
         client = principal_of(HTTPConnection(scope))
+        CALLER.set(Caller(client.key, client.address))
         if scope["type"] == "websocket" or scope["method"] in ("GET", "HEAD", "OPTIONS"):
             await self._request_queue.wait(client)
             await self._app(scope, receive, send)
@@ -102,11 +63,11 @@ class BodyReader:
         except TimeoutError:
             await refusal_response(refusals.TOO_SLOW)(scope, receive, send)
             return
-        if body is None:
+        if body is None or (len(body) > MAX_SMALL_BODY_BYTES and not _may_be_large(scope)):
             await refusal_response(refusals.BODY_TOO_LARGE)(scope, receive, send)
             return
         await self._request_queue.wait(client)
-        fault = json_fault(body) if b"json" in _header(scope, b"content-type") else None
+        fault = json_fault(body) if _is_checked(scope, body) else None
         if fault is not None:
             response = problem(
                 422,
@@ -114,7 +75,7 @@ class BodyReader:
                 "invalid_request",
                 f"The request body was refused: {fault}.",
                 field="body",
-                remedy="Send only what the API description allows, and less data at once.",
+                remedy=REFUSED_REMEDY,
             )
             await response(scope, receive, send)
             return
@@ -128,6 +89,14 @@ class BodyReader:
             return {"type": "http.request", "body": body, "more_body": False}
 
         await self._app(scope, receive_body, send)
+
+
+def _is_checked(scope: Scope, body: bytes) -> bool:
+    """Whether the limits of JSON apply to a body: not to files, and not to large documents, which plan work
+    checks."""
+    if b"json" not in _header(scope, b"content-type"):
+        return False
+    return len(body) <= MAX_SMALL_BODY_BYTES or DOCUMENT_PATHS.fullmatch(scope["path"]) is None
 
 
 def _header(scope: Scope, name: bytes) -> bytes:

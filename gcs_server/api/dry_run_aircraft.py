@@ -7,38 +7,35 @@ from dataclasses import asdict
 from typing import Any
 
 from gcs_server.errors import InvalidRequest
+from gcs_server.plans.tasks import DocumentHead
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.samples import Attitude, Battery, GlobalPosition, Home
 from gcs_server.vehicle.vehicle import Vehicle
-from missions.documents import Document
 from missions.geodesy import LocalOrigin
-from missions.offboard.document import OffboardMission
-from missions.values import HomePosition
 
 DEFAULT_HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 """Home position of PX4's own simulation, used for a mission whose positions are all relative to its start."""
 
 
 def aircraft_from_vehicle(
-    vehicle: Vehicle | None, document: Document, role: str | None = None
+    vehicle: Vehicle | None, document: DocumentHead, role: str | None = None
 ) -> tuple[dict[str, Any], dict[str, float] | None, list[str]]:
     """Returns the simulated aircraft (`home`, `yaw_ned_rad`, `parameters`, `battery_share`), the local origin
     (None: unknown), and the assumptions made because values were unknown.
 
     Args:
         vehicle: the real vehicle; None: PX4's defaults, at the planned home.
-        document: the plan.
+        document: head of the plan.
         role: the vehicle's role in a mission of several vehicles; the assumptions then do not name the
             vehicle.
 
     Raises:
         InvalidRequest: the start position is unknown.
     """
-    planned_home = document.home if isinstance(document, OffboardMission) else document.planned_home
     assumptions: list[str] = []
     if vehicle is None:
         assumptions.append("No vehicle is named: PX4's defaults and a full battery are used.")
-        return {"home": _planned_start(planned_home, document, role)}, None, assumptions
+        return {"home": _planned_start(document, role)}, None, assumptions
     vehicle_name = f"vehicle {vehicle.id}" if role is None else "the vehicle"
     aircraft: dict[str, Any] = {
         "parameters": {param.name: float(param.value) for param in vehicle.params.all()}
@@ -48,7 +45,7 @@ def aircraft_from_vehicle(
     position = _start_position(vehicle, vehicle_name, assumptions)
     if position is None:
         assumptions.append(f"The position of {vehicle_name} is not known: the plan's home is used.")
-        aircraft["home"] = _planned_start(planned_home, document, role)
+        aircraft["home"] = _planned_start(document, role)
         return aircraft, None, assumptions
     aircraft["home"] = position
     attitude, battery = vehicle.topic("attitude"), vehicle.topic("battery")
@@ -91,23 +88,21 @@ def _start_position(vehicle: Vehicle, vehicle_name: str, assumptions: list[str])
     return _coordinates(home.value)
 
 
-def _coordinates(value: GlobalPosition | Home | HomePosition) -> dict[str, float]:
+def _coordinates(value: GlobalPosition | Home) -> dict[str, float]:
     return {name: getattr(value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
 
 
-def _planned_start(
-    planned_home: HomePosition | None, document: Document, role: str | None
-) -> dict[str, float]:
+def _planned_start(document: DocumentHead, role: str | None) -> dict[str, float]:
     """Start position of the plan, or of one of its roles."""
-    if planned_home is None and not isinstance(document, OffboardMission):
+    if document.home is None and document.kind == "waypoint_plan":
         raise InvalidRequest(
             "plan.planned_home",
             "The plan has no planned home, and no vehicle with a position is named: the start is not known.",
             remedy="Give the plan a home, or name a vehicle.",
         )
-    home = _coordinates(planned_home) if planned_home is not None else dict(DEFAULT_HOME)
-    if not isinstance(document, OffboardMission) or role is None:
+    home = dict(document.home or DEFAULT_HOME)
+    if role is None:
         return home
-    offset_ned_m = document.roles[role].start_ned_m or (0.0, 0.0, 0.0)
+    offset_ned_m = document.roles[role] or (0.0, 0.0, 0.0)
     lat_deg, lon_deg, alt_amsl_m = LocalOrigin(**home).to_geodetic(offset_ned_m)
     return {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": alt_amsl_m}

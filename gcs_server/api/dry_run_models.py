@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from gcs_server.api.documents import DocumentBody
 from gcs_server.api.group_models import VehicleId
 from gcs_server.api.offboard_mission_models import Role
-from gcs_server.api.plan_models import DocumentBody, OriginModel
+from gcs_server.api.plan_models import OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody, StrictBody
 from missions.documents import PlanKind

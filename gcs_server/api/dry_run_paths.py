@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+
+from gcs_server.api.documents import UnreadDocument
+from gcs_server.api.plan_items import mavlink_items
 from gcs_server.api.station import Station
 from gcs_server.errors import Refused
 from gcs_server.plans.dry_run_corridor import path_of
@@ -9,13 +13,11 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.waypoints.flight import NamedDryRun
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.vehicle import Vehicle
-from missions import plan as plan_document
-from missions.formats import mavlink_items
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 
 
-def dry_run_path(station: Station, vehicle: Vehicle, dry_run_id: str | None) -> NamedDryRun | None:
+async def dry_run_path(station: Station, vehicle: Vehicle, dry_run_id: str | None) -> NamedDryRun | None:
     """Path and corridor of the dry run, in the vehicle's local frame; None: no dry run is named.
 
     Raises:
@@ -25,16 +27,15 @@ def dry_run_path(station: Station, vehicle: Vehicle, dry_run_id: str | None) -> 
     """
     if dry_run_id is None:
         return None
-    result = station.dry_runs.get(dry_run_id)
+    result = await station.dry_runs.result(dry_run_id)
     on_vehicle = vehicle.mission.items_on_vehicle
     if result["kind"] != "waypoint_plan" or on_vehicle is None or vehicle.mission.plan_on_vehicle() != "plan":
         raise _wrong_plan_refusal(vehicle, dry_run_id)
-    plan = plan_document.read(station.dry_runs.plan(dry_run_id))
-    items = mavlink_items.mission_items(plan)
-    if any(each.essential for each in differences("mission", items, on_vehicle.items["mission"])):
+    items, rows = await mavlink_items(station, UnreadDocument(station.dry_runs.plan(dry_run_id)))
+    if any(each.essential for each in differences("mission", items["mission"], on_vehicle.items["mission"])):
         raise _wrong_plan_refusal(vehicle, dry_run_id)
     ground_ned_m, origin = _ground_position(vehicle)
-    planned, corridor = path_of(result, plan, ground_ned_m, origin)
+    planned, corridor = await asyncio.to_thread(path_of, result, rows, ground_ned_m, origin)
     return NamedDryRun(dry_run_id, planned, corridor)
 
 

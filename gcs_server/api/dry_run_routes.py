@@ -8,27 +8,24 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import dry_run_models as m
 from gcs_server.api.authorized import authorized_command
+from gcs_server.api.documents import DocumentRoute, UnreadDocument
 from gcs_server.api.dry_run_aircraft import aircraft_from_vehicle, merged_assumptions
 from gcs_server.api.joint_mission_routes import require_roles
 from gcs_server.api.operation_routes import OperationModel, operation_view
-from gcs_server.api.plan_checks import text_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import json_response
+from gcs_server.api.responses import json_bytes, json_response
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.commands import API
-from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.errors import InvalidRequest
 from gcs_server.operations.operations import ReportProgress
-from missions import documents
-from missions.documents import Document
+from gcs_server.plans.tasks import DocumentHead, ReadDocument
 from missions.dry_run.spread import MAX_VEHICLES
-from missions.errors import PlanError
-from missions.offboard.document import OffboardMission
 
 SimulatedVehicles = tuple[dict[str, Any], list[str]]
 """The simulated vehicles, and the assumptions about them."""
 
-router = APIRouter(prefix="/dry_runs", tags=["dry runs"], responses=RESPONSES)
+router = APIRouter(prefix="/dry_runs", tags=["dry runs"], responses=RESPONSES, route_class=DocumentRoute)
 
 
 @router.post("", response_model=OperationModel, status_code=202)
@@ -43,13 +40,12 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
     )
     with authorized_command(station, principal, "dry_runs/start", None, journal_arguments):
         plan_reference, document = await _chosen_plan(station, body)
-        simulated, assumptions = _role_vehicles(station, body, document) or _single_vehicle(
-            station, body, document
+        simulated, assumptions = _role_vehicles(station, body, document.head) or _single_vehicle(
+            station, body, document.head
         )
-        kind = documents.kind_of(document)
+        kind = document.head.kind
         request = {
             "kind": kind,
-            "plan": text_of(document),
             **simulated,
             "conditions": body.conditions.model_dump(),
             "obstacles": [each.model_dump() for each in body.obstacles],
@@ -65,7 +61,7 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
         dry_run_id = station.dry_runs.next_id()
 
         async def work(report: ReportProgress) -> dict[str, object]:
-            return await station.dry_runs.run(dry_run_id, request, details, report)
+            return await station.dry_runs.run(dry_run_id, document.text, request, details, report)
 
         operation = station.operations.start(
             "dry_run", work, text="The simulated vehicles start.", subject=dry_run_id,
@@ -79,10 +75,10 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
 @router.get("/{d}", response_model=m.DryRunView)
 async def show_dry_run(d: str, station: StationDep) -> Response:
     """The result of a dry run; the last ten are stored until the server is shut down."""
-    return json_response(station.dry_runs.get(d))
+    return json_bytes(station.dry_runs.body(d))
 
 
-def _single_vehicle(station: Station, body: m.DryRunRequest, document: Document) -> SimulatedVehicles:
+def _single_vehicle(station: Station, body: m.DryRunRequest, document: DocumentHead) -> SimulatedVehicles:
     if body.vehicles is not None:
         raise InvalidRequest(
             "vehicles", "The plan has no roles: one vehicle flies it.", remedy="Name it in `vehicle`."
@@ -92,9 +88,11 @@ def _single_vehicle(station: Station, body: m.DryRunRequest, document: Document)
     return {"roles": None, "aircraft": {**aircraft, **_battery(body)}, "origin": origin}, assumptions
 
 
-def _role_vehicles(station: Station, body: m.DryRunRequest, document: Document) -> SimulatedVehicles | None:
+def _role_vehicles(
+    station: Station, body: m.DryRunRequest, document: DocumentHead
+) -> SimulatedVehicles | None:
     """The vehicles of a mission with roles; None for other plans."""
-    if not isinstance(document, OffboardMission) or not document.roles:
+    if not document.roles:
         return None
     if body.vehicle is not None:
         raise InvalidRequest(
@@ -111,7 +109,7 @@ def _role_vehicles(station: Station, body: m.DryRunRequest, document: Document) 
         )
     if body.vehicles is not None:
         require_roles(document, body.vehicles)
-    elif any(role.start_ned_m is None for role in document.roles.values()):
+    elif any(start_ned_m is None for start_ned_m in document.roles.values()):
         raise InvalidRequest(
             "vehicles",
             "The start positions are not known: no vehicle is named, and some roles have no `start_ned_m`.",
@@ -130,13 +128,11 @@ def _battery(body: m.DryRunRequest) -> dict[str, Any]:
     return {"endurance_s": body.endurance_s, "battery_reserve": body.battery_reserve}
 
 
-async def _chosen_plan(station: Station, body: m.DryRunRequest) -> tuple[dict[str, Any], Document]:
+async def _chosen_plan(station: Station, body: m.DryRunRequest) -> tuple[dict[str, Any], ReadDocument]:
     """Name, id and version of the plan in the request, and its document."""
     if body.plan is not None:
-        return {"name": None, "plan_id": None, "version": None}, body.plan
+        return {"name": None, "plan_id": None, "version": None}, await body.plan.read(station.plan_work)
     assert body.plan_id is not None
     stored, text = await station.plans.get(body.plan_id, body.version)
-    try:
-        return {"name": stored.name, "plan_id": stored.id, "version": stored.version}, documents.read(text)
-    except PlanError as error:
-        raise Refused(f"Plan {stored.name!r} cannot be read: {error}") from error
+    document = await UnreadDocument(text).read(station.plan_work, field="plan_id")
+    return {"name": stored.name, "plan_id": stored.id, "version": stored.version}, document

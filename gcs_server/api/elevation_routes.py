@@ -17,4 +17,4 @@ async def list_elevation_files(station: StationDep) -> Response:
     """The elevation files in the data folder, from the finest grid to the coarsest, and the files that cannot
     be read."""
     files = await station.plan_work.run("elevation_files", {}, small=False)
-    return json_response({"folder": str(station.plan_work.elevation_folder), **files})
+    return json_response({"folder": str(station.plan_work.elevation_folder), **files.values})

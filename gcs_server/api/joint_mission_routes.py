@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import base64
-import pickle
 from collections.abc import Mapping
 from typing import Any
 
 from fastapi import APIRouter, Response
 
 from gcs_server.api import offboard_mission_models as m
+from gcs_server.api.documents import DocumentRoute, UnreadDocument
 from gcs_server.api.group_routes import authorized_commands
 from gcs_server.api.offboard_mission_routes import (
     check_findings,
     chosen_mission,
     corridor_for,
+    dry_run_result,
     start_conditions,
 )
 from gcs_server.api.plan_checks import plan_context_of
@@ -23,14 +23,16 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep
 from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.plans.compiled import compiled_roles
+from gcs_server.plans.tasks import DocumentHead
 from gcs_server.streamer.missions.missions import low_battery_share
 from gcs_server.streamer.missions.start import Start
 from gcs_server.vehicle.samples import Health
 from gcs_server.vehicle.vehicle import Vehicle
-from missions import documents
-from missions.offboard.document import OffboardMission
 
-router = APIRouter(prefix="/offboard_missions", tags=["offboard mission"], responses=RESPONSES)
+router = APIRouter(
+    prefix="/offboard_missions", tags=["offboard mission"], responses=RESPONSES, route_class=DocumentRoute
+)
 
 
 @router.post("/start", response_model=m.JointMissionView)
@@ -49,8 +51,7 @@ async def start_joint_mission(
         station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}
     ):
         mission_name, text = await chosen_mission(station, body)
-        mission = documents.read(text)
-        assert isinstance(mission, OffboardMission)
+        mission = (await UnreadDocument(text).read(station.plan_work, field="mission")).head
         vehicles = _vehicles_of(station, mission, body.vehicles)
         for vehicle in vehicles.values():
             await station.offboard(vehicle.id).ensure_parameters()
@@ -63,12 +64,13 @@ async def start_joint_mission(
             small=False,
             field="mission",
         )
-        check_findings(mission_name.name, compiled["findings"], body.despite)
-        timelines = pickle.loads(base64.b64decode(compiled["timelines"]))
+        check_findings(mission_name.name, compiled.values["findings"], body.despite)
+        timelines = await compiled_roles(compiled)
         if any(timeline.avoidance for timeline, _ in timelines.values()):
             for role, vehicle in vehicles.items():
                 if timelines[role][0].avoidance:
                     await station.offboard(vehicle.id).avoidance.wait_for_sensor()
+        dry_run = await dry_run_result(station, body.dry_run)
         await station.missions.ready()
         for vehicle in vehicles.values():
             _require_ready(vehicle)  # checked again, because the compilation takes seconds
@@ -77,16 +79,15 @@ async def start_joint_mission(
             timeline, motion = timelines[role]
             starts[role] = vehicle.id, Start(
                 mission_name, timeline, motion, principal.name, low_battery_share(vehicle),
-                corridor_for(station, vehicle, body.dry_run, role), role=role, dry_run=body.dry_run,
+                corridor_for(vehicle, dry_run, role), role=role, dry_run=body.dry_run,
             )  # fmt: skip
+        assert mission.separation_m is not None
         station.missions.begin_together(starts, mission.separation_m)
         views = [{"vehicle": v.id, "mission": station.missions.status(v.id)} for v in vehicles.values()]
         return json_response({"vehicles": views})
 
 
-def _vehicles_of(
-    station: Station, mission: OffboardMission, vehicle_ids: dict[str, str]
-) -> dict[str, Vehicle]:
+def _vehicles_of(station: Station, mission: DocumentHead, vehicle_ids: dict[str, str]) -> dict[str, Vehicle]:
     """The vehicles by role, in the order of the document; all of them can be armed or are flying.
 
     Raises:
@@ -106,7 +107,7 @@ def _vehicles_of(
     return vehicles
 
 
-def require_roles(mission: OffboardMission, vehicle_ids: Mapping[str, str]) -> None:
+def require_roles(mission: DocumentHead, vehicle_ids: Mapping[str, str]) -> None:
     """Raises InvalidRequest unless `vehicle_ids` has exactly the roles of the mission."""
     missing = [role for role in mission.roles if role not in vehicle_ids]
     unknown = [role for role in vehicle_ids if role not in mission.roles]

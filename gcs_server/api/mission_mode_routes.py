@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 from fastapi import APIRouter, Response
 
 from gcs_server.api import mission_mode_models as m
 from gcs_server.api.authorized import authorized_command
+from gcs_server.api.documents import DocumentRoute, UnreadDocument
 from gcs_server.api.offboard_mission_routes import chosen_mission, prepared_start, start_conditions
 from gcs_server.api.plan_checks import plan_context_of
 from gcs_server.api.principals import PrincipalDep
@@ -22,7 +21,12 @@ from gcs_server.streamer.missions.start import Start
 from gcs_server.vehicle.samples import GlobalPosition
 from gcs_server.vehicle.vehicle import Vehicle
 
-router = APIRouter(prefix="/vehicles/{v}/mission_modes", tags=["offboard mission"], responses=RESPONSES)
+router = APIRouter(
+    prefix="/vehicles/{v}/mission_modes",
+    tags=["offboard mission"],
+    responses=RESPONSES,
+    route_class=DocumentRoute,
+)
 
 
 @router.get("", response_model=m.MissionModesView)
@@ -47,7 +51,8 @@ async def register(v: str, body: m.RegisterMode, station: StationDep, principal:
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
         mission_name, text = await chosen_mission(station, body)
-        takes_off, despite = _begins_with_take_off(text), tuple(body.despite)
+        head = (await UnreadDocument(text).read(station.plan_work, field="mission")).head
+        takes_off, despite = head.takes_off, tuple(body.despite)
         deferral_s = body.defer_failsafes_s
         mode = MissionAsMode(body.name, mission_name, text, despite, principal.name, deferral_s, takes_off)
         await station.mission_modes.register(v, mode)
@@ -95,12 +100,6 @@ def _home_when_armed(vehicle: Vehicle) -> dict[str, float]:
     if vehicle.topic("home") is None or position is None or not isinstance(position.value, GlobalPosition):
         return {}
     return {"home_alt_amsl_m": position.value.alt_amsl_m}
-
-
-def _begins_with_take_off(text: str) -> bool:
-    """Whether the first step of a mission, as JSON, is a take-off."""
-    steps = json.loads(text).get("steps") or [{}]
-    return steps[0].get("step") == "take_off"
 
 
 def _view(station: Station, vehicle_id: str) -> Response:

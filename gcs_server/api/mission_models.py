@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from gcs_server.api.plan_models import PlanBody
+from gcs_server.api.documents import PlanBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import TOPIC_MODELS
 from gcs_server.api.strict_body import ResponseBody, StrictBody

@@ -11,9 +11,11 @@ from msgspec import Raw
 from gcs_server.api import mission_models as m
 from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_reporter
+from gcs_server.api.documents import DocumentRoute, UnreadDocument
 from gcs_server.api.mission_start import check_start, is_still_on_vehicle
 from gcs_server.api.offboard_mission_models import FlownMissionView
 from gcs_server.api.operation_routes import OperationModel, operation_view
+from gcs_server.api.plan_items import mavlink_items
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
@@ -24,16 +26,15 @@ from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import Operation, ReportProgress
 from gcs_server.streamer.waypoints.flight import ClientStart
 from gcs_server.vehicle.services.mission_compare import differences
-from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
+from gcs_server.vehicle.services.mission_dialogue import PARTS
 from gcs_server.vehicle.services.mission_on_vehicle import Items, ItemsOnVehicle, PlanReference
 from gcs_server.vehicle.services.vehicle_plan import plan_from_items
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
-from missions.errors import PlanError
-from missions.formats import mavlink_items
-from missions.plan import Plan
 
-router = APIRouter(prefix="/vehicles/{v}/mission", tags=["mission"], responses=RESPONSES)
+router = APIRouter(
+    prefix="/vehicles/{v}/mission", tags=["mission"], responses=RESPONSES, route_class=DocumentRoute
+)
 
 CONFIRM_DESCRIPTION = (
     "Required while the vehicle is in Mission mode: `vehicle {id} loses the mission that it flies`."
@@ -99,8 +100,7 @@ async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: 
     with authorized_command(station, principal, "mission/upload", v, arguments):
         vehicle = station.fleet.get(v)
         _require_confirmation(vehicle, "mission/upload", body.confirm)
-        reference, plan = await _chosen_plan(station, body)
-        items = _mavlink_items(plan)
+        reference, items = await _chosen_items(station, body)
 
         async def work(report: ReportProgress) -> dict[str, object]:
             uploaded = await vehicle.mission.upload(items, reference, progress=report)
@@ -163,9 +163,8 @@ async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -
     If a stored plan is equal and the vehicle still has these items, the server regards that plan as the plan
     on the vehicle.
     """
-    reference, plan = await _chosen_plan(station, body)
+    reference, items = await _chosen_items(station, body)
     on_vehicle = _downloaded_items(vehicle)
-    items = _mavlink_items(plan)
     all_differences = [
         each for part in PARTS for each in differences(part, items[part], on_vehicle.items[part])
     ]
@@ -301,38 +300,25 @@ def _require_confirmation(vehicle: Vehicle, command: str, confirmation: str | No
         BY_NAME[command].require_confirmation(confirmation or "", vehicle=vehicle.id)
 
 
-async def _chosen_plan(station: Station, body: m.WhichPlan) -> tuple[PlanReference, Plan]:
+async def _chosen_items(station: Station, body: m.WhichPlan) -> tuple[PlanReference, Items]:
+    """The plan in the request, and its items.
+
+    Raises:
+        InvalidRequest: the plan cannot be used, or the MAVLink mission protocol cannot represent it.
+    """
     if body.plan is not None:
-        return PlanReference(None, None, None), body.plan
+        items, _ = await mavlink_items(station, body.plan)
+        return PlanReference(None, None, None), items
     assert body.plan_id is not None
-    stored, document = await station.plans.get(body.plan_id, body.version)
+    stored, text = await station.plans.get(body.plan_id, body.version)
     if stored.kind != "waypoint_plan":
         raise InvalidRequest(
             "plan_id",
             f"{stored.name!r} is an offboard mission, which cannot be uploaded: the server flies it.",
             remedy="Start it as an offboard mission, or name a waypoint plan.",
         )
-    try:
-        return PlanReference(stored.id, stored.version, stored.name), plan_document.read(document)
-    except PlanError as error:
-        raise Refused(f"Plan {stored.name!r} cannot be read: {error}") from error
-
-
-def _mavlink_items(plan: Plan) -> Items:
-    """The plan as MAVLink items.
-
-    Raises:
-        InvalidRequest: the MAVLink mission protocol cannot represent the plan.
-    """
-    try:
-        items: dict[Part, tuple[mavlink_items.WireItem, ...]] = {
-            "mission": mavlink_items.mission_items(plan),
-            "fence": mavlink_items.fence_items(plan),
-            "rally": mavlink_items.rally_items(plan),
-        }
-    except PlanError as error:
-        raise InvalidRequest("plan", f"{error.place}: {error.reason}.", remedy=error.fix) from error
-    return items
+    items, _ = await mavlink_items(station, UnreadDocument(text), f"Plan {stored.name!r}, ")
+    return PlanReference(stored.id, stored.version, stored.name), items
 
 
 def _downloaded_items(vehicle: Vehicle) -> ItemsOnVehicle:

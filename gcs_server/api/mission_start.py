@@ -5,12 +5,13 @@ If a vehicle on the ground starts at a later item, the flight from its position 
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from gcs_server.api.dry_run_paths import dry_run_path
 from gcs_server.api.mission_models import StartRequest
-from gcs_server.api.plan_checks import check_document
+from gcs_server.api.plan_checks import check_document, findings_of
 from gcs_server.api.plan_traffic import SEPARATION, compare_with_others
 from gcs_server.api.station import Station
 from gcs_server.errors import PlanFindings, Refused, UnknownPlan
@@ -76,8 +77,8 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
                 codes=(PLAN_NOT_KNOWN,),
                 remedy="Download or upload it first, or name plan_not_known in `despite`.",
             )
-        return dry_run_path(station, vehicle, request.dry_run)
-    path = dry_run_path(station, vehicle, request.dry_run)
+        return await dry_run_path(station, vehicle, request.dry_run)
+    path = await dry_run_path(station, vehicle, request.dry_run)
     plan, _ = plan_from_items(on_vehicle)
     plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, on_vehicle)})
     groups = [_rejections(vehicle, on_vehicle), *await _errors(station, vehicle, plan, request)]
@@ -122,8 +123,8 @@ def _require_accepted(groups: Sequence[_ErrorGroup], despite: Collection[str]) -
 async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: StartRequest) -> list[_ErrorGroup]:
     """Errors of the plan, and of the flight from the vehicle's position for a start on the ground at a later
     item."""
-    findings = (await check_document(station, plan, vehicle))["findings"]
-    errors = [(each["code"], each["text"]) for each in findings if each["severity"] == "error"]
+    findings = findings_of(await check_document(station, await _text_of(plan), vehicle))
+    errors = [(each.code, each.text) for each in findings if each.severity == "error"]
     groups = [
         _ErrorGroup(
             f"The plan on vehicle {vehicle.id} has errors:",
@@ -192,8 +193,13 @@ async def _errors_from_here(station: Station, vehicle: Vehicle, plan: Plan, item
     if position is None:
         return []  # the vehicle refuses to arm without a position
     start = HomePosition(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl_m=position.alt_amsl_m)
-    check = await check_document(station, remaining_plan(plan, item, start), vehicle, home=start)
-    return [each["text"] for each in check["findings"] if each["code"] in POSITION_CODES]
+    text = await _text_of(remaining_plan(plan, item, start))
+    check = await check_document(station, text, vehicle, home=start)
+    return [each.text for each in findings_of(check) if each.code in POSITION_CODES]
+
+
+async def _text_of(plan: Plan) -> bytes:
+    return await asyncio.to_thread(plan_document.write, plan)
 
 
 async def _stored_obstacles(station: Station, on_vehicle: ItemsOnVehicle) -> tuple[Obstacle, ...]:

@@ -6,8 +6,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from gcs_server.api.documents import MissionBody
 from gcs_server.api.group_models import VehicleId, require_unique
-from gcs_server.api.plan_models import LegModel, MissionBody, OriginModel
+from gcs_server.api.plan_models import LegModel, OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.streamer.missions.status import OffboardMissionStatus

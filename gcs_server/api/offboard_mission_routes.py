@@ -3,8 +3,6 @@ abort."""
 
 from __future__ import annotations
 
-import base64
-import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Annotated, Any
@@ -13,8 +11,9 @@ from fastapi import APIRouter, Body, Response
 
 from gcs_server.api import offboard_mission_models as m
 from gcs_server.api.authorized import authorized_command
+from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.group_routes import authorized_commands
-from gcs_server.api.plan_checks import plan_context_of, text_of
+from gcs_server.api.plan_checks import plan_context_of
 from gcs_server.api.plan_traffic import mission_separation_findings
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -22,7 +21,9 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, PlanFindings, Refused
+from gcs_server.plans.compiled import compiled_mission
 from gcs_server.plans.dry_run_corridor import corridor_of
+from gcs_server.plans.dry_runs import DryRunResult
 from gcs_server.streamer.missions.flight import MissionFlight
 from gcs_server.streamer.missions.missions import low_battery_share
 from gcs_server.streamer.missions.start import Start
@@ -31,7 +32,12 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.runner.corridor import Corridor
 
-router = APIRouter(prefix="/vehicles/{v}/offboard_mission", tags=["offboard mission"], responses=RESPONSES)
+router = APIRouter(
+    prefix="/vehicles/{v}/offboard_mission",
+    tags=["offboard mission"],
+    responses=RESPONSES,
+    route_class=DocumentRoute,
+)
 
 
 @router.get("", response_model=m.OffboardMissionView)
@@ -63,7 +69,7 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         vehicle.require_commandable()
         mission_name, text = await chosen_mission(station, body)
         prepared, findings = await _compiled_start(station, v, mission_name, text, principal.name)
-        corridor = corridor_for(station, vehicle, body.dry_run)
+        corridor = corridor_for(vehicle, await dry_run_result(station, body.dry_run))
         async with station.waypoint_flights.comparison_lock:
             findings += await mission_separation_findings(station, vehicle, prepared.timeline)
             check_findings(mission_name.name, findings, body.despite)
@@ -154,7 +160,7 @@ async def prepared_start(
     station: Station,
     vehicle_id: str,
     mission_name: MissionName,
-    text: str,
+    text: bytes,
     despite: Sequence[str],
     client: str,
     overrides: Mapping[str, Any] | None = None,
@@ -165,7 +171,7 @@ async def prepared_start(
         station: the running server.
         vehicle_id: the vehicle.
         mission_name: name, id and version of the mission.
-        text: its JSON text.
+        text: the mission as JSON.
         despite: codes of the error findings that the client accepts.
         client: name of the client that starts the mission.
         overrides: values of `start_conditions` that will be different when the mission begins.
@@ -184,7 +190,7 @@ async def _compiled_start(
     station: Station,
     vehicle_id: str,
     mission_name: MissionName,
-    text: str,
+    text: bytes,
     client: str,
     overrides: Mapping[str, Any] | None = None,
 ) -> tuple[Start, list[dict[str, Any]]]:
@@ -204,9 +210,9 @@ async def _compiled_start(
         small=False,
         field="mission",
     )
-    timeline, motion = pickle.loads(base64.b64decode(compiled["timeline"]))
+    timeline, motion = await compiled_mission(compiled)
     start = Start(mission_name, timeline, motion, client, low_battery_share(vehicle))
-    return start, list(compiled["findings"])
+    return start, list(compiled.values["findings"])
 
 
 async def _wait_for_sensor(station: Station, vehicle_id: str, prepared: Start) -> None:
@@ -215,10 +221,11 @@ async def _wait_for_sensor(station: Station, vehicle_id: str, prepared: Start) -
         await station.offboard(vehicle_id).avoidance.wait_for_sensor()
 
 
-async def chosen_mission(station: Station, body: m.MissionSource) -> tuple[MissionName, str]:
-    """Name, id and version of the mission in the request, and its JSON text."""
+async def chosen_mission(station: Station, body: m.MissionSource) -> tuple[MissionName, bytes]:
+    """Name, id and version of the mission in the request, and the mission as JSON."""
     if body.mission is not None:
-        return MissionName(body.mission.name, None, None), text_of(body.mission)
+        mission = await body.mission.read(station.plan_work, field="mission")
+        return MissionName(mission.head.name or "", None, None), mission.text
     assert body.plan_id is not None
     stored, document = await station.plans.get(body.plan_id, body.version)
     if stored.kind != "offboard_mission":
@@ -228,7 +235,7 @@ async def chosen_mission(station: Station, body: m.MissionSource) -> tuple[Missi
             remedy="Upload it and start it (…/mission/start), or convert it to an offboard mission "
             "(POST /plans/convert).",
         )
-    return MissionName(stored.name, stored.id, stored.version), document.decode()
+    return MissionName(stored.name, stored.id, stored.version), document
 
 
 def start_conditions(vehicle: Vehicle) -> dict[str, Any]:
@@ -255,22 +262,24 @@ def start_conditions(vehicle: Vehicle) -> dict[str, Any]:
     }
 
 
-def corridor_for(
-    station: Station, vehicle: Vehicle, dry_run_id: str | None, role: str | None = None
-) -> Corridor | None:
+async def dry_run_result(station: Station, dry_run_id: str | None) -> DryRunResult | None:
+    """The result of a dry run; None: no dry run is named. Raises UnknownDryRun."""
+    return None if dry_run_id is None else await station.dry_runs.result(dry_run_id)
+
+
+def corridor_for(vehicle: Vehicle, dry_run: DryRunResult | None, role: str | None = None) -> Corridor | None:
     """The corridor of a dry run for a vehicle that flies the mission, or one role of it; None: no dry run is
     named.
 
     Raises:
-        UnknownDryRun: there is no such dry run.
         Refused: the dry run has no corridor for this vehicle.
     """
-    if dry_run_id is None:
+    if dry_run is None:
         return None
     estimates = VehicleEstimates(vehicle)
     local = estimates.local()
     position = (0.0, 0.0, 0.0) if local is None else local.position_ned_m
-    return corridor_of(station.dry_runs.get(dry_run_id), position, estimates.origin(), role)
+    return corridor_of(dry_run, position, estimates.origin(), role)
 
 
 def check_findings(name: str, findings: list[dict[str, Any]], despite: Sequence[str]) -> None:

@@ -16,7 +16,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ValidationError
 
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.bodies import json_fault
+from gcs_server.api.json_limits import json_fault
 from gcs_server.api.problems import validation_errors
 from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.api.station import Station

@@ -3,36 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
+import msgspec
+
+from gcs_server.api.plan_traffic import traffic_of
 from gcs_server.api.station import Station
+from gcs_server.plans.tasks import Answer
+from gcs_server.plans.work import SMALL_BYTES
 from gcs_server.streamer.missions.readings import reported_values
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.samples import Home
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import documents
-from missions.documents import Document
+from missions.errors import PlanError
 from missions.geodesy import distance_m
-from missions.offboard.document import OffboardMission
 from missions.offboard.state import OperatorArea
-from missions.patterns.document import (
-    CorridorPattern,
-    OrbitPattern,
-    PatternDocument,
-    PerimeterPattern,
-    StructurePattern,
-)
+from missions.patterns import document as pattern_document
+from missions.patterns.document import CorridorPattern, OrbitPattern, PerimeterPattern, StructurePattern
 from missions.trajectory.limits import PARAMETERS as MOTION_PARAMETERS
 from missions.values import HomePosition
 from missions.vehicle import PARAMETERS
 
-SMALL_ITEMS = 300
-"""Maximum number of items and corners of a plan that is checked or written in a thread, in about 30 ms;
-larger plans need a process."""
 SMALL_CORNERS, SMALL_LINES = 50, 60
 """Maximum numbers of corners and lines of a pattern that is generated in a thread."""
-SMALL_MISSION_BYTES = 8_192
-"""Maximum size of a mission that is written in a thread [bytes]; a mission is always checked in a process."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,59 +51,67 @@ class PlanContext:
 
 async def check_document(
     station: Station,
-    document: Document,
+    text: bytes,
     vehicle: Vehicle | None,
     power: dict[str, float] | None = None,
     *,
     home: HomePosition | None = None,
-) -> dict[str, Any]:
-    """Findings and estimates of a plan for a vehicle, with the fields of `PlanCheck`.
+    compare_with_others: bool = False,
+) -> Answer:
+    """Findings and estimates of a plan for a vehicle; the body of the answer is a `PlanCheck`.
 
     Args:
         station: the running server.
-        document: the plan.
+        text: the plan as JSON text.
         vehicle: the vehicle; None: the plan's own home, and PX4's default parameters.
         power: electrical power and battery of the vehicle, for the energy estimate.
         home: home position to use instead of the vehicle's.
+        compare_with_others: whether the findings also compare a waypoint plan with the flights of other
+            vehicles, for a start now; they are warnings, because the real time of the start is not known.
     """
     context = plan_context_of(station, vehicle)
-    unknown_parameters = context.unknown_parameters
-    if not isinstance(document, OffboardMission):
-        unknown_parameters = tuple(name for name in unknown_parameters if name in PARAMETERS.values())
     arguments = {
-        "plan": text_of(document),
+        "plan": text,
         "parameters": context.parameters,
-        "unknown_parameters": unknown_parameters,
+        "unknown_parameters": context.unknown_parameters,
         "home": context.home if home is None else home.model_dump(),
         "origin": context.origin,
         "reported": context.reported,
         "operator": context.operator.to_json(),
         "power": power,
+        "traffic": traffic_of(station, vehicle) if vehicle is not None and compare_with_others else None,
+        "vehicle": None if vehicle is None else vehicle.id,
+        "not_known": context.not_known,
     }
-    small = not isinstance(document, OffboardMission) and is_small(document)
-    result = await station.plan_work.run("check", arguments, small=small)
-    not_known = (*context.not_known, *result.pop("ground_not_known"))
-    return {**result, "vehicle": None if vehicle is None else vehicle.id, "not_known": not_known}
+    # An offboard mission of any size may take seconds to compile.
+    small = len(text) <= SMALL_BYTES and documents.MISSION_FORMAT.encode() not in text
+    return await station.plan_work.run("check", arguments, small=small)
 
 
-def text_of(document: Document) -> str:
-    """The document as JSON text."""
-    return documents.write(document).decode()
+class CheckFinding(msgspec.Struct, frozen=True):
+    """What the server itself needs of a finding."""
+
+    code: str
+    severity: str
+    text: str
 
 
-def is_small(document: Document) -> bool:
-    """Whether a plan is small enough for a thread; other plans need a process."""
-    if isinstance(document, OffboardMission):
-        return len(documents.write(document)) <= SMALL_MISSION_BYTES
-    corners = sum(len(zone.polygon) for zone in document.fence if zone.shape == "polygon")
-    corners += sum(len(obstacle.polygon) for obstacle in document.obstacles)
-    size = documents.count_steps(document) + corners + len(document.fence) + len(document.rally_points)
-    return size <= SMALL_ITEMS
+class _CheckBody(msgspec.Struct):
+    findings: list[CheckFinding]
 
 
-def is_small_pattern(pattern: PatternDocument) -> bool:
-    """Whether a pattern is small enough for a thread, in about 50 ms; larger patterns need a process. The
-    page requests a pattern after each change of a field, and a process takes a second to start."""
+def findings_of(check: Answer) -> list[CheckFinding]:
+    """The findings in the answer of `check_document`."""
+    return msgspec.json.decode(check.body, type=_CheckBody).findings
+
+
+def is_small_pattern(text: bytes) -> bool:
+    """Whether a pattern (as JSON text of at most SMALL_BYTES) is small enough for a thread, in about 50
+    ms."""
+    try:
+        pattern = pattern_document.read(text)
+    except PlanError:
+        return True  # the task says why it cannot be used
     if isinstance(pattern, OrbitPattern | PerimeterPattern):
         return True
     if isinstance(pattern, StructurePattern):

@@ -5,74 +5,32 @@ The documents are defined in `missions`, which checks their JSON; its errors nam
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
+from gcs_server.api.documents import DocumentBody, PlanBody
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.plans.files import PlanVersion
-from missions import documents
-from missions import plan as plan_document
 from missions.checks import CODES
-from missions.documents import Document, PlanKind
-from missions.errors import PlanError
+from missions.documents import PlanKind
 from missions.estimates import Estimate
 from missions.formats.any_format import FormatName
 from missions.formats.results import AreaUseName
 from missions.geodesy import LocalOrigin
-from missions.offboard import reader as mission_reader
 from missions.offboard.document import OffboardMission
 from missions.offboard.samples import Leg, StepTime
 from missions.offboard.tables import ImportedTable
-from missions.patterns import document as pattern_document
 from missions.plan import Plan
 from missions.values import Altitude, FenceZone, Point
 
 MAX_NAME_LENGTH = 100
 
 
-def _json_validator(read: Callable[[str], Any]) -> BeforeValidator:
-    """A validator that reads a value with a function for JSON text."""
-
-    def convert(value: object) -> object:
-        try:
-            return read(json.dumps(value))
-        except PlanError as error:
-            raise ValueError(str(error)) from None
-
-    return BeforeValidator(convert)
-
-
-PlanBody = Annotated[
-    Plan, _json_validator(plan_document.read), Field(description="The plan's document (docs/missions.md).")
-]
-MissionBody = Annotated[
-    OffboardMission,
-    _json_validator(mission_reader.read_json),
-    Field(description="An offboard mission's document (docs/missions.md)."),
-]
-DocumentBody = Annotated[
-    Document,
-    _json_validator(documents.read),
-    Field(description="A waypoint plan or an offboard mission, depending on `format` (docs/missions.md)."),
-]
 AnyDocument = Annotated[Plan | OffboardMission, Field(discriminator="format")]
 
 
-def _read_pattern(value: object) -> object:
-    """Reads a pattern; an error names the invalid field, so that a form can show the error beside it."""
-    try:
-        return pattern_document.read(json.dumps(value))
-    except PlanError as error:
-        context = {"field": error.field or "body", "text": f"{error.reason}. {error.fix}"}
-        raise PydanticCustomError("document_field", "{text}", context) from None
-
-
-PatternBody = Annotated[pattern_document.PatternDocument, BeforeValidator(_read_pattern)]
 Name = Annotated[
     str,
     Field(

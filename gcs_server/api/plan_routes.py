@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from typing import Annotated, Any
 
@@ -11,36 +10,25 @@ from msgspec import Raw
 
 from gcs_server.api import plan_models as m
 from gcs_server.api.authorized import authorized_command
+from gcs_server.api.documents import DocumentRoute, PatternBody
 from gcs_server.api.offboard_mission_models import MissionToInsert, MissionWithInserted
 from gcs_server.api.offboard_mission_routes import chosen_mission
-from gcs_server.api.plan_checks import (
-    SMALL_MISSION_BYTES,
-    check_document,
-    is_small,
-    is_small_pattern,
-    plan_context_of,
-    text_of,
-)
-from gcs_server.api.plan_traffic import plan_separation_findings
+from gcs_server.api.plan_checks import check_document, is_small_pattern, plan_context_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.refusals import MAX_BODY_BYTES
-from gcs_server.api.responses import fields_of, json_response
+from gcs_server.api.responses import fields_of, json_bytes, json_response
 from gcs_server.api.station import StationDep
 from gcs_server.errors import InvalidRequest
 from gcs_server.plans.files import PlanVersion
+from gcs_server.plans.work import SMALL_BYTES
 from missions import documents
 from missions.documents import PlanKind
 from missions.formats.any_format import FormatName
-from missions.offboard.document import OffboardMission
 from missions.values import Altitude, Reference
 
-router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES)
+router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES, route_class=DocumentRoute)
 
-SMALL_FILE_BYTES = 32_768
-"""Files up to this size are read in a thread, larger files in a process."""
-SMALL_YAML_BYTES = 8_192
-"""Limit for YAML files, which take longer to parse."""
 MAX_MISSION_BYTES = MAX_BODY_BYTES - 4096
 """Maximum size of a mission after an insertion. The rest of MAX_BODY_BYTES is for the other fields of the
 request that saves the mission."""
@@ -76,8 +64,9 @@ async def list_plans(station: StationDep) -> Response:
 async def create_plan(body: m.NewPlan, station: StationDep, principal: PrincipalDep) -> Response:
     """Stores a new plan as version 1."""
     with authorized_command(station, principal, "plans/create", None, {"name": body.name}):
-        stored = await station.plans.create(body.name, body.plan, by=(principal.name, principal.key))
-        return _plan_response(stored, documents.write(documents.with_name(body.plan, stored.name)), 201)
+        document = await body.plan.read(station.plan_work, body.name)
+        stored = await station.plans.create(body.name, document, by=(principal.name, principal.key))
+        return _plan_response(stored, document.text, 201)
 
 
 @router.post("/check", response_model=m.PlanCheck)
@@ -93,10 +82,8 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     power = None if body.power is None else body.power.model_dump()
-    check = await check_document(station, body.plan, vehicle, power)
-    if vehicle is not None and not isinstance(body.plan, OffboardMission):
-        check["findings"] += await plan_separation_findings(station, vehicle, body.plan)
-    return json_response(check)
+    check = await check_document(station, body.plan.text, vehicle, power, compare_with_others=True)
+    return json_bytes(check.body)
 
 
 @router.post("/convert", response_model=m.ConvertedPlan)
@@ -107,15 +94,14 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     context = plan_context_of(station, vehicle)
-    home = context.home if body.plan.planned_home is None else None
     arguments = {
-        "plan": text_of(body.plan),
+        "plan": body.plan.text,
         "name": body.name,
         "parameters": context.parameters,
-        "home": home,
+        "home": context.home,
     }
-    result = await station.plan_work.run("convert", arguments, small=is_small(body.plan))
-    return json_response({**result, "plan": Raw(result["plan"].encode())})
+    answer = await station.plan_work.run("convert", arguments, small=body.plan.small)
+    return json_bytes(answer.body)
 
 
 @router.post("/insert", response_model=MissionWithInserted)
@@ -130,15 +116,15 @@ async def insert_mission(body: MissionToInsert, station: StationDep) -> Response
     mission_name, inserted = await chosen_mission(station, body)
     arguments = {
         **body.model_dump(include={"at", "in_air", "positions"}),
-        "plan": text_of(body.plan),
+        "plan": body.plan.text,
         "added": inserted,
         "name": mission_name.name,
         "max_bytes": MAX_MISSION_BYTES,
     }
-    small = is_small(body.plan) and len(inserted) <= SMALL_MISSION_BYTES
+    small = body.plan.small and len(inserted) <= SMALL_BYTES
     field = "mission" if body.plan_id is None else "plan_id"
-    result = await station.plan_work.run("insert", arguments, small=small, field=field)
-    return json_response({**result, "plan": Raw(result["plan"].encode())})
+    answer = await station.plan_work.run("insert", arguments, small=small, field=field)
+    return json_bytes(answer.body)
 
 
 @router.post("/ground", response_model=m.GroundPlan)
@@ -149,9 +135,9 @@ async def follow_ground(body: m.PlanToFollowGround, station: StationDep) -> Resp
     `tolerance_m`, waypoints are added where a line deviates by more than this from the planned height above
     the ground.
     """
-    arguments = {"plan": text_of(body.plan), "tolerance_m": body.tolerance_m}
-    result = await station.plan_work.run("follow_ground", arguments, small=False)
-    return json_response({**result, "plan": Raw(result["plan"].encode())})
+    arguments = {"plan": body.plan.text, "tolerance_m": body.tolerance_m}
+    answer = await station.plan_work.run("follow_ground", arguments, small=False)
+    return json_bytes(answer.body)
 
 
 @router.get("/schema/{kind}", response_model=dict[str, Any])
@@ -196,16 +182,10 @@ async def import_plan(
     altitude = None
     if altitude_m is not None:
         altitude = Altitude(value_m=altitude_m, reference=altitude_reference or "home").model_dump()
-    arguments = {
-        "file": base64.b64encode(data).decode(),
-        "filename": filename,
-        "altitude": altitude,
-        "reference": altitude_reference,
-    }
-    max_bytes = SMALL_YAML_BYTES if filename.lower().endswith((".yaml", ".yml")) else SMALL_FILE_BYTES
-    small = len(data) <= max_bytes and not data.startswith(b"PK")  # PK: a ZIP archive (KMZ)
-    result = await station.plan_work.run("import", arguments, small=small, field="body")
-    return json_response({**result, "plan": Raw(result["plan"].encode())})
+    arguments = {"file": data, "filename": filename, "altitude": altitude, "reference": altitude_reference}
+    small = len(data) <= SMALL_BYTES and not data.startswith(b"PK")  # PK: a ZIP archive (KMZ)
+    answer = await station.plan_work.run("import", arguments, small=small, field="body")
+    return json_bytes(answer.body)
 
 
 @router.post("/table", response_model=m.ImportedTableModel, openapi_extra=FILE_BODY)
@@ -223,9 +203,10 @@ async def import_table(
     `yaw_ned_rad`.
     """
     data = await _file_content(request)
-    arguments = {"file": base64.b64encode(data).decode(), "filename": filename}
-    small = len(data) <= SMALL_FILE_BYTES
-    return json_response(await station.plan_work.run("table", arguments, small=small, field="body"))
+    arguments = {"file": data, "filename": filename}
+    small = len(data) <= SMALL_BYTES
+    answer = await station.plan_work.run("table", arguments, small=small, field="body")
+    return json_bytes(answer.body)
 
 
 async def _file_content(request: Request) -> bytes:
@@ -259,11 +240,11 @@ async def export_plan(
 ) -> Response:
     """The plan as a file. The header `X-Plan-Notes` is a JSON list of content that the format cannot
     represent."""
-    arguments = {"plan": text_of(body.plan), "format": format}
-    result = await station.plan_work.run("export", arguments, small=is_small(body.plan))
-    notes = [note for note in result["notes"] if len(note) < MAX_NOTES_LENGTH // 4][:4]
+    arguments = {"plan": body.plan.text, "format": format}
+    answer = await station.plan_work.run("export", arguments, small=body.plan.small)
+    notes = [note for note in answer.values["notes"] if len(note) < MAX_NOTES_LENGTH // 4][:4]
     return Response(
-        base64.b64decode(result["file"]),
+        answer.body,
         headers={
             "Content-Type": MEDIA_TYPES[format],
             "Content-Disposition": f'attachment; filename="plan.{format}"',
@@ -274,7 +255,7 @@ async def export_plan(
 
 @router.post("/pattern", response_model=m.PatternPlan)
 async def make_pattern(
-    pattern: Annotated[m.PatternBody, Body(description="`kind` and the fields of that pattern.")],
+    pattern: Annotated[PatternBody, Body(description="`kind` and the fields of that pattern.")],
     station: StationDep,
     document: Annotated[
         PlanKind, Query(description="Items of a waypoint plan, or steps of an offboard mission.")
@@ -299,15 +280,15 @@ async def make_pattern(
     structure scan. Saves nothing."""
     context = plan_context_of(station, None if vehicle is None else station.fleet.get(vehicle))
     arguments = {
-        "pattern": pattern.model_dump_json(),
+        "pattern": pattern.text,
         "kind": document,
         "parameters": context.parameters,
         "tolerance_m": tolerance_m,
     }
     task = "pattern" if tolerance_m is None else "pattern_on_ground"
-    small = tolerance_m is None and is_small_pattern(pattern)
-    result = await station.plan_work.run(task, arguments, small=small, field="body")
-    return json_response({**result, "plan": Raw(result["plan"].encode())})
+    small = tolerance_m is None and pattern.small and is_small_pattern(pattern.text)
+    answer = await station.plan_work.run(task, arguments, small=small, field="body")
+    return json_bytes(answer.body)
 
 
 @router.get("/{plan}", response_model=m.KeptPlan)
@@ -332,14 +313,15 @@ async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, princip
     the client of the newest version."""
     arguments: dict[str, object] = {"plan": plan, "name": body.name, "base_version": body.base_version}
     with authorized_command(station, principal, "plans/save", None, arguments):
+        document = await body.plan.read(station.plan_work, body.name)
         stored = await station.plans.save(
             plan,
             body.name,
-            body.plan,
+            document,
             base_version=body.base_version,
             by=(principal.name, principal.key),
         )
-        return _plan_response(stored, documents.write(documents.with_name(body.plan, stored.name)))
+        return _plan_response(stored, document.text)
 
 
 @router.delete("/{plan}", status_code=204)

@@ -5,30 +5,24 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from gcs_server.api.station import Station
+from gcs_server.plans import typed_values
+from gcs_server.plans.traffic_task import SEPARATION, PlanStart, Traffic, path_not_known, predicted_path
 from gcs_server.streamer.missions.readings import vehicle_reading
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.waypoints.flight import NamedDryRun, vehicle_model
 from gcs_server.vehicle.samples import Mission
 from gcs_server.vehicle.vehicle import Vehicle
-from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.offboard.timeline import Timeline
 from missions.plan import Plan
-from missions.traffic.conflict import FIX, Conflict, conflicts
+from missions.traffic.conflict import Conflict, conflicts
 from missions.traffic.offboard import predict_mission, predict_timeline
 from missions.traffic.path import PredictedPath, stationary_path
-from missions.traffic.waypoints import ends_with_landing, predict_plan
-from missions.values import HomePosition
-from missions.vehicle import VehicleModel
-from missions.waypoints.planned import PlannedPasses, estimate_passes
-from missions.waypoints.resume import remaining_plan, resume_point
 
-SEPARATION, SEPARATION_UNKNOWN = "separation", "separation_unknown"
 MAX_HOVER_SPEED_M_S = 0.5
 """Speed below which a vehicle without a known path counts as hovering."""
 
@@ -60,33 +54,26 @@ async def compare_with_others(
         item: index of the item at which the flight starts; None: the vehicle's current item.
         dry_run: the path of a dry run of the plan; None: straight lines with estimated times.
     """
-    predict = _path_predictor(vehicle, plan, item, dry_run)
+    start, planned = _plan_start(vehicle, item), None if dry_run is None else dry_run.planned
     other_paths, not_compared = _other_paths(station, vehicle)
 
     def compare() -> Comparison:
-        path = None if predict is None else predict()
+        path = None if start is None else predicted_path(start, plan, planned)
         if path is None and other_paths:
-            text = (
-                f"The path of vehicle {vehicle.id} is not known, so it is not compared with other vehicles."
-            )
-            return Comparison(None, (), (text,))
+            return Comparison(None, (), (path_not_known(vehicle.id),))
         return Comparison(path, () if path is None else conflicts(path, other_paths), tuple(not_compared))
 
     return await asyncio.to_thread(compare)
 
 
-async def plan_separation_findings(station: Station, vehicle: Vehicle, plan: Plan) -> list[dict[str, Any]]:
-    """Separation findings of a plan, as `FindingModel`, for a start of the vehicle now. They are warnings,
-    because the real time of the start is not known. Empty if the vehicle is already flying."""
+def traffic_of(station: Station, vehicle: Vehicle) -> bytes | None:
+    """The start of a plan now and the other vehicles in flight, as `Traffic` for the task `check`; None: the
+    vehicle is already flying."""
     if vehicle_reading(vehicle).in_air:
-        return []
-    comparison = await compare_with_others(station, vehicle, plan, 0)
-    rows = {f"item {seq + 1}": row for seq, (row, _) in enumerate(plan.simple_items())}
-    findings = [
-        _finding(SEPARATION, f"If the plan starts now: {each.text}", rows.get(each.place), FIX)
-        for each in comparison.conflicts
-    ]
-    return findings + [_finding(SEPARATION_UNKNOWN, text, None, None) for text in comparison.not_compared]
+        return None
+    other_paths, not_compared = _other_paths(station, vehicle)
+    start = _plan_start(vehicle, 0)
+    return typed_values.to_bytes(Traffic(start, vehicle.id, tuple(other_paths), tuple(not_compared)))
 
 
 async def mission_separation_findings(
@@ -107,11 +94,6 @@ async def mission_separation_findings(
     return [
         {"code": SEPARATION, "severity": "error", "step": each.place, "text": each.text} for each in found
     ]
-
-
-def _finding(code: str, text: str, row: int | None, fix: str | None) -> dict[str, Any]:
-    place = {"row": row, "zone": None, "rally_point": None, "obstacle": None, "step": None}
-    return {"code": code, "severity": "warning", "text": text, "place": place, "fix": fix, "limit": None}
 
 
 # --- the other vehicles -----------------------------------------------------------------------------------
@@ -165,59 +147,19 @@ def _hover_path(other: Vehicle) -> PredictedPath | None:
 # --- the vehicle's own path -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Start:
-    """Where and how the vehicle starts the plan."""
-
-    vehicle: str
-    model: VehicleModel
-    origin: LocalOrigin
-    home: HomePosition
-    position_ned_m: Vector3
-    in_air: bool
-    item: int
-    """Index of the item at which the vehicle starts."""
-
-
-def _path_predictor(
-    vehicle: Vehicle, plan: Plan, item: int | None, dry_run: NamedDryRun | None
-) -> Callable[[], PredictedPath | None] | None:
-    """A function that predicts the vehicle's path, to be called in a thread; None: the vehicle's position is
-    not known."""
+def _plan_start(vehicle: Vehicle, item: int | None) -> PlanStart | None:
+    """The start of a plan now; None: the vehicle's position is not known."""
     estimates, reading = VehicleEstimates(vehicle), vehicle_reading(vehicle)
     position_ned_m, origin = reading.position_ned_m, estimates.origin()
     if position_ned_m is None or origin is None:
         return None
-    lat_deg, lon_deg, alt_amsl_m = origin.to_geodetic(position_ned_m)
+    home_origin = LocalOrigin(*origin.to_geodetic(position_ned_m))
     home = estimates.home()
     if reading.in_air and home is not None:
-        lat_deg, lon_deg, alt_amsl_m = home.lat_deg, home.lon_deg, home.alt_amsl_m
-    home_position = HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m)
-    start = _Start(
-        vehicle.id, vehicle_model(vehicle), origin, home_position, position_ned_m, reading.in_air,
+        home_origin = LocalOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+    return PlanStart(
+        vehicle.id, vehicle_model(vehicle), origin, home_origin, position_ned_m, reading.in_air,
         _current_item(vehicle) if item is None else item,
-    )  # fmt: skip
-    planned = None if dry_run is None else dry_run.planned
-    return lambda: _predict(start, plan, planned)
-
-
-def _predict(start: _Start, plan: Plan, dry_run_passes: PlannedPasses | None) -> PredictedPath | None:
-    item, flown_plan = start.item, plan
-    if not start.in_air and item > 0:
-        if isinstance(resume_point(plan, item), str):
-            item = 0  # PX4 begins again at the first item
-        else:
-            flown_plan, dry_run_passes = remaining_plan(plan, item, start.home), None
-    planned = dry_run_passes or estimate_passes(flown_plan, start.model, start.home, start.origin)
-    if planned is None:
-        return None
-    index = 0
-    if start.in_air:
-        index = next((i for i, each in enumerate(planned.passes) if max(each.items) >= item), 0)
-    return predict_plan(
-        start.vehicle, start.origin, planned, ends_in_air=not ends_with_landing(flown_plan), index=index,
-        current_position_ned_m=start.position_ned_m if start.in_air else None,
-        speed_m_s=start.model.cruise_m_s,
     )  # fmt: skip
 
 

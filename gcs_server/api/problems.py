@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException
 
 from gcs_server.api.headers import security_headers
 from gcs_server.errors import (
+    ClientHasTooMany,
     Disconnected,
     GcsError,
     InvalidRequest,
@@ -24,6 +25,7 @@ from gcs_server.errors import (
     RecordingUnusable,
     Refused,
     Rejected,
+    ServerBusy,
     UnknownDryRun,
     UnknownGroup,
     UnknownLink,
@@ -45,6 +47,7 @@ UNION_TAGS = frozenset(KINDS) | {"hold", "land", "stop_stream", "polygon", "circ
 MAX_ERRORS = 20
 """Maximum number of invalid values in one response."""
 MAX_VALUE_LENGTH = 300
+RETRY_AFTER_S = 2
 
 _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownVehicle, 404, "Unknown vehicle"),
@@ -60,6 +63,8 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (NotPermitted, 403, "Not permitted"),
     (Rejected, 409, "The vehicle refused"),
     (NotInControl, 409, "Another client has control"),
+    (ClientHasTooMany, 429, "Too many requests"),
+    (ServerBusy, 503, "The server is busy"),
     (Refused, 409, "Not sent"),
     (FtpFailed, 409, "The vehicle's file could not be read"),
     (MetadataMissing, 409, "No component metadata"),
@@ -200,7 +205,10 @@ def install(app: FastAPI) -> None:
     async def gcs_error(_: Request, error: Exception) -> Response:
         assert isinstance(error, GcsError)
         status, title = status_of(error)
-        return problem(status, title, error.code, error.message, remedy=error.remedy, **error.details())
+        response = problem(status, title, error.code, error.message, remedy=error.remedy, **error.details())
+        if isinstance(error, ClientHasTooMany | ServerBusy):
+            response.headers["Retry-After"] = str(RETRY_AFTER_S)
+        return response
 
     async def invalid_request(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)

@@ -9,40 +9,15 @@ between addresses, and between the clients of an address.
 from __future__ import annotations
 
 import asyncio
-from collections import OrderedDict, deque
 from collections.abc import Callable
 
 from gcs_server.control.principal import Principal
+from gcs_server.operations.turns import FairQueue
 
 KNOWN_AFTER_S = 2.0
 """Time after a client's first request at which the client counts as known."""
 FORGOTTEN_AFTER_S = 60.0
 MAX_KNOWN_CLIENTS = 500
-
-_Futures = deque[asyncio.Future[None]]
-
-
-class _FairQueue:
-    """Waiting requests of the same priority, in fair order."""
-
-    def __init__(self) -> None:
-        self._addresses: OrderedDict[str, OrderedDict[str, _Futures]] = OrderedDict()
-
-    def push(self, client: Principal, future: asyncio.Future[None]) -> None:
-        clients = self._addresses.setdefault(client.address, OrderedDict())
-        clients.setdefault(client.key, deque()).append(future)
-
-    def pop(self) -> asyncio.Future[None] | None:
-        if not self._addresses:
-            return None
-        address, clients = self._addresses.popitem(last=False)
-        key, waiting = clients.popitem(last=False)
-        future = waiting.popleft()
-        if waiting:
-            clients[key] = waiting
-        if clients:
-            self._addresses[address] = clients
-        return future
 
 
 class RequestQueue:
@@ -55,7 +30,7 @@ class RequestQueue:
     def __init__(self, in_control: Callable[[str], bool]) -> None:
         self._in_control = in_control
         self._next_is_scheduled = False
-        self._queues = (_FairQueue(), _FairQueue(), _FairQueue())
+        self._queues = (FairQueue(), FairQueue(), FairQueue())
         """Requests of clients in control, of known clients and of new clients."""
         self._seen: dict[str, tuple[float, float]] = {}
         """Time of the first and the last request, by client key."""
@@ -69,7 +44,8 @@ class RequestQueue:
             loop.call_soon(self._next)
             return
         future: asyncio.Future[None] = loop.create_future()
-        self._queues[0 if self._in_control(client.key) else 1 if is_known else 2].push(client, future)
+        queue = self._queues[0 if self._in_control(client.key) else 1 if is_known else 2]
+        queue.push(client.address, client.key, future)
         await future
 
     def _record_request(self, key: str, now_s: float) -> bool:

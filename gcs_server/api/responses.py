@@ -302,6 +302,11 @@ def json_response(value: object, status_code: int = 200) -> Response:
     return Response(encode(value), status_code=status_code, media_type="application/json")
 
 
+def json_bytes(body: bytes, status_code: int = 200) -> Response:
+    """A response that is JSON already, such as the answer of a task."""
+    return Response(body, status_code=status_code, media_type="application/json")
+
+
 def fields_of(value: Any) -> dict[str, object]:
     """Fields of a dataclass by name, not converted."""
     return {field.name: getattr(value, field.name) for field in fields(value)}

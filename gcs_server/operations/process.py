@@ -1,9 +1,10 @@
 """Runs work in a separate process, with progress and cancellation; this module contains the code of both
 sides.
 
-The process writes one JSON object per line: any number of `{"text", "progress"}`, then `{"result"}` or
-`{"problem"}`. It is ended with SIGTERM, and killed `END_TIMEOUT_S` later. It also ends when its standard
-input closes, so that it never outlives the server.
+The process writes one short JSON object per line: any number of `{"text", "progress"}`, then `{"result"}` or
+`{"problem"}`. After the line of a result with `body_bytes`, that number of bytes follows, which the server
+does not read itself. The process is ended with SIGTERM, and killed `END_TIMEOUT_S` later. It also ends when
+its standard input closes, so that it never outlives the server.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from gcs_server.operations.operations import MAX_RESULT_LENGTH, ReportProgress
 
 END_TIMEOUT_S = 2.0
 MAX_LINE_LENGTH = 4 * MAX_RESULT_LENGTH
+Result = tuple[dict[str, object], bytes]
+"""A few values, and a body of any size."""
 NICENESS = 10
 
 
@@ -38,21 +41,21 @@ async def run_process(
     report: ReportProgress,
     *,
     request: bytes = b"",
-    max_line_bytes: int = MAX_LINE_LENGTH,
-) -> dict[str, object]:
+    max_body_bytes: int = 0,
+) -> Result:
     """Runs a command and returns the result that it writes.
 
     Args:
         command: program and arguments.
         report: receives the progress of the process.
         request: input of the process, without a line feed; the process reads it with `read_request`.
-        max_line_bytes: maximum length of a line that the process may write [bytes].
+        max_body_bytes: maximum size of the result's body.
 
     Raises:
         WorkerFailed: the process reported a problem or ended without a result.
     """
     process = await asyncio.create_subprocess_exec(
-        *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=max_line_bytes
+        *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=MAX_LINE_LENGTH
     )
     assert process.stdin is not None
     assert process.stdout is not None
@@ -65,7 +68,10 @@ async def run_process(
         while line := await process.stdout.readline():
             value = _parse_object(line)
             if "result" in value and isinstance(value["result"], dict):
-                return cast(dict[str, object], value["result"])
+                size = value.get("body_bytes", 0)
+                if type(size) is not int or not 0 <= size <= max_body_bytes:
+                    raise ValueError(f"a result of more than {max_body_bytes:,} bytes")
+                return cast(dict[str, object], value["result"]), await process.stdout.readexactly(size)
             if "problem" in value:
                 raise WorkerFailed(str(value["problem"])[:MAX_LINE_LENGTH])
             progress = value.get("progress")
@@ -75,7 +81,7 @@ async def run_process(
         raise WorkerFailed(
             f"The process of this operation ended without a result (exit status {exit_status})."
         )
-    except ValueError as error:
+    except (ValueError, EOFError) as error:
         raise WorkerFailed(
             f"The process of this operation wrote output that cannot be read: {error}."
         ) from error
@@ -126,12 +132,15 @@ def limit_process(*, memory_bytes: int, cpu_time_s: int, timeout_s: int) -> None
     signal.alarm(timeout_s)
 
 
-def serve(work: Callable[[ReportProgress], dict[str, object]]) -> None:
+def serve(work: Callable[[ReportProgress], Result]) -> None:
     """Runs `work` in this process and writes the output for `run_process`; an exception is reported as the
     problem."""
     threading.Thread(target=_exit_with_server, daemon=True).start()
     try:
-        _write({"result": work(lambda text, progress: _write({"text": text, "progress": progress}))})
+        values, body = work(lambda text, progress: _write({"text": text, "progress": progress}))
+        _write({"result": values, "body_bytes": len(body)})
+        sys.stdout.buffer.write(body)
+        sys.stdout.buffer.flush()
     except Exception as error:
         _write({"problem": str(error) or type(error).__name__})
 

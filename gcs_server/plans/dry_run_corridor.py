@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gcs_server.errors import Refused
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
-from missions.plan import Plan
 from missions.runner.corridor import Corridor
 from missions.waypoints.planned import PlannedPasses, planned_by_dry_run
 
@@ -56,13 +55,13 @@ def corridor_of(
 
 
 def path_of(
-    dry_run: Mapping[str, Any], plan: Plan, ground_ned_m: Vector3, origin: LocalOrigin
+    dry_run: Mapping[str, Any], rows: Sequence[int], ground_ned_m: Vector3, origin: LocalOrigin
 ) -> tuple[PlannedPasses, Corridor | None]:
     """The nominal path of a waypoint plan's dry run, and its corridor, in the vehicle's local frame.
 
     Args:
         dry_run: the result of the dry run.
-        plan: the plan of the dry run.
+        rows: index in the plan's `items` of each item as uploaded, in order.
         ground_ned_m: the vehicle's position on the ground; in flight its home. The path begins at this
             altitude, because the altitudes of most plans are above home.
         origin: origin of the vehicle's local frame.
@@ -83,7 +82,7 @@ def path_of(
     north, east, _ = origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
     _require_same_start(dry_run, (north, east), ground_ned_m)
     dry_run_origin_ned_m = (north, east, ground_ned_m[2])
-    planned = planned_by_dry_run(nominal, plan, dry_run_origin_ned_m)
+    planned = planned_by_dry_run(nominal, rows, dry_run_origin_ned_m)
     if monte_carlo is None:
         return planned, None
     return planned, _in_local_frame(monte_carlo["corridor"], dry_run_origin_ned_m)

@@ -1,13 +1,17 @@
-"""Dry runs: plans flown in simulation, each in a separate process. The newest results are kept in
-memory."""
+"""Dry runs: plans flown in simulation, each in a separate process. The newest results are kept in memory, as
+the JSON that the process wrote.
+"""
 
 from __future__ import annotations
 
-import json
+import asyncio
 import sys
 from collections import OrderedDict
 from collections.abc import Mapping
-from typing import Any, cast
+from dataclasses import dataclass
+from typing import Any, TypedDict
+
+import msgspec
 
 from gcs_server.errors import Refused, UnknownDryRun
 from gcs_server.operations.operations import ReportProgress
@@ -16,8 +20,74 @@ from gcs_server.operations.process import WorkerFailed, run_process
 MAX_RUNNING = 2
 """Maximum number of processes; they have low priority, but a small computer has only two cores."""
 MAX_RESULTS = 10
-MAX_RESULT_BYTES = 8 * 1024 * 1024
+MAX_RESULT_BYTES = 32 * 1024 * 1024
+MAX_TOTAL_BYTES = 48 * 1024 * 1024
+"""Maximum size of all results; the newest result is always kept."""
 COMMAND = (sys.executable, "-m", "gcs_server.plans.dry_run_worker")
+
+
+class _Values(TypedDict):
+    """Values at the points of a corridor."""
+
+    p5: list[float]
+    p95: list[float]
+    greatest: list[float]
+
+
+class _Corridor(TypedDict):
+    position_ned_m: list[tuple[float, float, float]]
+    horizontal_m: _Values
+    vertical_m: _Values
+
+
+class _WithCorridor(TypedDict):
+    corridor: _Corridor
+
+
+class _MonteCarloOfRoles(TypedDict):
+    roles: dict[str, _WithCorridor]
+
+
+class _Together(TypedDict):
+    monte_carlo: _MonteCarloOfRoles | None
+
+
+class _Path(TypedDict):
+    t_s: list[float]
+    position_ned_m: list[tuple[float, float, float]]
+
+
+class _Step(TypedDict):
+    place: str
+    title: str
+    row: int | None
+    start_s: float
+    end_s: float
+
+
+class _Nominal(TypedDict):
+    finished: bool
+    duration_s: float | None
+    origin: dict[str, float]
+    steps: list[_Step]
+    path: _Path | None
+
+
+class DryRunResult(TypedDict):
+    """What the server itself uses of a result: for the comparison with a flight."""
+
+    id: str
+    kind: str
+    nominal: _Nominal
+    monte_carlo: _WithCorridor | None
+    together: _Together | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    body: bytes
+    """The result as JSON, as in the API."""
+    plan: bytes
 
 
 class DryRuns:
@@ -26,9 +96,7 @@ class DryRuns:
     def __init__(self) -> None:
         self._count = 0
         self._running = 0
-        self._results: OrderedDict[str, dict[str, Any]] = OrderedDict()
-        self._plans: dict[str, str] = {}
-        """JSON text of the plan of each result."""
+        self._stored: OrderedDict[str, _Stored] = OrderedDict()
 
     def next_id(self) -> str:
         """Id of the next dry run.
@@ -36,22 +104,25 @@ class DryRuns:
         Raises:
             Refused: the limit of running dry runs is reached.
         """
-        if self._running >= MAX_RUNNING:
-            raise Refused(
-                f"{MAX_RUNNING} dry runs are already running, which is the limit.",
-                remedy="Wait until one has ended, or cancel one (DELETE /operations/{id}).",
-            )
+        self._require_room()
         self._count += 1
         return str(self._count)
 
     async def run(
-        self, dry_run_id: str, request: Mapping[str, Any], details: Mapping[str, Any], report: ReportProgress
+        self,
+        dry_run_id: str,
+        plan: bytes,
+        request: Mapping[str, Any],
+        details: Mapping[str, Any],
+        report: ReportProgress,
     ) -> dict[str, object]:
         """Runs a dry run and stores the result; cancelling this call ends the process.
 
         Args:
             dry_run_id: id of the dry run.
-            request: input of `missions.dry_run.task`, and `elevation`: paths of elevation files.
+            plan: the plan as JSON.
+            request: the rest of the input of `missions.dry_run.task`, and `elevation`: paths of elevation
+            files.
             details: data to store with the result; the assumptions of the result are added to
                 `details["assumed"]`.
             report: receives progress.
@@ -63,13 +134,11 @@ class DryRuns:
             Refused: the plan cannot be flown, the simulation takes too long, or too many dry runs are
                 running.
         """
-        if self._running >= MAX_RUNNING:
-            raise Refused(f"{MAX_RUNNING} dry runs are already running.", remedy="Wait until one has ended.")
+        self._require_room()
         self._running += 1
+        line = msgspec.json.encode({**request, "plan": plan.decode(), "id": dry_run_id, "details": details})
         try:
-            result = await run_process(
-                COMMAND, report, request=json.dumps(request).encode(), max_line_bytes=MAX_RESULT_BYTES
-            )
+            summary, body = await run_process(COMMAND, report, request=line, max_body_bytes=MAX_RESULT_BYTES)
         except WorkerFailed as error:
             raise Refused(
                 f"The dry run has failed: {error}",
@@ -78,36 +147,44 @@ class DryRuns:
             ) from error
         finally:
             self._running -= 1
-        assumed = [*details["assumed"], *cast(list[str], result["assumed"])]
-        self._results[dry_run_id] = {"id": dry_run_id, **details, **result, "assumed": assumed}
-        self._plans[dry_run_id] = request["plan"]
-        while len(self._results) > MAX_RESULTS:
-            oldest, _ = self._results.popitem(last=False)
-            del self._plans[oldest]
-        return {"dry_run": dry_run_id, **_summary(result)}
+        self._store(dry_run_id, body, plan)
+        return {"dry_run": dry_run_id, **summary}
 
-    def plan(self, dry_run_id: str) -> str:
-        """JSON text of the plan that was flown. Raises UnknownDryRun."""
-        self.get(dry_run_id)
-        return self._plans[dry_run_id]
+    def plan(self, dry_run_id: str) -> bytes:
+        """The plan that was flown, as JSON. Raises UnknownDryRun."""
+        return self._get(dry_run_id).plan
 
-    def get(self, dry_run_id: str) -> dict[str, Any]:
-        """The result of a dry run.
+    def body(self, dry_run_id: str) -> bytes:
+        """The result of a dry run as JSON.
 
         Raises:
             UnknownDryRun: there is no such dry run, it has not ended, or it was dropped.
         """
-        result = self._results.get(dry_run_id)
-        if result is None:
+        return self._get(dry_run_id).body
+
+    async def result(self, dry_run_id: str) -> DryRunResult:
+        """The result of a dry run, read in a thread; raises the same errors as `body`."""
+        return await asyncio.to_thread(msgspec.json.decode, self.body(dry_run_id), type=DryRunResult)
+
+    def _get(self, dry_run_id: str) -> _Stored:
+        stored = self._stored.get(dry_run_id)
+        if stored is None:
             raise UnknownDryRun(
                 f"There is no result of a dry run {dry_run_id!r}.",
-                remedy=f"Wait for its operation to succeed; the last {MAX_RESULTS} results are kept.",
+                remedy=f"Wait for its operation to succeed; the last {MAX_RESULTS} results are kept, "
+                "fewer of large results.",
             )
-        return result
+        return stored
 
+    def _require_room(self) -> None:
+        remedy = "Wait until one has ended, or cancel one (DELETE /operations/{id})."
+        if self._running >= MAX_RUNNING:
+            raise Refused(f"{MAX_RUNNING} dry runs are already running, which is the limit.", remedy=remedy)
 
-def _summary(result: Mapping[str, Any]) -> dict[str, object]:
-    nominal = result["nominal"]
-    names = ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m")
-    errors = sum(each["severity"] == "error" for each in nominal["findings"])
-    return {**{name: nominal[name] for name in names}, "errors": errors, "findings": len(nominal["findings"])}
+    def _store(self, dry_run_id: str, body: bytes, plan: bytes) -> None:
+        self._stored[dry_run_id] = _Stored(body, plan)
+        while len(self._stored) > MAX_RESULTS or (
+            len(self._stored) > 1
+            and sum(len(each.body) + len(each.plan) for each in self._stored.values()) > MAX_TOTAL_BYTES
+        ):
+            self._stored.popitem(last=False)

@@ -5,7 +5,6 @@ The compiler's modules take half a second to import, so this module is imported 
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import json
 from collections.abc import Mapping
@@ -14,6 +13,7 @@ from typing import Any
 from missions import documents
 from missions.errors import PlanError
 from missions.offboard import tables
+from missions.offboard.document import OffboardMission
 from missions.offboard.insertion import insert
 from missions.offboard.reader import read_json
 
@@ -24,7 +24,7 @@ def insert_mission(arguments: Mapping[str, Any]) -> Values:
     """Inserts the mission `added` into `plan`. Arguments: `plan` and `added` (JSON texts); `name` of the
     inserted mission; `at`, `in_air`, `positions` (as for `insert`); `max_bytes`: maximum size of the
     result."""
-    mission = read_json(arguments["plan"])
+    mission = _read_plan(arguments["plan"])
     inserted = read_json(arguments["added"]).model_copy(update={"name": arguments["name"]})
     result = insert(
         mission, inserted, arguments["at"], in_air=arguments["in_air"], positions=arguments["positions"]
@@ -32,6 +32,14 @@ def insert_mission(arguments: Mapping[str, Any]) -> Values:
     text = documents.write(result.mission).decode()
     _check_size(text, inserted.name, arguments["max_bytes"])
     return {"plan": text, "called": result.called, "notes": list(result.notes)}
+
+
+def _read_plan(text: bytes) -> OffboardMission:
+    """The mission to change; an error names its field of the request."""
+    try:
+        return read_json(text)
+    except PlanError as error:
+        raise PlanError(error.place, error.reason, error.fix, field="plan") from None
 
 
 def _check_size(text: str, name: str, max_bytes: int) -> None:
@@ -42,6 +50,5 @@ def _check_size(text: str, name: str, max_bytes: int) -> None:
 
 
 def import_table(arguments: Mapping[str, Any]) -> Values:
-    """Imports a trajectory. Arguments: `file` (base64), `filename`."""
-    data = base64.b64decode(arguments["file"])
-    return dataclasses.asdict(tables.import_file(data, arguments["filename"]))
+    """Imports a trajectory. Arguments: `file` (bytes), `filename`."""
+    return dataclasses.asdict(tables.import_file(arguments["file"], arguments["filename"]))

@@ -17,9 +17,8 @@ from typing import Literal, TypeVar
 from gcs_server.clock import Clock
 from gcs_server.errors import PlanConflict, Refused, UnknownPlan
 from gcs_server.plans.files import PlanFiles, PlanVersion
+from gcs_server.plans.tasks import ReadDocument
 from gcs_server.storage.folder import StorageError
-from missions import documents
-from missions.documents import Document
 
 MAX_PLANS = 500
 MAX_VERSIONS = 50
@@ -119,10 +118,12 @@ class PlanStore:
 
         return await self._run(work)
 
-    async def create(self, name: str, plan: Document, *, by: tuple[str, str]) -> PlanVersion:
+    async def create(self, name: str, document: ReadDocument, *, by: tuple[str, str]) -> PlanVersion:
         """Stores a new plan as version 1.
 
         Args:
+            name: name of the plan.
+            document: the plan; an offboard mission has this name, too.
             by: name and key of the client.
 
         Raises:
@@ -136,13 +137,14 @@ class PlanStore:
                     f"{MAX_PLANS} plans are stored, which is the limit.", remedy="Delete one first."
                 )
             plan_id, now_unix_s = secrets.token_hex(6), self._clock.unix_s()
-            count, kind = documents.count_steps(plan), documents.kind_of(plan)
-            return self._write(index, PlanVersion(plan_id, name, 1, now_unix_s, by[0], count, kind), plan)
+            count, kind = document.head.steps, document.head.kind
+            head = PlanVersion(plan_id, name, 1, now_unix_s, by[0], count, kind)
+            return self._write(index, head, document.text)
 
         return await self._change("created", work, by)
 
     async def save(
-        self, plan_id: str, name: str, plan: Document, *, base_version: int, by: tuple[str, str]
+        self, plan_id: str, name: str, document: ReadDocument, *, base_version: int, by: tuple[str, str]
     ) -> PlanVersion:
         """Adds a version, if the caller's base version is still the newest.
 
@@ -160,10 +162,10 @@ class PlanStore:
                 version=newest.version + 1,
                 changed_unix_s=self._clock.unix_s(),
                 changed_by=by[0],
-                item_count=documents.count_steps(plan),
-                kind=documents.kind_of(plan),
+                item_count=document.head.steps,
+                kind=document.head.kind,
             )
-            return self._write(index, head, plan)
+            return self._write(index, head, document.text)
 
         return await self._change("saved", work, by)
 
@@ -243,8 +245,7 @@ class PlanStore:
             )
         return newest
 
-    def _write(self, index: _Index, head: PlanVersion, plan: Document) -> PlanVersion:
-        content = documents.write(documents.with_name(plan, head.name))
+    def _write(self, index: _Index, head: PlanVersion, content: bytes) -> PlanVersion:
         if sum(index.size_bytes.values()) + len(content) > MAX_TOTAL_BYTES:
             raise Refused(
                 f"The plans would take more than {MAX_TOTAL_BYTES // 1_000_000} MB, which is the limit.",

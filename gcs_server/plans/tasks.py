@@ -1,22 +1,26 @@
-"""Computations on plans, with JSON values as input and output, so that they can run in a thread or a process.
-
-The result for an unusable plan or file is `{"fault": {"place", "reason", "fix", "field"}}`.
+"""Computations on plans, with plain values and bytes as input and output, so that they can run in a thread or
+a process. The bytes of an answer are in most cases the response to the client, which the server passes on.
 """
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import pickle
+import struct
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+from msgspec import Raw
+
+from gcs_server.operations.process import WorkerFailed
+from gcs_server.plans import typed_values
 from missions import documents
 from missions import plan as plan_document
 from missions.checks import CheckLimits, Finding, check
 from missions.errors import PlanError
 from missions.estimates import Estimate, estimate
-from missions.formats import any_format
+from missions.formats import any_format, mavlink_items
 from missions.formats.results import ImportOptions
 from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
@@ -39,19 +43,151 @@ PLACE_FIELDS = ("row", "zone", "rally_point", "obstacle", "step")
 mission has only `obstacle` and `step`."""
 
 
-def run(task: str, arguments: Mapping[str, Any]) -> Values:
-    """Runs one of `TASKS`; a problem of the plan or file is part of the result."""
+_HEAD = struct.Struct("!I")
+MAX_PROBLEM_LENGTH = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The result of a task."""
+
+    values: Values
+    """A few values that the server itself needs."""
+    body: bytes = b""
+    """A document, a response to the client, or values for `typed_values`."""
+    fault: dict[str, str | None] | None = None
+    """Why the plan or file cannot be used: `place`, `reason`, `fix`, `field`; None: it can."""
+
+
+def run(task: str, arguments: Mapping[str, Any]) -> Answer:
+    """Runs one of `TASKS`; a problem of the plan or file is part of the answer."""
     try:
         return TASKS[task](arguments)
     except PlanError as error:
         fault = {"place": error.place, "reason": error.reason, "fix": error.fix, "field": error.field}
-        return {"fault": fault}
+        return Answer({}, fault=fault)
 
 
-def _check(arguments: Mapping[str, Any]) -> Values:
+def answer_request(request: bytes) -> bytes:
+    """Runs the task of a request (`task` and `arguments` as msgpack) in its process."""
+    values = msgspec.msgpack.decode(request)
+    try:
+        answer, problem = run(values["task"], values["arguments"]), None
+    except Exception as error:
+        answer, problem = Answer({}), str(error) or type(error).__name__
+    head = msgspec.msgpack.encode((answer.values, answer.fault, problem))
+    return _HEAD.pack(len(head)) + head + answer.body
+
+
+def answer_from_bytes(data: bytes) -> Answer:
+    """Reads the output of `answer_request`.
+
+    Raises:
+        WorkerFailed: the task has failed.
+        msgspec.DecodeError: the bytes are not an answer.
+    """
+    end = _HEAD.size + int.from_bytes(data[: _HEAD.size], "big")
+    values, fault, problem = msgspec.msgpack.decode(data[_HEAD.size : end], type=_HeadType)
+    if problem is not None:
+        raise WorkerFailed(problem[:MAX_PROBLEM_LENGTH])
+    return Answer(values, data[end:], fault)
+
+
+_HeadType = tuple[Values, dict[str, str | None] | None, str | None]
+
+
+def _response(values: Mapping[str, Any], **raw: bytes) -> Answer:
+    """The answer whose body is a JSON object with these values, and others that are JSON already."""
+    return Answer({}, msgspec.json.encode({**values, **{name: Raw(text) for name, text in raw.items()}}))
+
+
+class DocumentHead(msgspec.Struct, frozen=True):
+    """What the server itself needs of a document."""
+
+    kind: documents.PlanKind
+    steps: int
+    """Number of items as uploaded, or of steps with nested steps."""
+    name: str | None
+    """Name of an offboard mission."""
+    home: dict[str, float] | None
+    """The planned home: `lat_deg`, `lon_deg`, `alt_amsl_m`."""
+    takes_off: bool
+    """Whether the first step of an offboard mission is a take-off."""
+    separation_m: float | None
+    roles: dict[str, tuple[float, float, float] | None]
+    """Planned start of each role [m], from the home."""
+
+
+def head_of(document: documents.Document) -> DocumentHead:
+    """The head of a document."""
+    kind, steps = documents.kind_of(document), documents.count_steps(document)
+    home = document.home if isinstance(document, OffboardMission) else document.planned_home
+    home_values = None if home is None else home.model_dump()
+    if not isinstance(document, OffboardMission):
+        return DocumentHead(kind, steps, None, home_values, False, None, {})
+    takes_off = bool(document.steps) and document.steps[0].step == "take_off"
+    roles = {name: role.start_ned_m for name, role in document.roles.items()}
+    separation_m = document.separation_m
+    return DocumentHead(kind, steps, document.name, home_values, takes_off, separation_m, roles)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadDocument:
+    """A document that has been read and found valid."""
+
+    head: DocumentHead
+    text: bytes
+    """The document as this project writes it."""
+
+    @classmethod
+    def of(cls, document: documents.Document) -> ReadDocument:
+        """Writes a document."""
+        return cls(head_of(document), documents.write(document))
+
+    @classmethod
+    def from_answer(cls, answer: Answer) -> ReadDocument:
+        """The result of the task `read`.
+
+        Raises:
+            msgspec.ValidationError: the values are not a head.
+        """
+        return cls(msgspec.convert(answer.values, DocumentHead), answer.body)
+
+
+def _read(arguments: Mapping[str, Any]) -> Answer:
+    """Reads a document. Arguments: `plan` (JSON text); `name` that the document gets (null: its own); `kind`
+    that it must have (null: any). The body is the document as this project writes it."""
+    reader = {"waypoint_plan": plan_document.read, "offboard_mission": _mission_of}.get(arguments["kind"])
+    document = (reader or documents.read)(arguments["plan"])
+    if arguments["name"] is not None:
+        document = documents.with_name(document, arguments["name"])
+    read = ReadDocument.of(document)
+    return Answer(msgspec.to_builtins(read.head), read.text)
+
+
+def _items(arguments: Mapping[str, Any]) -> Answer:
+    """The MAVLink items of a waypoint plan. Argument: `plan` (JSON text). The body has the items of each part
+    as msgpack; `rows` is the index in the plan's `items` of each mission item."""
+    plan = plan_document.read(arguments["plan"])
+    parts = {
+        "mission": mavlink_items.mission_items(plan),
+        "fence": mavlink_items.fence_items(plan),
+        "rally": mavlink_items.rally_items(plan),
+    }
+    return Answer({"rows": [row for row, _ in plan.simple_items()]}, msgspec.msgpack.encode(parts))
+
+
+def _check(arguments: Mapping[str, Any]) -> Answer:
     """Checks a plan. Arguments: `plan` (JSON text); `parameters` and `unknown_parameters` of the vehicle;
     `home`, `origin` and `reported` of the vehicle, and `power`, each may be null; `operator` (as
-    `OperatorArea`); `elevation`: paths of elevation files."""
+    `OperatorArea`); `traffic` (as `Traffic`, or null); `elevation`: paths of elevation files; `vehicle` (its
+    id, or null) and `not_known` for the response."""
+    values = _checked(arguments)
+    not_known = (*arguments["not_known"], *values.pop("ground_not_known"))
+    return _response({**values, "vehicle": arguments["vehicle"], "not_known": not_known})
+
+
+def _checked(arguments: Mapping[str, Any]) -> Values:
     document = documents.read(arguments["plan"])
     power = None if arguments["power"] is None else PowerModel(**arguments["power"])
     limits = CheckLimits(power=power, unknown_parameters=tuple(arguments["unknown_parameters"]))
@@ -70,9 +206,15 @@ def _check(arguments: Mapping[str, Any]) -> Values:
             plan, arguments["elevation"], vehicle.return_alt_m
         )
         findings = (*findings, *ground_findings)
+    separation: list[Values] = []
+    if arguments["traffic"] is not None:
+        from gcs_server.plans import traffic_task
+
+        traffic = typed_values.from_bytes(arguments["traffic"], traffic_task.Traffic)
+        separation = traffic_task.separation_findings(document, traffic)
     return {
         "kind": "waypoint_plan",
-        "findings": [_finding(each) for each in findings],
+        "findings": [*(_finding(each) for each in findings), *separation],
         "estimates": dataclasses.asdict(estimate(plan, vehicle, power)),
         "flight": None,
         "ground": list(ground.profile),
@@ -185,20 +327,19 @@ def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: S
     }
 
 
-def _import(arguments: Mapping[str, Any]) -> Values:
-    """Imports a file. Arguments: `file` (base64), `filename`, `altitude` (of points without an altitude; may
+def _import(arguments: Mapping[str, Any]) -> Answer:
+    """Imports a file. Arguments: `file` (bytes), `filename`, `altitude` (of points without an altitude; may
     be null), `reference` (of altitudes without a reference; may be null)."""
     altitude = arguments["altitude"]
     options = ImportOptions(
         None if altitude is None else Altitude.model_validate(altitude), arguments["reference"]
     )
-    data = base64.b64decode(arguments["file"])
+    data = arguments["file"]
     format_name = any_format.recognise(data, arguments["filename"])
     imported = any_format.read(format_name, data, options)
-    return {
+    values = {
         "format": format_name,
         "kind": documents.kind_of(imported.plan),
-        "plan": documents.write(imported.plan).decode(),
         "areas": [
             {
                 "name": area.name,
@@ -218,52 +359,57 @@ def _import(arguments: Mapping[str, Any]) -> Values:
         ],
         "notes": list(imported.notes),
     }
+    return _response(values, plan=documents.write(imported.plan))
 
 
-def _export(arguments: Mapping[str, Any]) -> Values:
-    """Exports a plan. Arguments: `plan` (JSON text), `format`."""
+def _export(arguments: Mapping[str, Any]) -> Answer:
+    """Exports a plan. Arguments: `plan` (JSON text), `format`. The body is the file."""
     exported = any_format.write(arguments["format"], documents.read(arguments["plan"]))
-    return {"file": base64.b64encode(exported.data).decode(), "notes": list(exported.notes)}
+    return Answer({"notes": list(exported.notes)}, exported.data)
 
 
-def _pattern(arguments: Mapping[str, Any]) -> Values:
+def _pattern(arguments: Mapping[str, Any]) -> Answer:
     from gcs_server.plans import pattern_task
 
-    return pattern_task.generate(arguments)
+    return _document_response(pattern_task.generate(arguments))
 
 
-def _convert(arguments: Mapping[str, Any]) -> Values:
-    """Converts a waypoint plan. Arguments: `plan` (JSON text), `name`, `parameters`, `home` (of the vehicle;
-    null: the plan's home)."""
+def _document_response(values: Values) -> Answer:
+    """The answer whose body contains `plan`, which is JSON already."""
+    return _response(values, plan=values["plan"].encode())
+
+
+def _convert(arguments: Mapping[str, Any]) -> Answer:
+    """Converts a waypoint plan. Arguments: `plan` (JSON text), `name`, `parameters`, `home` of the vehicle,
+    used if the plan has none; may be null."""
     from missions.offboard.from_plan import from_plan
 
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
     plan = plan_document.read(arguments["plan"])
-    if arguments["home"] is not None:
+    if arguments["home"] is not None and plan.planned_home is None:
         plan = plan.model_copy(update={"planned_home": HomePosition.model_validate(arguments["home"])})
     converted = from_plan(plan, arguments["name"], vehicle)
-    return {"plan": documents.write(converted.mission).decode(), "notes": list(converted.notes)}
+    return _response({"notes": converted.notes}, plan=documents.write(converted.mission))
 
 
-def _insert(arguments: Mapping[str, Any]) -> Values:
+def _insert(arguments: Mapping[str, Any]) -> Answer:
     from gcs_server.plans import mission_tasks
 
-    return mission_tasks.insert_mission(arguments)
+    return _document_response(mission_tasks.insert_mission(arguments))
 
 
-def _table(arguments: Mapping[str, Any]) -> Values:
+def _table(arguments: Mapping[str, Any]) -> Answer:
     from gcs_server.plans import mission_tasks
 
-    return mission_tasks.import_table(arguments)
+    return _response(mission_tasks.import_table(arguments))
 
 
-def _compile(arguments: Mapping[str, Any]) -> Values:
+def _compile(arguments: Mapping[str, Any]) -> Answer:
     """Compiles an offboard mission. Arguments: `plan` (JSON text), `parameters`, `reported`, `operator` (as
     `OperatorArea`), `start` (as `Start`, `origin` as a mapping or null), `elevation`: paths of elevation
     files.
 
-    `timeline` in the result is the pickled timeline with its motion limits; only this server and its
-    processes write and read it.
+    The body is a `CompiledMission`.
     """
     from missions.offboard.compiler import compile_mission
 
@@ -272,17 +418,15 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
     start = _start_of(arguments["start"])
     timeline = compile_mission(mission, vehicle, start)
     ground_findings = _ground_findings(timeline, start, arguments["elevation"])
-    return {
-        "findings": [_short_finding(each) for each in (*timeline.findings, *ground_findings)],
-        "timeline": _pickle((timeline, _motion_of(mission, vehicle))),
-    }
+    findings = [_short_finding(each) for each in (*timeline.findings, *ground_findings)]
+    return Answer({"findings": findings}, typed_values.to_bytes((timeline, _motion_of(mission, vehicle))))
 
 
-def _compile_roles(arguments: Mapping[str, Any]) -> Values:
+def _compile_roles(arguments: Mapping[str, Any]) -> Answer:
     """Compiles a mission of several vehicles. Arguments: `plan` (JSON text), `vehicles`: for each role the
     arguments of `compile`; `elevation`.
 
-    `timelines` in the result is pickled: the timeline and the motion limits of each role.
+    The body is the `CompiledMission` of each role.
     """
     from missions.offboard.roles import compile_roles
 
@@ -297,7 +441,7 @@ def _compile_roles(arguments: Mapping[str, Any]) -> Values:
     timelines = {
         role: (each, _motion_of(mission, vehicles[role])) for role, each in compiled.timelines.items()
     }
-    return {"findings": [_short_finding(each) for each in findings], "timelines": _pickle(timelines)}
+    return Answer({"findings": [_short_finding(each) for each in findings]}, typed_values.to_bytes(timelines))
 
 
 def _ground_findings(timeline: Timeline, start: Start, elevation: Sequence[str]) -> list[MissionFinding]:
@@ -307,7 +451,7 @@ def _ground_findings(timeline: Timeline, start: Start, elevation: Sequence[str])
     return _mission_ground(samples.legs(timeline, start_ned_m), start.origin, start_ned_m[2], elevation)[0]
 
 
-def _mission_of(text: str) -> OffboardMission:
+def _mission_of(text: bytes) -> OffboardMission:
     mission = documents.read(text)
     if not isinstance(mission, OffboardMission):
         raise PlanError("the plan", "it is a waypoint plan, which PX4 flies", "Send an offboard mission.")
@@ -354,20 +498,16 @@ def _short_finding(finding: MissionFinding) -> Values:
     }  # fmt: skip
 
 
-def _pickle(value: object) -> str:
-    return base64.b64encode(pickle.dumps(value)).decode()
-
-
-def _follow_ground(arguments: Mapping[str, Any]) -> Values:
+def _follow_ground(arguments: Mapping[str, Any]) -> Answer:
     from gcs_server.plans import terrain_tasks
 
-    return terrain_tasks.resolve_altitudes(arguments)
+    return _document_response(terrain_tasks.resolve_altitudes(arguments))
 
 
-def _elevation_files(arguments: Mapping[str, Any]) -> Values:
+def _elevation_files(arguments: Mapping[str, Any]) -> Answer:
     from gcs_server.plans import terrain_tasks
 
-    return terrain_tasks.list_files(arguments)
+    return Answer(terrain_tasks.list_files(arguments))
 
 
 WITH_ELEVATION = frozenset(
@@ -375,7 +515,7 @@ WITH_ELEVATION = frozenset(
 )
 """Tasks that take the paths of the operator's elevation files; they run in a process if there are elevation
 files."""
-TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
+TASKS: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
     "check": _check,
     "compile": _compile,
     "compile_roles": _compile_roles,
@@ -383,9 +523,11 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "elevation_files": _elevation_files,
     "follow_ground": _follow_ground,
     "import": _import,
+    "items": _items,
     "insert": _insert,
     "export": _export,
     "pattern": _pattern,
     "pattern_on_ground": _pattern,
+    "read": _read,
     "table": _table,
 }

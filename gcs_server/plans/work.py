@@ -1,24 +1,28 @@
-"""Runs tasks on plans outside the event loop: small tasks in a thread, large or untrusted plans and files in
-a process."""
+"""Runs tasks on plans outside the event loop: tasks on small documents in a thread, all others in processes
+of their own. Documents arrive as bytes, and most results are passed on as bytes, so that the loop never
+parses or writes a document.
+"""
 
 from __future__ import annotations
 
 import asyncio
-import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from gcs_server.errors import InvalidRequest, Refused
-from gcs_server.operations.process import WorkerFailed, run_process
-from gcs_server.plans import tasks
+import msgspec
 
-MAX_PROCESSES = 2
-"""Maximum number of processes; a small computer has two cores, and one is needed for the vehicles."""
-MAX_PENDING = 16
-"""Maximum number of running and waiting tasks."""
+from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.operations.fork_server import ForkServer
+from gcs_server.operations.process import WorkerFailed
+from gcs_server.operations.turns import TurnLimits, Turns
+from gcs_server.plans import tasks
+from gcs_server.plans.tasks import Answer
+
+SMALL_BYTES = 8_192
+"""Size up to which a document can be read in a thread, in a few milliseconds."""
 MAX_RESULT_BYTES = 32 * 1024 * 1024
 ELEVATION_SUFFIXES = (".tif", ".tiff", ".hgt")
 MAX_ELEVATION_FILES = 200
@@ -26,21 +30,29 @@ COMMAND = (sys.executable, "-m", "gcs_server.plans.worker")
 
 
 class PlanWork:
-    """The tasks of one server."""
+    """The tasks of one server.
 
-    def __init__(self, elevation_folder: Path) -> None:
-        """
-        Args:
-            elevation_folder: folder of the operator's elevation files; need not exist.
-        """
+    Args:
+        elevation_folder: folder of the operator's elevation files; need not exist.
+        in_control: returns whether the client with a key controls a vehicle; its tasks come first.
+    """
+
+    def __init__(self, elevation_folder: Path, in_control: Callable[[str], bool] = lambda _: False) -> None:
         self.elevation_folder = elevation_folder
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="plan work")
-        self._process_slots = asyncio.Semaphore(MAX_PROCESSES)
-        self._pending = 0
+        self._processes = ForkServer(COMMAND, MAX_RESULT_BYTES)
+        self._thread_turns = Turns(in_control, TurnLimits(running=1, running_without_control=1))
+        self._process_turns = Turns(in_control, TurnLimits())
 
     async def run(
-        self, task: str, arguments: Mapping[str, Any], *, small: bool, field: str = "plan"
-    ) -> dict[str, Any]:
+        self,
+        task: str,
+        arguments: Mapping[str, Any],
+        *,
+        small: bool,
+        field: str = "plan",
+        subject: str = "",
+    ) -> Answer:
         """Runs one task; if the caller is cancelled, the task's process ends.
 
         Args:
@@ -48,52 +60,45 @@ class PlanWork:
             arguments: arguments of the task.
             small: whether the task takes only milliseconds for any content, so that it can run in a thread.
             field: the field that an error names if the error concerns no single field of the document.
+            subject: begin of the error's text, for a document that is not in the request.
 
         Raises:
             InvalidRequest: the plan or file cannot be used; the error contains the part, the reason and the
                 fix.
-            Refused: the task takes too much memory or time, or too many tasks are waiting.
+            ClientHasTooMany: too many tasks of the calling client (`turns.CALLER`) are running or waiting.
+            ServerBusy: too many tasks are waiting.
+            Refused: the task takes too much memory or time.
         """
-        if self._pending >= MAX_PENDING:
-            raise Refused(
-                f"{MAX_PENDING} other tasks on plans are still waiting.",
-                remedy="Try again in a moment.",
-            )
         if task in tasks.WITH_ELEVATION:
             elevation_paths = await self.elevation_paths()
             arguments = {**arguments, "elevation": elevation_paths}
             small = small and not elevation_paths
-        self._pending += 1
-        try:
+        async with (self._thread_turns if small else self._process_turns).turn():
             if small:
                 loop = asyncio.get_running_loop()
-                result = await loop.run_in_executor(self._thread, tasks.run, task, arguments)
+                answer = await loop.run_in_executor(self._thread, tasks.run, task, arguments)
             else:
-                result = await self._in_process(task, arguments)
-        finally:
-            self._pending -= 1
-        fault = result.get("fault")
+                answer = await self._in_process(task, arguments)
+        fault = answer.fault
         if fault is not None:
-            text = f"{fault['place']}: {fault['reason']}."
+            text = f"{subject}{fault['place']}: {fault['reason']}."
             raise InvalidRequest(fault["field"] or field, text, remedy=fault["fix"])
-        return result
+        return answer
 
     async def elevation_paths(self) -> list[str]:
         """Paths of the operator's elevation files."""
         return await asyncio.to_thread(elevation_files, self.elevation_folder)
 
     def close(self) -> None:
-        """Waits for the thread."""
+        """Waits for the thread, and ends the fork server."""
         self._thread.shutdown()
+        self._processes.close()
 
-    async def _in_process(self, task: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        request = json.dumps({"task": task, "arguments": arguments}).encode()
+    async def _in_process(self, task: str, arguments: Mapping[str, Any]) -> Answer:
+        request = msgspec.msgpack.encode({"task": task, "arguments": arguments})
         try:
-            async with self._process_slots:
-                return await run_process(
-                    COMMAND, lambda _text, _fraction: None, request=request, max_line_bytes=MAX_RESULT_BYTES
-                )
-        except WorkerFailed as error:
+            return tasks.answer_from_bytes(await self._processes.run(request))
+        except (WorkerFailed, msgspec.DecodeError, MemoryError) as error:
             raise Refused(
                 f"The task {task!r} took more memory or time than allowed, or failed: {error}",
                 remedy="Make the plan, file or area smaller.",

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
@@ -23,8 +24,8 @@ MAX_POINTS = 600
 MIN_HORIZONTAL_M = 0.01
 """Horizontal distance below which two points define no direction [m]."""
 
-DryRunResults = Callable[[str], Mapping[str, Any]]
-"""Returns the result of a dry run by its id, as in the API; raises UnknownDryRun."""
+DryRunResults = Callable[[str], bytes]
+"""Returns the result of a dry run by its id, as JSON; raises UnknownDryRun."""
 
 
 class DryRunRequest(BaseModel):
@@ -43,6 +44,48 @@ class DryRunRequest(BaseModel):
         default=False,
         description="Whether the camera follows the simulated vehicle instead of the real vehicle.",
     )
+
+
+_Vectors = list[tuple[float, float, float]]
+
+
+class _Path(TypedDict):
+    t_s: list[float]
+    position_ned_m: _Vectors
+    q_ned_frd: list[tuple[float, float, float, float]]
+    gimbal_rad: list[tuple[float, float]]
+
+
+class _Flight(TypedDict):
+    origin: dict[str, float]
+    path: _Path | None
+
+
+class _Corridor(TypedDict):
+    position_ned_m: _Vectors
+    horizontal_m: dict[str, list[float]]
+    vertical_m: dict[str, list[float]]
+
+
+class _MonteCarlo(TypedDict):
+    corridor: _Corridor | None
+
+
+class _MonteCarloOfRoles(TypedDict):
+    roles: dict[str, _MonteCarlo]
+
+
+class _Together(TypedDict):
+    roles: dict[str, _Flight]
+    monte_carlo: _MonteCarloOfRoles | None
+
+
+class _Result(TypedDict):
+    """The part of a result that is drawn."""
+
+    nominal: _Flight
+    monte_carlo: _MonteCarlo | None
+    together: _Together | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +121,11 @@ class DryRunMoment:
     t_s: float | None
     """Time since the start of the flight [s]; None: the vehicles are not shown."""
     follow: bool
+
+
+def read_paths(result: bytes) -> tuple[DryRunPath, ...]:
+    """`paths_of` a result as JSON."""
+    return paths_of(msgspec.json.decode(result, type=_Result))
 
 
 def paths_of(result: Mapping[str, Any]) -> tuple[DryRunPath, ...]:

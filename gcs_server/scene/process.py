@@ -19,7 +19,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError
 from gcs_server.scene import messages as m
 from gcs_server.scene.clicks import ClickRequest, SceneClick
-from gcs_server.scene.dry_runs import DryRunResults, paths_of
+from gcs_server.scene.dry_runs import DryRunPath, DryRunResults, read_paths
 from gcs_server.scene.gizmo import Drag, SceneGizmo
 from gcs_server.scene.handle import REMEDY, SceneWorker
 from gcs_server.scene.ports import OffboardTargets, SceneFleet
@@ -74,6 +74,8 @@ class SceneProcess:
     ) -> None:
         self._fleet, self._clock, self._offboard = fleet, clock, offboard
         self._on_click, self._on_gizmo, self._dry_runs = on_click, on_gizmo, dry_runs
+        self._paths: OrderedDict[str, tuple[DryRunPath, ...]] = OrderedDict()
+        """Paths of the dry runs that pages have shown last."""
         self._bridges = Bridges(clock)
         self._run: _Run | None = None
         self._worker: SceneWorker | None = None
@@ -183,6 +185,7 @@ class SceneProcess:
         """Raises UnknownVehicle, UnknownDryRun, SceneError."""
         if request.vehicle is not None:
             self._fleet.get(request.vehicle)
+        await self._read_dry_run(request)
         run = self._require_run()
         self._send_dry_run(run, request)
         self._store_view(token, request)
@@ -221,12 +224,21 @@ class SceneProcess:
         finally:
             self._pending.pop(number, None)
 
+    async def _read_dry_run(self, request: ViewRequest) -> None:
+        """Reads the paths of the dry run that a page shows, in a thread; raises UnknownDryRun."""
+        requested = request.dry_run
+        if requested is None or self._dry_runs is None or requested.id in self._paths:
+            return
+        self._paths[requested.id] = await asyncio.to_thread(read_paths, self._dry_runs(requested.id))
+        while len(self._paths) > m.MAX_DRY_RUNS:
+            self._paths.popitem(last=False)
+
     def _send_dry_run(self, run: _Run, request: ViewRequest) -> None:
         """Sends the paths of a dry run that the process does not have."""
         requested = request.dry_run
-        if requested is None or self._dry_runs is None or requested.id in run.dry_runs:
+        if requested is None or requested.id not in self._paths or requested.id in run.dry_runs:
             return
-        run.post(m.DryRunPaths(requested.id, paths_of(self._dry_runs(requested.id))))
+        run.post(m.DryRunPaths(requested.id, self._paths[requested.id]))
         run.dry_runs[requested.id] = None
         while len(run.dry_runs) > m.MAX_DRY_RUNS:
             run.dry_runs.popitem(last=False)

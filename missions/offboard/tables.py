@@ -109,7 +109,7 @@ def read(data: bytes, offset_ned_m: Vector3, default_yaw_rad: float) -> PathCurv
         PathPoint(row[0] - rows[0][0], (row[1] + n, row[2] + e, row[3] + d), row[4] if len(row) > 4 else None)
         for row in rows
     )
-    return PathCurve(Path(points), default_yaw_rad)
+    return PathCurve.of(Path(points), default_yaw_rad)
 
 
 def read_rows(data: bytes) -> list[list[float]]:

@@ -76,16 +76,18 @@ def item_title(item: SimpleItem) -> str:
 # --- from a dry run -----------------------------------------------------------------------------------
 
 
-def planned_by_dry_run(nominal: Mapping[str, Any], plan: Plan, start_ned_m: Vector3) -> PlannedPasses:
+def planned_by_dry_run(
+    nominal: Mapping[str, Any], rows_of_items: Sequence[int], start_ned_m: Vector3
+) -> PlannedPasses:
     """The nominal flight of a dry run.
 
     Args:
         nominal: `DryRun.document` of a dry run that has flown the whole plan.
-        plan: the plan that the dry run has flown.
+        rows_of_items: of the plan that the dry run has flown, the index in `items` of each item as uploaded.
         start_ned_m: start position of the dry run in the vehicle's local frame.
     """
     items_of_row: dict[int, set[int]] = {}
-    for index, (row, _) in enumerate(plan.simple_items()):
+    for index, row in enumerate(rows_of_items):
         items_of_row.setdefault(row, set()).add(index)
     times = np.array(nominal["path"]["t_s"])
     path = np.array(nominal["path"]["position_ned_m"]).reshape(-1, 3)

@@ -30,13 +30,13 @@ def test_progress_and_result_are_received():
     def work(report):
         for n in range(3):
             report(f"flight {n}", n / 3)
-        return {"flights": 3}
+        return {"flights": 3}, b"paths" * 100_000
     serve(work)
     """
     result = asyncio.run(
-        run_process(command_for(body), lambda text, progress: reports.append((text, progress)))
+        run_process(command_for(body), lambda *report: reports.append(report), max_body_bytes=500_000)
     )
-    assert result == {"flights": 3}
+    assert result == ({"flights": 3}, b"paths" * 100_000)
     assert reports == [("flight 0", 0.0), ("flight 1", 1 / 3), ("flight 2", 2 / 3)]
 
 
@@ -48,6 +48,8 @@ def test_progress_and_result_are_received():
         ("print('no JSON', flush=True); time.sleep(60)", "cannot be read"),
         ("print('x' * 1_000_000, flush=True); time.sleep(60)", "cannot be read"),
         ("print('[1]', flush=True); time.sleep(60)", "cannot be read"),
+        ("serve(lambda _: ({}, b'too much'))", "more than 0 bytes"),
+        ('print(\'{"result": {}, "body_bytes": -1}\', flush=True); time.sleep(60)', "more than 0 bytes"),
     ],
 )
 def test_a_process_without_a_valid_result_raises_an_error_with_the_reason(body, reason):

@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
+import msgspec
+
 from gcs_server.api import control_models
 from gcs_server.api.mission_mode_routes import compile_inputs_of, prepare_mode
 from gcs_server.api.setpoint_request import StartRequest
@@ -11,11 +13,11 @@ from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.principal import Principal
+from gcs_server.errors import InvalidRequest
 from gcs_server.operations.operations import Operations
 from gcs_server.plans import tasks
 from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanStore
-from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.streamer.missions.missions import OffboardMissions
@@ -33,10 +35,18 @@ FORCED_CONTROL_REQUEST = control_models.TakeControl(force=True)
 
 
 class InlinePlanWork:
-    """Replaces `PlanWork`: executes the tasks in this process."""
+    """Replaces `PlanWork`: executes the tasks in this process, because simulated time would advance without
+    limit while the loop waits for another process."""
+
+    async def elevation_paths(self):
+        return []
 
     async def run(self, task, arguments, **_):
-        return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
+        request = msgspec.msgpack.encode({"task": task, "arguments": {**arguments, "elevation": []}})
+        answer = tasks.answer_from_bytes(tasks.answer_request(request))
+        if answer.fault is not None:
+            raise InvalidRequest(answer.fault["field"] or "plan", answer.fault["reason"])
+        return answer
 
 
 def new_station(testbed, progress=None):
@@ -72,7 +82,7 @@ def new_station(testbed, progress=None):
         ),
         operations=Operations(testbed.clock, testbed.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), testbed.clock),
-        plan_work=PlanWork(Path("no elevation")),
+        plan_work=InlinePlanWork(),
         dry_runs=DryRuns(),
         mavlink_ids=(255, 190),
         topic_inspectors=TopicInspectors(),

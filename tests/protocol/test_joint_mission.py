@@ -107,6 +107,15 @@ def dry_run_of(rig, **start_east_m):
     return {"id": "7", "kind": "offboard_mission", **result}
 
 
+def set_dry_run(rig, **start_east_m):
+    """Replaces the server's dry runs by this one."""
+
+    async def result(_):
+        return dry_run_of(rig, **start_east_m)
+
+    rig.station.dry_runs = SimpleNamespace(result=result)
+
+
 def outside_corridor_m(rig):
     return [vehicle.offboard_mission.status().outside_corridor_m for vehicle in rig.vehicles]
 
@@ -114,7 +123,7 @@ def outside_corridor_m(rig):
 @pytest.mark.story
 def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(run_simulated):
     async def scenario(rig):
-        rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0, left=APART_M))
+        set_dry_run(rig, lead=0.0, left=APART_M)
         views = await start(rig, crossing_mission(), dry_run="7")
         assert [view["mission"]["dry_run"] for view in views] == ["7", "7"]
         await reach(rig, "flying", "flying")
@@ -126,7 +135,7 @@ def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(run_simulated):
 
 def test_no_vehicle_starts_if_the_dry_run_has_no_corridor_of_a_role(run_simulated):
     async def scenario(rig):
-        rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0))
+        set_dry_run(rig, lead=0.0)
         with pytest.raises(Refused, match="has no corridor of the role 'left'"):
             await start(rig, crossing_mission(), dry_run="7")
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)

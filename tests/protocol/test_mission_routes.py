@@ -10,12 +10,14 @@ import pytest
 from gcs_server.api import control_routes, mission_models, mission_routes, operation_routes
 from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused, Rejected
 from gcs_server.plans.store import PlanStore
+from gcs_server.plans.tasks import ReadDocument
 from missions.offboard.document import OffboardMission
 from missions.offboard.steps import Land
 from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, journal_entries, json_of, new_station
 from tests.protocol.fake_autopilot import IN_AIR
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
+from tests.support.documents import read_document
 
 ALTITUDE_20_M = {"value_m": 20, "reference": "home"}
 POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": ALTITUDE_20_M}
@@ -72,9 +74,7 @@ def start(rig, by=ANNA, **body):
 
 def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simulated, tmp_path):
     async def scenario(rig):
-        stored = await rig.station.plans.create(
-            "Tower", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
-        )
+        stored = await rig.station.plans.create("Tower", read_document(PLAN), by=("anna", "key"))
         body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
         started = await mission_routes.upload("1", body, rig.station, ANNA)
         assert started.status_code == 202
@@ -211,7 +211,7 @@ def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated
     tower = {"name": "Tower", "top": {"value_m": 50, "reference": "home"}, "polygon": polygon}
 
     async def scenario(rig):
-        plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
+        plan = read_document({**PLAN, "obstacles": [tower]})
         stored = await rig.station.plans.create("Tower", plan, by=("anna", "key"))
         await upload(rig, None, plan_id=stored.id)
         with pytest.raises(PlanFindings, match="passes through Tower") as raised:
@@ -290,9 +290,9 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(run_simulated
     async def scenario(rig):
         await upload(rig)  # a plan without a name on this server
         which_plan = mission_models.WhichPlan.model_validate
-        stored = await rig.station.plans.create("Tower", which_plan({"plan": PLAN}).plan, by=("anna", "key"))
+        stored = await rig.station.plans.create("Tower", read_document(PLAN), by=("anna", "key"))
         other = await rig.station.plans.create(
-            "Other", which_plan({"plan": PLAN_OUTSIDE_THE_FENCE}).plan, by=("anna", "key")
+            "Other", read_document(PLAN_OUTSIDE_THE_FENCE), by=("anna", "key")
         )
         for plan, plan_id in ((other, None), (stored, stored.id)):
             await mission_routes.compare(rig.vehicle, which_plan({"plan_id": plan.id}), rig.station)
@@ -345,7 +345,7 @@ def test_an_upload_to_a_vehicle_that_is_lost_fails_with_a_reason(run_simulated, 
 
 def test_an_offboard_mission_cannot_be_uploaded(run_simulated, tmp_path):
     async def scenario(rig):
-        mission = OffboardMission(name="Mast", steps=(Land(),), missions={})
+        mission = ReadDocument.of(OffboardMission(name="Mast", steps=(Land(),), missions={}))
         stored = await rig.station.plans.create("Mast", mission, by=("anna", "key"))
         body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
         with pytest.raises(InvalidRequest, match="the server flies it"):

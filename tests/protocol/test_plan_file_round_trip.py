@@ -13,6 +13,7 @@ from missions import plan as documents
 from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, new_station
 from tests.protocol.offboard_testbed import sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
+from tests.support.documents import read_document
 from vehicle_sim.mavlink import generated_dialect as sim
 
 FILE = Path(__file__).parents[1] / "data" / "plans" / "survey_gimbal_fence.plan"
@@ -54,8 +55,7 @@ async def import_file(rig):
 
     response = json_of(await plan_routes.import_plan(SimpleNamespace(body=body), rig.station, FILE.name))
     assert response["notes"] == []
-    plan = documents.read(json.dumps(response["plan"]).encode())
-    return await rig.station.plans.create("Survey", plan, by=("anna", "key"))
+    return await rig.station.plans.create("Survey", read_document(response["plan"]), by=("anna", "key"))
 
 
 async def export_file(rig, stored):

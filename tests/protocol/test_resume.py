@@ -15,6 +15,7 @@ from tests.protocol.fake_autopilot import HOLD_MODE, IN_AIR, ON_GROUND, RTL_MODE
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
+from tests.support.documents import read_document
 
 LAT, LON = 47.397742, 8.545594
 DEG_PER_M = 1 / 111_195
@@ -174,9 +175,7 @@ def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is
         view = await mission_view(rig)
         assert view["resume"] is None
         assert view["no_resume"].startswith("Vehicle 1 has flown the plan up to item 4. Read the plan back")
-        stored = await rig.station.plans.create(
-            "Field", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
-        )
+        stored = await rig.station.plans.create("Field", read_document(PLAN), by=("anna", "key"))
         body = mission_models.DownloadRequest(wait=True)
         await mission_routes.download(rig.vehicle, rig.station, ANNA, body)
         body = mission_models.WhichPlan(plan_id=stored.id)
@@ -244,7 +243,7 @@ def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_sim
         corners = ((170, -30), (190, -30), (190, 30), (170, 30))
         polygon = [{"lat_deg": LAT + n * DEG_PER_M, "lon_deg": LON + e * DEG_PER_M} for n, e in corners]
         mast = {"name": "Mast", "top": {"value_m": 25, "reference": "home"}, "polygon": polygon}
-        plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [mast]}}).plan
+        plan = read_document({**PLAN, "obstacles": [mast]})
         stored = await rig.station.plans.create("Field", plan, by=("anna", "key"))
         body = mission_models.UploadRequest(plan_id=stored.id, wait=True)
         await mission_routes.upload("1", body, rig.station, ANNA)

@@ -7,11 +7,10 @@ import pytest
 
 from gcs_server.api import dry_run_models, dry_run_routes, mission_models, mission_routes
 from gcs_server.errors import Refused, Rejected, UnknownDryRun
-from gcs_server.plans import dry_runs
+from gcs_server.plans import dry_run_worker, dry_runs
 from gcs_server.storage.cache import Cache
 from gcs_server.streamer.waypoints.link_loss import PARAMETERS
 from gcs_server.vehicle.services.items_cache import ItemsCache
-from missions.dry_run import task
 from tests.protocol.api_calls import ANNA, MISSION_MODE, json_of, new_station
 from tests.protocol.command_numbers import (
     ARM_DISARM,
@@ -50,9 +49,9 @@ FLIGHT_COMMANDS = {DO_SET_MODE, DO_REPOSITION, DO_PAUSE_CONTINUE, MISSION_START,
 WIND_M_S = (0.0, 16.0, 0.0)
 
 
-async def simulate_in_process(_command, report, *, request, max_line_bytes):
+async def simulate_in_process(_command, report, *, request, max_body_bytes):
     """Runs a dry run in this process; replaces the separate process."""
-    return json.loads(json.dumps(task.run(json.loads(request), report)))
+    return dry_run_worker.fly(json.loads(request), report)
 
 
 async def run_dry_run(rig, **fields):
@@ -366,7 +365,7 @@ def store_dry_run(rig, plan=PLAN, north_m=0.0):
     path = {"t_s": [0.0, 4.0, 8.0, 12.0], "position_ned_m": [[0, 0, 0], [0, 0, -6], [35, 0, -6], [35, 0, 0]]}
     nominal = {"origin": origin, "finished": True, "duration_s": 12.0, "path": path, "steps": steps}
     result = {"id": "1", "kind": "waypoint_plan", "nominal": nominal, "monte_carlo": None, "together": None}
-    rig.station.dry_runs._results["1"], rig.station.dry_runs._plans["1"] = result, json.dumps(plan)
+    rig.station.dry_runs._store("1", json.dumps(result).encode(), json.dumps(plan).encode())
     return "1"
 
 

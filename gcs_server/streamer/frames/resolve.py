@@ -68,7 +68,7 @@ class ResolvedSetpoint:
         if isinstance(setpoint, Script):
             self.sampler = ScriptSampler(setpoint, now_s)
         elif isinstance(setpoint, Path):
-            self._curve = PathCurve(setpoint, yaw_kept_rad)
+            self._curve = PathCurve.of(setpoint, yaw_kept_rad)
         elif isinstance(setpoint, Follow):
             self._follow = setpoint
         else:

@@ -279,7 +279,7 @@ class _PredictedTrack:
         self.min_duration_s = 0.0
         """Minimum time for which the track is predicted [s]."""
         if isinstance(setpoint, Path):
-            self._curve = PathCurve(setpoint, None)
+            self._curve = PathCurve.of(setpoint, None)
             self.min_duration_s = self._curve.duration_s - member.elapsed_s
             begin = complete_vector(self._curve.at(member.elapsed_s).position_ned_m) or position
             self._offset = (position[0] - begin[0], position[1] - begin[1], position[2] - begin[2])

@@ -15,8 +15,8 @@ class MissionAsMode:
     name: str
     """The mode's name: 1 to 24 printable ASCII characters."""
     mission: MissionName
-    text: str
-    """The mission's document, as JSON text."""
+    text: bytes
+    """The mission's document, as JSON."""
     despite: tuple[str, ...]
     """Codes of the mission's error findings that the client accepts."""
     client: str

@@ -168,7 +168,7 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
         )
     for index, point in enumerate(path.points):
         _check_distance(point.position_ned_m, position_now, f"Point {index} of the path")
-    curve = PathCurve(path, None)
+    curve = PathCurve.of(path, None)
     times_s = np.minimum(
         np.arange(math.ceil(curve.duration_s / PATH_CHECK_PERIOD_S) + 1) * PATH_CHECK_PERIOD_S,
         curve.duration_s,

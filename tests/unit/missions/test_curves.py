@@ -26,7 +26,7 @@ def path_of(steps):
 @given(steps)
 def test_the_curve_passes_through_its_points_at_their_times(steps):
     path = path_of(steps)
-    curve = PathCurve(path, None)
+    curve = PathCurve.of(path, None)
     for point in path.points:
         assert curve.at(point.t_s).position_ned_m == pytest.approx(point.position_ned_m, abs=1e-6)
     assert curve.duration_s == path.duration_s
@@ -34,7 +34,7 @@ def test_the_curve_passes_through_its_points_at_their_times(steps):
 
 @given(steps)
 def test_a_path_starts_and_ends_at_rest_and_keeps_the_last_point(steps):
-    curve = PathCurve(path_of(steps), 0.5)
+    curve = PathCurve.of(path_of(steps), 0.5)
     for t_s in (-1.0, 0.0, curve.duration_s, curve.duration_s + 100.0):
         assert curve.at(t_s).velocity_ned_m_s == (0.0, 0.0, 0.0)
         assert curve.at(t_s).yaw_ned_rad == 0.5
@@ -42,9 +42,9 @@ def test_a_path_starts_and_ends_at_rest_and_keeps_the_last_point(steps):
 
 @given(steps, st.floats(0.001, 0.999))
 def test_velocity_and_acceleration_are_the_derivatives_of_position(steps, fraction):
-    curve = PathCurve(path_of(steps), None)
+    curve = PathCurve.of(path_of(steps), None)
     t_s, dt_s = fraction * curve.duration_s, 1e-4
-    if min(abs(t_s - point_s) for point_s in curve._times) < 2 * dt_s:
+    if min(abs(t_s - point_s) for point_s in curve.times_s) < 2 * dt_s:
         return  # the acceleration may change stepwise at a point
     before, sample, after = (curve.at(t_s + offset) for offset in (-dt_s, 0.0, dt_s))
     for field, derivative in (
@@ -57,7 +57,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position(steps, fracti
 
 @given(steps, st.lists(st.floats(0, 1), min_size=1, max_size=20))
 def test_samples_of_a_list_of_times_equal_the_samples_of_each_time(steps, fractions):
-    curve = PathCurve(path_of(steps), None)
+    curve = PathCurve.of(path_of(steps), None)
     times = np.array([fraction * curve.duration_s for fraction in fractions])
     positions, velocities = curve.sample(times)
     for t_s, position, velocity in zip(times, positions, velocities, strict=True):
@@ -68,5 +68,5 @@ def test_samples_of_a_list_of_times_equal_the_samples_of_each_time(steps, fracti
 
 def test_between_two_points_yaw_turns_in_the_shorter_direction():
     points = (PathPoint(0.0, (0.0, 0.0, 0.0), 3.0), PathPoint(2.0, (1.0, 0.0, 0.0), -3.0))
-    yaw = PathCurve(Path(points), None).at(1.0).yaw_ned_rad
+    yaw = PathCurve.of(Path(points), None).at(1.0).yaw_ned_rad
     assert abs(yaw) == pytest.approx(math.pi)

@@ -289,7 +289,7 @@ def dry_run_result(seconds=20.0):
 def test_a_dry_run_gives_the_curved_path_and_all_items_of_a_pattern_are_one_pass():
     pattern = {"kind": "complex", "complex_type": "survey", "original": "{}", "items": SQUARE[1:3]}
     plan = plan_of([TAKE_OFF, pattern])
-    path = planned_by_dry_run(dry_run_result(), plan, (100.0, 0.0, 1.0))
+    path = planned_by_dry_run(dry_run_result(), (0, 1, 1), (100.0, 0.0, 1.0))
     assert [sorted(each.items) for each in path.passes] == [[0], [1, 2]]
     first, second = (each.leg for each in path.passes)
     assert first.points[-1][1:] == pytest.approx(second.points[0][1:], abs=0.01)

@@ -15,6 +15,8 @@ from tests.support.elevation_files import LAT_DEG, LON_DEG, hill_elevation, writ
 
 pytestmark = pytest.mark.flight
 
+PLAN = plan_document.write(short_plan())
+
 RUN_INFO = {
     "kind": "waypoint_plan",
     "name": None,
@@ -26,10 +28,9 @@ RUN_INFO = {
 }
 
 
-def request_for(plan, **changes):
+def request_for(**changes):
     return {
         "kind": "waypoint_plan",
-        "plan": plan_document.write(plan).decode(),
         "origin": None,
         "aircraft": {"home": HOME.model_dump(), "parameters": FAST_PARAMETERS, "endurance_s": 300.0},
         "conditions": {"wind_ned_m_s": [0.0, 2.0, 0.0]},
@@ -47,17 +48,24 @@ def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_de
 
     async def scenario():
         runs = DryRuns()
-        run_request = request_for(short_plan(6.0), flights=1, spread={})
+        run_request = request_for(flights=1, spread={})
         summary = await runs.run(
-            "1", run_request, RUN_INFO, lambda text, progress: reports.append((text, progress))
+            "1",
+            plan_document.write(short_plan(6.0)),
+            run_request,
+            RUN_INFO,
+            lambda text, progress: reports.append((text, progress)),
         )
-        return summary, runs.get("1")
+        compared = await runs.result("1")
+        assert compared["nominal"]["finished"]
+        assert len(compared["nominal"]["steps"]) == 3
+        return summary, runs.body("1")
 
     summary, result = asyncio.run(scenario())
     assert summary["dry_run"] == "1"
     assert summary["finished"]
     assert summary["errors"] == 0
-    view = DryRunView.model_validate_json(json.dumps(result))
+    view = DryRunView.model_validate_json(result)
     assert view.monte_carlo is not None
     assert len(view.monte_carlo.flights) == 1
     assert view.nominal.path is not None
@@ -75,14 +83,15 @@ def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
     items = [{"kind": "takeoff", **south, **at_8_m}, {"kind": "waypoint", **north, **at_8_m}]
     plan = plan_document.read(json.dumps({"items": items}))
     run_request = request_for(
-        plan, elevation=[str(write_elevation_file(tmp_path / "hill.tif", hill_elevation(500.0, 80.0)))]
+        elevation=[str(write_elevation_file(tmp_path / "hill.tif", hill_elevation(500.0, 80.0)))]
     )
     run_request["aircraft"]["home"] = {**south, "alt_amsl_m": 500.0}
 
     async def scenario():
         runs = DryRuns()
-        await runs.run("1", run_request, {**RUN_INFO, "assumed": ["No wind."]}, lambda *_: None)
-        return runs.get("1")
+        info = {**RUN_INFO, "assumed": ["No wind."]}
+        await runs.run("1", plan_document.write(plan), run_request, info, lambda *_: None)
+        return json.loads(runs.body("1"))
 
     result = asyncio.run(scenario())
     assert result["assumed"][0] == "No wind."
@@ -104,7 +113,7 @@ roles:
 
 @pytest.mark.story
 def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_description():
-    lead_aircraft = request_for(short_plan())["aircraft"]
+    lead_aircraft = request_for()["aircraft"]
     left_aircraft = {
         **lead_aircraft,
         "home": {**lead_aircraft["home"], "lat_deg": lead_aircraft["home"]["lat_deg"] + 3e-4},
@@ -114,9 +123,8 @@ def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_descript
         "left": {"aircraft": left_aircraft, "origin": None},
     }
     run_request = {
-        **request_for(short_plan()),
+        **request_for(),
         "kind": "offboard_mission",
-        "plan": MISSION_FOR_TWO,
         "roles": roles,
     }
     run_request |= {"flights": 1, "spread": {}}
@@ -125,10 +133,11 @@ def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_descript
 
     async def scenario():
         runs = DryRuns()
-        await runs.run("1", run_request, run_info, lambda text, _: reports.append(text))
-        return runs.get("1")
+        plan = MISSION_FOR_TWO.encode()
+        await runs.run("1", plan, run_request, run_info, lambda text, _: reports.append(text))
+        return runs.body("1")
 
-    view = DryRunView.model_validate_json(json.dumps(asyncio.run(scenario())))
+    view = DryRunView.model_validate_json(asyncio.run(scenario()))
     assert view.monte_carlo is not None
     assert view.monte_carlo.chances["nearer_than_minimum"].count == 0
     assert view.together is not None
@@ -146,7 +155,7 @@ def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_descript
 def test_an_empty_plan_is_refused():
     async def scenario():
         plan = short_plan().model_copy(update={"items": ()})
-        await DryRuns().run("1", request_for(plan), RUN_INFO, lambda *_: None)
+        await DryRuns().run("1", plan_document.write(plan), request_for(), RUN_INFO, lambda *_: None)
 
     with pytest.raises(Refused, match="nothing to fly"):
         asyncio.run(scenario())
@@ -158,14 +167,14 @@ def test_running_dry_runs_are_limited_and_cancelled_dry_runs_do_not_count(monkey
     async def scenario():
         runs = DryRuns()
         tasks = [
-            asyncio.ensure_future(runs.run(str(n), request_for(short_plan()), RUN_INFO, lambda *_: None))
+            asyncio.ensure_future(runs.run(str(n), PLAN, request_for(), RUN_INFO, lambda *_: None))
             for n in range(MAX_RUNNING)
         ]
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already running"):
             runs.next_id()
         with pytest.raises(Refused):
-            await runs.run("more", request_for(short_plan()), RUN_INFO, lambda *_: None)
+            await runs.run("more", PLAN, request_for(), RUN_INFO, lambda *_: None)
         for task in tasks:
             task.cancel()
         results = await asyncio.gather(*tasks, return_exceptions=True)
@@ -176,20 +185,25 @@ def test_running_dry_runs_are_limited_and_cancelled_dry_runs_do_not_count(monkey
 
 
 def test_the_newest_results_are_kept_and_the_oldest_is_removed(monkeypatch):
-    nominal = dict.fromkeys(
-        ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m"), 1
-    )
-    result = {"nominal": {**nominal, "findings": []}, "monte_carlo": None, "assumed": []}
-    line = json.dumps({"result": result})
-    monkeypatch.setattr(dry_runs, "COMMAND", ("echo", line))
+    monkeypatch.setattr(dry_runs, "COMMAND", ("printf", '{"result": {"errors": 0}, "body_bytes": 2}\\n{}'))
 
     async def scenario():
         runs = DryRuns()
         for n in range(MAX_RESULTS + 1):
-            await runs.run(str(n), request_for(short_plan()), RUN_INFO, lambda *_: None)
+            await runs.run(str(n), PLAN, request_for(), RUN_INFO, lambda *_: None)
         return runs
 
     runs = asyncio.run(scenario())
-    assert runs.get(str(MAX_RESULTS))["nominal"]["finished"]
+    assert runs.body(str(MAX_RESULTS)) == b"{}"
     with pytest.raises(UnknownDryRun, match="There is no result of a dry run '0'"):
-        runs.get("0")
+        runs.body("0")
+
+
+def test_large_results_are_kept_up_to_a_total_size_and_the_newest_always(monkeypatch):
+    monkeypatch.setattr(dry_runs, "MAX_TOTAL_BYTES", 25)
+    runs = DryRuns()
+    for n, size in enumerate((10, 10, 10, 100)):
+        runs._store(str(n), b" " * size, b"")
+        assert runs.body(str(n)) == b" " * size
+    with pytest.raises(UnknownDryRun):
+        runs.body("2")

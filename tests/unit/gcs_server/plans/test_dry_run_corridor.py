@@ -5,7 +5,6 @@ import pytest
 from gcs_server.errors import Refused
 from gcs_server.plans.dry_run_corridor import corridor_of, path_of
 from missions.geodesy import LocalOrigin
-from missions.plan import read
 
 ORIGIN = LocalOrigin(47.0, 8.0, 480.0)
 START_NED_M = (30.0, -20.0, -5.0)
@@ -85,7 +84,8 @@ def test_a_dry_run_without_corridor_or_with_another_start_is_refused(dry_run, st
         corridor_of(dry_run, start_ned_m, ORIGIN)
 
 
-PLAN = read('{"items": [{"kind": "return_home"}]}')
+ROWS = (0,)
+"""The plan of the dry run has one item."""
 PLAN_START_NED_M = (START_NED_M[0] + 1.0, START_NED_M[1] - 1.0, -2.0)
 
 
@@ -102,14 +102,14 @@ def plan_dry_run(**changes):
 
 
 def test_the_path_of_a_plan_begins_at_the_vehicles_altitude_and_the_dry_runs_horizontal_position():
-    path, corridor = path_of(plan_dry_run(), PLAN, PLAN_START_NED_M, ORIGIN)
+    path, corridor = path_of(plan_dry_run(), ROWS, PLAN_START_NED_M, ORIGIN)
     assert path.passes[0].leg.points[1] == pytest.approx(
         (2.0, START_NED_M[0] + 5.0, START_NED_M[1], -10.0), abs=0.01
     )
     assert corridor.position_ned_m[1] == pytest.approx(
         (START_NED_M[0] + 10.0, START_NED_M[1], -10.0), abs=0.01
     )
-    assert path_of({**plan_dry_run(), "monte_carlo": None}, PLAN, PLAN_START_NED_M, ORIGIN)[1] is None
+    assert path_of({**plan_dry_run(), "monte_carlo": None}, ROWS, PLAN_START_NED_M, ORIGIN)[1] is None
 
 
 @pytest.mark.parametrize(
@@ -126,4 +126,4 @@ def test_the_path_of_a_plan_begins_at_the_vehicles_altitude_and_the_dry_runs_hor
 )
 def test_a_dry_run_that_does_not_fit_the_start_of_a_plan_is_refused(dry_run, start_ned_m, expected):
     with pytest.raises(Refused, match=expected):
-        path_of(dry_run, PLAN, start_ned_m, ORIGIN)
+        path_of(dry_run, ROWS, start_ned_m, ORIGIN)

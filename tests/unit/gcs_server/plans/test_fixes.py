@@ -129,8 +129,11 @@ def check(
         "operator": OperatorArea(height_max_m=extras.get("height_max_m")).to_json(),
         "power": {"hover_power_w": 200.0, "battery_wh": 5000.0, "mass_kg": 2.0},
         "elevation": [],
+        "traffic": None,
+        "vehicle": None,
+        "not_known": [],
     }
-    return tasks.run("check", arguments)["findings"]
+    return json.loads(tasks.run("check", arguments).body)["findings"]
 
 
 def cases() -> dict[str, dict[str, Any]]:

@@ -9,6 +9,7 @@ import pytest
 from gcs_server.errors import PlanConflict, Refused, UnknownPlan
 from gcs_server.plans import store as plan_store
 from gcs_server.plans.store import PlanStore
+from gcs_server.plans.tasks import ReadDocument
 from gcs_server.storage.folder import StorageError
 from missions import plan as plan_document
 from missions.plan import Plan
@@ -30,7 +31,11 @@ class Clock:
 def plan(speed_m_s=5.0, item_count=1):
     item = {"kind": "return_home"}
     text = json.dumps({"hover_speed_m_s": speed_m_s, "items": [item] * item_count})
-    return Plan.model_validate_json(text)
+    return ReadDocument.of(Plan.model_validate_json(text))
+
+
+def read_stored(text):
+    return ReadDocument.of(plan_document.read(text))
 
 
 def run_with_store(tmp_path, work):
@@ -56,9 +61,9 @@ def test_plans_and_versions_are_stored_across_a_restart(tmp_path):
         assert [head.name for head in await reopened.all()] == ["barn", "Old tower"]
         assert [head.version for head in await reopened.versions(first.id)] == [2, 1]
         head, document = await reopened.get(first.id)
-        assert (head, plan_document.read(document)) == (second, plan(7.0))
+        assert (head, read_stored(document)) == (second, plan(7.0))
         head, document = await reopened.get(first.id, 1)
-        assert (head, plan_document.read(document)) == (first, plan(item_count=3))
+        assert (head, read_stored(document)) == (first, plan(item_count=3))
         reopened.close()
 
     run_with_store(tmp_path, work)
@@ -76,7 +81,7 @@ def test_a_save_based_on_an_older_version_is_refused_and_the_error_names_the_oth
                 await change
             details = error.value.details()
             assert (details["version"], details["changed_unix_s"]) == (2, second.changed_unix_s)
-        assert plan_document.read((await context.store.get(first.id))[1]) == plan(6.0)
+        assert read_stored((await context.store.get(first.id))[1]) == plan(6.0)
 
     run_with_store(tmp_path, work)
 
@@ -105,7 +110,7 @@ def test_a_save_with_a_cancelled_caller_is_complete_or_absent(tmp_path):
         save_task.cancel()
         head, document = await context.store.get(first.id)  # waits for the save: one thread
         saved = head.version == 2
-        assert plan_document.read(document) == (plan(2.0) if saved else plan())
+        assert read_stored(document) == (plan(2.0) if saved else plan())
         await context.store.all()
         assert [change.action for change in context.published] == ["created", "saved"][: head.version]
 
