@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -106,9 +106,17 @@ async def get_station(connection: HTTPConnection) -> Station:
 StationDep = Annotated[Station, Depends(get_station)]
 
 
-async def renew_control(station: StationDep, principal: PrincipalDep) -> None:
-    """Dependency of all routes: each request renews the caller's control of vehicles."""
-    station.authority.renew(principal)
+async def renew_control(
+    connection: HTTPConnection, station: StationDep, principal: PrincipalDep
+) -> AsyncGenerator[None]:
+    """Dependency of all routes: each request renews the caller's control of vehicles until it is answered.
+    A WebSocket keeps control only if its route says so."""
+    if connection.scope["type"] == "websocket":
+        station.authority.renew(principal)
+        yield
+    else:
+        with station.authority.answering(principal):
+            yield
 
 
 async def get_vehicle(v: str, station: StationDep) -> Vehicle:

@@ -64,7 +64,7 @@ class VehicleControl:
     """The attribute `control` of a vehicle."""
 
     def __init__(self, vehicle: Vehicle, lease: Lease) -> None:
-        self._vehicle = vehicle
+        self.vehicle = vehicle
         self.lease = lease
 
     def status(self) -> ControlStatus:
@@ -81,7 +81,7 @@ class VehicleControl:
             requests=lease.requests(),
             lease_s=lease.times.lease_s,
             answer_s=lease.times.answer_s,
-            mode_cause=self._vehicle.mode_cause,
+            mode_cause=self.vehicle.mode_cause,
         )
 
 
@@ -110,6 +110,8 @@ class Authority:
         self._supervisor = supervisor
         self._lease_times = lease_times or LeaseTimes()
         self._connected: Counter[str] = Counter()
+        self._answered: Counter[str] = Counter()
+        """Number of requests that are being answered, by key of the client."""
         self._controls: dict[str, VehicleControl] = {}
         fleet.on_vehicle_added(self._attach)
         fleet.on_vehicle_removed(self._detach)
@@ -128,8 +130,19 @@ class Authority:
             yield
         finally:
             self.renew(client)
-            self._connected[client.key] -= 1
-            self._connected += Counter()  # removes clients without open sockets
+            _decrease(self._connected, client.key)
+
+    @contextmanager
+    def answering(self, client: Principal) -> Generator[None]:
+        """Keeps a client's control while one of its requests is being answered, and renews it before and
+        after."""
+        self.renew(client)
+        self._answered[client.key] += 1
+        try:
+            yield
+        finally:
+            self.renew(client)
+            _decrease(self._answered, client.key)
 
     def renew(self, client: Principal) -> None:
         """Called with each request of a client: renews its leases."""
@@ -212,6 +225,7 @@ class Authority:
             vehicle.id,
             self._lease_times,
             lambda client: client.key in self._connected,
+            lambda client: client.key in self._answered,
             lambda change: self._publish_change(vehicle, control, change),
         )
         vehicle.control = self._controls[vehicle.id] = control = VehicleControl(vehicle, lease)
@@ -288,5 +302,11 @@ class Authority:
         )
 
     def _expire_due(self) -> None:
-        for lease in self._leases():
-            lease.expire_due()
+        for control in list(self._controls.values()):
+            control.vehicle.isolation.run("the expiry of its control", control.lease.expire_due)
+
+
+def _decrease(counter: Counter[str], key: str) -> None:
+    counter[key] -= 1
+    if counter[key] <= 0:
+        del counter[key]

@@ -3,10 +3,10 @@ injected.
 
 A client takes control explicitly, or by commanding a vehicle that no client controls; it is then the holder.
 The lease lasts `lease_s` from the holder's last request. It does not expire while the holder's telemetry
-socket is open. Other clients request control; the holder grants or denies each request. A client may take
-control by force if its request was denied, if it got no answer within `answer_s`, or if the holder cannot be
-asked. A client without an id (such as a call from a shell) that took control only by a command does not keep
-it: the next client that sends a command takes control.
+socket is open, or one of its requests is being answered. Other clients request control; the holder grants or
+denies each request. A client may take control by force if its request was denied, if it got no answer within
+`answer_s`, or if the holder cannot be asked. A client without an id (such as a call from a shell) that took
+control only by a command does not keep it: the next client that sends a command takes control.
 """
 
 from __future__ import annotations
@@ -86,6 +86,7 @@ class Lease:
         vehicle_id: id for messages.
         times: durations of leases and answers.
         is_connected: whether a client has an open telemetry socket, so that it can be asked.
+        is_answered: whether a request of a client is being answered.
         on_change: called with each change.
     """
 
@@ -93,6 +94,7 @@ class Lease:
     vehicle_id: str
     times: LeaseTimes
     is_connected: Callable[[Principal], bool]
+    is_answered: Callable[[Principal], bool]
     on_change: Callable[[ControlChange], None]
     _active: _ActiveLease | None = None
     _requests: dict[str, PendingRequest] = field(default_factory=dict[str, PendingRequest])
@@ -300,7 +302,7 @@ class Lease:
         active = self._active
         if active is None:
             return
-        if self.is_connected(active.client):
+        if self.is_connected(active.client) or self.is_answered(active.client):
             active.last_request_s = now_s
         elif now_s - active.last_request_s > self.times.lease_s:
             text = (

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused, UnknownVehicle
+from gcs_server.isolation import Isolation
 from gcs_server.links.base import LinkInfo, Peer
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload
@@ -28,6 +30,7 @@ from gcs_server.vehicle.population import (
 from gcs_server.vehicle.same_vehicle import SameVehicleWatch
 from gcs_server.vehicle.vehicle import Vehicle
 
+log = logging.getLogger(__name__)
 TICK_S = 0.25
 RECHECK_PERIOD_S = 0.25
 """Period at which a full link is checked for endpoints to remove [s]."""
@@ -73,6 +76,7 @@ class Fleet(FrameSink):
         self._on_removed: list[Callable[[Vehicle], None]] = []
         self._refusals = Refusals()
         self._same_vehicle = SameVehicleWatch()
+        self._isolation = Isolation(clock, log, "The vehicles")
         self._link_states: dict[str, tuple[str, str]] = {}
         self.events.subscribe(self._publish)
         router.sink = self
@@ -149,6 +153,7 @@ class Fleet(FrameSink):
                 for topic, why in vehicle.unusable().items()
             ]
             notices += [Notice("fault", text, vehicle=vehicle.id) for text in vehicle.isolation.faults]
+        notices += [Notice("fault", text) for text in self._isolation.faults]
         return notices
 
     async def close(self) -> None:
@@ -194,10 +199,10 @@ class Fleet(FrameSink):
         now_s = self._clock.monotonic_s()
         for endpoint in list(self._endpoints.values()):
             if endpoint.vehicle is None:
-                self._assign(endpoint)
+                self._isolation.run("the assignment of a link", self._assign, endpoint)
             if endpoint.version is None and now_s >= endpoint.next_request_s:
-                endpoint.request_version(now_s)
-        self._revise_vehicles()
+                self._isolation.run("a request of a vehicle's version", endpoint.request_version, now_s)
+        self._isolation.run("the comparison of vehicles", self._revise_vehicles)
         for vehicle in list(self._vehicles.values()):
             vehicle.isolation.run("the periodic update", vehicle.tick)
 

@@ -3,9 +3,11 @@
 import contextlib
 
 import pytest
+from starlette.requests import HTTPConnection
 
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
 from gcs_server.api.setpoint_request import SetpointRequest
+from gcs_server.api.station import renew_control
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import (
@@ -158,6 +160,28 @@ def test_any_request_renews_control_and_leaving_releases_control(run_simulated):
         assert json_of(await control_routes.leave(rig.station, ANNA))["controls"] == []
         assert control_changes(rig.vehicle)[-1][0] == "released"
         assert journal_entries(rig.station)[-1] == ("anna", "control/release", "1", "ok")
+
+    run_with_routes(run_simulated, scenario)
+
+
+def test_a_long_request_keeps_its_clients_control_until_it_is_answered(run_simulated):
+    async def scenario(rig):
+        await control_routes.take("1", rig.station, ANNA)
+        request = renew_control(HTTPConnection({"type": "http"}), rig.station, ANNA)
+        await anext(request)
+        await sleep(100)
+        assert rig.station.authority.controlled_by(ANNA) == ["1"]
+        await request.aclose()
+        await sleep(29)
+        assert rig.station.authority.controlled_by(ANNA) == ["1"]
+        await sleep(2)
+        assert rig.station.authority.controlled_by(ANNA) == []
+        socket = renew_control(HTTPConnection({"type": "websocket"}), rig.station, ANNA)
+        await control_routes.take("1", rig.station, ANNA)
+        await anext(socket)
+        await sleep(31)
+        assert rig.station.authority.controlled_by(ANNA) == []
+        await socket.aclose()
 
     run_with_routes(run_simulated, scenario)
 

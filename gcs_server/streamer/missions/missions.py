@@ -149,10 +149,9 @@ class OffboardMissions:
         """Updates each mission. A fault in one mission affects only that mission: its stream is no longer
         renewed."""
         # before the missions, so that a stop by the guard is not handled as a failure of the mission
-        self._streamer.groups.collect()
-        for vehicle_id, flight in list(self._flights.items()):
-            vehicle = self._streamer.offboard(vehicle_id).vehicle
-            vehicle.isolation.run("the update of its offboard mission", flight.update)
+        self._streamer.collect_findings()
+        for flight in list(self._flights.values()):
+            flight.run_isolated(flight.update)
 
         for name, joint in list(self._joint_missions.items()):
             next(iter(joint.flights.values())).run_isolated(joint.update)

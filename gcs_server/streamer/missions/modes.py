@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from gcs_server.clock import Clock
-from gcs_server.errors import GcsError, Refused
+from gcs_server.errors import GcsError, Refused, UnknownVehicle
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import (
     REPLIES_ENDED,
@@ -68,6 +68,7 @@ class _ModeEntry:
 
 @dataclass(slots=True)
 class _VehicleModes:
+    vehicle: Vehicle
     modes: dict[str, _ModeEntry] = field(default_factory=dict[str, _ModeEntry])
     last_mode: tuple[str, float] | None = None
     """Mode of the armed vehicle at the last update, and when the vehicle entered it [s since 1970]. The
@@ -147,7 +148,8 @@ class MissionModes:
                 f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name."
             ) from None
         entry = _ModeEntry(mode, preparation=Preparation(start, inputs) if mode.takes_off else None)
-        self._vehicles.setdefault(vehicle_id, _VehicleModes()).modes[mode.name] = entry
+        self._require_attached(vehicle, mode.name)
+        self._vehicles.setdefault(vehicle_id, _VehicleModes(vehicle)).modes[mode.name] = entry
         until_s = self._clock.monotonic_s() + REGISTER_TIMEOUT_S
         while (registration := self._registration(vehicle_id, mode.name)).state == "registering":
             if self._clock.monotonic_s() >= until_s:
@@ -198,9 +200,8 @@ class MissionModes:
 
     def update(self) -> None:
         """Reports changes, and starts the mission of a mode that has become active."""
-        for vehicle_id, state in list(self._vehicles.items()):
-            vehicle = self._vehicle(vehicle_id)
-            vehicle.isolation.run("its mission modes", self._update_vehicle, vehicle, state)
+        for state in list(self._vehicles.values()):
+            state.vehicle.isolation.run("its mission modes", self._update_vehicle, state.vehicle, state)
 
     def _update_vehicle(self, vehicle: Vehicle, state: _VehicleModes) -> None:
         by_mode: dict[str, _ModeEntry] = {}
@@ -364,7 +365,18 @@ class MissionModes:
 
     def _drop(self, vehicle_id: str, name: str) -> None:
         self._streams.unregister_mode(vehicle_id, name)
-        del self._vehicles[vehicle_id].modes[name]
+        if (state := self._vehicles.get(vehicle_id)) is not None:
+            state.modes.pop(name, None)
+
+    def _require_attached(self, vehicle: Vehicle, name: str) -> None:
+        """Raises UnknownVehicle if the vehicle was removed while its mode was registered."""
+        try:
+            attached = self._vehicle(vehicle.id)
+        except UnknownVehicle:
+            attached = None
+        if attached is not vehicle:
+            self._streams.unregister_mode(vehicle.id, name)
+            raise UnknownVehicle(vehicle.id, sorted(self._vehicles))
 
     @staticmethod
     def _status(entry: _ModeEntry, registration: Registration) -> MissionModeStatus:

@@ -73,6 +73,8 @@ class Streamer:
         if is_current and self._streams.state(vehicle.id).phase == "idle":
             del self._controls[vehicle.id]
             self._streams.forget(vehicle.id)
+        for key in [key for key, owner in self._limit_owners.items() if owner == vehicle.id]:
+            del self._limit_owners[key]
 
     def start(self, supervisor: Supervisor) -> None:
         """Starts the streams and their periodic update."""
@@ -83,6 +85,10 @@ class Streamer:
         """Stops all streams; the vehicles' failsafes take over."""
         self._streams.close()
         self.limits.close()
+
+    def collect_findings(self) -> None:
+        """Passes the findings of the separation guards on to groups and missions."""
+        self._isolation.run("the findings of the groups", self.groups.collect)
 
     def links_changed(self) -> None:
         """Releases the sockets of closed links; called when a link was opened or closed."""

@@ -25,10 +25,14 @@ class LeaseSetup:
     """A control lease, the connected clients, and the published changes."""
 
     def __init__(self):
-        self.clock, self.connected, self.changes = Clock(), set(), []
-        is_reachable = lambda client: client.key in self.connected  # noqa: E731
+        self.clock, self.connected, self.answered, self.changes = Clock(), set(), set(), []
         self.lease = Lease(
-            self.clock, "7", LeaseTimes(lease_s=30.0, answer_s=15.0), is_reachable, self.changes.append
+            self.clock,
+            "7",
+            LeaseTimes(lease_s=30.0, answer_s=15.0),
+            lambda client: client.key in self.connected,
+            lambda client: client.key in self.answered,
+            self.changes.append,
         )
 
     def connect(self, *clients):
@@ -141,6 +145,18 @@ def test_an_open_socket_keeps_control_and_the_lease_time_starts_when_it_closes(s
     setup.disconnect(ANNA)
     setup.wait(29)
     assert setup.lease.holder is not None
+    setup.wait(2)
+    assert setup.lease.holder is None
+
+
+def test_a_request_that_is_being_answered_keeps_control_and_the_holder_cannot_be_asked(setup):
+    setup.lease.take(ANNA)
+    setup.answered.add(ANNA.key)
+    setup.wait(100)
+    assert (setup.lease.holder, setup.lease.can_be_asked) == (ANNA, False)
+    setup.answered.clear()
+    setup.wait(29)
+    assert setup.lease.holder == ANNA
     setup.wait(2)
     assert setup.lease.holder is None
 
