@@ -27,10 +27,9 @@ export interface Check {
   readonly not_known: readonly string[];
 }
 
-export interface Area {
-  readonly name: string;
-  readonly outer: readonly GeoPosition[];
-}
+/** An area in an imported file. The file does not state its use: a person chooses one of `uses`. */
+export type Area = Readonly<Schemas['ImportedArea']>;
+export type AreaUse = Readonly<Schemas['ImportedAreaUse']>;
 
 /** What a file does not state: the altitude of points without an altitude (above home), or what its altitudes are above. */
 export type ImportAnswer = Readonly<{ altitude_m?: number; altitude_reference?: Schemas['Altitude']['reference'] }>;

@@ -3,7 +3,7 @@
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
-import type { Area, Check, Format, ResolvedPlan, ImportAnswer, ImportedFile, PlanApi, PlanVersion } from './api';
+import type { Area, AreaUse, Check, Format, ResolvedPlan, ImportAnswer, ImportedFile, PlanApi, PlanVersion } from './api';
 import { DEFAULT_CONDITIONS, powerOf, type Conditions } from './dry-run/conditions';
 import { EMPTY_PLAN, type PlannedHome } from './document/document';
 import type { Draft, PlanEditor } from './editor/editor.svelte';
@@ -32,7 +32,7 @@ export interface Notice {
   readonly olderVersion?: boolean;
   /** A file that was not imported, because points have no altitude, or because the reference of its altitudes is unknown. */
   readonly question?: { readonly file: File; readonly missing: 'altitude_m' | 'altitude_reference' };
-  /** Areas in an imported file, which a person can add as geofences. */
+  /** Areas in an imported file whose use a person must choose. */
   readonly areas?: readonly Area[];
 }
 
@@ -382,6 +382,13 @@ export class Plans {
     } catch {
       this.storage.removeItem(key);
     }
+  }
+
+  /** Uses an imported area as the person has chosen, and asks no longer about this area. */
+  useArea(area: Area, use: AreaUse): void {
+    if (this.notice?.areas?.includes(area) !== true) return;
+    this.notice = { ...this.notice, areas: this.notice.areas.filter((other) => other !== area) };
+    if (use.fence.length > 0) this.editor.addZones(use.fence);
   }
 
   private openImported(name: string, { plan, notes, areas }: ImportedFile): void {

@@ -9,6 +9,7 @@ import {
   obstaclesOf,
   partRefOf,
   type Altitude,
+  type FenceZone,
   type PlannedHome,
   type ItemKind,
   type Plan,
@@ -238,9 +239,14 @@ export class PlanEditor implements LayerEditor {
     this.stopPlacing();
   }
 
-  /** Adds a drawn or imported area to the geofence. */
+  /** Adds a drawn area to the geofence. */
   addZone(inclusion: boolean, polygon: readonly GeoPosition[]): void {
-    this.change({ ...this.document, fence: [...this.document.fence, { shape: 'polygon', inclusion, polygon }] });
+    this.addZones([{ shape: 'polygon', inclusion, polygon }]);
+  }
+
+  /** Adds zones to the geofence, as one change. */
+  addZones(zones: readonly FenceZone[]): void {
+    this.change({ ...this.document, fence: [...this.document.fence, ...zones] });
     this.select([]);
     this.stopPlacing();
   }

@@ -262,6 +262,29 @@ describe('plans on the server', () => {
     expect(editor.plan.items).toHaveLength(3);
   });
 
+  it('ask for the use of each area in a file, and add exactly the zones of the chosen use, once', async () => {
+    const ring = [0, 1, 2].map((i) => ({ lat_deg: 47 + i, lon_deg: 8 }));
+    const zone = (inclusion: boolean) => ({ shape: 'polygon' as const, inclusion, polygon: ring });
+    const uses = [
+      { use: 'stay_inside' as const, text: 'Stay inside.', fence: [zone(true), zone(false)] },
+      { use: 'stay_outside' as const, text: 'Stay out.', fence: [zone(false)] },
+    ];
+    const areas = ['no fly', 'field'].map((name) => ({ name, outer: ring, holes: [ring], likely_use: null, uses }));
+    const { api } = fakeServer([200, { plan: EMPTY_PLAN, notes: [], areas }]);
+    const editor = editorWithWaypoints();
+    const plans = new Plans(api, editor, memoryStorage());
+    await plans.import(new File(['x'], 'field.kml'));
+    expect(editor.plan.fence).toEqual([]);
+    const [noFly, field] = plans.notice?.areas ?? [];
+    for (let click = 0; click < 2; click++) if (noFly !== undefined) plans.useArea(noFly, uses[1] as never);
+    expect(editor.plan.fence).toEqual([zone(false)]);
+    expect(plans.notice?.areas).toEqual([field]);
+    if (field !== undefined) plans.useArea(field, uses[0] as never);
+    expect(editor.plan.fence).toEqual([zone(false), zone(true), zone(false)]);
+    editor.undo();
+    expect(editor.plan.fence).toEqual([zone(false)]);
+  });
+
   it('are checked again after another vehicle was selected and its battery was entered', async () => {
     const check = { findings: [], estimates: {}, not_known: [] };
     const { api, requests } = fakeServer([200, check], [200, check]);

@@ -91,6 +91,12 @@ export class PatternDrawing implements LayerEditor {
     this.preview = null;
   }
 
+  /** Begins a survey of an area, which may have holes. */
+  beginSurvey(outer: readonly GeoPosition[], holes: readonly (readonly GeoPosition[])[]): void {
+    this.begin('survey');
+    this.setRings([outer, ...holes]);
+  }
+
   cancel(): void {
     this.kind = null;
     this.preview = null;
