@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from dataclasses import asdict
@@ -13,7 +14,9 @@ from pathlib import Path
 from fastapi import FastAPI
 from fastapi.responses import PlainTextResponse, Response
 from fastapi.staticfiles import StaticFiles
+from starlette.datastructures import Headers
 from starlette.requests import Request
+from starlette.staticfiles import PathLike
 from starlette.types import Scope
 
 from gcs_server.api.access import Access
@@ -33,6 +36,7 @@ from gcs_server.clock import Clock, SystemClock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.lease import LeaseTimes
+from gcs_server.encodings import SUFFIXES, accepted_encodings
 from gcs_server.errors import GcsError
 from gcs_server.links.names import shown_url
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
@@ -316,12 +320,31 @@ class Server:
 
 
 class Page(StaticFiles):
-    """The built page: browsers cache files with a hash in their name and always revalidate index.html."""
+    """The built page: browsers cache files with a hash in their name and always revalidate index.html. A file
+    is sent in the smallest compressed form that the build has written and the browser accepts."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         response = await super().get_response(path, scope)
         has_hash = path.startswith("assets/")
         response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if has_hash else "no-cache"
+        return response
+
+    def file_response(
+        self, full_path: PathLike, stat_result: os.stat_result, scope: Scope, status_code: int = 200
+    ) -> Response:
+        for encoding in accepted_encodings(Headers(scope=scope).get("accept-encoding", "")):
+            compressed = Path(f"{full_path!s}{SUFFIXES[encoding]}")
+            try:
+                compressed_stat = compressed.stat()
+            except OSError:
+                continue
+            # The media type is that of the file: `mimetypes` knows the suffixes of both encodings.
+            response = super().file_response(compressed, compressed_stat, scope, status_code)
+            response.headers["Content-Encoding"] = encoding
+            break
+        else:
+            response = super().file_response(full_path, stat_result, scope, status_code)
+        response.headers.add_vary_header("Accept-Encoding")
         return response
 
 

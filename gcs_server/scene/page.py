@@ -18,7 +18,8 @@ from gcs_server.scene.palette import PALETTES, Palette
 
 _SCRIPT = """
 (() => {
-  const query = new URLSearchParams(location.search);
+  // The framing page gives the settings behind the #, so that the browser caches one page for all of them.
+  const query = new URLSearchParams(location.hash.slice(1) || location.search);
   const page = document.documentElement;
   page.dataset.gcsTheme = query.get('theme') === 'light' ? 'light' : 'dark';
   // viser reads the address of its stream from the query; the address includes the settings of the view.
@@ -214,7 +215,7 @@ def page() -> Page:
     if not title:
         raise ValueError("viser's page has no title where it is expected: is this viser 1.1?")
     plain = f"{head}<title>3D</title>{inserted}{rest}".encode()
-    return Page(plain, gzip.compress(plain, 6), f'"{hashlib.sha256(plain).hexdigest()[:24]}"')
+    return Page(plain, gzip.compress(plain, 9), f'"{hashlib.sha256(plain).hexdigest()[:24]}"')
 
 
 def content_policy(host: str, *, secure: bool) -> str:

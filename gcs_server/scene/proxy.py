@@ -25,6 +25,7 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
 from gcs_server.clock import Clock
+from gcs_server.encodings import accepted_encodings
 from gcs_server.errors import Refused
 from gcs_server.origin import is_same_origin
 from gcs_server.scene.clicks import ClickRequest, SceneClick
@@ -153,7 +154,7 @@ def scene_router(
     """
     router = APIRouter(prefix="/scene", include_in_schema=False)
 
-    @router.get("/")
+    @router.api_route("/", methods=["GET", "HEAD"])  # HEAD: whether the 3D view is running
     async def program(request: Request) -> Response:
         if address() is None:
             return Response("The 3D view is not running; flying is not affected.", status_code=503)
@@ -171,7 +172,7 @@ def scene_router(
         if request.headers.get("if-none-match") == document.etag:
             return Response(status_code=304, headers=headers)
         body = document.plain
-        if "gzip" in request.headers.get("accept-encoding", ""):
+        if "gzip" in accepted_encodings(request.headers.get("accept-encoding", "")):
             body, headers["Content-Encoding"] = document.gzipped, "gzip"
         return Response(body, media_type="text/html; charset=utf-8", headers=headers)
 

@@ -98,8 +98,8 @@ describe('client', () => {
     expect(rejections).toBe(1);
   });
   it('gives two pages different names', () => {
-    expect(pageName(() => 0)).toBe('page-0000');
-    expect(pageName(() => 0.999999)).toBe('page-fffe');
+    expect(pageName(0)).toBe('page-0000');
+    expect(pageName(0xffff)).toBe('page-ffff');
   });
 });
 

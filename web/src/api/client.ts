@@ -98,9 +98,7 @@ export class ApiClient {
 /** The path parameter of a call to one vehicle's API. */
 export const ofVehicle = (v: string): { params: { path: { v: string } } } => ({ params: { path: { v } } });
 
-/** A random default name, so that the journal can distinguish pages. */
-export function pageName(random: () => number = Math.random): string {
-  return `page-${Math.floor(random() * 0xffff)
-    .toString(16)
-    .padStart(4, '0')}`;
+/** A default name, so that the journal can distinguish pages. @param number 0 to 65535. */
+export function pageName(number: number): string {
+  return `page-${number.toString(16).padStart(4, '0')}`;
 }

@@ -21,6 +21,14 @@ export interface Identity {
 
 type KeyValueStorage = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
 
+/**
+ * A new id of 128 random bits that nobody can guess, as hexadecimal digits: who knows the id of a page has its control.
+ * `crypto.getRandomValues` works on plain http too, unlike `crypto.randomUUID`.
+ */
+export function randomId(): string {
+  return Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, '0')).join('');
+}
+
 /** The browser's storage; if it is disabled, values are kept until the page closes. */
 export function availableStorage(getStorage: () => KeyValueStorage): KeyValueStorage {
   try {
@@ -34,16 +42,10 @@ export function availableStorage(getStorage: () => KeyValueStorage): KeyValueSto
 }
 
 /** The stored identity of this tab; a new identity if none is stored, or if the stored id belongs to another tab. */
-export function loadIdentity(tabStorage: KeyValueStorage, browserStorage: KeyValueStorage, random: () => number = Math.random): Identity {
+export function loadIdentity(tabStorage: KeyValueStorage, browserStorage: KeyValueStorage, newId: () => string = randomId): Identity {
   const storedId = tabStorage.getItem(UNLOADED_KEY) === null ? null : tabStorage.getItem(ID_KEY);
   tabStorage.removeItem(UNLOADED_KEY);
-  const id =
-    storedId ??
-    Array.from({ length: 4 }, () =>
-      Math.floor(random() * 0x100000000)
-        .toString(16)
-        .padStart(8, '0'),
-    ).join('');
+  const id = storedId ?? newId();
   tabStorage.setItem(ID_KEY, id);
   return { id, key: null, name: browserStorage.getItem(NAME_KEY) ?? defaultName(id) };
 }
@@ -63,5 +65,5 @@ export function setName(identity: Identity, name: string, browserStorage: KeyVal
 
 /** The page's name if the person has not chosen a name; stays the same when this tab is reloaded. */
 function defaultName(id: string): string {
-  return pageName(() => Number.parseInt(id.slice(0, 4), 16) / 0xffff || 0);
+  return pageName(Number.parseInt(id.slice(0, 4), 16) || 0);
 }

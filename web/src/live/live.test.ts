@@ -86,6 +86,40 @@ describe('store', () => {
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 1000), sample('status', status(), 1003)] });
     expect(store.nowUnixS()).toBe(1003);
   });
+  it('forgets one wrong time of a sample, and follows a server’s clock that was set back', () => {
+    let local_s = 1000;
+    const store = new TelemetryStore(() => local_s);
+    store.apply({ type: 'hello', schema_version: 1, server_time_unix_s: 5000 });
+    const live = (offset_s: number) =>
+      store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, local_s + offset_s), sample('status', status(), local_s + offset_s)] });
+    const fly = (seconds: number, offset_s: number) => {
+      for (let i = 0; i < seconds * 2; i++) {
+        local_s += 0.5;
+        live(offset_s);
+      }
+    };
+    fly(5, 4000);
+    live(4100); // one wrong time
+    expect(store.nowUnixS() - local_s).toBe(4100);
+    store.vehicles.clear();
+    fly(130, 4000);
+    expect(store.nowUnixS() - local_s).toBe(4000);
+    store.vehicles.clear();
+    fly(130, 3990);
+    expect(store.nowUnixS() - local_s).toBe(3990);
+  });
+  it('does not take the time of stored samples for the present, however often they are sent again', () => {
+    let local_s = 1000;
+    const store = new TelemetryStore(() => local_s);
+    store.apply({ type: 'hello', schema_version: 1, server_time_unix_s: 5000 });
+    store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 4900), sample('status', status(), 4900)] });
+    for (let i = 1; i < 30; i++) {
+      local_s += 10;
+      store.apply({ type: 'samples', samples: [sample('attitude', {}, 4900 + i / 100), sample('gps', {}, 4900 + i / 100)] });
+    }
+    expect(store.nowUnixS() - local_s).toBe(4000);
+    expect(store.vehicle('1').read('status', store.nowUnixS())?.stale).toBe(true);
+  });
   it('never estimates the server’s clock from a replay, not even before the replay is identified', () => {
     const store = new TelemetryStore(() => 1000);
     store.apply({ type: 'hello', schema_version: 1, server_time_unix_s: 1000 });

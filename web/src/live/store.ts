@@ -7,6 +7,52 @@
 import { VehicleState } from './vehicle-state';
 import type { Frame, Replay, WireEvent, WireSample } from './wire';
 
+/** Time for which a frame determines the estimate of the server's clock [s]; at most twice this time. */
+const CLOCK_WINDOW_S = 60;
+/** Samples that come live show nearly the same offset [s] for this time [s]. */
+const LIVE_TOLERANCE_S = 1;
+const LIVE_AFTER_S = 3;
+
+/**
+ * Estimates the server's clock. A frame cannot be later than the server's clock, so the frame with the shortest way to this page
+ * determines the estimate: the one with the largest offset of the last minutes. Older frames do not count, so that a server's clock
+ * that was set, or one wrong time, does not make all values old for ever. A sample that was stored before it was sent does not show
+ * the present time: it can only correct the estimate to a later time.
+ */
+class ServerClock {
+  /** Largest offset in this window and in the window before. */
+  private offsets_s: [number, number] = [-Infinity, -Infinity];
+  private windowStart_s = -Infinity;
+  /** The last samples of each vehicle that show the same offset, and since when. */
+  private readonly runs = new Map<string, { readonly offset_s: number; readonly since_s: number }>();
+
+  /** Server's clock minus this computer's clock; 0 before the first frame. */
+  get offset_s(): number {
+    const offset_s = Math.max(...this.offsets_s);
+    return Number.isFinite(offset_s) ? offset_s : 0;
+  }
+
+  /** A new connection: the server's clock shows `server_unix_s` now. */
+  start(server_unix_s: number, local_unix_s: number): void {
+    this.runs.clear();
+    this.offsets_s = [server_unix_s - local_unix_s, -Infinity];
+    this.windowStart_s = local_unix_s;
+  }
+
+  observe(vehicle: string, received_unix_s: number, local_unix_s: number): void {
+    const offset_s = received_unix_s - local_unix_s;
+    let run = this.runs.get(vehicle);
+    if (run === undefined || Math.abs(offset_s - run.offset_s) > LIVE_TOLERANCE_S) this.runs.set(vehicle, (run = { offset_s, since_s: local_unix_s }));
+    const isLive = local_unix_s - run.since_s >= LIVE_AFTER_S;
+    const age_s = local_unix_s - this.windowStart_s;
+    if (isLive && age_s >= CLOCK_WINDOW_S) {
+      this.offsets_s = [-Infinity, age_s < 2 * CLOCK_WINDOW_S ? this.offsets_s[0] : -Infinity];
+      this.windowStart_s = local_unix_s;
+    }
+    if (isLive || offset_s > Math.max(...this.offsets_s)) this.offsets_s[0] = Math.max(this.offsets_s[0], offset_s);
+  }
+}
+
 export class TelemetryStore {
   readonly vehicles = new Map<string, VehicleState>();
   /** Incremented with each change; the page then repaints. */
@@ -18,18 +64,17 @@ export class TelemetryStore {
   /** The open replays. */
   replays: readonly Replay[] = [];
   private readonly localUnixS: () => number;
-  /** Server's clock minus this computer's clock; null: not known. */
-  private clockOffset_s: number | null = null;
+  private readonly clock = new ServerClock();
   private sortedIds: readonly string[] | null = null;
 
-  /** @param localUnixS this computer's clock [s], replaced in tests. */
-  constructor(localUnixS: () => number = () => Date.now() / 1000) {
+  /** @param localUnixS a clock of this computer that is never set [s], replaced in tests. */
+  constructor(localUnixS: () => number = () => (performance.timeOrigin + performance.now()) / 1000) {
     this.localUnixS = localUnixS;
   }
 
   /** The present time by the server's clock [unix s]; for a replayed vehicle the replay's time. */
   nowUnixS(vehicleId: string | null = null): number {
-    return this.replayOf(vehicleId)?.position_unix_s ?? this.localUnixS() + (this.clockOffset_s ?? 0);
+    return this.replayOf(vehicleId)?.position_unix_s ?? this.localUnixS() + this.clock.offset_s;
   }
 
   /** The replay that contains a vehicle; null: the vehicle is not replayed. */
@@ -62,7 +107,7 @@ export class TelemetryStore {
 
   apply(frame: Frame): void {
     if (frame.type === 'hello') {
-      this.clockOffset_s = frame.server_time_unix_s - this.localUnixS();
+      this.clock.start(frame.server_time_unix_s, this.localUnixS());
       this.replays = []; // the replays of the earlier connection
     } else if (frame.type === 'samples') for (const sample of frame.samples) this.applySample(sample);
     else if (frame.type === 'event') this.applyEvent(frame.event);
@@ -88,9 +133,7 @@ export class TelemetryStore {
     const vehicle = this.vehicle(sample.vehicle);
     vehicle.apply(sample);
     if (!vehicle.isLive || this.replayOf(sample.vehicle) !== null) return; // a replay has its own time
-    // A sample cannot be later than the server's clock; if it seems later, the estimated clock is behind.
-    const ahead_s = sample.received_unix_s - this.nowUnixS();
-    if (ahead_s > 0) this.clockOffset_s = (this.clockOffset_s ?? 0) + ahead_s;
+    this.clock.observe(sample.vehicle, sample.received_unix_s, this.localUnixS());
   }
 
   private applyEvent(event: WireEvent): void {

@@ -1,6 +1,7 @@
 /** The stage, which contains the map and the 3D view: which of the two is large, and the state of the 3D view. */
 
 import { covered } from '../../app/covered-edges.svelte';
+import { randomId } from '../../app/identity';
 import { freeAreaOffset } from '../../app/free-area';
 import type { Camera } from '../../app/services';
 import type { SceneDryRun, ScenePreview } from '../../app/preview.svelte';
@@ -32,13 +33,15 @@ export interface MapCommands {
 }
 
 const RETRY_MS = 5000;
+/** Time after which a request to the 3D view counts as failed [ms]. */
+const SHOW_TIMEOUT_MS = 5000;
 const SCENE_URL = '/scene/';
 
 class StageState {
   scene = $state.raw<SceneState>({ phase: 'requested' });
   camera = $state<Camera>('chase');
   /** Identifies this page's 3D view on the server. */
-  readonly viewId = `page-${Math.random().toString(36).slice(2, 12)}`;
+  readonly viewId = `page-${randomId().slice(0, 16)}`;
   /** Size of the stage [px]. */
   size = $state.raw({ width: 0, height: 0 });
   /** Pixel on the stage of the map point whose menu is open; it changes when the map moves. */
@@ -98,11 +101,11 @@ class StageState {
     if (x !== this.mapPointPixel.x || y !== this.mapPointPixel.y) this.mapPointPixel = { x, y };
   }
 
-  /** The iframe's URL with its initial state. */
+  /** The iframe's URL with its initial state behind the #, so that the browser downloads the 3D view once for all states. */
   sceneUrl(request: SceneRequest): string {
     const query = new URLSearchParams({ view: this.viewId, mode: request.mode, theme: request.theme });
     if (request.vehicle !== null) query.set('vehicle', request.vehicle);
-    return `${SCENE_URL}?${query}`;
+    return `${SCENE_URL}#${query}`;
   }
 
   /**
@@ -117,7 +120,8 @@ class StageState {
       sentRequest = this.pendingRequest;
       const { vehicle, ...rest } = sentRequest;
       const body = JSON.stringify(vehicle === null ? rest : sentRequest);
-      await fetch(`${SCENE_URL}view/${this.viewId}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body }).catch(() => null);
+      const signal = AbortSignal.timeout(SHOW_TIMEOUT_MS); // a request without an answer must not hold up the later ones
+      await fetch(`${SCENE_URL}view/${this.viewId}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body, signal }).catch(() => null);
     }
     this.pendingRequest = null;
   }
@@ -142,8 +146,8 @@ class StageState {
 
 async function requestScene(): Promise<SceneState> {
   try {
-    const response = await fetch(SCENE_URL, { signal: AbortSignal.timeout(6000), headers: { Accept: 'text/html' } });
-    void response.body?.cancel();
+    // HEAD: the iframe downloads the page itself, which is large.
+    const response = await fetch(SCENE_URL, { method: 'HEAD', signal: AbortSignal.timeout(6000), headers: { Accept: 'text/html' } });
     if (!response.ok) return { phase: 'absent', reason: `the server responded with status ${response.status}` };
     const isPage = response.headers.get('content-type')?.includes('text/html') === true;
     return isPage ? { phase: 'available' } : { phase: 'absent', reason: 'the response is not a page' };

@@ -1,0 +1,91 @@
+"""The page's files are sent compressed and cached; the 3D view is downloaded once."""
+
+import gzip
+
+import pytest
+from fastapi.testclient import TestClient
+
+from gcs_server.app import create_app
+from gcs_server.encodings import accepted_encodings
+from gcs_server.scene.page import page
+from tests.station import wait_until
+from tests.support.api_client import settings_for
+
+SCRIPT = b"console.log('page');" * 200
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    (data / "index.html").write_text("<!doctype html><title>page</title>")
+    (data / "assets").mkdir()
+    (data / "assets/index-1a.js").write_bytes(SCRIPT)
+    (data / "assets/index-1a.js.gz").write_bytes(gzip.compress(SCRIPT))
+    (data / "assets/index-1a.js.br").write_bytes(b"brotli form")
+    (data / "assets/small-1a.js").write_bytes(b"1;")
+    app = create_app(settings_for(data, scene=True), static=data)
+    with TestClient(app, base_url="http://localhost") as client:
+        yield client
+
+
+def sent_bytes(client, path, accepted):
+    with client.stream("GET", path, headers={"Accept-Encoding": accepted}) as response:
+        return response, b"".join(response.iter_raw())
+
+
+def test_a_file_is_sent_in_the_smallest_form_that_the_build_wrote_and_the_browser_accepts(client):
+    forms = {"br, gzip": ("br", b"brotli form"), "gzip, deflate": ("gzip", gzip.compress(SCRIPT))}
+    tags = set()
+    for accepted, (encoding, content) in forms.items():
+        response, sent = sent_bytes(client, "/assets/index-1a.js", accepted)
+        assert (response.headers["content-encoding"], len(sent)) == (encoding, len(content))
+        assert response.headers["content-type"].startswith("text/javascript")
+        assert response.headers["vary"] == "Accept-Encoding"
+        assert response.headers["cache-control"] == "public, max-age=31536000, immutable"
+        tags.add(response.headers["etag"])
+    response, sent = sent_bytes(client, "/assets/index-1a.js", "identity")
+    assert sent == SCRIPT
+    assert "content-encoding" not in response.headers
+    assert response.headers["vary"] == "Accept-Encoding"
+    assert len(tags | {response.headers["etag"]}) == 3
+
+
+def test_a_file_without_a_compressed_form_is_sent_as_it_is(client):
+    for path in ("/assets/small-1a.js", "/"):
+        response, _ = sent_bytes(client, path, "br, gzip")
+        assert response.status_code == 200
+        assert "content-encoding" not in response.headers
+    assert response.headers["cache-control"] == "no-cache"
+
+
+def test_a_cached_file_is_not_sent_again(client):
+    tag = sent_bytes(client, "/assets/index-1a.js", "br")[0].headers["etag"]
+    headers = {"Accept-Encoding": "br", "If-None-Match": tag}
+    response = client.get("/assets/index-1a.js", headers=headers)
+    assert (response.status_code, response.content, response.headers["vary"]) == (304, b"", "Accept-Encoding")
+
+
+@pytest.mark.parametrize(
+    ("header", "accepted"),
+    [
+        ("gzip, deflate, br, zstd", ["br", "gzip"]),
+        ("GZIP;q=0.5", ["gzip"]),
+        ("br;q=0, gzip;q=0.000", []),
+        ("br; q=0.1", ["br"]),
+        ("", []),
+        ("*", []),
+    ],
+)
+def test_only_encodings_that_the_browser_names_are_used(header, accepted):
+    assert accepted_encodings(header) == accepted
+
+
+def test_whether_the_3d_view_runs_is_told_without_sending_it_and_the_page_is_sent_compressed_once(client):
+    wait_until(lambda: client.head("/scene/").status_code != 503, "the 3D view", timeout_s=30)
+    response = client.head("/scene/")
+    assert (response.status_code, response.content) == (200, b"")
+    assert response.headers["content-type"].startswith("text/html")
+    response, sent = sent_bytes(client, "/scene/", "gzip")
+    assert len(sent) < 0.85 * len(page().plain)  # viser has compressed most of it already
+    cached = client.get("/scene/", headers={"If-None-Match": response.headers["etag"]})
+    assert (cached.status_code, cached.content) == (304, b"")
