@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import unicodedata
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator
 
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 """A finite number of plausible size."""
@@ -13,6 +14,30 @@ LonDeg = Annotated[float, Field(ge=-180.0, le=180.0, allow_inf_nan=False)]
 AltitudeM = Annotated[float, Field(ge=-12_000.0, le=100_000.0, allow_inf_nan=False)]
 """Metres, positive up; wide enough for any flight."""
 Metres = Annotated[float, Field(ge=0.0, le=1e7, allow_inf_nan=False)]
+
+
+def hidden_character(text: str) -> str | None:
+    """The first character of a name that is invisible or changes how the text around it is shown: a control
+    character, the end of a line, or a change of the direction of writing; None: there is none."""
+    return next(
+        (each for each in text if each in _HIDDEN or unicodedata.category(each) in _HIDDEN_KINDS), None
+    )
+
+
+_HIDDEN_KINDS = ("Cc", "Cs", "Zl", "Zp")
+_HIDDEN = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+"""Marks, embeddings, overrides and isolates of the bidirectional algorithm."""
+
+
+def _check_shown(text: str) -> str:
+    hidden = hidden_character(text)
+    if hidden is not None:
+        raise ValueError(f"it contains the invisible character U+{ord(hidden):04X}: remove it")
+    return text
+
+
+DisplayText = Annotated[str, AfterValidator(_check_shown)]
+"""A name that people read, for everything that has a name."""
 
 Reference = Literal["home", "amsl", "terrain"]
 """Reference of an altitude: the home position, mean sea level, or the ground below."""
@@ -95,7 +120,7 @@ FenceZone = Annotated[FenceCircle | FencePolygon, Field(discriminator="shape")]
 class Obstacle(Model):
     """A building, a tree or a mast: upright, from the ground to its top. The last corner joins the first."""
 
-    name: Annotated[str, Field(max_length=60)] = ""
+    name: Annotated[DisplayText, Field(max_length=60)] = ""
     """Name in findings; empty: findings use the number of the obstacle."""
     polygon: Annotated[tuple[Point, ...], Field(min_length=3, max_length=100)]
     top: Altitude

@@ -15,6 +15,7 @@ from gcs_server.api.strict_body import ResponseBody, StrictBody
 from missions.documents import PlanKind
 from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles
 from missions.offboard.document import MAX_ROLES
+from missions.values import DisplayText
 
 MAX_OBSTACLES = 100
 Metres = Annotated[float, Field(ge=-20_000, le=20_000)]
@@ -58,7 +59,7 @@ class DryRunSpread(StrictBody):
 class DryRunObstacle(StrictBody):
     """An upright box."""
 
-    name: str = Field(min_length=1, max_length=60, description="Name in findings.")
+    name: DisplayText = Field(min_length=1, max_length=60, description="Name in findings.")
     north_m: Metres = Field(description="Centre, north of the vehicle's start position [m].")
     east_m: Metres = Field(description="Centre, east of the vehicle's start position [m].")
     length_m: float = Field(

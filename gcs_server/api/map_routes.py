@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import re
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path as File
-from typing import Annotated
+from typing import Annotated, TypeVar
 from urllib.parse import quote
 
 from fastapi import APIRouter, Header, Path, Response
@@ -24,12 +26,14 @@ REVALIDATE = {"Cache-Control": "no-cache"}
 """Cache header: the browser may cache a tile, but must revalidate it."""
 RANGE = re.compile(r"bytes=(?P<first>[0-9]{0,15})-(?P<last>[0-9]{0,15})")
 GZIP_MAGIC = b"\x1f\x8b"
+T = TypeVar("T")
+_threads = ThreadPoolExecutor(2, thread_name_prefix="maps")
 
 
 @router.get("", response_model=responses.Maps)
 async def list_maps(station: StationDep) -> Response:
     """The map files in the data folder, sorted by name, and the files that cannot be read."""
-    maps, unreadable = await asyncio.to_thread(_scan_folder, station)
+    maps, unreadable = await _in_thread(_scan_folder, station)
     return json_response({"folder": str(station.maps), "maps": maps, "unreadable": unreadable})
 
 
@@ -81,12 +85,17 @@ async def map_tile(
     path = await _find_map(station, name)
     if path is None or path.suffix != ".mbtiles":
         return _unknown_map_response(name)
-    info = await asyncio.to_thread(read_map, path)
-    tile = await asyncio.to_thread(read_tile, path, zoom, x, y)
+    info = await _in_thread(read_map, path)
+    tile = await _in_thread(read_tile, path, zoom, x, y)
     if tile is None:
         return Response(status_code=204, headers=REVALIDATE)
     encoding = {"Content-Encoding": "gzip"} if tile.startswith(GZIP_MAGIC) else {}
     return Response(tile, media_type=info.content_type, headers={**REVALIDATE, **encoding})
+
+
+async def _in_thread(function: Callable[..., T], *arguments: object) -> T:
+    """Reads maps in threads of their own, so that slow files take no thread from anything else."""
+    return await asyncio.get_running_loop().run_in_executor(_threads, function, *arguments)
 
 
 def _is_within(range_header: str, size: int) -> bool:

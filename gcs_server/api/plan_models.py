@@ -23,7 +23,7 @@ from missions.offboard.document import OffboardMission
 from missions.offboard.samples import Leg, StepTime
 from missions.offboard.tables import ImportedTable
 from missions.plan import Plan
-from missions.values import Altitude, FenceZone, Point
+from missions.values import Altitude, DisplayText, FenceZone, Point
 
 MAX_NAME_LENGTH = 100
 
@@ -32,11 +32,11 @@ AnyDocument = Annotated[Plan | OffboardMission, Field(discriminator="format")]
 
 
 Name = Annotated[
-    str,
+    DisplayText,
     Field(
         min_length=1,
         max_length=MAX_NAME_LENGTH,
-        pattern=r"^[^\x00-\x1f\x7f]*\S[^\x00-\x1f\x7f]*$",
+        pattern=r"\S",
         description="Name of the plan.",
     ),
 ]

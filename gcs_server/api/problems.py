@@ -34,6 +34,7 @@ from gcs_server.errors import (
     UnknownRecording,
     UnknownVehicle,
 )
+from gcs_server.storage.maps import MapError
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.services.ftp_codec import FtpFailed
 from gcs_server.vehicle.services.metadata import MetadataMissing
@@ -58,6 +59,7 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownDryRun, 404, "Unknown dry run"),
     (UnknownRecording, 404, "Unknown recording"),
     (RecordingUnusable, 409, "Recording unusable"),
+    (MapError, 409, "Map unusable"),
     (PlanConflict, 409, "Changed by another client"),
     (InvalidRequest, 422, "Invalid request"),
     (NotPermitted, 403, "Not permitted"),

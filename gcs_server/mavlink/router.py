@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_server.clock import Clock
-from gcs_server.errors import InvalidRequest, UnknownLink
+from gcs_server.errors import InvalidRequest, Refused, UnknownLink
 from gcs_server.links.base import Link, LinkInfo, Peer
 from gcs_server.links.url import NO_OTHER_KINDS, LinkMaker, make_link
 from gcs_server.mavlink import dialect
@@ -21,6 +21,8 @@ from gcs_server.mavlink.tlog_writer import TlogRecorder
 from gcs_server.supervise import Supervisor
 
 HEARTBEAT_INTERVAL_S = 1.0
+MAX_LINKS = 64
+"""Maximum number of links and replays; each has a socket or a thread, and is supervised."""
 WARNED_STATES = ("waiting", "open")
 """Link states whose detail is shown as a warning."""
 
@@ -108,6 +110,7 @@ class Router:
 
         Raises:
             InvalidRequest: the URL is not valid, or the name is in use.
+            Refused: the limit of links is reached.
             LinkError: the recording to replay does not exist, or software that the link needs is missing.
         """
         return self.add(self.make_link(url, name))
@@ -125,12 +128,18 @@ class Router:
 
         Raises:
             InvalidRequest: the name or the URL is in use.
+            Refused: the limit of links is reached.
         """
         if link.name in self._connections:
             raise InvalidRequest(
                 "name",
                 f"A link {link.name!r} already exists.",
                 remedy="Remove it first, or give another name.",
+            )
+        if len(self._connections) >= MAX_LINKS:
+            raise Refused(
+                f"{MAX_LINKS} links and replays are open, which is the limit.",
+                remedy="Remove one that is not needed (DELETE /links/{name}).",
             )
         self._refuse_loop(link)
         signing = None if link.signing is None else self.signing.open(link.name, link.signing)

@@ -25,6 +25,7 @@ from missions.formats.results import ImportOptions
 from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
 from missions.offboard.findings import MissionFinding
+from missions.offboard.names import valid_name
 from missions.terrain.profile import PlanGround
 from missions.values import Altitude, HomePosition
 from missions.vehicle import PowerModel, VehicleModel
@@ -342,7 +343,7 @@ def _import(arguments: Mapping[str, Any]) -> Answer:
         "kind": documents.kind_of(imported.plan),
         "areas": [
             {
-                "name": area.name,
+                "name": valid_name(area.name, ""),
                 "outer": [point.model_dump() for point in area.outer],
                 "holes": [[point.model_dump() for point in hole] for hole in area.holes],
                 "likely_use": area.likely_use,

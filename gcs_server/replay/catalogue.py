@@ -20,6 +20,7 @@ from gcs_server.replay.records import (
     system_id,
     unpack,
 )
+from missions.values import hidden_character
 
 SUFFIXES = (".tlog", ".tlog.gz")
 MAX_NAME_LENGTH = 255
@@ -57,7 +58,7 @@ def _is_recording_name(name: str) -> bool:
         length = len(name.encode())
     except UnicodeEncodeError:  # a file name in another encoding, or an incomplete character from a client
         return False
-    is_in_folder = Path(name).name == name and "\0" not in name and not name.startswith(".")
+    is_in_folder = Path(name).name == name and hidden_character(name) is None and not name.startswith(".")
     return is_in_folder and length <= MAX_NAME_LENGTH and name.endswith(SUFFIXES)
 
 

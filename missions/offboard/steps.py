@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from missions.avoidance.values import AvoidanceWay
 from missions.offboard.positions import MissionPosition
-from missions.values import Model
+from missions.values import DisplayText, Model
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
@@ -33,7 +33,7 @@ def _check_avoidance(value: Any) -> Any:
 
 Avoidance = Annotated[bool | AvoidanceWay, BeforeValidator(_check_avoidance)]
 """What obstacle avoidance tries first: over or around; true means over, false means off."""
-Name = Annotated[str, Field(min_length=1, max_length=100)]
+Name = Annotated[DisplayText, Field(min_length=1, max_length=100)]
 MAX_STEPS = 1000
 """Maximum number of steps in one list."""
 
@@ -44,7 +44,7 @@ Action = Literal["continue", "hold", "return", "land"]
 class Step(Model):
     """Base class of all steps."""
 
-    name: Text | None = None
+    name: Annotated[DisplayText, Field(max_length=200)] | None = None
     """Name shown to the pilot."""
 
 

@@ -6,6 +6,7 @@ from urllib.parse import quote
 
 import pytest
 
+from gcs_server.mavlink import router
 from tests.support.api_client import api_client
 
 HOSTILE_TEXTS = {
@@ -117,6 +118,57 @@ def test_hostile_names_in_bodies_never_cause_a_5xx(client, text):
     ):
         response = client.post(f"/api/v1/{path}", content=json.dumps(body))
         assert response.status_code < 500, (path, response.text)
+
+
+HIDDEN_CHARACTERS = "\0\n\x1b\x7f\x85\u2028\u202e\u2066\u200f"
+HOME = {"value_m": 20, "reference": "home"}
+MAST = {"polygon": [{"lat_deg": 47, "lon_deg": 8 + n} for n in range(3)], "top": HOME}
+
+
+@pytest.mark.parametrize("character", HIDDEN_CHARACTERS, ids=lambda each: f"U+{ord(each):04X}")
+def test_a_name_with_an_invisible_character_is_refused_wherever_it_is_given(client, character):
+    name, plan = f"a{character}b", {"items": []}
+    mission = {"format": "offboard-gcs-mission", "name": "Mast", "steps": [{"step": "land"}]}
+    bodies = [
+        ("plans", {"name": name, "plan": plan}),
+        ("plans/check", {"plan": {**plan, "obstacles": [{**MAST, "name": name}]}}),
+        ("plans/check", {"plan": {**mission, "name": name}}),
+        ("plans/check", {"plan": {**mission, "steps": [{"step": "land", "name": name}]}}),
+        ("plans/check", {"plan": {**mission, "missions": {name: [{"step": "land"}]}}}),
+        ("links", {"url": "udpin://127.0.0.1:0", "name": name}),
+    ]
+    for path, body in bodies:
+        response = client.post(f"/api/v1/{path}", content=json.dumps(body))
+        assert response.status_code == 422, (path, body)
+    assert f"U+{ord(character):04X}" in client.post("/api/v1/plans", json=bodies[0][1]).json()["detail"]
+
+
+def test_names_in_other_scripts_and_with_emoji_are_allowed(client):
+    for name in ("Übung 3", "פרויקט", "مشروع", "测绘", "🚁 north", "می\u200cخواهم"):
+        response = client.post("/api/v1/plans", json={"name": name, "plan": {"items": []}})
+        assert response.status_code == 201, response.text
+
+
+def test_an_imported_file_with_hidden_characters_gives_names_without_them(client):
+    ring = [[8, 47], [8.001, 47], [8.001, 47.001], [8, 47]]
+    area = {"type": "Polygon", "coordinates": [ring]}
+    feature = {"type": "Feature", "properties": {"name": "a\u202eb"}, "geometry": area}
+    file = json.dumps({"type": "FeatureCollection", "features": [feature]})
+    response = client.post("/api/v1/plans/import?filename=a.geojson", content=file)
+    assert [each["name"] for each in response.json()["areas"]] == ["a b"], response.text
+
+
+def test_the_number_of_links_is_limited_and_a_removed_link_makes_room(client, monkeypatch):
+    monkeypatch.setattr(router, "MAX_LINKS", 3)
+    names = [f"link{n}" for n in range(3)]
+    for name in names:
+        body = {"url": "udpin://127.0.0.1:0", "name": name}
+        assert client.post("/api/v1/links", json=body).status_code == 201
+    refused = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "more"})
+    assert (refused.status_code, refused.json()["code"]) == (409, "refused")
+    assert "3 links and replays are open" in refused.json()["detail"]
+    for name in names:
+        assert client.delete(f"/api/v1/links/{name}").status_code == 204
 
 
 @pytest.mark.parametrize("text", ["\ud800", "a\ud800b.tlog"])

@@ -2,12 +2,14 @@
 
 import gzip
 import json
+import os
 import sqlite3
 import struct
 from contextlib import closing
 
 import pytest
 
+from gcs_server.storage import maps as map_files
 from tests.support.api_client import api_client
 
 FAKE_PNG = b"\x89PNG\r\n\x1a\n not really"
@@ -117,3 +119,52 @@ def test_invalid_tile_numbers_get_status_422(client, folder):
     write_mbtiles(folder / "c.mbtiles")
     assert client.get("/api/v1/maps/c.mbtiles/99/0/0").status_code == 422
     assert client.get("/api/v1/maps/c.mbtiles/1/0/x").status_code == 422
+
+
+HOSTILE_VIEWS = {
+    "recursive": "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
+    "SELECT i AS zoom_level, 0 AS tile_column, 0 AS tile_row, x'00' AS tile_data FROM n",
+    "large": "SELECT a.i AS zoom_level, 0 AS tile_column, 0 AS tile_row, x'00' AS tile_data "
+    "FROM many a, many b, many c WHERE a.i + b.i + c.i < 0",
+    "of text": "SELECT 1 AS zoom_level, 0 AS tile_column, 0 AS tile_row, 'text' AS tile_data",
+    "of a huge value": "SELECT 1 AS zoom_level, 0 AS tile_column, 0 AS tile_row, "
+    "zeroblob(900000000) AS tile_data",
+}
+
+
+@pytest.mark.parametrize("view", HOSTILE_VIEWS)
+def test_a_view_that_never_ends_is_an_unreadable_map_and_takes_no_thread(client, folder, view, monkeypatch):
+    monkeypatch.setattr(map_files, "QUERY_DEADLINE_S", 0.05)
+    with closing(sqlite3.connect(folder / "hostile.mbtiles")) as database:
+        database.execute("CREATE TABLE metadata (name text, value text)")
+        database.execute("CREATE TABLE many (i int)")
+        database.executemany("INSERT INTO many VALUES (?)", [(n,) for n in range(2000)])
+        database.execute(f"CREATE VIEW tiles AS {HOSTILE_VIEWS[view]}")
+        database.commit()
+    if view.startswith("of"):
+        response = client.get("/api/v1/maps/hostile.mbtiles/1/0/1")
+        assert (response.status_code, response.json()["code"]) == (409, "map_file")
+        return
+    (reason,) = client.get("/api/v1/maps").json()["unreadable"]
+    assert "hostile.mbtiles cannot be read" in reason
+    assert client.get("/api/v1/maps/hostile.mbtiles/1/0/0").status_code == 409
+
+
+def test_metadata_that_unpack_to_gigabytes_are_refused_after_a_megabyte(client, folder):
+    write_pmtiles(folder / "bomb.pmtiles")
+    content = (folder / "bomb.pmtiles").read_bytes()
+    bomb = gzip.compress(b" " * 50_000_000)
+    header = bytearray(content[:127])
+    struct.pack_into("<2Q", header, 8 + 2 * 8, len(content), len(bomb))
+    (folder / "bomb.pmtiles").write_bytes(bytes(header) + content[127:] + bomb)
+    (reason,) = client.get("/api/v1/maps").json()["unreadable"]
+    assert "larger than 1,000,000 bytes" in reason
+
+
+def test_a_map_file_is_read_again_only_if_it_has_changed(client, folder, monkeypatch):
+    write_mbtiles(folder / "green.mbtiles")
+    assert client.get("/api/v1/maps/green.mbtiles/1/0/0").status_code == 200
+    monkeypatch.setattr(map_files, "_mbtiles", lambda path: (_ for _ in ()).throw(ValueError("it was read")))
+    assert client.get("/api/v1/maps/green.mbtiles/1/0/0").status_code == 200
+    os.utime(folder / "green.mbtiles", ns=(1, 1))
+    assert "it was read" in client.get("/api/v1/maps").json()["unreadable"][0]
