@@ -220,6 +220,7 @@ class Server:
         self.station.waypoint_flights.start()
         self.station.mission_modes.start()
         self.station.authority.start()
+        self.supervisor.start("known ground", self.station.known_ground.watch)
         if self.scene is not None:
             self.supervisor.start("scene", self.scene.run)
         if self._simulator is not None:

@@ -38,7 +38,11 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "speed_too_high": ("warning", "a speed above MPC_XY_VEL_MAX; PX4 flies at MPC_XY_VEL_MAX"),
     "altitude_too_high": ("warning", "more than 120 m above home"),
     "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
-    "altitude_below_home": ("warning", "an item at or below the altitude of home"),
+    "altitude_below_home": (
+        "warning",
+        "an item at or below the altitude of home (an error if it is lower by more than MPC_LAND_ALT3, "
+        "unless elevation data show the ground there)",
+    ),
     "altitude_unknown": ("warning", "an altitude that cannot be compared with home"),
     "first_waypoint_far": ("error", "the first item is farther from home than MIS_DIST_1WP"),
     "leg_too_long": ("error", "more than 2 km from the previous item"),
@@ -84,8 +88,8 @@ class Finding:
     """Index in `Plan.obstacles`."""
     fix: str | None = None
     """How to correct the problem."""
-    is_error_for_vehicle: bool = False
-    """Whether this vehicle's parameters make this warning an error."""
+    is_error: bool = False
+    """Whether this case of a warning is an error."""
     limit: float | None = None
     """The limit that was exceeded: altitude above home [m] or speed [m/s]; None: another kind of finding."""
 
@@ -93,7 +97,7 @@ class Finding:
     def severity(self) -> Literal["error", "warning"]:
         """error: PX4 refuses the plan, or the plan is unsafe; warning: the flight may differ from what the
         pilot expects."""
-        return "error" if self.is_error_for_vehicle else CODES[self.code][0]
+        return "error" if self.is_error else CODES[self.code][0]
 
 
 @dataclass(frozen=True, slots=True)

@@ -141,9 +141,7 @@ def _takeoff_and_landing(context: Context) -> Iterator[Finding]:
         message = (
             "The plan has no take-off; on the ground the vehicle climbs to its own take-off altitude first."
         )
-        yield Finding(
-            "takeoff_missing", message, fix="Add a take-off.", is_error_for_vehicle=required in (1, 3)
-        )
+        yield Finding("takeoff_missing", message, fix="Add a take-off.", is_error=required in (1, 3))
 
 
 def _jumps(context: Context) -> Iterator[Finding]:
@@ -224,7 +222,8 @@ def _altitudes(context: Context) -> Iterator[Finding]:
                 "altitude_below_home",
                 message,
                 row,
-                fix="Increase the altitude, or check the ground below the item.",
+                fix="Increase the altitude, or add elevation data that show lower ground there.",
+                is_error=above_home_m < -context.vehicle.landing_height_m,
             )
 
 

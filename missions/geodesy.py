@@ -8,6 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from missions.frames import Vector3
 
 EARTH_RADIUS_M = 6_371_000.0
@@ -52,6 +55,15 @@ class LocalOrigin:
         radius_m = EARTH_RADIUS_M * math.cos(math.radians(self.lat_deg))
         lon_deg = math.remainder(self.lon_deg + math.degrees(east / radius_m), 360.0)
         return (self.lat_deg + math.degrees(north / EARTH_RADIUS_M), lon_deg, self.alt_amsl_m - down)
+
+    def to_geodetic_arrays(
+        self, positions_ned_m: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """`to_geodetic` of local positions (N, 3): latitudes, longitudes [deg], altitudes AMSL [m]."""
+        radius_m = EARTH_RADIUS_M * math.cos(math.radians(self.lat_deg))
+        lat_deg = self.lat_deg + np.degrees(positions_ned_m[:, 0] / EARTH_RADIUS_M)
+        lon_deg = self.lon_deg + np.degrees(positions_ned_m[:, 1] / radius_m)
+        return lat_deg, (lon_deg + 180.0) % 360.0 - 180.0, self.alt_amsl_m - positions_ned_m[:, 2]
 
     def to_frame_of(self, other: LocalOrigin, position_ned_m: Vector3) -> Vector3:
         """Converts a position to the frame of another origin, which may be a few kilometres away."""

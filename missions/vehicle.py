@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from missions.floor import LANDING_HEIGHT_M
+
 GRAVITY_M_S2 = 9.80665
 AIR_DENSITY_KG_M3 = 1.225
 """Air density at sea level, international standard atmosphere."""
@@ -23,6 +25,7 @@ class VehicleModel:
     takeoff_m_s: float = 1.5  # MPC_TKO_SPEED
     land_m_s: float = 0.7  # MPC_LAND_SPEED
     land_slow_m: float = 5.0  # MPC_LAND_ALT2: land_m_s applies below this height
+    landing_height_m: float = LANDING_HEIGHT_M  # MPC_LAND_ALT3: targets may be this far below the ground
     return_alt_m: float = 30.0  # RTL_RETURN_ALT
     acceptance_m: float = 2.0  # NAV_ACC_RAD
     altitude_acceptance_m: float = 0.8  # NAV_MC_ALT_RAD
@@ -56,6 +59,7 @@ PARAMETERS = {
     "takeoff_m_s": "MPC_TKO_SPEED",
     "land_m_s": "MPC_LAND_SPEED",
     "land_slow_m": "MPC_LAND_ALT2",
+    "landing_height_m": "MPC_LAND_ALT3",
     "return_alt_m": "RTL_RETURN_ALT",
     "acceptance_m": "NAV_ACC_RAD",
     "altitude_acceptance_m": "NAV_MC_ALT_RAD",

@@ -41,6 +41,7 @@ POSITION_CODES = frozenset(
         "fence_home_outside",
         "radius_exceeded",
         "altitude_fence",
+        "altitude_below_home",
         "obstacle_hit",
         "terrain_hit",
     }
@@ -195,7 +196,8 @@ async def _errors_from_here(station: Station, vehicle: Vehicle, plan: Plan, item
     start = HomePosition(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl_m=position.alt_amsl_m)
     text = await _text_of(remaining_plan(plan, item, start))
     check = await check_document(station, text, vehicle, home=start)
-    return [each.text for each in findings_of(check) if each.code in POSITION_CODES]
+    errors = (each for each in findings_of(check) if each.severity == "error")
+    return [each.text for each in errors if each.code in POSITION_CODES]
 
 
 async def _text_of(plan: Plan) -> bytes:

@@ -18,6 +18,7 @@ from gcs_server.control.journal import Journal
 from gcs_server.mavlink.router import Router
 from gcs_server.operations.operations import Operations
 from gcs_server.plans.dry_runs import DryRuns
+from gcs_server.plans.known_ground import KnownGround
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
@@ -60,6 +61,7 @@ class Station:
     maps: Path
     """Folder of the operator's offline maps; need not exist."""
     request_queue: RequestQueue = field(init=False)
+    known_ground: KnownGround = field(init=False)
     has_scene: bool = False
     simulator: bool = False
     """Whether this server started or found a simulated vehicle."""
@@ -73,6 +75,7 @@ class Station:
 
     def __post_init__(self) -> None:
         self.request_queue = RequestQueue(self.authority.controls_any)
+        self.known_ground = KnownGround(self.clock, self.fleet, self.plan_work)
 
     @property
     def groups(self) -> Groups:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
@@ -16,7 +17,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
-from gcs_server.errors import InvalidRequest
+from gcs_server.errors import InvalidRequest, UnknownVehicle
 from gcs_server.vehicle.samples import TOPICS, Sample
 from gcs_server.vehicle.services.command import GOTO_MAX_DISTANCE_M
 from gcs_server.vehicle.vehicle import Vehicle
@@ -228,7 +229,13 @@ async def mode(v: str, body: models.ModeRequest, station: StationDep, principal:
 
 @router.post("/{v}/goto", response_model=responses.CommandDone, tags=["commands"])
 async def goto(v: str, body: models.GotoRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """In Hold mode, flies to a position; answers once the vehicle has accepted the target."""
+    """In Hold mode, flies to a position; answers once the vehicle has accepted the target.
+
+    A target below home, or where elevation data show the ground, below that ground, by more than the
+    vehicle's landing height (MPC_LAND_ALT3) is refused.
+    """
+    with suppress(UnknownVehicle):  # reported by the command
+        await station.known_ground.read_around(station.fleet.get(v), body.lat_deg, body.lon_deg)
 
     async def work(vehicle: Vehicle) -> None:
         await vehicle.command.goto(

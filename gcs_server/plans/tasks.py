@@ -8,7 +8,7 @@ import dataclasses
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 from msgspec import Raw
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 Values = dict[str, Any]
 """A JSON object."""
+AnyFinding = TypeVar("AnyFinding", Finding, MissionFinding)
 PLACE_FIELDS = ("row", "zone", "rally_point", "obstacle", "step")
 """Fields of the place of a finding. A finding of a waypoint plan has no `step`; a finding of an offboard
 mission has only `obstacle` and `step`."""
@@ -206,7 +207,7 @@ def _checked(arguments: Mapping[str, Any]) -> Values:
         ground_findings, ground = terrain_tasks.ground_of_plan(
             plan, arguments["elevation"], vehicle.return_alt_m
         )
-        findings = (*findings, *ground_findings)
+        findings = (*(_on_ground(each, ground) for each in findings), *ground_findings)
     separation: list[Values] = []
     if arguments["traffic"] is not None:
         from gcs_server.plans import traffic_task
@@ -221,6 +222,15 @@ def _checked(arguments: Mapping[str, Any]) -> Values:
         "ground": list(ground.profile),
         "ground_not_known": list(ground.not_known),
     }
+
+
+def _on_ground(finding: AnyFinding, ground: PlanGround) -> AnyFinding:
+    """The finding as a warning if it is about an altitude below home where the ground is known: there the
+    findings of the elevation data count."""
+    place = finding.row if isinstance(finding, Finding) else finding.step
+    if finding.code != "altitude_below_home" or place not in ground.known_places:
+        return finding
+    return dataclasses.replace(finding, is_error=False)
 
 
 def _finding(finding: Finding | MissionFinding) -> Values:
@@ -258,13 +268,14 @@ def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limit
     start_ned_m = start.position_ned_m
     legs = samples.legs(timeline, start_ned_m)
     ground_findings, ground = _mission_ground(legs, start.origin, start_ned_m[2], arguments["elevation"])
+    findings = [*(_on_ground(each, ground) for each in timeline.findings), *ground_findings]
     estimates = Estimate(
         timeline.length_m, timeline.duration_s, mission_checks.climb_m(timeline, start_ned_m[2]),
         timeline.photos, timeline.energy_wh, endless=False, known_altitudes=True,
     )  # fmt: skip
     return {
         "kind": "offboard_mission",
-        "findings": [_finding(each) for each in (*timeline.findings, *ground_findings)],
+        "findings": [_finding(each) for each in findings],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
             "steps": [dataclasses.asdict(each) for each in samples.step_times(timeline)],
@@ -312,9 +323,10 @@ def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: S
         leg for role, each in timelines.items() for leg in samples.legs(each, starts[role].position_ned_m)
     ]
     ground_findings, ground = _mission_ground(legs, origin, 0.0, elevation)
+    findings = [*(_on_ground(each, ground) for each in compiled.findings), *ground_findings]
     return {
         "kind": "offboard_mission",
-        "findings": [_finding(each) for each in (*compiled.findings, *ground_findings)],
+        "findings": [_finding(each) for each in findings],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
             "steps": [dataclasses.asdict(s) for each in timelines.values() for s in samples.step_times(each)],
@@ -333,7 +345,7 @@ def _import(arguments: Mapping[str, Any]) -> Answer:
     be null), `reference` (of altitudes without a reference; may be null)."""
     altitude = arguments["altitude"]
     options = ImportOptions(
-        None if altitude is None else Altitude.model_validate(altitude), arguments["reference"]
+        None if altitude is None else Altitude.model_validate(altitude), arguments.get("reference")
     )
     data = arguments["file"]
     format_name = any_format.recognise(data, arguments["filename"])
@@ -418,8 +430,9 @@ def _compile(arguments: Mapping[str, Any]) -> Answer:
     vehicle = _vehicle_of(arguments)
     start = _start_of(arguments["start"])
     timeline = compile_mission(mission, vehicle, start)
-    ground_findings = _ground_findings(timeline, start, arguments["elevation"])
-    findings = [_short_finding(each) for each in (*timeline.findings, *ground_findings)]
+    ground_findings, ground = _timeline_ground(timeline, start, arguments["elevation"])
+    known_findings = (_on_ground(each, ground) for each in timeline.findings)
+    findings = [_short_finding(each) for each in (*known_findings, *ground_findings)]
     return Answer({"findings": findings}, typed_values.to_bytes((timeline, _motion_of(mission, vehicle))))
 
 
@@ -438,18 +451,21 @@ def _compile_roles(arguments: Mapping[str, Any]) -> Answer:
     compiled = compile_roles(mission, vehicles, starts)
     findings = list(compiled.findings)
     for role, timeline in compiled.timelines.items():
-        findings += _ground_findings(timeline, starts[role], arguments["elevation"])
+        ground_findings, ground = _timeline_ground(timeline, starts[role], arguments["elevation"])
+        findings = [*(_on_ground(each, ground) for each in findings), *ground_findings]
     timelines = {
         role: (each, _motion_of(mission, vehicles[role])) for role, each in compiled.timelines.items()
     }
     return Answer({"findings": [_short_finding(each) for each in findings]}, typed_values.to_bytes(timelines))
 
 
-def _ground_findings(timeline: Timeline, start: Start, elevation: Sequence[str]) -> list[MissionFinding]:
+def _timeline_ground(
+    timeline: Timeline, start: Start, elevation: Sequence[str]
+) -> tuple[list[MissionFinding], PlanGround]:
     from missions.offboard import samples
 
     start_ned_m = start.position_ned_m
-    return _mission_ground(samples.legs(timeline, start_ned_m), start.origin, start_ned_m[2], elevation)[0]
+    return _mission_ground(samples.legs(timeline, start_ned_m), start.origin, start_ned_m[2], elevation)
 
 
 def _mission_of(text: bytes) -> OffboardMission:
@@ -511,9 +527,19 @@ def _elevation_files(arguments: Mapping[str, Any]) -> Answer:
     return Answer(terrain_tasks.list_files(arguments))
 
 
+def _known_ground(arguments: Mapping[str, Any]) -> Answer:
+    from gcs_server.plans import terrain_tasks
+
+    ground = terrain_tasks.known_ground(arguments)
+    return Answer({}) if ground is None else Answer(ground.fields, ground.amsl_m)
+
+
 WITH_ELEVATION = frozenset(
-    {"check", "compile", "compile_roles", "elevation_files", "follow_ground", "pattern_on_ground"}
-)
+    {
+        "check", "compile", "compile_roles", "elevation_files", "follow_ground", "known_ground",
+        "pattern_on_ground",
+    }
+)  # fmt: skip
 """Tasks that take the paths of the operator's elevation files; they run in a process if there are elevation
 files."""
 TASKS: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
@@ -526,6 +552,7 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
     "import": _import,
     "items": _items,
     "insert": _insert,
+    "known_ground": _known_ground,
     "export": _export,
     "pattern": _pattern,
     "pattern_on_ground": _pattern,

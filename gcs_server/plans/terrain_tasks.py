@@ -4,9 +4,13 @@ worker processes."""
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from missions import plan as plan_document
 from missions.checks import Finding
@@ -23,6 +27,7 @@ from missions.terrain.profile import PlanGround
 
 MARGIN_M = 100.0
 """Margin around the positions of a plan [m]."""
+KNOWN_GROUND_CELLS = 200
 LONGEST_SIDE_M = 100_000.0
 """Maximum side of a plan's area [m]; longer than any flight of these vehicles."""
 
@@ -33,7 +38,8 @@ def ground_of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tup
     if ground is None:
         return [], PlanGround(not_known=problems)
     findings = list(clearance.plan_findings(plan, ground, return_alt_m))
-    return findings, PlanGround(profile.plan_profile(plan, ground), problems)
+    known = frozenset(clearance.rows_on_known_ground(plan, ground))
+    return findings, PlanGround(profile.plan_profile(plan, ground), problems, known)
 
 
 def ground_of_mission(
@@ -56,7 +62,9 @@ def ground_of_mission(
     if ground is None:
         return [], PlanGround(not_known=problems)
     findings = list(clearance.mission_findings(legs, origin, ground))
-    return findings, PlanGround(profile.mission_profile(legs, origin, start_down_m, ground), problems)
+    ground_profile = profile.mission_profile(legs, origin, start_down_m, ground)
+    known = frozenset(clearance.steps_on_known_ground(legs, origin, ground))
+    return findings, PlanGround(ground_profile, problems, known)
 
 
 def resolve_altitudes(arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -79,6 +87,42 @@ def ground_around(
 ) -> tuple[Ground | None, tuple[str, ...]]:
     """The ground around positions (latitude, longitude [deg]), and messages about missing elevation data."""
     return _ground(Elevation.from_files(map(Path, paths)), positions)
+
+
+@dataclass(frozen=True, slots=True)
+class GroundBytes:
+    """A `Ground` as plain values."""
+
+    fields: dict[str, float]
+    """`north_deg`, `west_deg`, `step_lat_deg`, `step_lon_deg`, and the numbers of `rows` and `columns`."""
+    amsl_m: bytes
+    """Rows of 32-bit floats."""
+
+
+def known_ground(arguments: Mapping[str, Any]) -> GroundBytes | None:
+    """The ground around a position, on at most `KNOWN_GROUND_CELLS` by `KNOWN_GROUND_CELLS` points; None: no
+    file covers it. Arguments: `lat_deg`, `lon_deg`, `half_side_m`, `elevation` (paths)."""
+    elevation = Elevation.from_files(map(Path, arguments["elevation"]))
+    position, half_side_m = (arguments["lat_deg"], arguments["lon_deg"]), arguments["half_side_m"]
+    area = BoundingBox.around_positions([position], half_side_m)
+    ground = None if area is None else elevation.ground(area)
+    if area is None or ground is None:
+        return None
+    count = min(KNOWN_GROUND_CELLS, 2 + math.ceil(2.0 * half_side_m / ground.spacing_m))
+    step_lat_deg = (area.north_deg - area.south_deg) / (count - 1)
+    step_lon_deg = (area.east_deg - area.west_deg) / (count - 1)
+    numbers = np.arange(count, dtype=np.float64)
+    lats, lons = np.meshgrid(
+        area.north_deg - step_lat_deg * numbers, area.west_deg + step_lon_deg * numbers, indexing="ij"
+    )
+    altitudes_m = ground.altitudes_amsl_m(lats.ravel(), lons.ravel()).astype(np.float32)
+    if np.isnan(altitudes_m).all():
+        return None
+    fields = {
+        "north_deg": area.north_deg, "west_deg": area.west_deg, "step_lat_deg": step_lat_deg,
+        "step_lon_deg": step_lon_deg, "rows": count, "columns": count,
+    }  # fmt: skip
+    return GroundBytes(fields, altitudes_m.tobytes())
 
 
 def list_files(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -31,6 +31,7 @@ from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Sample, Status
 from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.command import CommandService
+from gcs_server.vehicle.services.floor import VehicleFloor
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.gimbals import Gimbals
 from gcs_server.vehicle.services.health import HealthService
@@ -111,7 +112,7 @@ class Vehicle:
         self._handled_ids = frozenset((*REDUCERS, *self._handlers))
         """Messages that are not only stored, but also handled."""
         self.mode_list = ModeList(self)
-        self.command = CommandService(self)
+        self.command = CommandService(self, VehicleFloor(self, self._known_parameter))
         self.components = Components(identity.component_id, clock, self._report_component)
         self.gimbals = Gimbals(self, self._state)
         self.gimbal = self.gimbals.first
@@ -386,6 +387,10 @@ class Vehicle:
             self._lost = True
             self.events.add("link", self.clock.unix_s(), "Connection lost", severity=d.MAV_SEVERITY_WARNING)
             self.disconnected(self._state.reason_lost())
+
+    def _known_parameter(self, name: str) -> float | None:
+        param = self.params.known(name)
+        return None if param is None else param.value
 
     def _report_component(self, text: str, loss: bool) -> None:
         severity = d.MAV_SEVERITY_WARNING if loss else d.MAV_SEVERITY_INFO

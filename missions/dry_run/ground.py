@@ -9,7 +9,6 @@ import numpy as np
 
 from missions.dry_run.setup import GroundGrid
 from missions.geodesy import LocalOrigin
-from missions.terrain.clearance import geodetic_positions
 from missions.terrain.ground import Ground
 
 MARGIN_M = 50.0
@@ -46,7 +45,7 @@ def ground_grid(
         low[0] + spacing_m * np.arange(rows), low[1] + spacing_m * np.arange(columns), indexing="ij"
     )
     points = np.column_stack((north_m.ravel(), east_m.ravel(), np.zeros(north_m.size)))
-    lat_deg, lon_deg, _ = geodetic_positions(points, origin)
+    lat_deg, lon_deg, _ = origin.to_geodetic_arrays(points)
     altitudes_home_m = (ground.altitudes_amsl_m(lat_deg, lon_deg) - start_amsl_m).reshape(north_m.shape)
     assumptions = [
         f"The dry run flies over the ground of the elevation files, on a grid of {spacing_m:.0f} m."

@@ -22,7 +22,11 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "position_not_held": ("warning", "the position is not controlled during this step"),
     "altitude_too_high": ("warning", "more than 120 m above home"),
     "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
-    "altitude_below_home": ("warning", "at or below the altitude of home or of the start"),
+    "altitude_below_home": (
+        "warning",
+        "at or below the altitude of home or of the start (an error if a path is lower by more than "
+        "MPC_LAND_ALT3, unless elevation data show the ground there)",
+    ),
     "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
     "limit_exceeded": (
         "error",
@@ -67,10 +71,12 @@ class MissionFinding:
     limit: float | None = None
     """The limit that was exceeded: altitude above home [m], speed [m/s], tilt [rad] or shortest duration [s];
     None: no limit."""
+    is_error: bool = False
+    """Whether this case of a warning is an error."""
     obstacle: int | None = None
     """Index of the obstacle in the document; None: the finding is not about an obstacle."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:
         """error: unsafe or impossible; warning: the flight may differ from what the pilot expects."""
-        return CODES[self.code][0]
+        return "error" if self.is_error else CODES[self.code][0]

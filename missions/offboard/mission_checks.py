@@ -73,16 +73,15 @@ def _check_positions(segment: Segment, path: Array, compilation: Compilation) ->
             f"{segment.title} climbs to {highest_m:.0f} m above home; the geofence limit is {fence_m:.0f} m."
         )
         yield MissionFinding("altitude_fence", message, segment.place, "Lower the altitude.", fence_m)
-    if (
-        isinstance(segment, CurveSegment | TableSegment | VelocitySegment)
-        and altitudes_home_m.min() < GROUND_M
-    ):
-        message = f"{segment.title} descends to {altitudes_home_m.min():.1f} m above home."
+    lowest_m = float(altitudes_home_m.min())
+    if isinstance(segment, CurveSegment | TableSegment | VelocitySegment) and lowest_m < GROUND_M:
+        is_target = not isinstance(segment, VelocitySegment)
         yield MissionFinding(
             "altitude_below_home",
-            message,
+            f"{segment.title} descends to {lowest_m:.1f} m above home.",
             segment.place,
             "Increase the altitude; down is negative above the origin.",
+            is_error=is_target and lowest_m < -limits.vehicle.landing_height_m,
         )
     radius_m = limits.vehicle.fence_radius_m
     north, east = path[:, 0] - start.reference_ned_m[0], path[:, 1] - start.reference_ned_m[1]

@@ -8,20 +8,19 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from missions.check_context import Finding, item_name
+from missions.floor import HOME_TOLERANCE_M, LANDING_HEIGHT_M
 from missions.geodesy import LocalOrigin
 from missions.items import PlacedItem, ReturnHome
 from missions.offboard.findings import MissionFinding
 from missions.offboard.samples import Leg
 from missions.plan import Plan
 from missions.route import FlightLine, Step, flight_lines
-from missions.terrain.ground import Floats, Ground, line_positions
+from missions.terrain.ground import Ground, line_positions
 
 CLEARANCE_M = 10.0
 """Minimum clearance [m]: elevation models have errors of a few metres, and most do not include trees."""
 OUTDATED_M = 1.0
 """A resolved altitude that differs more from the elevation data is outdated."""
-HOME_TOLERANCE_M = 10.0
-"""Greatest difference between the altitude of home and the elevation data."""
 MIN_LEG_M = 1.0
 """Shortest horizontal length of a checked leg [m]; on a shorter leg the vehicle climbs, descends or holds."""
 
@@ -98,7 +97,7 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
         positions_ned_m = np.array(leg.points)[:, 1:]
         if np.hypot(*np.ptp(positions_ned_m[:, :2], axis=0)) < MIN_LEG_M:
             continue
-        lat_deg, lon_deg, amsl_m = geodetic_positions(positions_ned_m, origin)
+        lat_deg, lon_deg, amsl_m = origin.to_geodetic_arrays(positions_ned_m)
         above_m = amsl_m - ground.altitudes_amsl_m(lat_deg, lon_deg)
         if not np.isnan(above_m).all():
             lowest_m[leg.place] = min(lowest_m.get(leg.place, math.inf), float(np.nanmin(above_m)))
@@ -110,10 +109,22 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
             )
 
 
-def geodetic_positions(positions_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floats, Floats]:
-    """Latitudes, longitudes [deg] and altitudes AMSL [m] of local positions (N, 3)."""
-    positions_deg = np.array([origin.to_geodetic((n, e, d)) for n, e, d in positions_ned_m.tolist()])
-    return positions_deg[:, 0], positions_deg[:, 1], positions_deg[:, 2]
+def rows_on_known_ground(plan: Plan, ground: Ground) -> Iterator[int]:
+    """Rows of the items below which the ground is known, so that home says nothing about it."""
+    for row, item in plan.simple_items():
+        if isinstance(item, PlacedItem) and ground.altitude_amsl_m(item.lat_deg, item.lon_deg) is not None:
+            yield row
+
+
+def steps_on_known_ground(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -> Iterator[str]:
+    """Steps below whose whole path the ground is known and below the path."""
+    lowest_m: dict[str, float] = {}
+    for leg in legs:
+        lat_deg, lon_deg, amsl_m = origin.to_geodetic_arrays(np.array(leg.points)[:, 1:])
+        above_m = amsl_m - ground.altitudes_amsl_m(lat_deg, lon_deg)
+        above_m[np.isnan(above_m)] = -math.inf
+        lowest_m[leg.place] = min(lowest_m.get(leg.place, math.inf), float(above_m.min()))
+    return (place for place, height_m in lowest_m.items() if height_m >= -LANDING_HEIGHT_M)
 
 
 def _code_and_message(lowest_m: float, subject: str) -> tuple[str, str] | None:

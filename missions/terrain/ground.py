@@ -52,7 +52,7 @@ class Ground:
         top = np.clip(np.floor(np.where(inside, row, 0.0)).astype(np.intp), 0, rows - 2)
         left = np.clip(np.floor(np.where(inside, column, 0.0)).astype(np.intp), 0, columns - 2)
         down, right = row - top, column - left
-        altitudes = self.amsl_m.astype(np.float64, copy=False)
+        altitudes = self.amsl_m
         upper = altitudes[top, left] * (1.0 - right) + altitudes[top, left + 1] * right
         lower = altitudes[top + 1, left] * (1.0 - right) + altitudes[top + 1, left + 1] * right
         return np.where(inside, upper * (1.0 - down) + lower * down, np.nan)

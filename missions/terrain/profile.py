@@ -13,7 +13,6 @@ from missions.items import PlacedItem
 from missions.offboard.samples import Leg
 from missions.plan import Plan
 from missions.route import is_flown_to
-from missions.terrain.clearance import geodetic_positions
 from missions.terrain.ground import Floats, Ground, line_positions
 
 MAX_POINTS = 600
@@ -30,6 +29,8 @@ class PlanGround:
     profile: Profile = ()
     not_known: tuple[str, ...] = ()
     """Messages about missing elevation data."""
+    known_places: frozenset[int | str] = frozenset()
+    """Rows of items, and steps of missions, below which the whole ground is known."""
 
 
 def plan_profile(plan: Plan, ground: Ground) -> Profile:
@@ -53,7 +54,7 @@ def mission_profile(legs: Sequence[Leg], origin: LocalOrigin, start_down_m: floa
         return ()
     positions = np.array(rows)
     steps_m = np.hypot(*np.diff(positions[:, :2], axis=0).T)
-    lat_deg, lon_deg, _ = geodetic_positions(positions, origin)
+    lat_deg, lon_deg, _ = origin.to_geodetic_arrays(positions)
     along_m = np.concatenate(([0.0], np.cumsum(steps_m)))
     return _reduced([(along_m, ground.altitudes_amsl_m(lat_deg, lon_deg))], origin.alt_amsl_m - start_down_m)
 

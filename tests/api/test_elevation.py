@@ -1,7 +1,13 @@
 """Elevation files over HTTP: the list, checks of plans, and plans at altitudes above terrain."""
 
+import asyncio
+from types import SimpleNamespace
+
 import pytest
 
+from gcs_server.clock import SystemClock
+from gcs_server.plans import known_ground
+from gcs_server.plans.work import PlanWork
 from tests.support.api_client import api_client
 from tests.support.elevation_files import LAT_DEG, LON_DEG, hill_elevation, write_elevation_file
 
@@ -102,3 +108,46 @@ def test_an_error_about_an_invalid_request_names_the_field(client, body, field):
     response = client.post("plans/ground", json=body)
     assert response.status_code == 422
     assert field in response.json()["field"]
+
+
+def test_an_item_below_home_is_an_error_unless_the_ground_there_is_known(client):
+    def severity(lat_offset_deg, planned_home):
+        low = {"planned_home": planned_home, "items": [item(lat_offset_deg, -20, "home")]}
+        findings = client.post("plans/check", json={"plan": low}).json()["findings"]
+        return {each["code"]: each["severity"] for each in findings}.get("altitude_below_home")
+
+    on_hill = {"lat_deg": LAT_DEG, "lon_deg": LON_DEG, "alt_amsl_m": 580}
+    assert severity(-0.02, on_hill) == "warning", "the plain is 80 m lower than the summit"
+    assert severity(-0.06, on_hill) == "error", "beyond the elevation data"
+
+
+def test_the_ground_around_a_target_is_read_from_the_files_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(known_ground, "TIMEOUT_S", 60.0)  # the machine may be busy
+    ground = asyncio.run(read_ground(tmp_path, LAT_DEG))
+    assert ground.altitude_amsl_m(LAT_DEG, LON_DEG) == pytest.approx(580, abs=3)
+    assert ground.altitude_amsl_m(LAT_DEG + 0.02, LON_DEG) == pytest.approx(500, abs=3)
+    assert ground.altitude_amsl_m(LAT_DEG + 0.028, LON_DEG) is None, "beyond the area that is read at once"
+    assert asyncio.run(read_ground(tmp_path, LAT_DEG + 1.0)) is None
+
+
+async def read_ground(folder, lat_deg):
+    """The known ground of a vehicle after a go-to to this latitude was requested."""
+    write_elevation_file(folder / "hill.tif", hill_elevation(500.0, 80.0))
+    work = PlanWork(folder)
+    vehicle = SimpleVehicle()
+    try:
+        reader = known_ground.KnownGround(SystemClock(), None, work)
+        await reader.read_around(vehicle, lat_deg, LON_DEG)
+        first = vehicle.command.floor.grounds
+        await reader.read_around(vehicle, lat_deg + 0.005, LON_DEG)
+        assert vehicle.command.floor.grounds is first, "the ground of a near position is not read again"
+        return first[0] if first else None
+    finally:
+        work.close()
+
+
+class SimpleVehicle:
+    """A vehicle with nothing but the ground that is known around it."""
+
+    def __init__(self):
+        self.command = SimpleNamespace(floor=SimpleNamespace(grounds=()))

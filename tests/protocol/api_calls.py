@@ -38,6 +38,8 @@ class InlinePlanWork:
     """Replaces `PlanWork`: executes the tasks in this process, because simulated time would advance without
     limit while the loop waits for another process."""
 
+    elevation_folder = Path("no elevation")
+
     async def elevation_paths(self):
         return []
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.snapshot import Leader, Snapshot
 from missions.curves import PathCurve
-from missions.frames import ned_from_heading
+from missions.frames import Vector3, ned_from_heading
 from missions.runner.sampler import ScriptSampler
 from missions.runner.script import Script
 from missions.setpoints import (
@@ -170,6 +170,15 @@ def _to_local(setpoint: DirectSetpoint, snapshot: Snapshot) -> DirectSetpoint | 
     return setpoint
 
 
+def follow_offset_ned_m(follow: Follow, leader: Leader) -> Vector3 | None:
+    """The offset from the followed vehicle; None: it depends on that vehicle's heading, which is unknown."""
+    if follow.offset_ned_m is not None:
+        return follow.offset_ned_m
+    if leader.yaw_ned_rad is None or follow.offset_frd_m is None:
+        return None
+    return ned_from_heading(follow.offset_frd_m, leader.yaw_ned_rad)
+
+
 def _follow_setpoint(
     follow: Follow, at_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
 ) -> DirectSetpoint | None:
@@ -177,11 +186,9 @@ def _follow_setpoint(
     leader = snapshot.leader
     if leader is None or at_s - leader.received_s > LEADER_TIMEOUT_S:
         return None
-    offset = follow.offset_ned_m
+    offset = follow_offset_ned_m(follow, leader)
     if offset is None:
-        if leader.yaw_ned_rad is None or follow.offset_frd_m is None:
-            return None
-        offset = ned_from_heading(follow.offset_frd_m, leader.yaw_ned_rad)
+        return None
     age_s = max(at_s - leader.received_s, 0.0)
     n, e, d = (
         position + velocity * age_s + axis_offset
@@ -189,6 +196,8 @@ def _follow_setpoint(
             leader.position_ned_m, leader.velocity_ned_m_s, offset, strict=True
         )
     )
+    if leader.lowest_down_m is not None:
+        d = min(d, leader.lowest_down_m)  # the leader may land: its follower stays above the ground
     yaw = yaw_kept_rad
     if follow.yaw == "same" and leader.yaw_ned_rad is not None:
         yaw = leader.yaw_ned_rad

@@ -370,14 +370,17 @@ class OffboardControl:
         if isinstance(setpoint, Follow):
             self._check_leader(setpoint)
         snapshot, limited = self.snapshot(request), self.operator_limits.limits.needs_position
-        check_target(setpoint, self._clock.monotonic_s(), snapshot, has_position_limits=limited)
+        floor = self.vehicle.command.floor.now()
+        check_target(setpoint, self._clock.monotonic_s(), snapshot, floor, has_position_limits=limited)
         return snapshot
 
     def check_segments(self, segments: Sequence[Segment], mode: str) -> None:
-        """Raises Refused if segments leave the position limits, or need a topic in an unknown version."""
+        """Raises Refused if segments leave the position limits, go below the ground, or need a topic in an
+        unknown version."""
         self.require_topics(segments, in_offboard=mode == OFFBOARD)
         limited = self.operator_limits.limits.needs_position
-        check_segments(segments, self.snapshot(), has_position_limits=limited)
+        floor = self.vehicle.command.floor.now()
+        check_segments(segments, self.snapshot(), floor, has_position_limits=limited)
 
     def require_topics(self, segments: Sequence[Segment], *, in_offboard: bool) -> None:
         """Raises Refused if the vehicle has a topic of these segments' setpoints in an unknown version."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError
+from gcs_server.streamer.frames.resolve import follow_offset_ned_m
 from gcs_server.streamer.offboard.avoidance import AvoidanceControl
 from gcs_server.streamer.offboard.configuration import OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
@@ -90,7 +92,19 @@ class VehicleSnapshots:
             leader = self._find(follow.vehicle)
         except GcsError:
             return None
-        return VehicleEstimates(leader).as_leader(self._estimates.origin())
+        origin = self._estimates.origin()
+        state = VehicleEstimates(leader).as_leader(origin)
+        offset = None if state is None else follow_offset_ned_m(follow, state)
+        if state is None or offset is None or origin is None:
+            return state
+        north, east, down = (a + b for a, b in zip(state.position_ned_m, offset, strict=True))
+        lat_deg, lon_deg, _ = origin.to_geodetic((north, east, down))
+        lowest_amsl_m = self._vehicle.command.floor.now().lowest_amsl_m(lat_deg, lon_deg)
+        return (
+            state
+            if lowest_amsl_m is None
+            else replace(state, lowest_down_m=origin.alt_amsl_m - lowest_amsl_m)
+        )
 
     def _current_bounds(self) -> Bounds:
         """The bounds of the setpoints; recomputed only if a source has changed."""

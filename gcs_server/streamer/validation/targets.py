@@ -1,9 +1,10 @@
-"""Checks targets before they are accepted: distance, limits, fence, and the speed of paths."""
+"""Checks targets before they are accepted: the ground, distance, limits, fence, and the speed of paths."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,9 @@ from gcs_server.streamer.frames.resolve import ResolvedSetpoint
 from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.curves import PathCurve
+from missions.floor import Floor, TooLow
 from missions.frames import Vector3
-from missions.offboard.segments import CurveSegment, Segment, TableSegment, WaitSegment
+from missions.offboard.segments import CurveSegment, Segment, TableSegment, VelocitySegment, WaitSegment
 from missions.setpoints import (
     DirectSetpoint,
     Follow,
@@ -36,16 +38,19 @@ LIMITS_REMEDY = "Wait for GPS and the estimator, or remove the limits of altitud
 LOCAL_FRAME_HINT = "Coordinates are metres north, east, down of the vehicle's local origin."
 
 
-def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_position_limits: bool) -> None:
-    """Checks that a mission, or a part of it, stays inside the position limits.
+def check_segments(
+    segments: Iterable[Segment], snapshot: Snapshot, floor: Floor, *, has_position_limits: bool
+) -> None:
+    """Checks that a mission, or a part of it, stays inside the position limits and above the ground.
 
     Args:
         segments: segments of the mission, in the local frame.
         snapshot: the vehicle, with its bounds.
+        floor: the lowest altitudes.
         has_position_limits: whether the operator has set position limits.
 
     Raises:
-        Refused: the path leaves the limits, or the limits cannot be enforced.
+        Refused: the path leaves the limits or goes below the ground, or the limits cannot be enforced.
     """
     bounds = snapshot.bounds
     if has_position_limits and bounds.enforcement_problem is not None:
@@ -57,6 +62,9 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_posit
         positions = _positions(segment)
         if isinstance(segment, WaitSegment) and segment.kind == "land":
             positions = positions[:0]  # the landing descends to the ground, whose altitude is unknown
+        if not isinstance(segment, VelocitySegment):
+            place = f"The path at {segment.place} ({segment.title})"
+            _check_local_floor(positions, place, snapshot, snapshot.position_ned_m, floor)
         outside = region.are_outside(positions[:, :2]) | (positions[:, 2] < region.down_min_m)
         outside |= positions[:, 2] > region.down_max_m
         for index in np.flatnonzero(outside)[:1]:
@@ -81,20 +89,25 @@ def _positions(segment: Segment) -> NDArray[np.float64]:
     return np.array([segment.end_ned_m])
 
 
-def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_position_limits: bool) -> None:
+def check_target(
+    setpoint: Setpoint, now_s: float, snapshot: Snapshot, floor: Floor, *, has_position_limits: bool
+) -> None:
     """Checks that the vehicle may fly to the target.
 
     Args:
         setpoint: the setpoint; the estimates that it needs are valid.
         now_s: current time [s, monotonic].
         snapshot: the vehicle, with its bounds.
+        floor: the lowest altitudes.
         has_position_limits: whether the operator has set position limits.
 
     Raises:
-        Refused: the target is too far away, outside the limits, or too fast, or the limits cannot be
-            enforced.
+        Refused: the target is below the ground, too far away, outside the limits, or too fast, or the limits
+            cannot be enforced.
     """
     bounds, position_now = snapshot.bounds, snapshot.position_at(now_s)
+    if not floor.knows_nothing:
+        _check_floor(setpoint, now_s, snapshot, floor)
     if has_position_limits and (bounds.enforcement_problem is not None or position_now is None):
         why = bounds.enforcement_problem or "the vehicle has no valid position estimate"
         raise Refused(
@@ -110,6 +123,60 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_po
         if target is not None:
             _check_distance(target, position_now, "The target")
             _check_inside(target, position_now, bounds)
+
+
+def _check_floor(setpoint: Setpoint, now_s: float, snapshot: Snapshot, floor: Floor) -> None:
+    """Raises Refused if the setpoint fixes an altitude below the ground; a velocity fixes none."""
+    position_now = snapshot.position_at(now_s)
+    if isinstance(setpoint, Path):
+        _check_local_floor(_path_positions(setpoint), "The path", snapshot, position_now, floor)
+        return
+    if snapshot.leader is not None:  # where the leader is now, not raised to the floor as in flight
+        snapshot = replace(snapshot, leader=replace(snapshot.leader, lowest_down_m=None))
+    try:
+        target = ResolvedSetpoint(setpoint, now_s, snapshot, 0.0).at(now_s, snapshot)
+    except ValueError:
+        return  # an estimate is missing, for which the setpoint is refused
+    if isinstance(target, PositionGlobal) and target.alt_amsl_m is not None:
+        origin = snapshot.bounds.origin
+        vehicle = None if origin is None or position_now is None else origin.to_geodetic(position_now)
+        lat_deg, lon_deg = np.array([target.lat_deg]), np.array([target.lon_deg])
+        too_low = floor.too_low(lat_deg, lon_deg, np.array([target.alt_amsl_m]), vehicle)
+        _require_high_enough(too_low, "The target")
+    elif isinstance(target, Position | Trajectory) and target.position_ned_m[2] is not None:
+        north, east, down = target.position_ned_m
+        here = position_now or (0.0, 0.0, 0.0)
+        # without a horizontal target, the ground below the vehicle counts
+        place = (here[0] if north is None else north, here[1] if east is None else east, down)
+        _check_local_floor(np.array([place]), "The target", snapshot, position_now, floor)
+
+
+def _check_local_floor(
+    positions_ned_m: NDArray[np.float64],
+    name: str,
+    snapshot: Snapshot,
+    position_now: Vector3 | None,
+    floor: Floor,
+) -> None:
+    origin = snapshot.bounds.origin
+    if origin is None or floor.knows_nothing or not len(positions_ned_m):
+        return
+    vehicle = None if position_now is None else origin.to_geodetic(position_now)
+    lat_deg, lon_deg, alt_amsl_m = origin.to_geodetic_arrays(positions_ned_m)
+    _require_high_enough(floor.too_low(lat_deg, lon_deg, alt_amsl_m, vehicle), name)
+
+
+def _require_high_enough(too_low: TooLow | None, name: str) -> None:
+    if too_low is not None:
+        raise Refused(f"{name} is {too_low.text}.", remedy=too_low.remedy)
+
+
+def _path_positions(path: Path) -> NDArray[np.float64]:
+    """The points of a path and positions between them, (N, 3) [m]."""
+    curve = PathCurve.of(path, None)
+    times_s = np.append(np.arange(0.0, curve.duration_s, PATH_CHECK_PERIOD_S), curve.duration_s)
+    points = np.array([point.position_ned_m for point in path.points])
+    return np.concatenate((points, curve.sample(times_s)[0]))
 
 
 def _target_of(setpoint: DirectSetpoint | None, bounds: Bounds) -> Vector3 | None:

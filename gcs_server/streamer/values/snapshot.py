@@ -27,6 +27,9 @@ class Leader:
     velocity_ned_m_s: Vector3
     yaw_ned_rad: float | None
     received_s: float
+    lowest_down_m: float | None = None
+    """The largest down coordinate that the following vehicle may have as a target, because of the ground;
+    None: unknown [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +89,7 @@ class Snapshot:
             _within(leader.position_ned_m, MAX_DISTANCE_M)
             and _within(leader.velocity_ned_m_s, MAX_SPEED_M_S)
             and (leader.yaw_ned_rad is None or math.isfinite(leader.yaw_ned_rad))
+            and (leader.lowest_down_m is None or math.isfinite(leader.lowest_down_m))
         )
         scans = tuple([scan for scan in self.scans if scan.plausible])
         all_valid = velocity_valid and position_valid and leader_valid and len(scans) == len(self.scans)

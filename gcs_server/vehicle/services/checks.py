@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.vehicle.samples import GlobalPosition, Home
 from gcs_server.vehicle.services.port import VehiclePort
+from missions.floor import Floor
 from missions.geodesy import distance_m
 
 MAX_POSITION_AGE_S = 3.0
@@ -86,6 +89,21 @@ def require_climb(vehicle: VehiclePort, alt_home_m: float, home_alt_amsl_m: floa
             "position.",
         )
     return home_alt_amsl_m + alt_home_m
+
+
+def require_above_ground(
+    vehicle: VehiclePort, floor: Floor, lat_deg: float, lon_deg: float, alt_amsl_m: float
+) -> None:
+    """Checks that a target is not below the ground.
+
+    Raises:
+        Refused: the target is lower than `floor` allows.
+    """
+    position = position_of(vehicle)
+    now = (position.lat_deg, position.lon_deg, position.alt_amsl_m)
+    too_low = floor.too_low(np.array([lat_deg]), np.array([lon_deg]), np.array([alt_amsl_m]), now)
+    if too_low is not None:
+        raise Refused(f"The target is {too_low.text}.", remedy=too_low.remedy)
 
 
 def require_near(

@@ -19,6 +19,7 @@ from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services import checks
+from gcs_server.vehicle.services.floor import VehicleFloor
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors
 from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Request, Transaction
@@ -64,8 +65,10 @@ class CommandService:
     from the vehicle: a radio can fail in one direction only.
     """
 
-    def __init__(self, vehicle: VehiclePort) -> None:
+    def __init__(self, vehicle: VehiclePort, floor: VehicleFloor) -> None:
         self._vehicle = vehicle
+        self.floor = floor
+        """The lowest altitudes for targets."""
         self._newest_number = 0
         """Number of the newest command; a command with an older number ends."""
         self._newest_label = ""
@@ -232,7 +235,10 @@ class CommandService:
         if alt_amsl_m is None:
             assert alt_home_m is not None
             alt_amsl_m = await self._home_alt_amsl_m(number) + alt_home_m
+        else:
+            await self._request_home(number)
         checks.require_near(vehicle, lat_deg, lon_deg, alt_amsl_m, max_distance_m)
+        checks.require_above_ground(vehicle, self.floor.now(), lat_deg, lon_deg, alt_amsl_m)
         reached = self._target_is(lat_deg, lon_deg, alt_amsl_m)
         goal = Goal(
             "go there",
@@ -305,7 +311,12 @@ class CommandService:
         await self._run(number, request, goal, progress)
 
     async def _home_alt_amsl_m(self, number: int) -> float:
-        """Altitude of home [m]; requests an unknown home, because PX4 sends it only every two seconds."""
+        """Altitude of home [m]."""
+        await self._request_home(number)
+        return checks.home_of(self._vehicle).alt_amsl_m
+
+    async def _request_home(self, number: int) -> None:
+        """Requests an unknown home, because PX4 sends it only every two seconds."""
         vehicle = self._vehicle
         if vehicle.topic("home") is None:
             home = (d.MAVLINK_MSG_ID_HOME_POSITION,)
@@ -318,7 +329,6 @@ class CommandService:
             )
             with suppress(NoReply):
                 await self._run(number, None, goal, None)
-        return checks.home_of(vehicle).alt_amsl_m
 
     async def _hold_if_disarmed(self, number: int) -> None:
         """Switches a disarmed vehicle back to Hold. In Take off or Mission, arming the vehicle later

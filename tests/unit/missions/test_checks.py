@@ -208,3 +208,20 @@ def test_the_table_in_the_documentation_matches_the_code() -> None:
 def test_a_leg_that_cannot_be_reached_is_an_error(code: str, document: Plan, limits: CheckLimits) -> None:
     (severity,) = [finding.severity for finding in check(document, limits) if finding.code == code]
     assert severity == "error"
+
+
+@pytest.mark.parametrize(
+    ("height_m", "landing_height_m", "severity"),
+    [(-0.9, 1.0, "warning"), (-1.1, 1.0, "error"), (-20.0, 1.0, "error"), (-2.9, 3.0, "warning")],
+)
+def test_an_item_below_home_by_more_than_the_landing_height_is_an_error(
+    height_m: float, landing_height_m: float, severity: str
+) -> None:
+    limits = CheckLimits(vehicle=VehicleModel(landing_height_m=landing_height_m))
+    for altitude in (alt(height_m), alt(480.0 + height_m, "amsl")):
+        findings = check(plan(TAKEOFF, wp(50, altitude=altitude)), limits)
+        assert [f.severity for f in findings if f.code == "altitude_below_home"] == [severity]
+    landing = plan(TAKEOFF, wp(50), Land(**at(50), altitude=alt(height_m)))
+    assert "altitude_below_home" not in {f.code for f in check(landing, limits)}, (
+        "a landing ends on the ground"
+    )

@@ -522,6 +522,9 @@ export interface paths {
         /**
          * Goto
          * @description In Hold mode, flies to a position; answers once the vehicle has accepted the target.
+         *
+         *     A target below home, or where elevation data show the ground, below that ground, by more than the
+         *     vehicle's landing height (MPC_LAND_ALT3) is refused.
          */
         readonly post: operations["goto_api_v1_vehicles__v__goto_post"];
         readonly delete?: never;
