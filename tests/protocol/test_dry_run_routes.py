@@ -24,7 +24,7 @@ class DryRunRecorder:
     def next_id(self):
         return "1"
 
-    async def run(self, dry_run_id, request, run_info, report):
+    async def run(self, dry_run_id, plan, request, run_info, report):
         self.requests.append((request, run_info))
         report("Half.", 0.5)
         return {"dry_run": dry_run_id}
