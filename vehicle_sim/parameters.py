@@ -53,6 +53,10 @@ _SET_AT_BOOT = frozenset(
 _DEFAULTS = {"SENS_BOARD_X_OFF": 0.0, "SENS_DPRES_OFF": 0.0, "UXRCE_DDS_KEY": 1, "UXRCE_DDS_PTCFG": 0}
 """Defaults of parameters that PX4 sets at boot, except sensor ids (0) and priorities (-1)."""
 
+_UNLISTED: dict[str, tuple[ParameterType, ParameterValue]] = {"MIS_TKO_LAND_REQ": ("INT32", 0)}
+"""Parameters that PX4 knows but does not list, because no module has used them at boot; with defaults."""
+UNLISTED_INDEX = 65535
+
 
 class Change(Enum):
     """Kind of a change; PX4 reports set values, but not resets and statistics."""
@@ -131,8 +135,11 @@ class Parameters:
     ) -> None:
         boot_parameters = load_boot_parameters()
         self._names = tuple(each.name for each in boot_parameters)
-        self._by_name = {each.name: each for each in boot_parameters}
-        self._values: dict[str, ParameterValue] = {each.name: each.value for each in boot_parameters}
+        self._by_name = {each.name: each for each in boot_parameters} | {
+            name: BootParameter(name, type_, value, UNLISTED_INDEX)
+            for name, (type_, value) in _UNLISTED.items()
+        }
+        self._values: dict[str, ParameterValue] = {each.name: each.value for each in self._by_name.values()}
         self.mode_hashes = [0] * EXTERNAL_MODE_SLOTS
         """COM_MODE0_HASH to COM_MODE7_HASH, which PX4 lists only after an external mode has used them."""
         self._listeners: list[Listener] = []
@@ -166,7 +173,7 @@ class Parameters:
 
     def items(self) -> Iterator[tuple[str, ParameterValue]]:
         """Name and value in PX4's list order."""
-        return iter(self._values.items())
+        return ((name, self._values[name]) for name in self._names)
 
     def get(self, name: str) -> ParameterValue:
         """The value: int for INT32, float for FLOAT.
@@ -192,7 +199,7 @@ class Parameters:
         return self._boot_parameter(name).type
 
     def index_of(self, name: str) -> int:
-        """Position in PX4's list."""
+        """Position in PX4's list; `UNLISTED_INDEX` of a parameter that is not listed."""
         return self._boot_parameter(name).index
 
     def name_at(self, index: int) -> str | None:
@@ -251,7 +258,7 @@ class Parameters:
     def changed_names(self) -> tuple[str, ...]:
         """Names of parameters that differ from the boot value, in PX4's list order."""
         return tuple(
-            name for name in self._names if not _unchanged(self._by_name[name].value, self._values[name])
+            name for name, each in self._by_name.items() if not _unchanged(each.value, self._values[name])
         )
 
     def add_listener(self, listener: Listener) -> Callable[[], None]:
@@ -262,7 +269,7 @@ class Parameters:
     def hash(self) -> int:
         """PX4's `_HASH_CHECK`: a raw CRC32 over names and values of all parameters that are not volatile."""
         content = bytearray()
-        for name, value in self._values.items():
+        for name, value in self.items():
             if not is_volatile(name):
                 content += name.encode("ascii")
                 content += struct.pack("<i" if self._by_name[name].type == "INT32" else "<f", value)

@@ -109,6 +109,7 @@ class Commander:
         self._announcer.announce(6, f"Disarmed by {REASONS[reason]}", "commander_disarmed_by", "B", reason)
         self.failsafe_watch.reset()
         self._flight_statistics.on_disarming()
+        self._navigator.leave_mission()
         self.intended = self._mode_after_disarming
         self._activate(self.intended)
         return True
@@ -210,7 +211,7 @@ class Commander:
         self._update_landed(landed)
         if not self.armed:
             self.home.update_disarmed()
-        self._navigator.check_fence_and_rally_points()
+        self._navigator.check_fence_and_rally_points(landed=landed)
         self._load_mission()
         self.monitors.update(armed=self.armed, landed=landed)
         if self._check_is_due():
@@ -280,6 +281,9 @@ class Commander:
             return
         ended = mission.finished or not self.checks.has_mission
         if ended and self.active is NavState.MISSION and not self.landed:
+            if not self.checks.has_mission:
+                text = "No valid mission available, loitering"
+                self._announcer.announce(2, text, "mission_not_valid_loiter")
             self._switch_after_task(NavState.HOLD)
 
     def _switch_after_task(self, mode: NavState) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, inside, read_zones
+from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, read_zones
 from vehicle_sim.autopilot.plans import FENCE, Plans
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.home import Home
@@ -44,12 +44,12 @@ class FenceWatch:
         """Whether the fence allows this position as the target of a command."""
         return not self.enabled or not breaches(self.zones, self.cylinder(), lat_deg, lon_deg, alt_amsl_m)
 
-    def update(self) -> None:
+    def update(self, *, landed: bool) -> None:
         """Reads a changed fence, and checks the position; call at each tick."""
         if self._revision != self._plans.revision(FENCE):
             self._revision = self._plans.revision(FENCE)
-            self.zones = read_zones(self._plans.items(FENCE))
-            self._check_against_home()
+            zones = read_zones(self._plans.items(FENCE))
+            self.zones = tuple(zone for zone in zones if self._is_valid(zone, landed=landed))
         self.check()
 
     def check(self) -> None:
@@ -80,7 +80,15 @@ class FenceWatch:
         lat, lon = to_global(north + vn * prediction_s, east + ve * prediction_s, origin_lat, origin_lon)  # type: ignore[arg-type]
         return float(lat), float(lon), estimate.alt_amsl_m
 
-    def _check_against_home(self) -> None:
-        if self.zones and self._home.valid and not inside(self.zones, self._home.lat_deg, self._home.lon_deg):
+    def _is_valid(self, zone: Zone, *, landed: bool) -> bool:
+        """Whether PX4 keeps a zone: it discards a zone that home or a flying vehicle already violates."""
+        home, estimate, is_valid = self._home, self._view.estimate, True
+        if home.valid and not zone.allows(home.lat_deg, home.lon_deg):
+            is_valid = False
             text = "Geofence invalid, doesn't contain Home position"
             self._announcer.announce(2, text, "navigator_geofence_invalid_against_home")
+        if self.enabled and not landed and not zone.allows(estimate.lat_deg, estimate.lon_deg):
+            is_valid = False
+            text = "Geofence invalid, doesn't contain current vehicle position"
+            self._announcer.announce(2, text, "navigator_geofence_invalid_against_cur_pos")
+        return is_valid

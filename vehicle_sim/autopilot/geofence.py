@@ -24,7 +24,10 @@ class Breach(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """A polygon (three corners or more) or a circle (one corner and a radius)."""
+    """A polygon (three corners or more) or a circle (one corner and a radius).
+
+    A polygon of which not all corners were uploaded has no corners: PX4 finds no position inside it.
+    """
 
     inclusion: bool
     corners: tuple[tuple[float, float], ...]
@@ -35,12 +38,19 @@ class Zone:
         """Whether a position lies inside the zone."""
         if len(self.corners) == 1:
             lat, lon = self.corners[0]
-            return distance_m(lat_deg, lon_deg, lat, lon) < self.radius_m
-        return _in_polygon(self.corners, lat_deg, lon_deg)
+            return distance_m(lat_deg, lon_deg, lat, lon) < abs(self.radius_m)  # False for NaN
+        return bool(self.corners) and _in_polygon(self.corners, lat_deg, lon_deg)
+
+    def allows(self, lat_deg: float, lon_deg: float) -> bool:
+        """Whether a vehicle may be at a position, as far as this zone is concerned."""
+        return self.contains(lat_deg, lon_deg) == self.inclusion
 
 
 def read_zones(items: Sequence[Item]) -> tuple[Zone, ...]:
-    """Zones of an uploaded fence; incomplete polygons are ignored."""
+    """Zones of an uploaded fence.
+
+    As in PX4, the first corner of a polygon states how many items belong to it, whatever their commands.
+    """
     zones: list[Zone] = []
     k = 0
     while k < len(items):
@@ -51,13 +61,10 @@ def read_zones(items: Sequence[Item]) -> tuple[Zone, ...]:
             )
             k += 1
         elif item.command in (POLYGON_INCLUSION, POLYGON_EXCLUSION):
-            count = int(item.parameters[0]) if math.isfinite(item.parameters[0]) else 0
-            corners = items[k : k + max(count, 1)]
-            if count >= 3 and len(corners) == count and all(c.command == item.command for c in corners):
-                zones.append(
-                    Zone(item.command == POLYGON_INCLUSION, tuple((c.lat_deg, c.lon_deg) for c in corners))
-                )
-            k += max(count, 1)
+            count = int(item.parameters[0])
+            corners = tuple((each.lat_deg, each.lon_deg) for each in items[k : k + count])
+            zones.append(Zone(item.command == POLYGON_INCLUSION, corners if len(corners) == count else ()))
+            k += count
         else:
             k += 1
     return tuple(zones)

@@ -294,7 +294,7 @@ FENCE_EVENTS = {
     Breach.ALTITUDE: (
         "check_gf_violation_max_alt", "Geofence violation: exceeding maximum altitude above Home"
     ),
-    Breach.ZONE: ("check_gf_violation_custom_gf", "Geofence: approaching or outside geofence"),
+    Breach.ZONE: ("check_gf_violation_custom_gf", "Geofence violation: approaching or outside geofence"),
 }  # fmt: skip
 
 

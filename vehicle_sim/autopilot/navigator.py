@@ -130,8 +130,8 @@ class Navigator:
 
     def enter(self, mode: NavState, previous: NavState, *, in_air: bool) -> None:
         """Starts a mode from the vehicle's current position and velocity."""
-        if previous is NavState.MISSION and mode is not NavState.MISSION and self.mission.active:
-            self.mission.leave()
+        if previous is NavState.MISSION and mode is not NavState.MISSION:
+            self.leave_mission()
         keeps_target = previous is NavState.TAKEOFF or (
             previous is NavState.MISSION and self.mission.finished
         )
@@ -156,6 +156,11 @@ class Navigator:
         elif mode is NavState.MISSION:
             self.mission.enter()
 
+    def leave_mission(self) -> None:
+        """Ends the mission: another mode became active, or the vehicle was disarmed."""
+        if self.mission.active:
+            self.mission.leave()
+
     def update_mode(self, mode: NavState, *, landed: bool) -> None:
         """Updates the state of a mode, on the ground and in flight."""
         if mode is NavState.MISSION:
@@ -163,9 +168,9 @@ class Navigator:
         elif mode is NavState.RTL and landed:
             self._return.check_landing()
 
-    def check_fence_and_rally_points(self) -> None:
-        """Checks the geofence, and rally points after an upload; called at each tick in every mode."""
-        self.fence.update()
+    def check_fence_and_rally_points(self, *, landed: bool) -> None:
+        """Checks the geofence and the rally points; called at each tick in every mode."""
+        self.fence.update(landed=landed)
         self._return.check_rally_points()
 
     def _stopping_position(self) -> Vector:
@@ -264,8 +269,8 @@ class Navigator:
 
     @property
     def awaits_rally_check(self) -> bool:
-        """Whether new rally points have not been checked yet."""
-        return self._return.has_unchecked_rally_points
+        """Whether rally points must be checked."""
+        return self._return.checks_rally_points
 
     def commanded_state(self, mode: NavState) -> tuple[object, ...]:
         """State of the mode that commands can change between two ticks; for comparison."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.commands.command import ROS2, Command
+from vehicle_sim.commands.command import Command
 from vehicle_sim.mavlink.dialect import Message, pack
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.telemetry import Telemetry
@@ -34,8 +34,6 @@ class Context:
         """Simulated time; longer if the simulation runs faster than real time."""
         self._timers: list[tuple[float, Callable[[], None]]] = []
         """(simulated time [s], action of `call_later`)."""
-        self.known_senders: set[tuple[int, int]] = set()
-        """(system id, component id) of all senders so far."""
         self._ack_listeners: list[AckListener] = []
 
     @property
@@ -66,19 +64,20 @@ class Context:
         self._ack_listeners.append(listener)
 
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
-        """Acknowledges a command on all transports. A ROS 2 command is acknowledged over MAVLink only if its
-        sender has also sent MAVLink messages."""
+        """Acknowledges a command on all transports."""
         for listener in self._ack_listeners:
             listener(command, result, progress)
-        if command.link != ROS2 or command.sender in self.known_senders:
-            self.send_ack(command, result, progress=progress)
+        self.send_ack(command, result, progress=progress)
 
     def send_ack(self, command: Command, result: int, *, progress: int = 0) -> None:
-        """Sends COMMAND_ACK to the sender of the command, on every link."""
-        self.broadcast(
+        """Sends COMMAND_ACK on every link on which the sender of the command has sent messages."""
+        layout, payload = pack(
             "COMMAND_ACK", command=command.number, result=result, progress=progress,
             target_system=command.sender[0], target_component=command.sender[1],
         )  # fmt: skip
+        for link in self.links:
+            if command.sender in link.known_senders:
+                link.send_payload(layout, payload)
 
     def call_soon(self, action: Callable[[], None]) -> None:
         """Runs an action before the next tick, as PX4's commander replies milliseconds later from its own

@@ -26,6 +26,8 @@ class Link:
         self.system_id = system_id
         self.parser = FrameParser()
         self.gcs_heartbeat_at_s = -math.inf
+        self.known_senders: set[tuple[int, int]] = set()
+        """(system id, component id) of all senders on this link so far."""
         self.ports: tuple[int, int | None] | None = None
         """Local and remote port, without a remote port for TCP; None: the link has no socket."""
         self.sent_frames = 0

@@ -129,7 +129,7 @@ class Node:
         """Handles bytes received on a link; invalid bytes are skipped."""
         self._idle_until_us = 0
         for message in link.feed(data):
-            self.context.known_senders.add(message.sender)
+            link.known_senders.add(message.sender)
             handler = self._handlers.get(message.name)
             if handler is not None:
                 handler(link, message)

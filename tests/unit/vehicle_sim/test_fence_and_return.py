@@ -73,7 +73,7 @@ def test_a_vehicle_outside_the_fence_holds_and_then_returns() -> None:
     assert station.active_mode == HOLD_MODE
     assert station.position_ne_m[0] == pytest.approx(10, abs=1.5)
     assert station.status_texts(fly_out_s) == [
-        "Geofence: approaching or outside geofence",
+        "Geofence violation: approaching or outside geofence",
         "Failsafe activated: entering Hold for 1 seconds\t",
     ]
     assert "commander_failsafe_enter_generic_hold" in station.events(fly_out_s)

@@ -127,6 +127,9 @@ class Mission:
     def load_plan(self, *, armed: bool) -> None:
         """Loads a changed plan; called at each tick in any mode."""
         self._disarmed_after_start = self._disarmed_after_start or not armed
+        self._load_changed_plan()
+
+    def _load_changed_plan(self) -> None:
         if self._revision != self._plans.revision(MISSION):
             self._revision = self._plans.revision(MISSION)
             start_seq = self._plans.start_seq
@@ -151,6 +154,7 @@ class Mission:
 
     def set_current(self, seq: int) -> bool:
         """Makes an item the current item; False: no item has this index."""
+        self._load_changed_plan()  # which would otherwise reset the current item later
         if not 0 <= seq < len(self._items):
             return False
         if seq != self.current:
@@ -219,6 +223,7 @@ class Mission:
         self._phase = Phase.FLY
         target = self._position_of(item)
         if item.command == LAND:
+            self._commands.park_gimbal()
             target = (target[0], target[1], self._path.position_ned_m[2])
         self._fly_to(target, self._next_target(self.current), item)
 
@@ -256,6 +261,7 @@ class Mission:
             return False
         if item.command == LAND:
             self._phase = Phase.LAND
+            self._report_reached()  # at the place of the landing, before the descent
             return False
         if item.command in (LOITER_UNLIMITED, RETURN):
             return False
@@ -292,14 +298,18 @@ class Mission:
 
     def _complete(self, item: Item, landed: bool) -> bool:
         """Reports the item as reached, and continues; False: the mission waits or has ended."""
-        self.reached = self.current
-        self.reached_count += 1
+        self._report_reached()
         if not item.autocontinue:
             self._phase = Phase.WAIT
             self._arrived_at_s = math.inf  # the hold time never ends
             return False
         self._phase = Phase.NONE
         return self._advance(landed)
+
+    def _report_reached(self) -> None:
+        if self.reached != self.current:
+            self.reached = self.current
+            self.reached_count += 1
 
     def _advance(self, landed: bool) -> bool:
         if self.current + 1 < len(self._items):

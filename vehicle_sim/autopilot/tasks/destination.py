@@ -132,9 +132,11 @@ class DestinationChooser:
         n, e = to_local(item.lat_deg, item.lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
 
-    def report_unsupported(self) -> None:
-        """Reports rally points in an unsupported frame, as PX4 does shortly after their upload."""
-        self._rally_points()
+    def report_unsupported(self) -> bool:
+        """Reports rally points in an unsupported frame; False: there are none."""
+        return len(self._rally_points()) < sum(
+            item.command == RALLY_POINT for item in self._plans.items(RALLY)
+        )
 
 
 def _is_route_waypoint(item: Item) -> bool:

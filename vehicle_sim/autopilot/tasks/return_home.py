@@ -21,7 +21,7 @@ MIN_RETURN_ALTITUDE_FACTOR = 2.0
 """The return altitude is at least this factor times NAV_ACC_RAD above the destination, unless the vehicle is
 within NAV_ACC_RAD of it."""
 SPEED_PARAMETERS = ("MPC_Z_V_AUTO_UP", "MPC_XY_CRUISE", "MPC_Z_V_AUTO_DN")
-RALLY_CHECK_DELAY_S = 0.8
+RALLY_CHECK_DELAY_S, RALLY_CHECK_EVERY_S = 0.8, 2.05
 IDLE_COMMAND = 0
 
 
@@ -217,18 +217,18 @@ class ReturnHome:
             self._commands.send(IDLE_COMMAND, 0.0, radius_m, loiter_m, math.nan, 0.0, 0.0, ground_amsl_m)
 
     def check_rally_points(self) -> None:
-        """Reports new rally points in an unsupported frame shortly after their upload; call it at each
-        tick."""
+        """Reports rally points in an unsupported frame shortly after their upload, and then every two
+        seconds; call it at each tick."""
         if self._rally_revision != self._plans.revision(RALLY):
             self._rally_revision = self._plans.revision(RALLY)
             self._rally_check_at_s = self._view.time_s + RALLY_CHECK_DELAY_S
         if self._view.time_s >= self._rally_check_at_s:
-            self._rally_check_at_s = math.inf
-            self._chooser.report_unsupported()
+            is_repeated = self._chooser.report_unsupported()
+            self._rally_check_at_s = self._view.time_s + RALLY_CHECK_EVERY_S if is_repeated else math.inf
 
     @property
-    def has_unchecked_rally_points(self) -> bool:
-        """Whether new rally points have not been checked yet."""
+    def checks_rally_points(self) -> bool:
+        """Whether rally points must still be checked."""
         return math.isfinite(self._rally_check_at_s)
 
     @property

@@ -209,7 +209,6 @@ class MissionService:
         if any(other.state is _State.RECEIVING for other in other_transfers):
             self._ack(link, message.sender, ERROR, transfer.mission_type)
             return
-        self._reported_reached_count, self._reached_until_s = self._mission.reached_count, 0.0
         transfer.partner, transfer.mission_type = message.sender, mission_type
         if message.count > CAPACITY.get(mission_type, 0):
             self._ack(link, message.sender, NO_SPACE, mission_type)
