@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from missions.errors import PlanError
-from missions.estimates import land_time_s
+from missions.flight_times import land_time_s, takeoff_time_s
 from missions.geodesy import LocalOrigin
 from missions.offboard import compile_paths, mission_checks
 from missions.offboard.document import OffboardMission
@@ -246,9 +246,9 @@ def _compile_take_off(state: State, step: TakeOff) -> None:
         return
     north, east, down = state.position_ned_m
     state.in_air = True
-    speed_m_s = state.compilation.vehicle.limits.vehicle.takeoff_m_s
+    duration_s = takeoff_time_s(step.height_m, state.compilation.vehicle.limits.vehicle)
     _add_wait(
-        state, "take_off", step.height_m / speed_m_s, (north, east, down - step.height_m), step.timeout_s,
+        state, "take_off", duration_s, (north, east, down - step.height_m), step.timeout_s,
         length_m=step.height_m, height_m=step.height_m,
     )  # fmt: skip
 
