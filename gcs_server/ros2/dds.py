@@ -33,6 +33,8 @@ from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS, Subscription, wire_nam
 LOOPBACK: Final = "lo"
 MAX_PARTICIPANT_INDEX: Final = 99
 """Highest index of a participant on loopback. Without multicast, each index has its own discovery port."""
+ANNOUNCE_EVERY_S: Final = 2.0
+"""Period at which this process announces its participants [s]."""
 MAX_ANNOUNCEMENTS: Final = 200
 """Maximum number of announcements that are read at once, each of writers and of readers."""
 MAX_WRITERS: Final = 64
@@ -52,11 +54,18 @@ def configuration(interface: str | None) -> str:
     """Cyclone's settings: loopback with unicast only, or one interface with multicast.
 
     Without an interface no message leaves the machine, whatever `CYCLONEDDS_URI` contains.
+
+    A program may start at any time after this one. On loopback a Fast DDS program (PX4's agent) does not
+    announce itself to this one, so this one must do it for as long as it runs: Cyclone would stop after 30 s,
+    and repeat it only every 30 s.
     """
-    general = discovery = ""
+    general = ""
+    discovery = f"<SPDPInterval>{ANNOUNCE_EVERY_S:g} s</SPDPInterval>"
     if interface is None:
         general = "<AllowMulticast>false</AllowMulticast>"
-        discovery = (
+        discovery += (
+            "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
+            "<DiscoveredLocatorPruneDelay>inf</DiscoveredLocatorPruneDelay>"
             f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{MAX_PARTICIPANT_INDEX}"
             '</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers>'
         )
@@ -267,6 +276,10 @@ class Readers:
         self, participant: DomainParticipant, namespace: str, subscriptions: Iterable[Subscription]
     ) -> None:
         self._readers = [(each, _open_reader(participant, each, namespace)) for each in subscriptions]
+
+    def connected(self, topic: str) -> bool:
+        """Whether a program publishes a topic that is read."""
+        return any(reader.get_matched_publications() for each, reader in self._readers if each.name == topic)
 
     def take(self) -> list[tuple[str, bytes]]:
         """The newest messages since the last call, at most `Subscription.depth` of each topic."""

@@ -41,6 +41,8 @@ FIRST_NAV_STATE, LAST_NAV_STATE = 23, 30
 """Navigation states of external modes."""
 NO_ID: Final = -1
 ATTEMPTS, ATTEMPT_EVERY_S = 5, 1.0
+CONNECT_TIMEOUT_S: Final = 10.0
+"""Time within which DDS must connect PX4's topics [s]; it needs up to a few seconds."""
 MIN_CHECKS: Final = 2
 """Number of arming check requests after which the mode counts as registered. PX4 can select a mode only after
 it has evaluated the first reply; it does this before the second request."""
@@ -113,6 +115,7 @@ class ExternalMode:
         self._check_id = self._mode_id = NO_ID
         self.executor: ModeExecutor | None = None
         """The mode's executor, once PX4 has registered it."""
+        self._began_s = now_s
         self._attempts, self.due_s = 0, now_s
         """Number of registration requests, and the time at which `step` must be called [s, monotonic]."""
         self._checked_s, self._checks = now_s, 0
@@ -158,6 +161,15 @@ class ExternalMode:
             "register_mode_executor": self.declaration.executor,
         }
         return [_message(REGISTER, fields)]
+
+    def wait_for_connection(self, now_s: float) -> None:
+        """Called instead of `step` while DDS has not connected PX4's topics; a request would be lost."""
+        if self._state == "registering" and not self._attempts and now_s - self._began_s > CONNECT_TIMEOUT_S:
+            self._state, self.due_s = "refused", float("inf")
+            self._reason = (
+                f"DDS did not connect PX4's topics for flight modes within {CONNECT_TIMEOUT_S:g} s; check "
+                "the uXRCE-DDS client and its agent"
+            )
 
     def on_reply(self, values: Values, now_s: float) -> list[Message]:
         """Handles a RegisterExtComponentReply; ignores a reply to another program."""

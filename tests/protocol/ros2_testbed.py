@@ -86,6 +86,9 @@ class ModeTopics:
         if self.is_working:
             self._topics.send(topic, data)
 
+    def connected(self) -> bool:
+        return self.is_working
+
     def take(self) -> list[tuple[str, bytes]]:
         unread = self._topics.mode_messages
         messages = list(unread) if self.is_working else []

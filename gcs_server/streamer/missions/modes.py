@@ -41,7 +41,7 @@ from missions.setpoints import Estimate
 
 log = logging.getLogger(__name__)
 UPDATE_PERIOD_S: Final = 0.1
-REGISTER_TIMEOUT_S: Final = 10.0
+REGISTER_TIMEOUT_S: Final = 16.0
 """DDS needs up to a few seconds to connect; then the registration is requested up to five times, once a
 second."""
 ALWAYS_REQUIRED: Final = frozenset({"angular_velocity", "attitude", "local_alt", "local_position"})

@@ -16,7 +16,7 @@ from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import SENT_TYPES, Message
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import Subscription
-from gcs_server.streamer.schedule.external_modes import READ_TYPES
+from gcs_server.streamer.schedule.external_modes import CONNECTED_FROM, CONNECTED_TO, READ_TYPES
 from gcs_server.streamer.transport.ros2 import SETPOINT_TOPICS, TOPIC_TYPES
 
 if TYPE_CHECKING:
@@ -76,6 +76,13 @@ class ModeTopics:
         if self._topics is None:
             raise OSError("DDS is not open yet")
         self._topics[0].send(topic, data)
+
+    def connected(self) -> bool:
+        """See `ModePort`."""
+        if self._topics is None:
+            return False
+        writers, readers = self._topics
+        return all(map(writers.connected, CONNECTED_TO)) and all(map(readers.connected, CONNECTED_FROM))
 
     def take(self) -> list[tuple[str, bytes]]:
         """See `ModePort`."""

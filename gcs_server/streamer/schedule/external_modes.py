@@ -55,6 +55,10 @@ READ_TYPES: Final = {
     COMMAND_ACK: "VehicleCommandAck",
     MODE_COMPLETED: "ModeCompleted",
 }
+CONNECTED_TO: Final = (REGISTER, CHECK_REPLY)
+"""Topics to which PX4 must subscribe before a registration is requested."""
+CONNECTED_FROM: Final = (REGISTER_REPLY, CHECK_REQUEST)
+"""Topics that PX4 must publish before a registration is requested."""
 REQUIRED_TOPICS: Final = frozenset(
     {REGISTER, UNREGISTER, REGISTER_REPLY, CHECK_REQUEST, CHECK_REPLY, COMPLETED}
 )
@@ -75,6 +79,10 @@ class ModePort(Protocol):
 
     def send(self, topic: str, data: bytes) -> None:
         """Raises OSError if the message cannot be sent now."""
+        ...
+
+    def connected(self) -> bool:
+        """Whether DDS has connected the topics of registrations and checks with PX4, in both directions."""
         ...
 
     def take(self) -> Iterable[tuple[str, bytes]]:
@@ -224,7 +232,11 @@ class ExternalModes:
 
     def _send_due(self, vehicle: _VehicleModes, now_s: float, *, stop: bool) -> None:
         registering = [mode for mode in vehicle.modes if mode.registration.state == "registering"]
+        connected = not registering or vehicle.port.connected()
         for mode in vehicle.modes:
+            if mode in registering and not connected:
+                mode.wait_for_connection(now_s)
+                continue
             # one registration at a time, because PX4 queues only two requests
             if mode not in registering[1:] and now_s >= mode.due_s:
                 self._send(vehicle, mode.step(now_s))

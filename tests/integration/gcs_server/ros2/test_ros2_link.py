@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import functools
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import replace
@@ -252,3 +254,43 @@ def test_without_an_interface_dds_uses_only_the_loopback_interface() -> None:
     assert '<NetworkInterface name="lo"/>' in configuration(None)
     assert "<AllowMulticast>false</AllowMulticast>" in configuration(None)
     assert '<NetworkInterface name="eth0"/>' in configuration("eth0")
+
+
+LATE_PROGRAM = """
+import sys, time
+from cyclonedds.domain import Domain, DomainParticipant
+from gcs_server.ros2.dds import Writers
+from gcs_server.ros2.message_types import MESSAGES
+domain = Domain(int(sys.argv[1]), '''<CycloneDDS><Domain>
+  <General><Interfaces><NetworkInterface name="lo"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
+  <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers AddLocalhost="false"/></Discovery>
+</Domain></CycloneDDS>''')
+writers = Writers(DomainParticipant(int(sys.argv[1])), "")
+writers.prepare("/fmu/in/vehicle_command", MESSAGES["VehicleCommand"])
+time.sleep(60)
+"""
+"""A program that, like PX4's agent, does not announce itself to unknown programs on loopback."""
+
+
+@pytest.mark.parametrize("wait_s", [0.0, pytest.param(33.0, marks=pytest.mark.realtime)])
+def test_a_program_that_starts_later_is_found_although_it_does_not_announce_itself(wait_s: float) -> None:
+    """Cyclone's default announcements end after 30 s."""
+    domain_id = 51 if wait_s else 52
+    port = DdsPort(domain_id, None)
+    time.sleep(wait_s)
+    program = subprocess.Popen([sys.executable, "-c", LATE_PROGRAM, str(domain_id)])
+    try:
+        end_s = time.monotonic() + 20.0
+        while not any(each.topic == "rt/fmu/in/vehicle_command" for each in port.discovered()):
+            assert time.monotonic() < end_s, "not found"
+            assert program.poll() is None
+            time.sleep(0.1)
+    finally:
+        program.kill()
+        program.wait()
+
+
+def test_this_process_announces_itself_for_as_long_as_it_runs() -> None:
+    for delay in ("InitialLocatorPruneDelay", "DiscoveredLocatorPruneDelay"):
+        assert f"<{delay}>inf</{delay}>" in configuration(None)
+    assert all("<SPDPInterval>2 s</SPDPInterval>" in configuration(each) for each in (None, "eth0"))

@@ -20,7 +20,7 @@ from cyclonedds.topic import Topic
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.dds import DdsPort, open_domain
 from gcs_server.ros2.dds_types import Sample, idl_type
-from gcs_server.ros2.external_mode import REGISTER, REGISTER_REPLY
+from gcs_server.ros2.external_mode import CHECK_REPLY, CHECK_REQUEST, REGISTER, REGISTER_REPLY
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import wire_name
 from gcs_server.streamer.process.ros2_senders import ModeTopics, Ros2Senders
@@ -86,6 +86,7 @@ def test_modes_are_registered_over_their_own_topics() -> None:
     topics = ModeTopics(DdsAddress(MODES_DOMAIN, None, namespace))
     requests: list[Sample] = []
     replies: list[tuple[str, bytes]] = []
+    assert not topics.connected()
     end_s = time.monotonic() + 10.0
     while not (requests and replies):
         assert time.monotonic() < end_s, (len(requests), len(replies))
@@ -99,6 +100,16 @@ def test_modes_are_registered_over_their_own_topics() -> None:
     assert request.decode(requests[0].cdr) == request.decode(recorded_samples()[REGISTER])
     assert replies[0][0] == REGISTER_REPLY
     assert MESSAGES["RegisterExtComponentReply"].decode(replies[0][1])["mode_id"] == 23  # as recorded
+    assert not topics.connected(), "nobody publishes or reads the arming checks yet"
+    vehicle.prepare(CHECK_REQUEST, "ArmingCheckRequest")
+    topic = Topic(
+        vehicle.participant, wire_name(CHECK_REPLY, namespace), idl_type(MESSAGES["ArmingCheckReply"])
+    )
+    checks = DataReader(vehicle.participant, topic, qos=Qos(Policy.Reliability.BestEffort))
+    while not topics.connected():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+    assert checks
     assert domain  # this reference keeps the domain open
 
 

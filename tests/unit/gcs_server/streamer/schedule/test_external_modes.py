@@ -52,6 +52,7 @@ class Px4:
     def __init__(self) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
         self.dds_is_open, self.sends_replies, self.next_check_s = True, True, 0.0
+        self.is_connected = True
         self.modes: dict[int, str] = {}
         self._to_server: list[tuple[str, bytes]] = []
 
@@ -72,6 +73,9 @@ class Px4:
                 "arming_check_id": nav_state - EXTERNAL_1, "mode_id": nav_state,
             }  # fmt: skip
             self.publish(REGISTER_REPLY, {**recorded_reply, **reply_fields})
+
+    def connected(self) -> bool:
+        return self.dds_is_open and self.is_connected
 
     def take(self) -> list[tuple[str, bytes]]:
         messages, self._to_server = self._to_server, []
@@ -215,15 +219,38 @@ def test_a_lost_mode_can_be_registered_again(setup: ModesSetup) -> None:
     assert setup.states() == [("Line", "registered")]
 
 
+def test_a_registration_is_requested_only_when_dds_has_connected_px4() -> None:
+    setup = ModesSetup()
+    setup.px4.is_connected = False
+    setup.register()
+    setup.run(8.0)
+    assert setup.states() == [("Line", "registering")]
+    assert setup.px4.sent == []
+    setup.px4.is_connected = True
+    setup.run(1.0)
+    assert setup.states() == [("Line", "registered")]
+
+
+def test_a_registration_that_dds_never_connects_is_refused_with_the_reason() -> None:
+    setup = ModesSetup()
+    setup.px4.is_connected = False
+    setup.register()
+    setup.run(12.0)
+    (mode,) = setup.modes.states()["1"]
+    assert mode.state == "refused"
+    assert "DDS did not connect" in mode.reason
+    assert setup.px4.sent == []
+
+
 def test_a_registration_waits_for_dds_and_is_refused_without_a_reply() -> None:
     setup = ModesSetup()
     setup.px4.dds_is_open = setup.px4.sends_replies = False
     setup.register()
     setup.run(2.0)
     setup.px4.dds_is_open = True
-    setup.run(1.5)
+    setup.run(4.5)
     assert setup.states() == [("Line", "registering")]
-    setup.run(3.0)
+    setup.run(1.0)
     assert setup.states() == [("Line", "refused")]
 
 
