@@ -6,7 +6,7 @@ import math
 from collections.abc import Awaitable, Callable, Sequence
 
 from gcs_server.clock import Clock
-from gcs_server.errors import InvalidRequest, Refused, Rejected
+from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.streamer.offboard.avoidance import AvoidanceControl
 from gcs_server.streamer.offboard.configuration import OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
@@ -146,7 +146,7 @@ class OffboardControl:
             vehicle.command.require_no_kill("start Offboard")
             self._requested_stream = number
             if request.mode == OFFBOARD or vehicle.status.mode != request.mode:
-                await (vehicle.command.set_mode(request.mode) if select is None else select())
+                await (self._request_mode(request.mode, number) if select is None else select())
             if not await self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._require_starting(number)
             self.operator_limits.report_at_start()
@@ -158,6 +158,19 @@ class OffboardControl:
                 self._streams.end(vehicle.id, "refused", f"Offboard did not start: {reason}", number)
             raise
         return self.status()
+
+    async def _request_mode(self, mode: str, number: int) -> None:
+        """Selects the mode. Over ROS 2 requests it twice, because PX4's side of DDS may connect later than
+        this one: then PX4 has received neither the first setpoints nor the request."""
+        try:
+            await self.vehicle.command.set_mode(mode)
+        except (NoReply, Rejected):
+            if self._protocol() != ROS2 or mode != OFFBOARD:
+                raise
+            self._require_starting(number)
+            await self._clock.sleep(PRE_STREAM_S)
+            await self._wait_for_steady_stream(number)
+            await self.vehicle.command.set_mode(mode)
 
     async def _wait_for_steady_stream(self, number: int) -> None:
         """Returns once setpoints have been sent without a pause for as long as the vehicle requires.

@@ -262,7 +262,9 @@ from cyclonedds.domain import Domain, DomainParticipant
 from gcs_server.ros2.dds import Writers
 from gcs_server.ros2.message_types import MESSAGES
 domain = Domain(int(sys.argv[1]), '''<CycloneDDS><Domain>
-  <General><Interfaces><NetworkInterface name="lo"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
+  <General>
+    <Interfaces><NetworkInterface name="lo"/></Interfaces><AllowMulticast>false</AllowMulticast>
+  </General>
   <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers AddLocalhost="false"/></Discovery>
 </Domain></CycloneDDS>''')
 writers = Writers(DomainParticipant(int(sys.argv[1])), "")

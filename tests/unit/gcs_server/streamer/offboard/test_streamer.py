@@ -17,6 +17,7 @@ from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.reach import reach_of
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
 from gcs_server.vehicle.services.command import ModeCommand
+from missions.floor import Floor
 from missions.setpoints import Position
 from tests.in_loop_scheduler import InLoopScheduler
 from tests.simulated_time import run_on_simulated_time
@@ -44,6 +45,7 @@ class Vehicle:
         self.offboard = None
         self.has_position = True
         self.in_failsafe = False
+        self.floor = SimpleNamespace(now=Floor)
         self.mode_error = None
         self.latest_command = None
         self.mode_request_hangs = False
@@ -174,6 +176,37 @@ def test_a_refused_mode_request_stops_the_stream_and_raises_the_error():
         assert not vehicle.offboard.status().streaming
         with pytest.raises(Refused, match="no setpoint stream"):
             await vehicle.offboard.setpoint(StreamRequest(POSITION, 60.0))
+
+    run_test(scenario)
+
+
+@pytest.mark.parametrize("protocol", ["ROS 2", "MAVLink"])
+def test_over_ros_2_an_unanswered_or_refused_offboard_request_is_sent_again(protocol):
+    """PX4's side of DDS may connect later than this one."""
+
+    async def scenario(vehicle):
+        link = SimpleNamespace(unusable_topics=lambda _peer: {})
+        connection = SimpleNamespace(protocol=protocol, link=link)
+        vehicle.endpoints = (SimpleNamespace(connection=connection, peer=None, received_s=0.0),)
+        errors = [NoReply("no answer", deadline_s=1.0)]
+        set_mode = vehicle.set_mode
+
+        async def set_mode_late(name):
+            vehicle.mode_error = errors.pop() if errors else None
+            await set_mode(name)
+
+        vehicle.set_mode = set_mode_late
+        if protocol == "MAVLink":
+            with pytest.raises(NoReply):
+                await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
+            return
+        await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
+        assert [mode for mode, _ in vehicle.mode_requests] == ["offboard", "offboard"]
+        assert vehicle.mode_requests[1][1] - vehicle.mode_requests[0][1] >= 60
+        await vehicle.offboard.stop()
+        errors[:] = [Rejected("no position", reasons=())] * 2
+        with pytest.raises(Rejected):
+            await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
 
     run_test(scenario)
 
