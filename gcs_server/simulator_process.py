@@ -4,7 +4,7 @@ does.
 A restarted server finds a running simulator by the port of PX4's first ground-station link (18570), which
 only one process can bind, and by the process id in the data folder. The server then does not start a second
 simulator. A clean shutdown ends the simulator if this server, or an earlier server with the same data folder,
-started it.
+started it. A simulator that crashes is started again, with increasing delay, and the operator is told.
 """
 
 from __future__ import annotations
@@ -33,6 +33,14 @@ PX4_GCS_LOCAL_PORT = 18570
 TERM_WAIT_S = 3.0
 WATCH_PERIOD_S = 0.5
 RESTART_PERIOD_S = 2.0
+FIRST_BACK_OFF_S, MAX_BACK_OFF_S = 1.0, 30.0
+HEALTHY_AFTER_S = 60.0
+"""A simulator that has run for longer is started again with the first delay, and its crash is no longer
+reported."""
+WRONG_ARGUMENTS = 2
+"""Exit code of a command line that the simulator does not understand."""
+ENDED_ON_PURPOSE = frozenset({0, WRONG_ARGUMENTS, -signal.SIGTERM, -signal.SIGINT})
+"""Exit codes after which the simulator is not started again."""
 TEMPORARY_ERRNOS = frozenset(
     {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.ENOBUFS, errno.ENOSPC}
 )
@@ -120,6 +128,10 @@ class SimulatorProcess:
         self._warning: str | None = None
         self._start_again = False
         """Whether `watch` must find or start a simulator again."""
+        self._start_delay_s = RESTART_PERIOD_S
+        self._started_s = clock.monotonic_s()
+        self._back_off_s = FIRST_BACK_OFF_S
+        self._crash_warning: str | None = None
         self.uses_running_simulator = False
         """Whether an already running simulator is used."""
 
@@ -136,6 +148,7 @@ class SimulatorProcess:
         except OSError as error:
             self._pid = None
             self._start_again = error.errno in TEMPORARY_ERRNOS
+            self._start_delay_s = RESTART_PERIOD_S
             retry_text = " The server tries again." if self._start_again else ""
             self._warn(f"The simulator could not be started: {error.strerror or error}.{retry_text}")
 
@@ -150,6 +163,7 @@ class SimulatorProcess:
                 )
             self.uses_running_simulator = True
             self._start_again = self._pid is None  # `watch` starts a simulator once the port is free
+            self._start_delay_s = RESTART_PERIOD_S
             return
         if self.uses_running_simulator:
             log.info("the simulator that was already running has ended; this server starts its own")
@@ -165,24 +179,44 @@ class SimulatorProcess:
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
-        self._pid, self._warning = self._child.pid, None
+        self._pid, self._warning = self._child.pid, self._crash_warning
+        self._started_s = self._clock.monotonic_s()
         with contextlib.suppress(OSError):
             record = {"pid": self._pid, "command": self._command, "started_unix_s": self._clock.unix_s()}
             self._folder.simulator_pid.write_text(json.dumps(record))
 
     async def watch(self) -> None:
-        """Monitors the simulator; its end becomes a warning. If a simulator that another program started
-        ends, or no simulator could be started for lack of resources, this server starts its own.
+        """Monitors the simulator; its end becomes a warning, and after a crash it is started again. If a
+        simulator that another program started ends, or no simulator could be started for lack of resources,
+        this server starts its own.
         """
         while self._pid is not None or self._start_again:
-            await self._clock.sleep(WATCH_PERIOD_S if self._pid is not None else RESTART_PERIOD_S)
+            await self._clock.sleep(WATCH_PERIOD_S if self._pid is not None else self._start_delay_s)
             if self._pid is None:
                 self.start()
             elif self._has_ended():
-                exit_code = None if self._child is None else self._child.returncode
-                exit_text = f" with exit code {exit_code}" if exit_code is not None else ""
-                self._warn(f"The simulator stopped by itself{exit_text}; see {self._folder.simulator_log}.")
-                self._forget()
+                self._take_end(None if self._child is None else self._child.returncode)
+            elif self._crash_warning is not None and self._has_run_s() > HEALTHY_AFTER_S:
+                self._crash_warning = self._warning = None
+
+    def _has_run_s(self) -> float:
+        return self._clock.monotonic_s() - self._started_s
+
+    def _take_end(self, exit_code: int | None) -> None:
+        exit_text = f" with exit code {exit_code}" if exit_code is not None else ""
+        ended_text, log_file = f"The simulator stopped by itself{exit_text}", self._folder.simulator_log
+        self._forget()
+        if exit_code in ENDED_ON_PURPOSE:
+            self._warn(f"{ended_text}; see {log_file}.")
+            return
+        if self._has_run_s() > HEALTHY_AFTER_S:
+            self._back_off_s = FIRST_BACK_OFF_S
+        self._start_again, self._start_delay_s = True, self._back_off_s
+        self._back_off_s = min(2.0 * self._back_off_s, MAX_BACK_OFF_S)
+        self._crash_warning = (
+            f"{ended_text} and was started again: its vehicles are back at their home; see {log_file}.1."
+        )
+        self._warn(f"{ended_text}; it is started again in {self._start_delay_s:g} s; see {log_file}.")
 
     def _has_ended(self) -> bool:
         """Whether the simulator has certainly ended."""

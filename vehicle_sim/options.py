@@ -22,7 +22,7 @@ MAX_DOMAIN = 101
 EPILOG = """\
 Each vehicle N (from 0) has MAVLink system id N+1 and uses MAVLink 2 on
   UDP 18570+N  to a ground station at port 14550 (all vehicles share that port)
-  UDP 14580+N  to an onboard computer or MAVSDK at port 14540+N
+  UDP 14580+N  to an onboard computer or MAVSDK at port 14540+N (14549 for N > 9, as PX4)
   TCP 5760+N   to one client that connects
 With --ros2 each vehicle also has PX4's ROS 2 topics (/fmu/in/…, /fmu/out/…) on DDS, under /px4_N for N > 0.
 MAVLink and DDS use only loopback unless --bind or --ros2-interface selects another interface.

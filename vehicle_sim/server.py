@@ -26,6 +26,9 @@ MAX_CATCH_UP_S = 0.1
 rest of a longer delay is skipped, so simulated time falls behind real time on a slow machine."""
 
 
+LAST_OWN_API_PORT = 9
+
+
 @dataclass(frozen=True, slots=True)
 class Ports:
     """Ports of instance 0; instance N adds N to each port except `gcs_remote`.
@@ -38,6 +41,11 @@ class Ports:
     api_local: int = 14580
     api_remote: int = 14540
     tcp: int = 5760
+
+    def api_remote_of(self, instance: int) -> int:
+        """The port of an onboard computer; as in PX4, instances from 10 on share one port, because the next
+        ports are those of ground station (14550) and vehicles (14580)."""
+        return self.api_remote + min(instance, LAST_OWN_API_PORT)
 
 
 @dataclass(slots=True)
@@ -78,15 +86,16 @@ class SimServer:
                 return
             self._register(row, name, opened.transports[name])
             if name != "tcp":
-                remote = ports.gcs_remote if name == "gcs" else ports.api_remote + instance
+                remote = ports.gcs_remote if name == "gcs" else ports.api_remote_of(instance)
                 self.fleet.add_link(row, name, name).ports = (opened.transports[name].port, remote)
 
         if ports.gcs_remote:
             local_gcs = ports.gcs_local + instance if ports.gcs_local else 0
             open_port("gcs", lambda: UdpTransport(bind, local_gcs, (gcs_host, ports.gcs_remote)))
         if ports.api_remote:
+            api_remote = ports.api_remote_of(instance)
             local_api = ports.api_local + instance if ports.api_local else 0
-            open_port("api", lambda: UdpTransport(bind, local_api, (gcs_host, ports.api_remote + instance)))
+            open_port("api", lambda: UdpTransport(bind, local_api, (gcs_host, api_remote)))
         if ports.tcp:
             open_port(
                 "tcp",

@@ -1,4 +1,4 @@
-"""Active controllers in Offboard: PX4 updates them at 2 Hz, and when mode or arming state changes.
+"""Active controllers in Offboard: PX4 updates them every half second, and when mode or arming state changes.
 
 After a change from position to attitude setpoints, both controllers are therefore active for up to half a
 second: the position controller continues, and each attitude setpoint replaces the output of the position
@@ -11,7 +11,8 @@ import math
 
 from vehicle_sim.control.setpoints import ControlLevel
 
-PUBLISH_EVERY_S = 0.5
+PUBLISH_EVERY_S = 0.504
+"""Measured; so the moment of an update drifts against a sequence of steps of whole seconds."""
 
 
 class ControlMode:
@@ -20,10 +21,13 @@ class ControlMode:
     def __init__(self) -> None:
         self.level = ControlLevel.TRAJECTORY
         self._state: object = None
-        self._published_at_s = -math.inf
+        self._due_s = -math.inf
 
     def update(self, now_s: float, level: ControlLevel, state: object) -> ControlLevel:
         """Publishes the level every PUBLISH_EVERY_S, and when `state` (arming, mode, failsafe) changes."""
-        if state != self._state or now_s - self._published_at_s >= PUBLISH_EVERY_S - 1e-6:
-            self._state, self._published_at_s, self.level = state, now_s, level
+        if state != self._state:
+            self._state, self._due_s = state, now_s
+        if now_s >= self._due_s - 1e-6:
+            # From the time at which it was due, so that the period does not become a multiple of the tick.
+            self._due_s, self.level = max(self._due_s, now_s - PUBLISH_EVERY_S) + PUBLISH_EVERY_S, level
         return self.level

@@ -69,17 +69,67 @@ def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
     asyncio.run(scenario())
 
 
-def test_a_simulator_that_ends_by_itself_is_reported_as_a_warning(tmp_path):
+def test_a_simulator_that_ends_on_purpose_is_reported_as_a_warning(tmp_path):
     async def scenario():
         folder = DataFolder(tmp_path)
         folder.prepare()
-        process = simulator(folder, free_port(), "import sys; sys.exit(3)")
+        process = simulator(folder, free_port(), "import sys; sys.exit(2)")
         process.start()
         async with asyncio.timeout(30):
             await process.watch()
         (notice,) = process.warnings()
-        assert "exit code 3" in notice.text
+        assert "exit code 2" in notice.text
         assert "simulator.log" in notice.text
+
+    asyncio.run(scenario())
+
+
+class CountedClock(SystemClock):
+    """Does not wait; notes the delays before a start, and adds them to the time."""
+
+    def __init__(self):
+        self.delays_s, self.now_s, self.limit = [], 0.0, 0
+
+    def monotonic_s(self):
+        return self.now_s
+
+    async def sleep(self, duration_s):
+        self.now_s += duration_s
+        if duration_s >= simulator_process.FIRST_BACK_OFF_S:
+            self.delays_s.append(duration_s)
+        await asyncio.sleep(0.001)
+        if len(self.delays_s) > self.limit:
+            raise TimeoutError
+
+
+def test_a_simulator_that_crashes_is_started_again_with_increasing_delay_and_reported(tmp_path):
+    async def scenario():
+        folder = DataFolder(tmp_path)
+        folder.prepare()
+        process = simulator(folder, 0, "import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+        process._clock = clock = CountedClock()
+        process._has_ended = lambda: process._child.wait() is not None
+        clock.limit = 7
+        process.start()
+        with pytest.raises(TimeoutError):
+            await process.watch()
+        assert clock.delays_s == [1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0, 30.0]
+        (notice,) = process.warnings()
+        assert "exit code -9; it is started again in 30 s" in notice.text
+
+        process._command[2] = STAND_IN_PROGRAM
+        process._command[3] = str(port := free_port())
+        process.start()
+        (notice,) = process.warnings()
+        assert "was started again" in notice.text
+        assert "simulator.log.1" in notice.text
+        clock.now_s += simulator_process.HEALTHY_AFTER_S + 1
+        process._has_ended, clock.limit = lambda: process._child.poll() is not None, 99
+        await until(lambda: is_in_use(port))
+        watch = asyncio.ensure_future(process.watch())
+        await until(lambda: process.warnings() == [])
+        watch.cancel()
+        await process.stop()
 
     asyncio.run(scenario())
 
@@ -220,11 +270,12 @@ def test_missing_file_descriptors_are_not_mistaken_for_the_simulators_end(
                 assert not watch.done()
                 assert process.warnings() == []
                 assert folder.simulator_pid.exists()
+            ended_pid = process.pid
             first._child.kill()
             first._child.wait()
-            async with asyncio.timeout(10):
-                await watch
+            await until(lambda: process.pid not in (None, ended_pid))
             (notice,) = process.warnings()
             assert "stopped by itself" in notice.text
+            assert "was started again" in notice.text
 
     asyncio.run(scenario())
