@@ -80,6 +80,18 @@ describe('a vehicle with two gimbals', () => {
     expect(calls.map(({ path }) => path.split('/').at(-1))).toEqual(['rates', 'angles', 'rates']);
   });
 
+  it('has a menu that keeps the chosen altitude for the next point, until another vehicle is selected', () => {
+    const at = { lat_deg: 47.001, lon_deg: 8, ground_amsl_m: null, scenePixel: null };
+    const onGround = { ...facts, inAir: false } as VehicleFacts;
+    menu.open(at, onGround);
+    expect(menu.goto_home_m).toBe(10); // not 0, which would fly into the ground after the take-off
+    menu.setAltitude('goto_home_m', 42);
+    menu.open({ ...at, lat_deg: 47.002 }, { ...facts, inAir: true } as VehicleFacts);
+    expect(menu.goto_home_m).toBe(42);
+    menu.open(at, { ...vehicle('8'), inAir: false } as VehicleFacts);
+    expect(menu.goto_home_m).toBe(10);
+  });
+
   it.each([
     ['first', 0, { component: 1, device: 1 }],
     ['second', 1, { component: 171 }],

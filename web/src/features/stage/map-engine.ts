@@ -28,8 +28,10 @@ export interface EngineEvents {
   onDraw: () => void;
   /** A person moved the map. */
   onMove: () => void;
-  /** A person clicked, tapped or pressed for a long time. */
+  /** A person clicked or tapped. */
   onPress: (at: Pixel) => void;
+  /** A person clicked with the right button, or pressed for a long time on a touch screen. */
+  onMenu: (at: Pixel) => void;
 }
 
 export class MapEngine {
@@ -85,9 +87,9 @@ export class MapEngine {
         if (event.originalEvent !== undefined && (eventType !== 'zoomstart' || !this.zoomingAboutMiddle)) events.onMove();
       });
     }
-    const onPress = (event: MapMouseEvent): void => events.onPress({ x: event.point.x, y: event.point.y });
-    this.map.on('click', onPress);
-    this.map.on('contextmenu', onPress); // a long press on a touch screen
+    this.map.on('click', ({ point }: MapMouseEvent) => events.onPress({ x: point.x, y: point.y }));
+    // A right click, or a long press on a touch screen: only for the menu, so that it changes no plan.
+    this.map.on('contextmenu', ({ point }: MapMouseEvent) => events.onMenu({ x: point.x, y: point.y }));
     // eslint-disable-next-line no-console -- a map tile that cannot be read is for developers to see
     this.map.on('error', (event) => console.warn(`map: ${event.error.message}`));
   }

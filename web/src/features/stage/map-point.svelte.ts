@@ -8,7 +8,7 @@ import { service } from '../../app/services';
 import type { Pixel } from '../../vehicle/geo';
 import { gimbalKey, gimbalParams } from '../../vehicle/gimbal';
 import { isTargetActive, type RequestedTarget, type RequestedTargets } from './map-model';
-import { distance_m, flightTime_s, altitudeInRange, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type MapPoint } from './map-point';
+import { suggestedGoAlt_home_m, distance_m, flightTime_s, altitudeInRange, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type MapPoint } from './map-point';
 
 type ActiveTarget = RequestedTarget & { since_s: number };
 
@@ -27,6 +27,8 @@ export class MapPointMenu {
   goto_home_m = $state(0);
   /** Altitude of the point to look at, above home. */
   point_home_m = $state(0);
+  /** A person has chosen `goto_home_m` in the open menu. */
+  private isAltitudeChosen = false;
   private speeds = $state.raw<Record<string, Speeds>>({});
   private readonly activeTargets = new Map<string, ActiveTarget>();
 
@@ -39,7 +41,8 @@ export class MapPointMenu {
   open(mapPoint: MapPoint, facts: VehicleFacts | null): void {
     if (facts === null) return;
     const home = homeAmsl_m(facts);
-    if (this.mapPoint === null || this.vehicle !== facts.id) this.goto_home_m = roundToTenth(facts.globalPosition?.value.alt_home_m ?? 0);
+    if (this.mapPoint === null || this.vehicle !== facts.id) this.isAltitudeChosen = false;
+    if (!this.isAltitudeChosen) this.goto_home_m = suggestedGoAlt_home_m(facts, mapPoint, this.actions.takeoffAlt_home_m);
     this.point_home_m = mapPoint.ground_amsl_m === null || home === null ? 0 : roundToTenth(mapPoint.ground_amsl_m - home);
     this.actions.dismissRefusal('stage');
     if (this.actions.confirmation?.pagePart === 'stage') this.actions.cancelConfirmation();
@@ -68,6 +71,7 @@ export class MapPointMenu {
 
   setAltitude(field: 'goto_home_m' | 'point_home_m', value_m: number): void {
     this[field] = altitudeInRange(value_m) ?? this[field];
+    if (field === 'goto_home_m') this.isAltitudeChosen = true;
   }
 
   /** Opens the confirmation of "Go here". */

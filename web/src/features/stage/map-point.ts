@@ -24,6 +24,9 @@ const NO_CONNECTION = 'No connection to the vehicle.';
 const NO_POSITION = 'The vehicle’s position is not known.';
 const NO_HOME = 'The home position is not known.';
 
+/** Smallest height above the known ground at which the menu offers to fly [m]. */
+const MIN_GO_HEIGHT_M = 5;
+
 /** The vehicle's speeds in automatic modes, from its parameters; null: not known. */
 export interface Speeds {
   horizontal_m_s: number | null;
@@ -43,6 +46,22 @@ export function distance_m(facts: VehicleFacts, mapPoint: GeoPosition): number |
   return facts.globalPosition === null ? null : groundDistance_m(facts.globalPosition.value, mapPoint);
 }
 
+/** Altitude of the ground at the point above home [m]; null: not known. */
+function ground_home_m(facts: VehicleFacts, { ground_amsl_m }: MapPoint): number | null {
+  const home = homeAmsl_m(facts);
+  return ground_amsl_m === null || home === null ? null : ground_amsl_m - home;
+}
+
+/**
+ * Altitude above home that the menu offers to fly to [m]: the vehicle's altitude, or on the ground the take-off altitude, but
+ * never below the ground at the point.
+ */
+export function suggestedGoAlt_home_m(facts: VehicleFacts, mapPoint: MapPoint, takeoffAlt_home_m: number): number {
+  const alt_home_m = facts.inAir ? (facts.globalPosition?.value.alt_home_m ?? takeoffAlt_home_m) : takeoffAlt_home_m;
+  const ground_m = ground_home_m(facts, mapPoint);
+  return Math.round(10 * (ground_m === null ? alt_home_m : Math.max(alt_home_m, ground_m + MIN_GO_HEIGHT_M))) / 10;
+}
+
 /** Flight time [s]: the longer time of horizontal flight and climb or descent; null if a required speed is not known. */
 export function flightTime_s(facts: VehicleFacts, mapPoint: GeoPosition, alt_home_m: number, speeds: Speeds): number | null {
   const toPoint_m = distance_m(facts, mapPoint);
@@ -53,14 +72,16 @@ export function flightTime_s(facts: VehicleFacts, mapPoint: GeoPosition, alt_hom
   return Math.max(toPoint_m / speeds.horizontal_m_s, verticalSpeed_m_s === null ? 0 : Math.abs(climb_m) / verticalSpeed_m_s);
 }
 
-/** Why "Go here" is not possible now; null: it is possible. */
-export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | null {
+/** Why "Go here" is not possible now at this altitude; null: it is possible. */
+export function whyNotGo(facts: VehicleFacts, mapPoint: MapPoint, alt_home_m: number): string | null {
   if (facts.replayed) return IS_REPLAY;
   if (facts.lost) return NO_CONNECTION;
   const toPoint_m = distance_m(facts, mapPoint);
   if (toPoint_m === null || facts.globalPosition?.stale === true) return NO_POSITION;
   if (facts.home === null) return NO_HOME;
   if (!facts.inAir) return 'The vehicle is on the ground: take off first.';
+  const ground_m = ground_home_m(facts, mapPoint);
+  if (ground_m !== null && alt_home_m < ground_m) return `The ground at this position is ${fixed(ground_m, 1)} m above home: choose a greater altitude.`;
   const { text, unit } = metres(toPoint_m);
   return toPoint_m > MAX_GO_DISTANCE_M ? `${text} ${unit} away; the limit is ${MAX_GO_DISTANCE_M} m. Fly there in shorter legs.` : null;
 }

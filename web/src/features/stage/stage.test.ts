@@ -12,12 +12,24 @@ import {
   pixelsPerMetre,
   positionAt,
   toPixel,
+  type GeoPosition,
   type MapView,
 } from '../../vehicle/geo';
 import { edgeLabels, gridLines, gridStep_m, viewBox } from './grid';
 import { isTargetActive } from './map-model';
 import { attributionText, offlineMap, type MapFile } from './offline-maps';
-import { flightTime_s, altitudeInRange, lookAngles, menuCorner, distanceText, whyNotGo, whyNotLook, whyNotRoi } from './map-point';
+import {
+  flightTime_s,
+  altitudeInRange,
+  lookAngles,
+  menuCorner,
+  distanceText,
+  whyNotGo,
+  suggestedGoAlt_home_m,
+  whyNotLook,
+  whyNotRoi,
+  type MapPoint,
+} from './map-point';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const view = (px_per_m: number, more: Partial<MapView> = {}): MapView => {
@@ -109,17 +121,30 @@ function facts(more: Record<string, unknown> = {}): VehicleFacts {
   } as unknown as VehicleFacts;
 }
 const EAST_30 = positionAt(HERE, { east_m: 30, north_m: 0 });
+const point = (at: GeoPosition, ground_amsl_m: number | null = null): MapPoint => ({ ...at, ground_amsl_m, scenePixel: null });
 
 describe('actions at a map point', () => {
   it('are all possible in the air with gimbal control', () => {
-    expect(whyNotGo(facts(), EAST_30)).toBeNull();
+    expect(whyNotGo(facts(), point(EAST_30), 20)).toBeNull();
     expect(whyNotLook(facts(), EAST_30, 0, true)).toBeNull();
     expect(whyNotRoi(facts())).toBeNull();
   });
+  it('offer the altitude of the vehicle, or of a take-off while it is on the ground, but never one below the ground', () => {
+    const onGround = facts({ inAir: false, globalPosition: reading({ ...HERE, alt_amsl_m: 488, alt_home_m: 0 }) });
+    expect(suggestedGoAlt_home_m(facts(), point(EAST_30), 10)).toBe(12);
+    expect(suggestedGoAlt_home_m(onGround, point(EAST_30), 10)).toBe(10);
+    expect(suggestedGoAlt_home_m(facts({ globalPosition: null }), point(EAST_30), 10)).toBe(10);
+    expect(suggestedGoAlt_home_m(facts(), point(EAST_30, 508), 10)).toBe(25); // the ground is 20 m above home
+    expect(suggestedGoAlt_home_m(onGround, point(EAST_30, 470), 10)).toBe(10);
+  });
+  it('are not possible below the ground at the point', () => {
+    expect(whyNotGo(facts(), point(EAST_30, 508), 19.9)).toMatch(/20.0 m above home/);
+    expect(whyNotGo(facts(), point(EAST_30, 508), 20)).toBeNull();
+  });
   it('have a reason where they are not possible', () => {
-    expect(whyNotGo(facts({ inAir: false }), EAST_30)).toMatch(/take off first/);
-    expect(whyNotGo(facts({ home: null }), EAST_30)).toMatch(/home position is not known/);
-    expect(whyNotGo(facts(), positionAt(HERE, { east_m: 1500, north_m: 0 }))).toMatch(/1500 m away/);
+    expect(whyNotGo(facts({ inAir: false }), point(EAST_30), 20)).toMatch(/take off first/);
+    expect(whyNotGo(facts({ home: null }), point(EAST_30), 20)).toMatch(/home position is not known/);
+    expect(whyNotGo(facts(), point(positionAt(HERE, { east_m: 1500, north_m: 0 })), 20)).toMatch(/1500 m away/);
     expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/Take control/);
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within the limits
@@ -132,7 +157,8 @@ describe('actions at a map point', () => {
       [{ globalPosition: null }, /position/],
       [{ globalPosition: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/],
     ] as const) {
-      for (const why of [whyNotGo(facts(more), EAST_30), whyNotLook(facts(more), EAST_30, 0, true), whyNotRoi(facts(more))]) expect(why).toMatch(word);
+      for (const why of [whyNotGo(facts(more), point(EAST_30), 20), whyNotLook(facts(more), EAST_30, 0, true), whyNotRoi(facts(more))])
+        expect(why).toMatch(word);
     }
   });
   it('include "Set ROI" and "Look here" on the ground', () => {
