@@ -14,7 +14,9 @@ from gcs_server.api.json_limits import REFUSED_REMEDY, json_fault
 from gcs_server.api.principals import principal_of
 from gcs_server.api.problems import problem
 from gcs_server.api.request_queue import RequestQueue
-from gcs_server.operations.turns import CALLER, Caller
+from gcs_server.control.principal import Principal
+from gcs_server.errors import ClientHasTooMany, ServerBusy
+from gcs_server.operations.turns import CALLER, Caller, TurnLimits, Turns
 
 MAX_SMALL_BODY_BYTES = 65_536
 """Maximum size of a body that contains neither a document nor a file nor setpoints."""
@@ -24,10 +26,13 @@ DOCUMENT_PATHS = re.compile(rf"/api/v1/({_PLANS}|{_OF_VEHICLE})")
 """Routes whose body contains a document or a file (`documents.py`)."""
 SETPOINT_PATHS = re.compile(r"/api/v1/(vehicles/[^/]+/offboard/(start|setpoint)|groups(/.+)?)")
 """Routes whose body contains setpoints; a path of 5000 points has 700 kB."""
-
-
-def _may_be_large(scope: Scope) -> bool:
-    return any(paths.fullmatch(scope["path"]) for paths in (DOCUMENT_PATHS, SETPOINT_PATHS))
+LARGE_BODIES = TurnLimits(running=64, running_without_control=32, per_client=8, total=32)
+"""Maximum numbers of large bodies that are received or handled at a time."""
+LARGE_SETPOINTS = TurnLimits(running=2, running_without_control=1, per_client=8, total=32)
+"""Maximum numbers of large bodies with setpoints, which the event loop itself reads."""
+PAUSE_S_PER_BYTE = 5e-7
+"""Pause after such a body of a client that controls no vehicle [s per byte], several times the time to read
+it."""
 
 
 class _ClientDisconnected(Exception):
@@ -44,6 +49,8 @@ class BodyReader:
     def __init__(self, app: ASGIApp, request_queue: RequestQueue) -> None:
         self._app = app
         self._request_queue = request_queue
+        self._large_bodies = Turns(request_queue.in_control, LARGE_BODIES)
+        self._large_setpoints = Turns(request_queue.in_control, LARGE_SETPOINTS)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -55,15 +62,38 @@ class BodyReader:
             await self._request_queue.wait(client)
             await self._app(scope, receive, send)
             return
+        has_setpoints = SETPOINT_PATHS.fullmatch(scope["path"]) is not None
+        may_be_large = has_setpoints or DOCUMENT_PATHS.fullmatch(scope["path"]) is not None
+        if not may_be_large or _declared_size(scope) <= MAX_SMALL_BODY_BYTES:
+            await self._handle(client, scope, receive, send, MAX_SMALL_BODY_BYTES)
+            return
+        try:
+            async with self._large_bodies.turn():
+                if not has_setpoints:
+                    await self._handle(client, scope, receive, send, refusals.MAX_BODY_BYTES)
+                    return
+                async with self._large_setpoints.turn():
+                    await self._handle(client, scope, receive, send, refusals.MAX_BODY_BYTES)
+                    if not self._request_queue.in_control(client.key):
+                        await asyncio.sleep(_declared_size(scope) * PAUSE_S_PER_BYTE)
+        except (ClientHasTooMany, ServerBusy) as error:
+            is_clients = isinstance(error, ClientHasTooMany)
+            refusal = refusals.TOO_MANY_LARGE if is_clients else refusals.SERVER_FULL
+            await refusal_response(refusal)(scope, receive, send)
+
+    async def _handle(
+        self, client: Principal, scope: Scope, receive: Receive, send: Send, max_bytes: int
+    ) -> None:
+        """Reads and checks the body, and passes the request on."""
         try:
             async with asyncio.timeout(refusals.BODY_DEADLINE_S):
-                body = await _read(scope, receive)
+                body = await _read(scope, receive, max_bytes)
         except _ClientDisconnected:
             return
         except TimeoutError:
             await refusal_response(refusals.TOO_SLOW)(scope, receive, send)
             return
-        if body is None or (len(body) > MAX_SMALL_BODY_BYTES and not _may_be_large(scope)):
+        if body is None:
             await refusal_response(refusals.BODY_TOO_LARGE)(scope, receive, send)
             return
         await self._request_queue.wait(client)
@@ -103,10 +133,18 @@ def _header(scope: Scope, name: bytes) -> bytes:
     return next((value.lower() for key, value in scope["headers"] if key == name), b"")
 
 
-async def _read(scope: Scope, receive: Receive) -> bytes | None:
+def _declared_size(scope: Scope) -> int:
+    """Size of the body; of a body in chunks the maximum."""
+    declared = _header(scope, b"content-length")
+    if declared.isdigit():
+        return int(declared[:15])
+    return refusals.MAX_BODY_BYTES if _header(scope, b"transfer-encoding") else 0
+
+
+async def _read(scope: Scope, receive: Receive, max_bytes: int) -> bytes | None:
     """The request's body; None: it is too large."""
     declared = _header(scope, b"content-length")
-    if declared.isdigit() and int(declared[:15]) > refusals.MAX_BODY_BYTES:
+    if declared.isdigit() and int(declared[:15]) > max_bytes:
         return None
     body = bytearray()
     is_incomplete = True
@@ -116,6 +154,6 @@ async def _read(scope: Scope, receive: Receive) -> bytes | None:
             raise _ClientDisconnected
         body += message.get("body", b"")
         is_incomplete = message.get("more_body", False)
-        if len(body) > refusals.MAX_BODY_BYTES:
+        if len(body) > max_bytes:
             return None
     return bytes(body)

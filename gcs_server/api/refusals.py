@@ -82,6 +82,12 @@ TOO_MANY = LimitRefusal(
     "This client, or its address, has too many connections, requests or WebSockets open.",
     "Close some, wait for the responses, then try again. A client in control of a vehicle is served.",
 )
+TOO_MANY_LARGE = LimitRefusal(
+    429,
+    "too_many_requests",
+    "This client has too many requests with large bodies open.",
+    "Wait for their responses, then try again.",
+)
 SERVER_FULL = LimitRefusal(
     503,
     "server_full",

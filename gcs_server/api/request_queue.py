@@ -28,7 +28,7 @@ class RequestQueue:
     """
 
     def __init__(self, in_control: Callable[[str], bool]) -> None:
-        self._in_control = in_control
+        self.in_control = in_control
         self._next_is_scheduled = False
         self._queues = (FairQueue(), FairQueue(), FairQueue())
         """Requests of clients in control, of known clients and of new clients."""
@@ -44,7 +44,7 @@ class RequestQueue:
             loop.call_soon(self._next)
             return
         future: asyncio.Future[None] = loop.create_future()
-        queue = self._queues[0 if self._in_control(client.key) else 1 if is_known else 2]
+        queue = self._queues[0 if self.in_control(client.key) else 1 if is_known else 2]
         queue.push(client.address, client.key, future)
         await future
 

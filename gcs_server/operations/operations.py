@@ -8,7 +8,8 @@ so that a reloaded page or a reconnected client finds it again. It ends when:
 `disconnected` after `LINK_GRACE_S`);
 - the server stops (`cancelled`). Operations are lost in a restart.
 
-At most `MAX_RUNNING` operations run at a time. The newest `MAX_ENDED` ended operations are kept.
+At most `MAX_RUNNING` operations run at a time, and not all of one client. The newest `MAX_ENDED` ended
+operations are kept.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from gcs_server.clock import Clock
-from gcs_server.errors import Disconnected, GcsError, Refused, UnknownOperation
+from gcs_server.errors import ClientHasTooMany, Disconnected, GcsError, Refused, UnknownOperation
 from gcs_server.supervise import Supervisor
 
 log = logging.getLogger(__name__)
 
 MAX_RUNNING = 20
+MAX_RUNNING_PER_CLIENT = 16
 LINK_GRACE_S = 1.0
 """Time after a vehicle was lost until its work is stopped [s]. Until then, the work can fail with its own
 error."""
@@ -148,6 +150,7 @@ class Operations:
             needs_vehicle: whether the operation fails when the vehicle's link is lost.
 
         Raises:
+            ClientHasTooMany: too many operations of this client are running.
             Refused: the limit of running operations is reached, or the server is shutting down.
         """
         for operation_id in self._running:
@@ -156,6 +159,14 @@ class Operations:
                 return existing
         if self._closed:
             raise Refused("The server is shutting down; it starts no more operations.")
+        if (
+            sum(self._known[each].client_key == by[1] != "" for each in self._running)
+            >= MAX_RUNNING_PER_CLIENT
+        ):
+            raise ClientHasTooMany(
+                f"{MAX_RUNNING_PER_CLIENT} operations of this client are running.",
+                remedy="Wait until one has ended, or cancel one (DELETE /operations/{id}).",
+            )
         if len(self._running) >= MAX_RUNNING:
             raise Refused(
                 f"{MAX_RUNNING} operations are running, which is the limit.",

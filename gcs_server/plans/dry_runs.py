@@ -21,7 +21,7 @@ MAX_RUNNING = 2
 """Maximum number of processes; they have low priority, but a small computer has only two cores."""
 MAX_RESULTS = 10
 MAX_RESULT_BYTES = 32 * 1024 * 1024
-MAX_TOTAL_BYTES = 48 * 1024 * 1024
+MAX_TOTAL_BYTES = 24 * 1024 * 1024
 """Maximum size of all results; the newest result is always kept."""
 COMMAND = (sys.executable, "-m", "gcs_server.plans.dry_run_worker")
 

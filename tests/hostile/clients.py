@@ -5,14 +5,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import json
 import sys
+import time
 from collections.abc import Awaitable, Callable
 
 API = "/api/v1"
 CHUNK = b"x" * 65536
 IDLE_S = 8.0
 """How long the idle connections stay open."""
+DOCUMENTS_S = 20.0
+"""How long documents are sent."""
 Statuses = set[int]
 
 
@@ -114,6 +118,57 @@ async def control_requests(host: str, port: int) -> Statuses:
     return statuses
 
 
+async def documents(host: str, port: int) -> Statuses:
+    """64 connections of one client that send the largest plans, files and dry runs again and again."""
+    requests = _document_requests()
+    statuses: Statuses = set()
+    end_s = time.monotonic() + DOCUMENTS_S
+
+    async def send_in_turn(first: int) -> None:
+        for request in itertools.islice(itertools.cycle(requests), first, None):
+            if time.monotonic() > end_s:
+                return
+            statuses.add(await send_request(host, port, [request], wait_s=60.0))
+
+    await asyncio.gather(*(send_in_turn(n) for n in range(64)))
+    return statuses
+
+
+def _document_requests() -> list[bytes]:
+    at_20_m = {"altitude": {"value_m": 20, "reference": "home"}}
+    items = [{"kind": "waypoint", "lat_deg": 47.4, "lon_deg": 8.5 + 1e-6 * n, **at_20_m} for n in range(9000)]
+    home = {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 488}
+    plan = json.dumps({"planned_home": home, "items": items}, separators=(",", ":"))
+    points = [{"offset_ned_m": [n % 50, n % 40, -10 - n % 7]} for n in range(6000)]
+    steps = [
+        {"step": "take_off", "height_m": 9},
+        *({"step": "fly", "points": points[n : n + 50]} for n in range(0, 6000, 50)),
+    ]
+    mission = json.dumps(
+        {"format": "offboard-gcs-mission", "name": "Long", "steps": steps}, separators=(",", ":")
+    )
+    line = {"type": "LineString", "coordinates": [[8.5 + 1e-6 * n, 47.4, 20] for n in range(9000)]}
+    geojson = json.dumps({"type": "Feature", "properties": {}, "geometry": line})
+    path = {"type": "path", "points": [{"t_s": n / 10, "position_ned_m": [n, n, -10]} for n in range(5000)]}
+    bodies = [
+        ("/plans/check", f'{{"plan":{plan},"vehicle":"101"}}'),
+        ("/plans/check", f'{{"plan":{mission}}}'),
+        ("/plans/check", f'{{"plan":{plan.replace("waypoint", "waypoints")}}}'),
+        ("/plans", f'{{"name":"Hostile","plan":{plan}}}'),
+        ("/plans/export?format=kml", f'{{"plan":{plan}}}'),
+        ("/plans/convert", f'{{"name":"Hostile","plan":{plan}}}'),
+        ("/plans/import?filename=a.geojson&altitude_m=20&altitude_reference=home", geojson),
+        ("/dry_runs", f'{{"plan":{plan},"flights":20}}'),
+        ("/vehicles/101/mission/upload", f'{{"plan":{plan}}}'),
+        ("/vehicles/101/mission/compare", f'{{"plan":{plan}}}'),
+        ("/vehicles/101/offboard_mission/start", f'{{"mission":{mission}}}'),
+        ("/vehicles/101/offboard/setpoint", json.dumps({"setpoint": path})),
+        ("/plans/check", json.dumps({f"k{n}": "x" * 900 for n in range(1000)})),
+    ]
+    headers = "X-Client-Id: hostile\r\nConnection: close\r\nContent-Length: "
+    return [post(where, f"{headers}{len(body.encode())}\r\n", body.encode()) for where, body in bodies]
+
+
 async def invalid_http(host: str, port: int) -> Statuses:
     """Bytes that are not HTTP, invalid requests, and 500 requests at once."""
     requests = [
@@ -143,6 +198,7 @@ ATTACKS: dict[str, Attack] = {
         unread_replies,
         control_requests,
         invalid_http,
+        documents,
     )
 }
 

@@ -69,6 +69,7 @@ def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(fl
         "unread_replies",
         "control_requests",
         "invalid_http",
+        "documents",
     ],
 )
 def test_a_hostile_client_affects_no_vehicle(flight: AttackedFlight, name: str) -> None:

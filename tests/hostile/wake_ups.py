@@ -15,11 +15,17 @@ WAKE_UP_PERIOD_S = 0.02
 
 
 class WakeUpMeter:
-    """Runs from its creation until `stop`, at the priority of the stream process."""
+    """Runs from its creation until `stop`.
 
-    def __init__(self) -> None:
+    Args:
+        priority: of the stream process (`stream`), or the usual one (`usual`), as the server has.
+    """
+
+    def __init__(self, priority: str = "stream") -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.hostile.wake_ups"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            [sys.executable, "-m", "tests.hostile.wake_ups", priority],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
         )
 
     def stop(self) -> float:
@@ -28,9 +34,10 @@ class WakeUpMeter:
         return float(output)
 
 
-def main() -> None:
+def main(priority: str) -> None:
     """Prints the longest time [s] between two wake-ups when its input ends."""
-    request_priority()
+    if priority == "stream":
+        request_priority()
     longest_s, next_s, last_s = 0.0, time.monotonic(), time.monotonic()
     while not select.select([sys.stdin], [], [], max(0.0, next_s - time.monotonic()))[0]:
         now_s = time.monotonic()
@@ -43,4 +50,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

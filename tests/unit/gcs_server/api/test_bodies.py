@@ -1,17 +1,25 @@
 """Limits of request bodies before parsing: size, depth, number of keys, time."""
 
 import asyncio
+import itertools
 import json
 
 import pytest
 
-from gcs_server.api.bodies import DOCUMENT_PATHS, MAX_SMALL_BODY_BYTES, BodyReader
+from gcs_server.api.bodies import (
+    DOCUMENT_PATHS,
+    LARGE_BODIES,
+    MAX_SMALL_BODY_BYTES,
+    PAUSE_S_PER_BYTE,
+    BodyReader,
+)
 from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.json_limits import MAX_DEPTH, MAX_KEYS, json_fault
 from gcs_server.api.problems import MAX_ERRORS, MAX_VALUE_LENGTH
 from gcs_server.api.refusals import BODY_DEADLINE_S, MAX_BODY_BYTES
 from gcs_server.api.request_queue import RequestQueue
 from gcs_server.api.schema import PARTS
+from gcs_server.control.principal import Principal
 from tests.simulated_time import run_on_simulated_time
 from tests.support.api_client import api_client
 
@@ -178,3 +186,75 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
     run_on_simulated_time(run)
     assert sent_messages[0]["status"] == 408
     assert json.loads(sent_messages[1]["body"])["code"] == "too_slow"
+
+
+class LargeRequests:
+    """Requests through the middleware, on simulated time; the application answers after a second."""
+
+    def __init__(self, in_control=()):
+        self.reader = BodyReader(self._app, RequestQueue(lambda key: key in in_control))
+        self.handled = []
+
+    async def _app(self, scope, receive, send):
+        self.handled.append((scope["gcs.principal"].name, asyncio.get_running_loop().time()))
+        await asyncio.sleep(1.0)
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def send(self, client, path, size=MAX_BODY_BYTES):
+        """Sends a request; returns its status, and whether the body was read."""
+        received, statuses = [], []
+
+        async def receive():
+            received.append(size)
+            return {"type": "http.request", "body": b" " * size, "more_body": False}
+
+        async def send(message):
+            statuses.append(message.get("status"))
+
+        scope = {
+            "type": "http",
+            "method": "POST",
+            "path": f"/api/v1/{path}",
+            "headers": [(b"content-length", str(size).encode()), (b"x-client", client.encode())],
+            "query_string": b"",
+            "client": ("127.0.0.1", 1),
+        }
+        await self.reader(scope, receive, send)
+        return statuses[0], bool(received)
+
+
+def test_large_bodies_of_one_client_are_limited_before_they_are_read_and_others_are_served():
+    requests = LargeRequests()
+
+    async def run():
+        tasks = [asyncio.ensure_future(requests.send("hostile", "plans/check")) for _ in range(64)]
+        tasks.append(asyncio.ensure_future(requests.send("anna", "plans/check")))
+        tasks.append(asyncio.ensure_future(requests.send("hostile", "vehicles/1/hold", 2)))
+        *hostile, other, small = await asyncio.gather(*tasks)
+        assert sorted(set(hostile)) == [(200, True), (429, False)]
+        assert hostile.count((200, True)) == LARGE_BODIES.per_client
+        assert (other, small) == ((200, True), (200, True))
+
+    run_on_simulated_time(run)
+
+
+def test_large_setpoints_of_a_client_without_control_leave_the_loop_free_most_of_the_time():
+    pilot_key = Principal.from_identity("pilot", "", "127.0.0.1").key
+    requests = LargeRequests({pilot_key})
+
+    async def run():
+        path = "vehicles/1/offboard/setpoint"
+        tasks = [asyncio.ensure_future(requests.send("hostile", path)) for _ in range(3)]
+        await asyncio.sleep(0.1)
+        begin_s = asyncio.get_running_loop().time()
+        await requests.send("pilot", path)
+        await asyncio.gather(*tasks)
+        times = [time_s for name, time_s in requests.handled if name == "hostile"]
+        pause_s = MAX_BODY_BYTES * PAUSE_S_PER_BYTE
+        assert [later - first for first, later in itertools.pairwise(times)] == pytest.approx(
+            [1.0 + pause_s] * 2
+        )
+        assert [time_s for name, time_s in requests.handled if name == "pilot"] == pytest.approx([begin_s])
+
+    run_on_simulated_time(run)

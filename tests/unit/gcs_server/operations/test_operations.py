@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_server.clock import LoopClock
-from gcs_server.errors import Disconnected, NoReply, Refused, UnknownOperation
+from gcs_server.errors import ClientHasTooMany, Disconnected, NoReply, Refused, UnknownOperation
 from gcs_server.operations.operations import (
     LINK_GRACE_S,
     MAX_ENDED,
     MAX_RESULT_LENGTH,
     MAX_RUNNING,
+    MAX_RUNNING_PER_CLIENT,
     MAX_TEXT_LENGTH,
     PROGRESS_PERIOD_S,
     Operations,
@@ -209,6 +210,18 @@ def test_when_the_server_stops_all_operations_are_cancelled_and_no_operation_sta
         assert context.operations.get(operations[0].id).text == "The server stopped."
         with pytest.raises(Refused, match="shutting down"):
             start(context)
+
+    run_test(test)
+
+
+def test_the_operations_of_one_client_leave_room_for_those_of_others():
+    async def test(context):
+        for n in range(MAX_RUNNING_PER_CLIENT):
+            start(context, vehicle=str(n), by=("mallory", "m"))
+        with pytest.raises(ClientHasTooMany, match="of this client are running"):
+            start(context, vehicle="more", by=("mallory", "m"))
+        assert start(context, vehicle="1", by=("mallory", "m")).vehicle == "1"  # the running one
+        assert start(context, vehicle="more", by=("anna", "a")).state == "running"
 
     run_test(test)
 
