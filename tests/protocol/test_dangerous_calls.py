@@ -232,7 +232,7 @@ def test_invalid_rates_are_refused_before_the_stream(invalid_fields):
 
 
 @pytest.mark.parametrize(
-    "position_ned_m", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5], [0, 0, 1100]]
+    "position_ned_m", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5]]
 )
 def test_targets_more_than_a_kilometre_away_are_refused_at_the_start_and_in_flight(
     run_simulated, position_ned_m

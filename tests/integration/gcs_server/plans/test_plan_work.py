@@ -161,5 +161,5 @@ sys.stdin.read()
 
 def test_the_worker_knows_exactly_these_tasks():
     names = {"check", "compile", "compile_roles", "convert", "elevation_files", "export", "follow_ground"}
-    names |= {"import", "insert", "items", "pattern", "pattern_on_ground", "read", "table"}
+    names |= {"import", "insert", "items", "known_ground", "pattern", "pattern_on_ground", "read", "table"}
     assert set(tasks.TASKS) == names
