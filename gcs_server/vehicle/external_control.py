@@ -32,14 +32,22 @@ class ExternalControl:
         vehicle: the vehicle; its messages are evaluated.
         command: the command service, which has the modes that this server requested.
         stream_request: returns the mode that the setpoint stream requests before it ends; None: no request.
+        plan_returns: whether the plan on the vehicle is at its own Return.
     """
 
     def __init__(
-        self, vehicle: VehiclePort, command: CommandService, stream_request: Callable[[], str | None]
+        self,
+        vehicle: VehiclePort,
+        command: CommandService,
+        stream_request: Callable[[], str | None],
+        plan_returns: Callable[[], bool],
     ) -> None:
         self._vehicle = vehicle
         self._command = command
         self._stream_request = stream_request
+        self._plan_returns = plan_returns
+        self._changed_s = float("-inf")
+        """Time of the last mode change [s, monotonic]."""
         self._foreign_ack: ForeignAck | None = None
         self._gimbal_control: dict[tuple[int, int], tuple[int, int] | None] = {}
         """Primary controller of each gimbal, by (component id of the manager, device id)."""
@@ -56,6 +64,10 @@ class ExternalControl:
             return None
         name, label = vehicle.mode_names.name_and_label(after.custom_mode, after.autopilot)
         own_command = self._command.recent_command(name)
+        was_failsafe = self.mode_cause is not None and self.mode_cause.source == "failsafe"
+        if was_failsafe and own_command is not None and own_command.since_s < self._changed_s:
+            own_command = None  # it selected the mode before the failsafe, to which the vehicle now returns
+        self._changed_s = vehicle.clock.monotonic_s()
         requested = None if own_command is None else (own_command.label, own_command.by)
         if requested is None and self._stream_request() == name:
             requested = (label, None)
@@ -65,6 +77,8 @@ class ExternalControl:
             requested=requested,
             foreign=self._foreign_ack,
             has_transmitter=self._has_transmitter(),
+            was_failsafe=was_failsafe,
+            plan_returns=self._plan_returns,
             now_s=vehicle.clock.monotonic_s(),
             unix_s=vehicle.clock.unix_s(),
         )

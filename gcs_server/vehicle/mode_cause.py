@@ -7,6 +7,7 @@ acknowledgements to other stations, the intended mode and the current mode, and 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -73,6 +74,8 @@ def cause_of(
     requested: tuple[str, str | None] | None,
     foreign: ForeignAck | None,
     has_transmitter: bool,
+    was_failsafe: bool,
+    plan_returns: Callable[[], bool],
     now_s: float,
     unix_s: float,
 ) -> ModeCause:
@@ -84,6 +87,8 @@ def cause_of(
         requested: (command, client) of this server's newest command for this mode.
         foreign: newest acknowledgement to another station.
         has_transmitter: whether an RC transmitter is connected.
+        was_failsafe: whether a failsafe selected the mode before the change.
+        plan_returns: whether the plan on the vehicle is at its own Return.
         now_s: current time [s, monotonic].
         unix_s: current time [s since 1970 UTC].
     """
@@ -96,8 +101,12 @@ def cause_of(
     old, new = (_name(flight_state.custom_mode) for flight_state in (before, after))
     if is_overruled(after) or after.system_status in (d.MAV_STATE_CRITICAL, d.MAV_STATE_EMERGENCY):
         return ModeCause("failsafe", None, "the failsafe", unix_s)
+    if was_failsafe and before.intended_custom_mode == after.custom_mode:
+        return ModeCause("vehicle", None, "the vehicle itself, after its failsafe", unix_s)
     if not after.armed or (new == "hold" and old in ENDS_IN_HOLD):
         return ModeCause("vehicle", None, "the vehicle itself", unix_s)
+    if old == "mission" and new == "rtl" and plan_returns():
+        return ModeCause("vehicle", None, "the plan", unix_s)
     if new in PILOT_MODES and has_transmitter:
         return ModeCause("pilot", None, "the RC pilot", unix_s)
     return ModeCause(

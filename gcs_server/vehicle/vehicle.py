@@ -124,7 +124,10 @@ class Vehicle:
         self.health = HealthService(self, self._take_event, self._fetch_metadata)
         self._event_logger.describe_again = self.health.describe_again
         self._external_control = ExternalControl(
-            self, self.command, lambda: None if self.offboard is None else self.offboard.requested_mode()
+            self,
+            self.command,
+            lambda: None if self.offboard is None else self.offboard.requested_mode(),
+            lambda: self.mission.is_at_return(),
         )
 
     @property

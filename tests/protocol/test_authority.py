@@ -316,6 +316,20 @@ def test_a_failsafe_is_reported_as_failsafe(run_simulated):
     run_with_routes(run_simulated, scenario)
 
 
+def test_after_a_failsafe_landing_the_commanded_mode_is_not_reported_as_commanded_again(run_simulated):
+    async def scenario(rig):
+        await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
+        rig.autopilot.mode = LAND_MODE
+        rig.autopilot.send(sim.MAVLink_current_mode_message(0, LAND_MODE, OFFBOARD_MODE))
+        await sleep(2)
+        assert mode_changes(rig.vehicle)[-1][2] == "failsafe"
+        rig.autopilot.land_and_disarm()
+        await sleep(0.2)
+        assert mode_changes(rig.vehicle)[-1] == ("Mode Offboard", 5, "vehicle")
+
+    run_with_routes(run_simulated, scenario)
+
+
 def test_a_mode_change_first_seen_in_a_heartbeat_is_reclassified_as_failsafe(run_simulated):
     async def scenario(rig):
         await sleep(10)

@@ -121,6 +121,19 @@ class MissionService:
             return None
         return ids_of(sample.value)
 
+    def is_at_return(self) -> bool:
+        """Whether the current item of the mission, or the next one, is the plan's own Return."""
+        sample, on_vehicle = self._vehicle.topic("mission"), self.items_on_vehicle
+        if on_vehicle is None or on_vehicle.ids != self.ids():
+            return False
+        assert sample is not None
+        assert isinstance(sample.value, Mission)
+        current = sample.value.current
+        return any(
+            item.command == d.MAV_CMD_NAV_RETURN_TO_LAUNCH and item.seq in (current, current + 1)
+            for item in on_vehicle.items.get("mission", ())
+        )
+
     def plan_on_vehicle(self) -> Literal["plan", "another", "not_known"]:
         """Whether the vehicle has the plan of the last transfer (`items_on_vehicle`)."""
         on_vehicle, ids = self.items_on_vehicle, self.ids()
