@@ -110,7 +110,10 @@ class GimbalRates(StrictBody):
     yaw_rate_deg_s: float = Field(
         allow_inf_nan=False, ge=-360, le=360, description="Yaw rate, clockwise [deg/s]."
     )
-    yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
+    yaw_lock: bool | None = Field(
+        default=None,
+        description="Keep the direction while the vehicle turns; null: keep the gimbal's current setting.",
+    )
 
 
 class GimbalRoi(StrictBody):

@@ -121,8 +121,10 @@ class SyncGimbal:
             lambda: self._inner.angles(pitch_deg, yaw_deg, roll_deg=roll_deg, yaw_lock=yaw_lock)
         )
 
-    def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
-        """Turns the gimbal at constant rates until the next command; zeros stop both axes."""
+    def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool | None = None) -> None:
+        """Turns the gimbal at constant rates until the next command; zeros stop both axes. `yaw_lock` None
+        keeps the gimbal's current setting.
+        """
         self._portal.call(lambda: self._inner.rates(pitch_rate_deg_s, yaw_rate_deg_s, yaw_lock=yaw_lock))
 
     def roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:

@@ -51,8 +51,11 @@ class Gimbal:
             body = {**body, "roll_deg": roll_deg}
         return (await self._post("angles", body))["limited"]
 
-    async def rates(self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool = False) -> None:
-        """Turns the gimbal at constant rates until the next command; zeros stop both axes."""
+    async def rates(
+        self, pitch_rate_deg_s: float, yaw_rate_deg_s: float, *, yaw_lock: bool | None = None
+    ) -> None:
+        """Turns the gimbal at constant rates until the next command; zeros stop both axes. `yaw_lock` None
+        keeps the gimbal's current setting."""
         body: Body = {"pitch_rate_deg_s": pitch_rate_deg_s, "yaw_rate_deg_s": yaw_rate_deg_s}
         await self._post("rates", {**body, "yaw_lock": yaw_lock})
 

@@ -4,9 +4,11 @@ import math
 
 import pytest
 
+from gcs_server.api import gimbal_routes, models
 from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.gimbal import Roi
+from tests.protocol.api_calls import ANNA, run_with_routes
 from tests.protocol.command_numbers import DO_SET_ROI_LOCATION, GIMBAL_PITCHYAW
 from tests.protocol.fake_autopilot import INT32
 from tests.protocol.one_vehicle import PACKET_LOSS_CASES, run_scenario
@@ -90,6 +92,9 @@ def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
         await vehicle.gimbal.set_rates(10, -5)
         command = autopilot.received_commands(GIMBAL_PITCHYAW)[-1]
         assert (command.param3, command.param4) == (10, -5)
+        assert command.param5 == d.GIMBAL_MANAGER_FLAGS_YAW_LOCK, "the active lock was dropped"
+        await vehicle.gimbal.set_rates(10, -5, yaw_lock=False)
+        assert autopilot.received_commands(GIMBAL_PITCHYAW)[-1].param5 == 0
         await vehicle.gimbal.set_angles(-20, 10, roll_deg=5)
         assert autopilot.gimbal_q[1] != 0
         await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
@@ -176,3 +181,18 @@ def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(run
         assert await vehicle.gimbal.set_angles(0, 0) is None
 
     run_scenario(run_simulated, scenario)
+
+
+def test_rates_without_a_yaw_lock_keep_the_active_lock(run_simulated):
+    """Without the lock, the camera would turn by the vehicle's heading."""
+
+    async def scenario(rig):
+        gimbal, body = (None, None), models.GimbalRates(pitch_rate_deg_s=5, yaw_rate_deg_s=0)
+        await rig.vehicle.gimbal.take_control()
+        for lock in (True, False):
+            await rig.vehicle.gimbal.set_angles(-30, 60, yaw_lock=lock, wait=False)
+            await gimbal_routes.rates("1", body, rig.station, ANNA, gimbal)
+            flags = d.GIMBAL_MANAGER_FLAGS_YAW_LOCK if lock else 0
+            assert rig.autopilot.received_commands(GIMBAL_PITCHYAW)[-1].param5 == flags
+
+    run_with_routes(run_simulated, scenario)

@@ -37,6 +37,8 @@ MAX_RATE_DEG_S = 180.0
 ATTITUDE_TOLERANCE_RAD = math.radians(2.0)
 NAN = math.nan
 STATUS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
+LOCK_REPORTED_AFTER_S = 2.0
+"""Time after a command until which the gimbal may still report the yaw lock before it [s]."""
 ATTITUDE_ID = d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 
 
@@ -70,6 +72,8 @@ class GimbalService:
         self._vehicle = vehicle
         self._address = address
         self._rois: dict[GimbalAddress | None, Roi] = {} if rois is None else rois
+        self._commanded_lock: tuple[bool, float] | None = None
+        """The newest commanded yaw lock, and when it was commanded [s, monotonic]."""
 
     @property
     def roi(self) -> Roi | None:
@@ -115,6 +119,7 @@ class GimbalService:
         self._check_limits(pitch_deg, yaw_deg, yaw_lock)
         await self._require_control()
         yaw_deg = math.degrees(wrap_pi(math.radians(yaw_deg)))
+        self._record_lock(yaw_lock)
         if roll_deg is not None:
             await self._point_with_roll(roll_deg, pitch_deg, yaw_deg, yaw_lock)
         else:
@@ -139,6 +144,7 @@ class GimbalService:
             low_rad, high_rad = gimbal.pitch_min_rad, gimbal.pitch_max_rad
             if low_rad is not None and high_rad is not None:
                 pitch_rad = min(max(pitch_rad, low_rad), high_rad)
+        self._record_lock(True)
         vehicle.send(self._attitude_message(q_from_euler(0.0, pitch_rad, yaw_ned_rad), yaw_lock=True))
         self._rois.pop(self._gimbal_address(), None)
 
@@ -162,8 +168,8 @@ class GimbalService:
         self._vehicle.require("gimbal")
         await self._require_control()
         if yaw_lock is None:
-            gimbal = self.reading()
-            yaw_lock = gimbal is not None and gimbal.yaw_lock
+            yaw_lock = self._current_lock()
+        self._record_lock(yaw_lock)
         flags = float(YAW_LOCK if yaw_lock else 0)
         await self._run_until_acknowledged(
             Request(
@@ -173,6 +179,19 @@ class GimbalService:
             "turn the gimbal",
         )
         self._rois.pop(self._gimbal_address(), None)
+
+    def _record_lock(self, yaw_lock: bool) -> None:
+        self._commanded_lock = (yaw_lock, self._vehicle.clock.monotonic_s())
+
+    def _current_lock(self) -> bool:
+        """The gimbal's yaw lock: the reported one, unless this server has commanded another one since. A
+        change of the lock would turn the camera by the vehicle's heading."""
+        gimbal, commanded = self.reading(), self._commanded_lock
+        if commanded is not None:
+            is_new = self._vehicle.clock.monotonic_s() - commanded[1] < LOCK_REPORTED_AFTER_S
+            if gimbal is None or is_new:
+                return commanded[0]
+        return gimbal is not None and gimbal.yaw_lock
 
     async def set_roi(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Keeps the camera pointed at a location; does not require control."""

@@ -5517,9 +5517,9 @@ export interface components {
             readonly yaw_rate_deg_s: number;
             /**
              * Yaw Lock
-             * @description Keep the direction while the vehicle turns.
+             * @description Keep the direction while the vehicle turns; null: keep the gimbal's current setting.
              */
-            readonly yaw_lock?: boolean;
+            readonly yaw_lock?: boolean | null;
         };
         /**
          * GimbalReading
