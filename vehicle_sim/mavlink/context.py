@@ -12,6 +12,7 @@ from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.telemetry import Telemetry
 
 AUTOPILOT_COMPONENT = 1
+LAST_MAVLINK_COMMAND = 65535
 AckListener = Callable[[Command, int, int], None]
 GCS_TIMEOUT_S = 2.5
 """A ground station counts as connected for this long after its last heartbeat; one heartbeat may be lost."""
@@ -70,14 +71,19 @@ class Context:
         self.send_ack(command, result, progress=progress)
 
     def send_ack(self, command: Command, result: int, *, progress: int = 0) -> None:
-        """Sends COMMAND_ACK on every link on which the sender of the command has sent messages."""
+        """Sends COMMAND_ACK on every link on which the sender of the command has sent messages.
+
+        PX4's internal commands, which have larger numbers than MAVLink's, are not acknowledged over MAVLink.
+        """
+        links = [link for link in self.links if command.sender in link.known_senders]
+        if not links or command.number > LAST_MAVLINK_COMMAND:
+            return
         layout, payload = pack(
             "COMMAND_ACK", command=command.number, result=result, progress=progress,
             target_system=command.sender[0], target_component=command.sender[1],
         )  # fmt: skip
-        for link in self.links:
-            if command.sender in link.known_senders:
-                link.send_payload(layout, payload)
+        for link in links:
+            link.send_payload(layout, payload)
 
     def call_soon(self, action: Callable[[], None]) -> None:
         """Runs an action before the next tick, as PX4's commander replies milliseconds later from its own
