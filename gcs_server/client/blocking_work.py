@@ -283,7 +283,9 @@ class SyncPlans:
     def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
         """Converts a file to a plan (`plan`, `areas`, `notes`); saves nothing.
 
-        Points without an altitude get `altitude_m` with `altitude_reference`.
+        Points without an altitude get `altitude_m` with `altitude_reference`. Altitudes in a file that does
+        not state their reference get `altitude_reference`. A file for which one of them is missing is refused
+        (`field` of the error).
         """
         return self._portal.call(lambda: self._inner.read_file(data, filename, **altitude))
 

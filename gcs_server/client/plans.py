@@ -127,7 +127,9 @@ class Plans:
     async def read_file(self, data: bytes, filename: str = "", **altitude: str | float) -> dict[str, Any]:
         """Converts a file to a plan (`plan`, `areas`, `notes`); saves nothing.
 
-        Points without an altitude get `altitude_m` with `altitude_reference`.
+        Points without an altitude get `altitude_m` with `altitude_reference`. Altitudes in a file that does
+        not state their reference get `altitude_reference`. A file for which one of them is missing is refused
+        (`field` of the error).
         """
         query = urlencode({"filename": filename, **altitude})
         return json.loads(await self._gcs.raw("POST", f"/plans/import?{query}", content=data))

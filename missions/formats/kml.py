@@ -52,6 +52,7 @@ _NOT_UNDERSTOOD = (
     "LinearRing", "Model", "GroundOverlay", "PhotoOverlay", "ScreenOverlay", "NetworkLink", "Tour"
 )  # fmt: skip
 _OTHER_XML = {"gpx": "a GPX file", "svg": "an SVG picture", "html": "a web page"}
+_COMMA = re.compile(r"\s*,\s*")
 _FIRST_ELEMENT = re.compile(r"<([A-Za-z_][\w.:-]{0,40})")
 MAX_ZIP_ENTRIES = 1000
 _CHUNK_BYTES = 64 * 1024
@@ -295,7 +296,7 @@ def _properties(placemark: Element) -> dict[str, Any]:
 
 def _coordinates(geometry: Element, name: str) -> tuple[Coordinate, ...]:
     text = next(((each.text or "") for each in _descendants(geometry, "coordinates")), "")
-    coordinates = text.split()
+    coordinates = _COMMA.sub(",", text).split()
     if len(coordinates) > MAX_ITEMS:
         raise PlanError(f"placemark {name!r}", f"more than {MAX_ITEMS} coordinates", "Simplify it.")
     return tuple(_coordinate(each, name) for each in coordinates)

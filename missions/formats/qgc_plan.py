@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from missions import bounded_json
 from missions.errors import PlanError, from_validation
 from missions.formats import qgc_item
-from missions.formats.here import resolve_here
+from missions.formats.here import is_here, resolve_here
 from missions.formats.qgc_fence import read_fence, read_rally, write_fence, write_rally
 from missions.formats.qgc_item import optional_list, require_list, require_number, require_object
 from missions.formats.results import Imported, Written
@@ -67,14 +67,11 @@ def read(data: bytes | str) -> Imported:
         )
     except ValidationError as error:
         raise from_validation(error) from None
-    raw_home = mission.get("plannedHomePosition")
     home: tuple[float, float] | None = None
-    if plan.planned_home is None and raw_home is not None:
-        notes += ("The planned home has no altitude, so it counts as not set.",)
-        home = (
-            require_number(raw_home[0], "field mission.plannedHomePosition[0]"),
-            require_number(raw_home[1], "field mission.plannedHomePosition[1]"),
-        )
+    if plan.planned_home is None and mission.get("plannedHomePosition") is not None:
+        home = _home_position(mission)
+        what = "is at latitude 0, longitude 0" if home is None else "has no altitude"
+        notes += (f"The planned home {what}, so it counts as not set.",)
     plan, here_notes = resolve_here(check_item_count(plan), home)
     return Imported(plan, notes=(*skipped_notes, *notes, *here_notes))
 
@@ -175,13 +172,21 @@ def _home(mission: dict[str, Any]) -> HomePosition | None:
     values = require_list(raw, place)
     if len(values) != 3:
         raise PlanError(place, f"it has {len(values)} numbers, not 3", "Write latitude, longitude, altitude.")
-    if values[2] is None:
+    position = _home_position(mission)
+    if position is None or values[2] is None:
         return None
-    lat, lon, alt = (require_number(value, f"{place}[{n}]") for n, value in enumerate(values))
+    alt = require_number(values[2], f"{place}[2]")
     try:
-        return HomePosition(lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+        return HomePosition(lat_deg=position[0], lon_deg=position[1], alt_amsl_m=alt)
     except ValidationError as error:
         raise from_validation(error, ("planned_home",)) from None
+
+
+def _home_position(mission: dict[str, Any]) -> tuple[float, float] | None:
+    """Latitude and longitude of the planned home; None: they are 0/0, which is no position."""
+    raw = mission["plannedHomePosition"]
+    lat, lon = (require_number(raw[n], f"field mission.plannedHomePosition[{n}]") for n in range(2))
+    return None if is_here(lat, lon) else (lat, lon)
 
 
 def _obstacles(document: dict[str, Any]) -> tuple[Obstacle, ...]:

@@ -4,15 +4,16 @@ One item per line: index, current, frame, command, four parameters, x, y, z, aut
 lines that begin with # count for nothing. The target of a jump is the index of an item.
 https://mavlink.io/en/file_formats/
 
-**Home.** In version 110 the first row is home if it is a waypoint (command 16) or has no command (0), of any
-frame, radius, yaw and `current`, because these programs read and write it so. Its altitude is above
-mean sea level, also in a relative frame. Any other first row is the first item: MAVSDK's files begin with a
-take-off, files of geofences with a corner. A home at 0/0, or without a number for its position or altitude,
-was not set. In version 120, of older QGroundControl, no row is home.
+**Home.** In version 110 the first row, if its index is 0, is home if it is a waypoint (command 16) or has no
+command (0), of any frame, radius, yaw and `current`, as these programs read and write it. Its altitude
+is above mean sea level, also in a relative frame. Any other first row is the first item: MAVSDK's files begin
+with a take-off, files of geofences with a corner. A home at 0/0, or without a number for its position or
+altitude, was not set. In version 120, of older QGroundControl, no row is home.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -54,6 +55,7 @@ class _Row:
     """One line: command, frame, seven parameters (None: not a number)."""
 
     line: int
+    index: float
     frame: int
     command: int
     params: tuple[float | None, ...]
@@ -84,7 +86,8 @@ def read(data: bytes | str) -> Imported:
         raise PlanError("the file", f"{len(rows)} items, the maximum is {MAX_ITEMS}", "Split the plan.")
     if not rows:
         raise PlanError("the file", "it has no rows", "Choose another file.")
-    home_row = rows[0] if header == HEADER and rows[0].command in _HOME_COMMANDS else None
+    may_be_home = header == HEADER and rows[0].index == 0 and rows[0].command in _HOME_COMMANDS
+    home_row = rows[0] if may_be_home else None
     home = None if home_row is None else _home(home_row)
     notes: list[str] = []
     if home_row is None:
@@ -110,8 +113,12 @@ def read(data: bytes | str) -> Imported:
 def _items(rows: list[_Row], home_row: _Row | None) -> tuple[SimpleItem, ...]:
     commands_elsewhere = (*FENCE_COMMANDS, MAV_CMD_NAV_RALLY_POINT, MAV_CMD_NAV_FENCE_RETURN_POINT)
     is_item = [row is not home_row and row.command not in commands_elsewhere for row in rows]
-    index_of_row = [sum(is_item[:n]) if item else None for n, item in enumerate(is_item)]
-    return tuple(_item(row, index_of_row) for row, item in zip(rows, is_item, strict=True) if item)
+    numbers = [row.index for row in rows]
+    if len(set(numbers)) < len(rows):
+        numbers = [float(n) for n in range(len(rows))]
+    item_numbers = itertools.count()
+    index_of = {n: next(item_numbers) if item else None for n, item in zip(numbers, is_item, strict=True)}
+    return tuple(_item(row, index_of) for row, item in zip(rows, is_item, strict=True) if item)
 
 
 def _wire_items(rows: list[_Row]) -> list[WireItem]:
@@ -123,6 +130,8 @@ def _wire_items(rows: list[_Row]) -> list[WireItem]:
             raise PlanError(
                 f"line {row.line}, columns x and y", "it has no position", "Correct the position."
             )
+        if z is None and row.command == MAV_CMD_NAV_RALLY_POINT:
+            raise PlanError(f"line {row.line}, column z", "the rally point has no altitude", "Set it.")
         radius, altitude_m = p1 or 0.0, z or 0.0
         x, y = round(lat * 1e7), round(lon * 1e7)
         wire_items.append(WireItem(seq, row.frame, row.command, radius, 0, 0, 0, x, y, altitude_m))
@@ -135,7 +144,7 @@ def _row(line: int, cells: list[str]) -> _Row:
     names = (*_COLUMNS, "autocontinue")
     values = [_value(line, name, cell) for name, cell in zip(names, cells, strict=True)]
     frame, command = int(values[2] or 0), int(values[3] or 0)
-    return _Row(line, frame, command, tuple(values[4:11]), bool(values[11]))
+    return _Row(line, values[0] or 0.0, frame, command, tuple(values[4:11]), bool(values[11]))
 
 
 def _value(line: int, column: str, cell: str) -> float | None:
@@ -165,7 +174,9 @@ def _home(row: _Row) -> HomePosition | None:
         raise PlanError(f"line {row.line}, {invalid.place}", invalid.reason, invalid.fix) from None
 
 
-def _item(row: _Row, index_of_row: list[int | None]) -> SimpleItem:
+def _item(row: _Row, index_of: dict[float, int | None]) -> SimpleItem:
+    """The item of a row; `index_of` has the index of the item of each row, by the row's number (None: the row
+    is no item)."""
     try:
         item = item_from_params(row.command, row.frame, row.params, autocontinue=row.autocontinue)
     except PlanError as error:
@@ -176,15 +187,17 @@ def _item(row: _Row, index_of_row: list[int | None]) -> SimpleItem:
     if not isinstance(item, Jump):
         return item
     target = item.target_index
-    if target < len(index_of_row):
-        index = index_of_row[target]
+    if target in index_of:
+        index = index_of[target]
         if index is None:
             what = "the home position" if target == 0 else "a row that is not an item"
             reason = f"it jumps to {what}"
             raise PlanError(f"line {row.line}, column param1", reason, "Enter an item's index.")
         return item.model_copy(update={"target_index": index})
     # a jump beyond the file stays one: the checks report it
-    return item.model_copy(update={"target_index": target - index_of_row.count(None)})
+    beyond = target - max(index_of, default=0)
+    count_of_items = sum(index is not None for index in index_of.values())
+    return item.model_copy(update={"target_index": count_of_items - 1 + max(1, int(beyond))})
 
 
 def write(plan: Plan) -> Written:

@@ -172,6 +172,17 @@ def test_a_first_row_that_is_no_waypoint_is_the_first_item(seed: int) -> None:
     assert "no home position" in result.notes[0]
 
 
+def test_a_file_whose_rows_begin_at_1_has_no_home_row_and_its_jumps_name_the_indexes() -> None:
+    waypoint = "{} 0 3 16 0 0 0 0 {} 8.5 30 1\n"
+    rows = waypoint.format(1, 47.4) + waypoint.format(2, 47.41) + "3 0 3 177 2 4 0 0 0 0 0 1\n"
+    text = f"QGC WPL 110\n{rows}"
+    plan, _ = imported(text.encode(), "a.waypoints")
+    assert (plan.planned_home, positions(plan)) == (None, [(47.4, 8.5), (47.41, 8.5)])
+    jump = plan.items[2]
+    assert jump.kind == "jump"
+    assert jump.target_index == 1
+
+
 def test_version_120_has_no_home_and_other_versions_are_refused() -> None:
     rng = random.Random(1)
     rows: list[tuple[object, ...]] = [(3, 16, 0, 5, 0, 0, 47.4, 8.5, 30), (3, 16, 0, 5, 0, 0, 47.41, 8.5, 30)]
@@ -284,6 +295,17 @@ def test_a_plan_file_has_0_0_resolved_and_old_parts_left_out(seed: int) -> None:
     assert positions(again) == positions(plan)
 
 
+def test_a_planned_home_at_0_0_is_not_set() -> None:
+    document = {
+        "fileType": "Plan",
+        "mission": {"items": [], "plannedHomePosition": [0, 0, 0], "version": 2},
+        "version": 1,
+    }
+    plan, result = imported(json.dumps(document).encode())
+    assert plan.planned_home is None
+    assert "counts as not set" in result.notes[0]
+
+
 @pytest.mark.parametrize("seed", RELATIVES)
 def test_fence_and_rally_rows_are_fence_and_rally_points(seed: int) -> None:
     rng = random.Random(seed)
@@ -321,6 +343,7 @@ def test_fence_and_rally_rows_are_fence_and_rally_points(seed: int) -> None:
         ((3, 5003, 0, 0, 0, 0, 47.4, 8.5, 0), "greater than 0"),
         ((3, 5001, 3, 0, 0, 0, 0, 0, 0), "line 2, columns x and y: it has no position"),
         ((3, 5100, 0, 0, 0, 0, 470, 8.5, 0), "it has no position"),
+        ((3, 5100, 0, 0, 0, 0, 47.4, 8.5, "nan"), "the rally point has no altitude"),
     ],
 )
 def test_a_fence_row_that_makes_no_zone_is_refused(row: tuple[object, ...], reason: str) -> None:

@@ -391,8 +391,9 @@ export class Plans {
     if (use.fence.length > 0) this.editor.addZones(use.fence);
   }
 
+  /** Opens an imported plan. A file with nothing but areas replaces no plan: its areas are added to the edited one. */
   private openImported(name: string, { plan, notes, areas }: ImportedFile): void {
-    this.editor.replace(isMission(plan) ? plan.name : name, isMission(plan) ? plan : { ...EMPTY_PLAN, ...plan });
+    if (!isNothing(plan)) this.editor.replace(isMission(plan) ? plan.name : name, isMission(plan) ? plan : { ...EMPTY_PLAN, ...plan });
     this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text: notes.join(' ') || 'The file contains areas.', areas } : null;
   }
 
@@ -415,6 +416,13 @@ export class Plans {
   private showProblem(failure: string, problem: Problem, conflict = false): void {
     this.notice = { tone: 'danger', text: problemText(failure, problem), conflict };
   }
+}
+
+/** Whether a plan has no content: a file of areas alone becomes such a plan. */
+function isNothing(plan: Document): boolean {
+  if (isMission(plan)) return false;
+  const { items, fence, rally_points, obstacles, planned_home } = { ...EMPTY_PLAN, ...plan };
+  return planned_home === null && [items, fence, rally_points, obstacles ?? []].every((part) => part.length === 0);
 }
 
 function nameOrDefault(name: string): string {

@@ -88,6 +88,16 @@ describe('the editor', () => {
     expect(editor.plan.items.map((_, row) => north_m(editor, `item:${row}`))).toEqual([10, 17, 20, 30]);
     editor.undo();
     expect(editor.plan.items).toHaveLength(3);
+  });
+
+  it('are not replaced by a file of areas alone', async () => {
+    const areas = [{ name: 'field', outer: [], holes: [], uses: [], likely_use: null }];
+    const { api } = fakeServer([200, { plan: EMPTY_PLAN, notes: ['The KML file has 1 area: choose a use for it.'], areas }]);
+    const editor = editorWithWaypoints();
+    const plans = new Plans(api, editor, memoryStorage());
+    expect(await plans.import(new File(['x'], 'field.kml'))).toBe(true);
+    expect(editor.plan.items).toHaveLength(3);
+    expect(plans.notice?.areas).toEqual(areas);
     editor.pick('middle:2', false);
     expect(north_m(editor, 'item:2')).toBe(25);
   });
@@ -245,7 +255,7 @@ describe('plans on the server', () => {
     const { api, requests } = fakeServer(
       [422, refusal],
       [422, { ...refusal, field: 'altitude_reference' }],
-      [200, { plan: { ...EMPTY_PLAN, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }],
+      [200, { plan: { ...EMPTY_PLAN, planned_home: HOME }, notes: [], areas: [{ name: 'field', outer: [], holes: [], uses: [], likely_use: null }] }],
     );
     const editor = editorWithWaypoints();
     const plans = new Plans(api, editor, memoryStorage());
