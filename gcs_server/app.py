@@ -393,7 +393,10 @@ def create_app(
     server.station.warning_sources.append(
         lambda: [Notice("connections", text)] if (text := connections.warning()) is not None else []
     )
-    app.add_middleware(BodyReader, request_queue=server.station.request_queue)
+    station = server.station
+    app.add_middleware(
+        BodyReader, request_queue=station.request_queue, large_setpoints=station.large_setpoints
+    )
     app.add_middleware(Admission, connections=connections, in_control=in_control)
     access = Access(loopback_only=settings.loopback_only, token=token_of(settings))
     app.add_middleware(Guard, access=access, clock=clock)

@@ -11,6 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from gcs_server.api import refusals
 from gcs_server.api.admission import refusal_response
 from gcs_server.api.json_limits import REFUSED_REMEDY, json_fault
+from gcs_server.api.large_setpoints import LargeSetpoints
 from gcs_server.api.principals import principal_of
 from gcs_server.api.problems import problem
 from gcs_server.api.request_queue import RequestQueue
@@ -28,11 +29,6 @@ SETPOINT_PATHS = re.compile(r"/api/v1/(vehicles/[^/]+/offboard/(start|setpoint)|
 """Routes whose body contains setpoints; a path of 5000 points has 700 kB."""
 LARGE_BODIES = TurnLimits(running=64, running_without_control=32, per_client=8, total=32)
 """Maximum numbers of large bodies that are received or handled at a time."""
-LARGE_SETPOINTS = TurnLimits(running=2, running_without_control=1, per_client=8, total=32)
-"""Maximum numbers of large bodies with setpoints, which the event loop itself reads."""
-PAUSE_S_PER_BYTE = 5e-7
-"""Pause after such a body of a client that controls no vehicle [s per byte], several times the time to read
-it."""
 
 
 class _ClientDisconnected(Exception):
@@ -44,13 +40,14 @@ class BodyReader:
 
     Args:
         request_queue: starts requests in a fair order.
+        large_setpoints: lets large setpoints be read in turn.
     """
 
-    def __init__(self, app: ASGIApp, request_queue: RequestQueue) -> None:
+    def __init__(self, app: ASGIApp, request_queue: RequestQueue, large_setpoints: LargeSetpoints) -> None:
         self._app = app
         self._request_queue = request_queue
         self._large_bodies = Turns(request_queue.in_control, LARGE_BODIES)
-        self._large_setpoints = Turns(request_queue.in_control, LARGE_SETPOINTS)
+        self._large_setpoints = large_setpoints
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -72,10 +69,8 @@ class BodyReader:
                 if not has_setpoints:
                     await self._handle(client, scope, receive, send, refusals.MAX_BODY_BYTES)
                     return
-                async with self._large_setpoints.turn():
+                async with self._large_setpoints.turn(_declared_size(scope)):
                     await self._handle(client, scope, receive, send, refusals.MAX_BODY_BYTES)
-                    if not self._request_queue.in_control(client.key):
-                        await asyncio.sleep(_declared_size(scope) * PAUSE_S_PER_BYTE)
         except (ClientHasTooMany, ServerBusy) as error:
             is_clients = isinstance(error, ClientHasTooMany)
             refusal = refusals.TOO_MANY_LARGE if is_clients else refusals.SERVER_FULL

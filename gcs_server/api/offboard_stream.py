@@ -12,6 +12,7 @@ import json
 from collections import deque
 from typing import Any, Protocol, cast
 
+import msgspec
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ValidationError
 
@@ -22,7 +23,7 @@ from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.api.station import Station
 from gcs_server.clock import Clock
 from gcs_server.control.principal import Principal
-from gcs_server.errors import GcsError
+from gcs_server.errors import ClientHasTooMany, GcsError, ServerBusy
 from gcs_server.streamer.offboard.status import OffboardStatus
 from gcs_server.telemetry.wire import encode
 
@@ -119,9 +120,7 @@ class SetpointSocket:
                 if applied:
                     self._respond(_superseded_response(text))
                 else:
-                    if len(text) > LARGE_MESSAGE:
-                        await self._station.request_queue.wait(self._principal)
-                    response = await self._apply_message(text)
+                    response = await self._apply_in_turn(text)
                     applied = "error" not in response
                     self._respond(response)
             # After a delay, the next setpoint is applied up to one period earlier, to keep the average rate.
@@ -145,6 +144,16 @@ class SetpointSocket:
             self._responses_bytes -= len(self._responses.popleft())
         self._response_added.set()
 
+    async def _apply_in_turn(self, text: str) -> JsonObject:
+        if len(text) <= LARGE_MESSAGE:
+            return await self._apply_message(text)
+        try:
+            async with self._station.large_setpoints.turn(len(text), wait=False):
+                await self._station.request_queue.wait(self._principal)
+                return await self._apply_message(text)
+        except (ClientHasTooMany, ServerBusy) as error:
+            return {**_seq_field(text), "error": _error_fields(error)}
+
     async def _apply_message(self, text: str) -> JsonObject:
         try:
             seq, data = _parse(text)
@@ -166,16 +175,7 @@ class SetpointSocket:
         try:
             status = await apply_setpoint(self._station, self._principal, self._vehicle_id, body)
         except GcsError as error:
-            error_fields = {
-                "code": error.code,
-                "detail": error.message,
-                "remedy": error.remedy,
-                **error.details(),
-            }
-            return {
-                **seq_field,
-                "error": {name: value for name, value in error_fields.items() if value is not None},
-            }
+            return {**seq_field, "error": _error_fields(error)}
         return {**seq_field, "applied": status.setpoint, "limited": status.limited}
 
 
@@ -213,9 +213,23 @@ def _parse(text: str) -> tuple[int | None, dict[str, Any]]:
     return seq, fields
 
 
-def _superseded_response(text: str) -> JsonObject:
+class _Numbered(msgspec.Struct):
+    seq: int | None = None
+
+
+def _seq_field(text: str) -> JsonObject:
+    """The number of a message that is not applied; its other fields are skipped, not read."""
     try:
-        seq, _ = _parse(text)
-    except ValueError:
+        seq = msgspec.json.decode(text, type=_Numbered).seq
+    except (msgspec.DecodeError, RecursionError, UnicodeEncodeError):
         seq = None
-    return {"superseded": True} if seq is None else {"seq": seq, "superseded": True}
+    return {} if seq is None else {"seq": seq}
+
+
+def _superseded_response(text: str) -> JsonObject:
+    return {**_seq_field(text), "superseded": True}
+
+
+def _error_fields(error: GcsError) -> JsonObject:
+    fields = {"code": error.code, "detail": error.message, "remedy": error.remedy, **error.details()}
+    return {name: value for name, value in fields.items() if value is not None}

@@ -10,6 +10,7 @@ from typing import Annotated
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from gcs_server.api.large_setpoints import LargeSetpoints
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.request_queue import RequestQueue
 from gcs_server.clock import Clock
@@ -61,6 +62,7 @@ class Station:
     maps: Path
     """Folder of the operator's offline maps; need not exist."""
     request_queue: RequestQueue = field(init=False)
+    large_setpoints: LargeSetpoints = field(init=False)
     known_ground: KnownGround = field(init=False)
     has_scene: bool = False
     simulator: bool = False
@@ -75,6 +77,7 @@ class Station:
 
     def __post_init__(self) -> None:
         self.request_queue = RequestQueue(self.authority.controls_any)
+        self.large_setpoints = LargeSetpoints(self.authority.controls_any)
         self.known_ground = KnownGround(self.clock, self.fleet, self.plan_work)
 
     @property

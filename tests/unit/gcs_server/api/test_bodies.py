@@ -10,16 +10,18 @@ from gcs_server.api.bodies import (
     DOCUMENT_PATHS,
     LARGE_BODIES,
     MAX_SMALL_BODY_BYTES,
-    PAUSE_S_PER_BYTE,
     BodyReader,
 )
 from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.json_limits import MAX_DEPTH, MAX_KEYS, json_fault
+from gcs_server.api.large_setpoints import PAUSE_S_PER_BYTE, LargeSetpoints
 from gcs_server.api.problems import MAX_ERRORS, MAX_VALUE_LENGTH
 from gcs_server.api.refusals import BODY_DEADLINE_S, MAX_BODY_BYTES
 from gcs_server.api.request_queue import RequestQueue
 from gcs_server.api.schema import PARTS
 from gcs_server.control.principal import Principal
+from gcs_server.errors import ServerBusy
+from gcs_server.operations.turns import CALLER, Caller
 from tests.simulated_time import run_on_simulated_time
 from tests.support.api_client import api_client
 
@@ -180,7 +182,7 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
             "query_string": b"",
             "client": None,
         }
-        await BodyReader(app, RequestQueue(lambda _: False))(scope, receive_nothing, send)
+        await reader_of(app, lambda _: False)(scope, receive_nothing, send)
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(BODY_DEADLINE_S)
 
     run_on_simulated_time(run)
@@ -188,11 +190,15 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
     assert json.loads(sent_messages[1]["body"])["code"] == "too_slow"
 
 
+def reader_of(app, in_control):
+    return BodyReader(app, RequestQueue(in_control), LargeSetpoints(in_control))
+
+
 class LargeRequests:
     """Requests through the middleware, on simulated time; the application answers after a second."""
 
     def __init__(self, in_control=()):
-        self.reader = BodyReader(self._app, RequestQueue(lambda key: key in in_control))
+        self.reader = reader_of(self._app, lambda key: key in in_control)
         self.handled = []
 
     async def _app(self, scope, receive, send):
@@ -256,5 +262,26 @@ def test_large_setpoints_of_a_client_without_control_leave_the_loop_free_most_of
             [1.0 + pause_s] * 2
         )
         assert [time_s for name, time_s in requests.handled if name == "pilot"] == pytest.approx([begin_s])
+
+    run_on_simulated_time(run)
+
+
+def test_a_large_setpoint_of_a_socket_is_refused_instead_of_waiting_behind_another():
+    large = LargeSetpoints(lambda key: key == "pilot")
+
+    async def read(client, size, **options):
+        CALLER.set(Caller(client))
+        async with large.turn(size, **options):
+            await asyncio.sleep(0.02)
+
+    async def run():
+        await read("hostile", 100_000, wait=False)
+        with pytest.raises(ServerBusy, match="read first"):
+            await read("other", 100_000, wait=False)
+        begin_s = asyncio.get_running_loop().time()
+        await read("pilot", 100_000, wait=False)
+        assert asyncio.get_running_loop().time() == pytest.approx(begin_s + 0.02)
+        await asyncio.sleep(100_000 * PAUSE_S_PER_BYTE)
+        await read("other", 100_000, wait=False)
 
     run_on_simulated_time(run)
