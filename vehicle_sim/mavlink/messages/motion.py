@@ -30,6 +30,18 @@ FUNCTION_NAMES = tuple(f"PWM_MAIN_FUNC{n}" for n in range(1, OUTPUTS + 1))
 PREARM_ALWAYS = 2
 
 
+RESET_COUNTERS = (
+    "xy_reset_counter", "z_reset_counter", "vxy_reset_counter", "vz_reset_counter", "heading_reset_counter",
+)  # fmt: skip
+
+
+def _covariance(first: float, second: float, third: float) -> list[float]:
+    """The upper right triangle of a 6x6 covariance matrix of which three variances are known."""
+    triangle = [NAN] * 21
+    triangle[0], triangle[6], triangle[11] = first, second, third
+    return triangle
+
+
 class MotionMessages(MessageGroup):
     """Builders of attitude, position, setpoint and output messages."""
 
@@ -81,8 +93,12 @@ class MotionMessages(MessageGroup):
         )
 
     def odometry(self) -> bytes:
-        estimate = self._view.estimate
-        variances = [NAN] * 21
+        estimate, simulation, row = self._view.estimate, self._view.simulation, self._view.row
+        accuracies, fusion = simulation.estimate, simulation.fusion
+        horizontal_m2 = 0.5 * float(accuracies.horizontal_accuracy_m[row]) ** 2
+        vertical_m2 = float(accuracies.vertical_accuracy_m[row]) ** 2
+        speed_m2_s2 = float(accuracies.speed_accuracy_m_s[row]) ** 2 / 3.0
+        resets = sum(int(getattr(fusion, name)[row]) for name in RESET_COUNTERS)
         return pack(
             "ODOMETRY",
             time_usec=self._view.time_boot_us(),
@@ -98,8 +114,9 @@ class MotionMessages(MessageGroup):
             rollspeed=estimate.rates_frd_rad_s[0],
             pitchspeed=estimate.rates_frd_rad_s[1],
             yawspeed=estimate.rates_frd_rad_s[2],
-            pose_covariance=variances,
-            velocity_covariance=variances,
+            pose_covariance=_covariance(horizontal_m2, horizontal_m2, vertical_m2),
+            velocity_covariance=_covariance(speed_m2_s2, speed_m2_s2, speed_m2_s2),
+            reset_counter=resets & 0xFF,
             estimator_type=8,
         )[1]
 
