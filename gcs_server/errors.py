@@ -19,6 +19,7 @@
     │   ├── PlanFindings         a plan has errors that the caller has not accepted
     │   ├── ClientHasTooMany     too much work of one client is running or waiting
     │   ├── ServerBusy           too much work of all clients is waiting
+    │   ├── Interrupted          a later command, or the end of its client's control, ended the command
     │   └── NotTogether          a group cannot fly: a vehicle cannot join, or two come too close
     ├── Rejected                 the vehicle refused, with its reasons
     ├── NoReply                  the vehicle did not reply within the deadline
@@ -250,6 +251,16 @@ class PlanFindings(Refused):
 
     def details(self) -> dict[str, object]:
         return {"codes": list(self.codes), "reasons": list(self.reasons) or None}
+
+
+class Interrupted(Refused):
+    """The command ended before its result, because a later command was accepted, its client lost control or
+    disconnected, or the vehicle was removed. Nothing more is sent for it."""
+
+    code = "interrupted"
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason, remedy="Check the vehicle's state before you repeat the command.")
 
 
 class NotTogether(Refused):

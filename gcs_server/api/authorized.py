@@ -1,20 +1,26 @@
-"""Runs a command: checks the requirements in the command table, measures the duration, and writes a journal
-line."""
+"""Runs a command: checks the requirements in the command table, opens its tickets, measures the duration, and
+writes a journal line. A command that moves a vehicle runs as an operation."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Generator
+from collections.abc import Awaitable, Callable, Generator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TypeVar
+
+from starlette.requests import HTTPConnection, Request
 
 from gcs_server.api.station import Station
 from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
-from gcs_server.errors import GcsError, NotInControl
+from gcs_server.errors import GcsError, Interrupted, NotInControl
 from gcs_server.telemetry.wire import plain
 from gcs_server.vehicle.services.transaction import ReportProgress
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 
+T = TypeVar("T")
 SETPOINT_LINE_PERIOD_S = 1.0
 MAX_SETPOINT_STREAMS = 1000
 SETPOINT = "offboard/setpoint"
@@ -38,10 +44,20 @@ def progress_reporter(vehicle: Vehicle, principal: Principal, command: str) -> R
     return report
 
 
-class CommandDuration:
-    """The duration of a command; set at the end of the block of `authorized_command`."""
+class AcceptedCommand:
+    """A command that was accepted."""
 
     duration_s: float = 0.0
+    """Set at the end of the block of `authorized_command`."""
+
+    def __init__(self, ticket: Ticket | None) -> None:
+        self._ticket = ticket
+
+    @property
+    def ticket(self) -> Ticket:
+        """The command's ticket; only commands that move or stop a vehicle have one."""
+        assert self._ticket is not None
+        return self._ticket
 
 
 @contextmanager
@@ -53,9 +69,9 @@ def authorized_command(
     arguments: dict[str, object],
     *,
     refusal: NotInControl | None = None,
-) -> Generator[CommandDuration]:
-    """Wraps every command: checks control as the command table requires, and writes the result to the
-    journal.
+) -> Generator[AcceptedCommand]:
+    """Wraps every command: checks control as the command table requires, opens the command's ticket, and
+    writes the result to the journal.
 
     Args:
         station: the running server.
@@ -70,14 +86,19 @@ def authorized_command(
     """
     command = BY_NAME[name]
     began_s = station.clock.monotonic_s()
-    duration = CommandDuration()
+    accepted = AcceptedCommand(None)
+    ticket: Ticket | None = None
     result, detail = "ok", None
     try:
         if refusal is not None:
             raise refusal
         if vehicle_id is not None:
             station.authority.admit(principal, command, vehicle_id)
-        yield duration
+            if command.acts != "no":
+                key = principal.key if command.control == "lease" else None
+                ticket = station.fleet.get(vehicle_id).tickets.open(command.label or name, key)
+                accepted = AcceptedCommand(ticket)
+        yield accepted
         if vehicle_id is not None:
             station.authority.report_command(principal, command, vehicle_id)
     except GcsError as error:
@@ -90,12 +111,100 @@ def authorized_command(
         result, detail = "internal", f"{type(error).__name__}: {error}"
         raise
     finally:
-        duration.duration_s = station.clock.monotonic_s() - began_s
-        outcome = (result, detail, duration.duration_s)
+        if ticket is not None:
+            ticket.close()
+        accepted.duration_s = station.clock.monotonic_s() - began_s
+        outcome = (result, detail, accepted.duration_s)
         if name == SETPOINT and result in ("ok", "not_in_control"):
             _write_setpoint_line(station, principal, vehicle_id or "", arguments, outcome)
         else:
             station.journal.add(principal.name, name, vehicle_id, plain(arguments), *outcome)
+
+
+_caller: ContextVar[Request | None] = ContextVar("caller", default=None)
+"""The request that is being answered; None: the route was called without HTTP."""
+
+
+async def note_caller(connection: HTTPConnection) -> None:
+    """Dependency of all routes: notes the request, so that `as_operation` sees the end of its connection."""
+    _caller.set(connection if isinstance(connection, Request) else None)
+
+
+async def as_operation(
+    station: Station,
+    principal: Principal,
+    name: str,
+    tickets: Sequence[Ticket],
+    work: Callable[[], Awaitable[T]],
+    *,
+    vehicle_id: str | None,
+    ends_with_caller: bool = True,
+) -> T:
+    """Runs the work of a command that moves a vehicle as an operation, so that all clients see it and can
+    cancel it, and returns its result. The end of a ticket ends the work.
+
+    Args:
+        station: the running server.
+        principal: the caller.
+        name: the command's row in `control/commands.py`; kind of the operation.
+        tickets: the command's tickets, one for each vehicle.
+        work: looks at the tickets directly before each frame.
+        vehicle_id: the vehicle; None: several.
+        ends_with_caller: whether the tickets end when the caller closes its connection.
+
+    Raises:
+        Interrupted: a ticket was cancelled.
+    """
+    results: list[T] = []
+
+    async def run(_report: object) -> None:
+        results.append(await work())
+
+    operation = station.operations.start(
+        name,
+        run,
+        text=f"“{name}” of {principal.name}.",
+        vehicle=vehicle_id,
+        by=(principal.name, principal.key),
+        needs_vehicle=True,
+        command=True,
+    )
+
+    def cancel(reason: str) -> None:
+        for ticket in tickets:
+            ticket.cancel(reason)
+
+    for ticket in tickets:
+        ticket.on_cancel(lambda error: station.operations.interrupt(operation.id, error))
+    caller = _caller.get() if ends_with_caller else None
+    error: GcsError | None = None
+    try:
+        with station.authority.answering(principal):
+            async with asyncio.TaskGroup() as tasks:
+                watch = None if caller is None else tasks.create_task(_wait_for_end(caller, cancel))
+                try:
+                    ended = await station.operations.wait(operation.id)
+                    if ended.state == "cancelled":
+                        error = Interrupted(f"“{name}” was cancelled.")
+                except GcsError as problem:
+                    error = problem
+                finally:
+                    if watch is not None:
+                        watch.cancel()
+    except asyncio.CancelledError:
+        cancel("The request was cancelled.")
+        raise
+    if error is not None:
+        cancel(str(error))
+        raise error
+    return results[0]
+
+
+async def _wait_for_end(caller: Request, cancel: Callable[[str], None]) -> None:
+    """Cancels once the caller has closed its connection."""
+    while (await caller.receive())["type"] != "http.disconnect":
+        pass
+    cancel("The client closed its connection before the command had ended.")
 
 
 def _write_setpoint_line(

@@ -9,7 +9,7 @@ from typing import Any
 from fastapi import APIRouter, Response
 
 from gcs_server.api import group_models as models
-from gcs_server.api.authorized import authorized_command
+from gcs_server.api.authorized import AcceptedCommand, as_operation, authorized_command
 from gcs_server.api.offboard_stream import arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -17,6 +17,7 @@ from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl
+from gcs_server.vehicle.tickets import Ticket
 
 router = APIRouter(prefix="/groups", tags=["groups"], responses=RESPONSES)
 
@@ -32,8 +33,16 @@ async def start(body: models.StartGroup, station: StationDep, principal: Princip
     """
     shared = body.model_dump(exclude={"members"}, exclude_none=True)
     arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
-    with authorized_commands(station, principal, "group/start", arguments):
-        status = await station.groups.start(body.to_group_request(principal))
+    with authorized_commands(station, principal, "group/start", arguments) as accepted:
+        tickets = tickets_of(accepted)
+        status = await as_operation(
+            station,
+            principal,
+            "group/start",
+            tuple(tickets.values()),
+            lambda: station.groups.start(body.to_group_request(principal), tickets),
+            vehicle_id=None,
+        )
         limits = {vehicle: station.offboard(vehicle).limits() for vehicle in arguments}
         return json_response(fields_of(status) | {"limits": limits}, status_code=201)
 
@@ -80,31 +89,38 @@ async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response
     not affected."""
     with authorized_commands(
         station, principal, "hold", {v: {"group": g} for v in station.groups.members(g)}
-    ):
-        return json_response(await station.groups.hold(g, principal.name))
+    ) as accepted:
+        return json_response(await station.groups.hold(g, principal.name, tickets_of(accepted)))
+
+
+def tickets_of(accepted: dict[str, AcceptedCommand]) -> dict[str, Ticket]:
+    """The ticket of each vehicle."""
+    return {vehicle_id: each.ticket for vehicle_id, each in accepted.items()}
 
 
 @contextmanager
 def authorized_commands(
     station: Station, principal: Principal, command: str, arguments: dict[str, dict[str, Any]]
-) -> Generator[None]:
-    """Wraps a command to several vehicles and writes a journal line for each vehicle. If the command is
-    refused for one vehicle, it is refused for all, and the client does not take control of any.
+) -> Generator[dict[str, AcceptedCommand]]:
+    """Wraps a command to several vehicles and writes a journal line for each vehicle; yields the accepted
+    command of each. If the command is refused for one vehicle, it is refused for all, and the client does not
+    take control of any.
 
     Raises:
         NotInControl: another client has control of a member; the error names the member.
     """
     refusal = station.authority.refusal(principal, command, arguments)
+    accepted: dict[str, AcceptedCommand] = {}
     with ExitStack() as stack:
         for vehicle_id, vehicle_arguments in arguments.items():
             vehicle_command = authorized_command(
                 station, principal, command, vehicle_id, vehicle_arguments, refusal=refusal
             )
             if refusal is None:
-                stack.enter_context(vehicle_command)
+                accepted[vehicle_id] = stack.enter_context(vehicle_command)
             else:
                 with suppress(NotInControl), vehicle_command:
                     pass
         if refusal is not None:
             raise refusal
-        yield
+        yield accepted

@@ -62,10 +62,12 @@ async def hold_several(body: HoldRequest, station: StationDep, principal: Princi
     async def hold(vehicle_id: str) -> dict[str, object]:
         problem: dict[str, object] | None = None
         try:
-            with authorized_command(station, principal, "hold", vehicle_id, {}):
+            with authorized_command(station, principal, "hold", vehicle_id, {}) as accepted:
                 vehicle = station.fleet.get(vehicle_id)
                 progress = progress_reporter(vehicle, principal, "hold")
-                await vehicle.command.hold(by=principal.name, progress=progress, on_lost_link=True)
+                await vehicle.command.hold(
+                    by=principal.name, progress=progress, on_lost_link=True, ticket=accepted.ticket
+                )
         except GcsError as error:
             problem = problem_of(error)
         return {"vehicle": vehicle_id, "held": problem is None, "problem": problem}

@@ -8,8 +8,9 @@ from typing import Any
 from fastapi import APIRouter, Response
 
 from gcs_server.api import offboard_mission_models as m
+from gcs_server.api.authorized import as_operation
 from gcs_server.api.documents import DocumentRoute, UnreadDocument
-from gcs_server.api.group_routes import authorized_commands
+from gcs_server.api.group_routes import authorized_commands, tickets_of
 from gcs_server.api.offboard_mission_routes import (
     check_findings,
     chosen_mission,
@@ -22,12 +23,14 @@ from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep
+from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.plans.compiled import compiled_roles
 from gcs_server.plans.tasks import DocumentHead
 from gcs_server.streamer.missions.missions import low_battery_share
 from gcs_server.streamer.missions.start import Start
 from gcs_server.vehicle.samples import Health
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 
 router = APIRouter(
@@ -49,42 +52,61 @@ async def start_joint_mission(
     shared = body.model_dump(exclude={"mission"}, exclude_none=True)
     with authorized_commands(
         station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}
-    ):
-        mission_name, text = await chosen_mission(station, body)
-        mission = (await UnreadDocument(text).read(station.plan_work, field="mission")).head
-        vehicles = _vehicles_of(station, mission, body.vehicles)
-        for vehicle in vehicles.values():
-            await station.offboard(vehicle.id).ensure_parameters()
-        compiled = await station.plan_work.run(
-            "compile_roles",
-            {
-                "plan": text,
-                "vehicles": {role: _compile_context(station, vehicle) for role, vehicle in vehicles.items()},
-            },
-            small=False,
-            field="mission",
+    ) as accepted:
+        tickets = tickets_of(accepted)
+        for vehicle_id, ticket in tickets.items():
+            station.missions.require_free(vehicle_id)
+            ticket.claim()
+        vehicle_ids = await as_operation(
+            station,
+            principal,
+            "offboard_mission/start",
+            tuple(tickets.values()),
+            lambda: _prepare_and_begin(station, principal, body, tickets),
+            vehicle_id=None,
         )
-        check_findings(mission_name.name, compiled.values["findings"], body.despite)
-        timelines = await compiled_roles(compiled)
-        if any(timeline.avoidance for timeline, _ in timelines.values()):
-            for role, vehicle in vehicles.items():
-                if timelines[role][0].avoidance:
-                    await station.offboard(vehicle.id).avoidance.wait_for_sensor()
-        dry_run = await dry_run_result(station, body.dry_run)
-        await station.missions.ready()
-        for vehicle in vehicles.values():
-            _require_ready(vehicle)  # checked again, because the compilation takes seconds
-        starts: dict[str, tuple[str, Start]] = {}
-        for role, vehicle in vehicles.items():
-            timeline, motion = timelines[role]
-            starts[role] = vehicle.id, Start(
-                mission_name, timeline, motion, principal.name, low_battery_share(vehicle),
-                corridor_for(vehicle, dry_run, role), role=role, dry_run=body.dry_run,
-            )  # fmt: skip
-        assert mission.separation_m is not None
-        station.missions.begin_together(starts, mission.separation_m)
-        views = [{"vehicle": v.id, "mission": station.missions.status(v.id)} for v in vehicles.values()]
+        views = [{"vehicle": each, "mission": station.missions.status(each)} for each in vehicle_ids]
         return json_response({"vehicles": views})
+
+
+async def _prepare_and_begin(
+    station: Station, principal: Principal, body: m.StartJointMission, tickets: Mapping[str, Ticket]
+) -> list[str]:
+    """Compiles and checks the mission, and begins it; returns the vehicles' ids in the order of the roles."""
+    mission_name, text = await chosen_mission(station, body)
+    mission = (await UnreadDocument(text).read(station.plan_work, field="mission")).head
+    vehicles = _vehicles_of(station, mission, body.vehicles)
+    for vehicle in vehicles.values():
+        await station.offboard(vehicle.id).ensure_parameters()
+    compiled = await station.plan_work.run(
+        "compile_roles",
+        {
+            "plan": text,
+            "vehicles": {role: _compile_context(station, vehicle) for role, vehicle in vehicles.items()},
+        },
+        small=False,
+        field="mission",
+    )
+    check_findings(mission_name.name, compiled.values["findings"], body.despite)
+    timelines = await compiled_roles(compiled)
+    if any(timeline.avoidance for timeline, _ in timelines.values()):
+        for role, vehicle in vehicles.items():
+            if timelines[role][0].avoidance:
+                await station.offboard(vehicle.id).avoidance.wait_for_sensor()
+    dry_run = await dry_run_result(station, body.dry_run)
+    await station.missions.ready()
+    for vehicle in vehicles.values():
+        _require_ready(vehicle)  # checked again, because the compilation takes seconds
+    starts: dict[str, tuple[str, Start]] = {}
+    for role, vehicle in vehicles.items():
+        timeline, motion = timelines[role]
+        starts[role] = vehicle.id, Start(
+            mission_name, timeline, motion, principal.name, low_battery_share(vehicle),
+            corridor_for(vehicle, dry_run, role), role=role, dry_run=body.dry_run,
+        )  # fmt: skip
+    assert mission.separation_m is not None
+    station.missions.begin_together(starts, mission.separation_m, tickets)
+    return [vehicle.id for vehicle in vehicles.values()]
 
 
 def _vehicles_of(station: Station, mission: DocumentHead, vehicle_ids: dict[str, str]) -> dict[str, Vehicle]:

@@ -20,7 +20,7 @@ from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
-from gcs_server.api.vehicle_routes import run_command
+from gcs_server.api.vehicle_routes import run_command, run_flight_command
 from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import Operation, ReportProgress
@@ -29,6 +29,7 @@ from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS
 from gcs_server.vehicle.services.mission_on_vehicle import Items, ItemsOnVehicle, PlanReference
 from gcs_server.vehicle.services.vehicle_plan import plan_from_items
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 
@@ -225,8 +226,9 @@ async def start(
     request = body or m.StartRequest()
     arguments = request.model_dump(exclude_none=True)
 
-    async def work(vehicle: Vehicle) -> None:
+    async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         vehicle.require_commandable()
+        ticket.claim()
         if vehicle.mission.running_transfer is not None:
             raise Refused(
                 f"Vehicle {vehicle.id} is busy with {vehicle.mission.running_transfer}.",
@@ -237,16 +239,16 @@ async def start(
             if request.item is not None:
                 await vehicle.mission.set_current(request.item)
             progress = progress_reporter(vehicle, principal, "mission/start")
-            await vehicle.command.start_mission(by=principal.name, progress=progress)
+            await vehicle.command.start_mission(by=principal.name, progress=progress, ticket=ticket)
 
-    return await run_command(station, principal, "mission/start", v, arguments, work)
+    return await run_flight_command(station, principal, "mission/start", v, arguments, work)
 
 
 @router.post("/resume", response_model=responses.CommandDone)
 async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Resumes the mission of a flying vehicle at its current item."""
 
-    async def work(vehicle: Vehicle) -> None:
+    async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         vehicle.require_commandable()
         if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
             raise Refused(
@@ -254,9 +256,9 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
                 remedy="Start the mission at the item where it should continue (`resume` of GET …/mission).",
             )
         progress = progress_reporter(vehicle, principal, "mission/resume")
-        await vehicle.command.set_mode("mission", by=principal.name, progress=progress)
+        await vehicle.command.set_mode("mission", by=principal.name, progress=progress, ticket=ticket)
 
-    return await run_command(station, principal, "mission/resume", v, {}, work)
+    return await run_flight_command(station, principal, "mission/resume", v, {}, work)
 
 
 # --- helpers ------------------------------------------------------------------------------------------

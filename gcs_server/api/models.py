@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field, model_validator
 
 from gcs_server.api.setpoint_fields import Latitude, Longitude, example
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.links.names import MAX_NAME_LENGTH, NAME_RULE
 from gcs_server.replay.playback import MAX_SPEED, MIN_SPEED
+
+Despite = Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)]
+"""Codes of the error findings that the caller accepts."""
+
+
+class ArmRequest(StrictBody):
+    """What the caller accepts when it arms."""
+
+    model_config = example(despite=["arming_starts_flight"])
+
+    despite: Despite = Field(
+        default=[],
+        description="Codes that the caller accepts: `arming_starts_flight` if the vehicle is in a mode in "
+        "which arming starts a flight (Take off, Mission); in Mission also those of `mission/start`.",
+    )
 
 
 class TakeoffRequest(StrictBody):

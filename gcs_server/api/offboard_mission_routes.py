@@ -4,13 +4,14 @@ abort."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Response
 
 from gcs_server.api import offboard_mission_models as m
-from gcs_server.api.authorized import authorized_command
+from gcs_server.api.authorized import as_operation, authorized_command
 from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.group_routes import authorized_commands
 from gcs_server.api.plan_checks import plan_context_of
@@ -64,28 +65,40 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
     `if_stream_stops` is the vehicle's own action if the server fails.
     """
     arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
-    with authorized_command(station, principal, "offboard_mission/start", v, arguments):
-        vehicle = station.fleet.get(v)
-        vehicle.require_commandable()
-        mission_name, text = await chosen_mission(station, body)
-        prepared, findings = await _compiled_start(station, v, mission_name, text, principal.name)
-        corridor = corridor_for(vehicle, await dry_run_result(station, body.dry_run))
-        async with station.waypoint_flights.comparison_lock:
-            findings += await mission_separation_findings(station, vehicle, prepared.timeline)
-            check_findings(mission_name.name, findings, body.despite)
-            await _wait_for_sensor(station, v, prepared)
-            station.missions.begin(v, replace(prepared, corridor=corridor, dry_run=body.dry_run))
+    with authorized_command(station, principal, "offboard_mission/start", v, arguments) as accepted:
+        ticket, vehicle = accepted.ticket, station.fleet.get(v)
+        station.missions.require_free(v)
+        ticket.claim()
+
+        async def work() -> None:
+            mission_name, text = await chosen_mission(station, body)
+            prepared, findings = await _compiled_start(station, v, mission_name, text, principal.name)
+            corridor = corridor_for(vehicle, await dry_run_result(station, body.dry_run))
+            async with station.waypoint_flights.comparison_lock:
+                findings += await mission_separation_findings(station, vehicle, prepared.timeline)
+                check_findings(mission_name.name, findings, body.despite)
+                await _wait_for_sensor(station, v, prepared)
+                prepared = replace(prepared, corridor=corridor, dry_run=body.dry_run)
+                station.missions.begin(v, prepared, ticket)
+
+        await as_operation(station, principal, "offboard_mission/start", (ticket,), work, vehicle_id=v)
         return _view(station, v)
 
 
 @router.post("/pause", response_model=m.OffboardMissionView)
 async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Pauses on the path in Offboard, or in Hold during take-off and landing.
+    """Pauses on the path in Offboard, or in Hold during take-off and landing. A start that has not begun the
+    mission is cancelled.
 
     In a mission of several vehicles, pause, resume and abort act on all of them.
     """
     return command_mission(
-        station, principal, "offboard_mission/pause", v, lambda flight: flight.pause(principal.name)
+        station,
+        principal,
+        "offboard_mission/pause",
+        v,
+        lambda flight: flight.pause(principal.name),
+        ends_start=True,
     )
 
 
@@ -121,7 +134,7 @@ async def abort(
     body: Annotated[m.AbortMission | None, Body()] = None,
 ) -> Response:
     """Ends the mission; the vehicle holds, returns or lands. If the mission does not control the vehicle, no
-    command is sent."""
+    command is sent. A start that has not begun the mission is cancelled."""
     then = (body or m.AbortMission()).then
     return command_mission(
         station,
@@ -130,6 +143,7 @@ async def abort(
         v,
         lambda flight: flight.abort(principal.name, then),
         {"then": then},
+        ends_start=True,
     )
 
 
@@ -143,12 +157,33 @@ def command_mission(
     vehicle_id: str,
     action: Callable[[MissionFlight], None],
     arguments: dict[str, object] | None = None,
+    *,
+    ends_start: bool = False,
 ) -> Response:
-    """Runs a command on the mission of a vehicle. The caller must control all vehicles of this mission."""
+    """Runs a command on the mission of a vehicle. The caller must control all vehicles of this mission.
+
+    Args:
+        station: the running server.
+        principal: the caller.
+        command: the command's row in `control/commands.py`.
+        vehicle_id: the vehicle.
+        action: the command; must not wait.
+        arguments: arguments for the journal.
+        ends_start: whether the command cancels a start that has not begun the mission, which then is its
+            whole effect.
+    """
     vehicles = (vehicle_id, *station.missions.others_on_mission(vehicle_id))
-    with authorized_commands(station, principal, command, {v: arguments or {} for v in vehicles}):
+    with authorized_commands(station, principal, command, {v: arguments or {} for v in vehicles}) as accepted:
         station.fleet.get(vehicle_id).require_commandable()
-        action(station.missions.flight(vehicle_id))
+        flight = station.missions.find_flight(vehicle_id)
+        if ends_start and (flight is None or flight.over) and accepted[vehicle_id].ticket.claim():
+            return _view(station, vehicle_id)
+        flight = station.missions.flight(vehicle_id)
+        with ExitStack() as stack:
+            for each in (flight, *(() if flight.joint is None else flight.joint.flights.values())):
+                if each.vehicle_id in accepted and (each is flight or each.vehicle_id != vehicle_id):
+                    stack.enter_context(each.commanded(accepted[each.vehicle_id].ticket))
+            action(flight)
         return _view(station, vehicle_id)
 
 

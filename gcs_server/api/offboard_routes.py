@@ -8,7 +8,7 @@ from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 
 from gcs_server.api import offboard_models as models
 from gcs_server.api import offboard_views as views
-from gcs_server.api.authorized import authorized_command
+from gcs_server.api.authorized import as_operation, authorized_command
 from gcs_server.api.offboard_stream import SetpointSocket, apply_setpoint, arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -39,9 +39,17 @@ async def start(v: str, body: StartRequest, station: StationDep, principal: Prin
     In the response, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
     limits, and whether the operator's limits were restored after a restart.
     """
-    with authorized_command(station, principal, "offboard/start", v, arguments_of(body)):
+    with authorized_command(station, principal, "offboard/start", v, arguments_of(body)) as accepted:
         offboard = station.offboard(v)
-        status = await offboard.start(body.to_stream_request(principal), body.rate_hz)
+        ticket, request = accepted.ticket, body.to_stream_request(principal)
+        status = await as_operation(
+            station,
+            principal,
+            "offboard/start",
+            (ticket,),
+            lambda: offboard.start(request, body.rate_hz, ticket=ticket),
+            vehicle_id=v,
+        )
         return json_response(fields_of(status) | {"limits": offboard.limits()})
 
 
@@ -56,8 +64,8 @@ async def setpoint(v: str, body: SetpointRequest, station: StationDep, principal
 async def stop(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Puts the vehicle into Hold, waits for its confirmation, then stops the stream. Does nothing if no
     stream is running."""
-    with authorized_command(station, principal, "offboard/stop", v, {}):
-        return json_response(await station.offboard(v).stop())
+    with authorized_command(station, principal, "offboard/stop", v, {}) as accepted:
+        return json_response(await station.offboard(v).stop(accepted.ticket))
 
 
 @router.get("/limits", response_model=views.LimitsModel)

@@ -36,6 +36,7 @@ from gcs_server.api import (
     station_routes,
     vehicle_routes,
 )
+from gcs_server.api.authorized import note_caller
 from gcs_server.api.described import describe_plans, describe_refusals, flatten_unions
 from gcs_server.api.permission import check_permission
 from gcs_server.api.station import renew_control
@@ -122,7 +123,9 @@ def _routes() -> tuple[BaseRoute, ...]:
     """
     app = FastAPI(dependencies=PERMISSION_CHECK, openapi_url=None, docs_url=None, redoc_url=None)
     for part in PARTS:  # directly into the application, because each nested router costs time per request
-        app.include_router(part.router, prefix=API, dependencies=[Depends(renew_control)])
+        app.include_router(
+            part.router, prefix=API, dependencies=[Depends(renew_control), Depends(note_caller)]
+        )
     app.include_router(reference_page.router)
     return tuple(app.routes)
 

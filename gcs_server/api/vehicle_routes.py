@@ -7,10 +7,10 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Body, Query, Response
 
 from gcs_server.api import control_models, models, responses
-from gcs_server.api.authorized import authorized_command, progress_reporter
+from gcs_server.api.authorized import AcceptedCommand, as_operation, authorized_command, progress_reporter
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
@@ -19,10 +19,13 @@ from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, UnknownVehicle
 from gcs_server.vehicle.samples import TOPICS, Sample
-from gcs_server.vehicle.services.command import GOTO_MAX_DISTANCE_M
+from gcs_server.vehicle.services.command import ARMING_STARTS_FLIGHT, GOTO_MAX_DISTANCE_M
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 
 HISTORY_S = 300.0
+ENDING_MODES = frozenset({"hold", "land", "rtl"})
+"""Modes that end a flight: the command is completed, even if its caller closes the connection."""
 
 router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
 
@@ -40,18 +43,52 @@ async def run_command(
     """Runs `work` as a command and writes it to the journal; answers once the vehicle's own state shows the
     result. `result_as` is the name of the response's field for the result of `work`.
     """
-    with authorized_command(station, principal, command, vehicle_id, arguments) as duration:
+    with authorized_command(station, principal, command, vehicle_id, arguments) as accepted:
         vehicle = station.fleet.get(vehicle_id)
         result = await work(vehicle)
-    body: dict[str, object] = {
-        "vehicle": vehicle_id,
-        "command": command,
-        "duration_s": duration.duration_s,
-        "status": vehicle.status,
-    }
+    body = _command_done(command, vehicle, accepted)
     if result_as is not None:
         body[result_as] = result
     return json_response(body)
+
+
+async def run_flight_command(
+    station: Station,
+    principal: Principal,
+    command: str,
+    vehicle_id: str,
+    arguments: dict[str, object],
+    work: Callable[[Vehicle, Ticket], Awaitable[object]],
+    *,
+    ends_with_caller: bool = True,
+) -> Response:
+    """Runs `work` as a command that moves or stops a vehicle, like `run_command`. A command that moves the
+    vehicle is an operation; it ends with its caller's connection unless `ends_with_caller` is False.
+    """
+    with authorized_command(station, principal, command, vehicle_id, arguments) as accepted:
+        vehicle = station.fleet.get(vehicle_id)
+        if BY_NAME[command].acts == "moves":
+            await as_operation(
+                station,
+                principal,
+                command,
+                (accepted.ticket,),
+                lambda: work(vehicle, accepted.ticket),
+                vehicle_id=vehicle_id,
+                ends_with_caller=ends_with_caller,
+            )
+        else:
+            await work(vehicle, accepted.ticket)
+    return json_response(_command_done(command, vehicle, accepted))
+
+
+def _command_done(command: str, vehicle: Vehicle, accepted: AcceptedCommand) -> dict[str, object]:
+    return {
+        "vehicle": vehicle.id,
+        "command": command,
+        "duration_s": accepted.duration_s,
+        "status": vehicle.status,
+    }
 
 
 @router.get("", response_model=list[responses.VehicleModel])
@@ -121,28 +158,42 @@ async def messages(
 
 
 @router.post("/{v}/arm", response_model=responses.CommandDone, tags=["commands"])
-async def arm(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Starts the motors."""
-    return await run_command(
-        station,
-        principal,
-        "arm",
-        v,
-        {},
-        lambda vehicle: vehicle.command.arm(progress=progress_reporter(vehicle, principal, "arm")),
-    )
+async def arm(
+    v: str,
+    station: StationDep,
+    principal: PrincipalDep,
+    body: Annotated[models.ArmRequest | None, Body()] = None,
+) -> Response:
+    """Starts the motors.
+
+    Answers 409 `plan_findings` with the code `arming_starts_flight` if the vehicle is in a mode in which
+    arming starts a flight (Take off, Mission), unless `despite` names it.
+    """
+    despite = [] if body is None else body.despite
+
+    async def work(vehicle: Vehicle, ticket: Ticket) -> None:
+        await vehicle.command.arm(
+            starts_flight=ARMING_STARTS_FLIGHT in despite,
+            progress=progress_reporter(vehicle, principal, "arm"),
+            ticket=ticket,
+        )
+
+    arguments: dict[str, object] = {"despite": despite} if despite else {}
+    return await run_flight_command(station, principal, "arm", v, arguments, work)
 
 
 @router.post("/{v}/disarm", response_model=responses.CommandDone, tags=["commands"])
 async def disarm(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Stops the motors on the ground."""
-    return await run_command(
+    return await run_flight_command(
         station,
         principal,
         "disarm",
         v,
         {},
-        lambda vehicle: vehicle.command.disarm(progress=progress_reporter(vehicle, principal, "disarm")),
+        lambda vehicle, ticket: vehicle.command.disarm(
+            progress=progress_reporter(vehicle, principal, "disarm"), ticket=ticket
+        ),
     )
 
 
@@ -151,15 +202,16 @@ async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response
     """Switches to Hold, even if another client has control; ends a setpoint stream. While the connection to
     the vehicle is lost, the command is sent for 6 s, because the vehicle may still receive it.
     """
-    return await run_command(
+    return await run_flight_command(
         station,
         principal,
         "hold",
         v,
         {},
-        lambda vehicle: vehicle.command.hold(
+        lambda vehicle, ticket: vehicle.command.hold(
             by=principal.name,
             progress=progress_reporter(vehicle, principal, "hold"),
+            ticket=ticket,
             on_lost_link=True,
         ),
     )
@@ -168,14 +220,14 @@ async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response
 @router.post("/{v}/land", response_model=responses.CommandDone, tags=["commands"])
 async def land(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Lands at the current position; answers once the vehicle is landing."""
-    return await run_command(
+    return await run_flight_command(
         station,
         principal,
         "land",
         v,
         {},
-        lambda vehicle: vehicle.command.land(
-            by=principal.name, progress=progress_reporter(vehicle, principal, "land")
+        lambda vehicle, ticket: vehicle.command.land(
+            by=principal.name, progress=progress_reporter(vehicle, principal, "land"), ticket=ticket
         ),
     )
 
@@ -183,14 +235,14 @@ async def land(v: str, station: StationDep, principal: PrincipalDep) -> Response
 @router.post("/{v}/rtl", response_model=responses.CommandDone, tags=["commands"])
 async def rtl(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Returns to the launch position; answers once the vehicle is returning."""
-    return await run_command(
+    return await run_flight_command(
         station,
         principal,
         "rtl",
         v,
         {},
-        lambda vehicle: vehicle.command.rtl(
-            by=principal.name, progress=progress_reporter(vehicle, principal, "rtl")
+        lambda vehicle, ticket: vehicle.command.rtl(
+            by=principal.name, progress=progress_reporter(vehicle, principal, "rtl"), ticket=ticket
         ),
     )
 
@@ -200,14 +252,17 @@ async def takeoff(
     v: str, body: models.TakeoffRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
     """Arms if needed and takes off; answers once the vehicle is taking off."""
-    return await run_command(
+    return await run_flight_command(
         station,
         principal,
         "takeoff",
         v,
         body.model_dump(),
-        lambda vehicle: vehicle.command.takeoff(
-            body.alt_home_m, by=principal.name, progress=progress_reporter(vehicle, principal, "takeoff")
+        lambda vehicle, ticket: vehicle.command.takeoff(
+            body.alt_home_m,
+            by=principal.name,
+            progress=progress_reporter(vehicle, principal, "takeoff"),
+            ticket=ticket,
         ),
     )
 
@@ -215,15 +270,19 @@ async def takeoff(
 @router.post("/{v}/mode", response_model=responses.CommandDone, tags=["commands"])
 async def mode(v: str, body: models.ModeRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Changes the flight mode; answers once the vehicle reports the new mode."""
-    return await run_command(
+    return await run_flight_command(
         station,
         principal,
         "mode",
         v,
         body.model_dump(),
-        lambda vehicle: vehicle.command.set_mode(
-            body.mode, by=principal.name, progress=progress_reporter(vehicle, principal, "mode")
+        lambda vehicle, ticket: vehicle.command.set_mode(
+            body.mode,
+            by=principal.name,
+            progress=progress_reporter(vehicle, principal, "mode"),
+            ticket=ticket,
         ),
+        ends_with_caller=body.mode not in ENDING_MODES,
     )
 
 
@@ -237,7 +296,7 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, principal:
     with suppress(UnknownVehicle):  # reported by the command
         await station.known_ground.read_around(station.fleet.get(v), body.lat_deg, body.lon_deg)
 
-    async def work(vehicle: Vehicle) -> None:
+    async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         await vehicle.command.goto(
             body.lat_deg,
             body.lon_deg,
@@ -247,9 +306,10 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, principal:
             max_distance_m=GOTO_MAX_DISTANCE_M if body.max_distance_m is None else body.max_distance_m,
             by=principal.name,
             progress=progress_reporter(vehicle, principal, "goto"),
+            ticket=ticket,
         )
 
-    return await run_command(station, principal, "goto", v, body.model_dump(exclude_none=True), work)
+    return await run_flight_command(station, principal, "goto", v, body.model_dump(exclude_none=True), work)
 
 
 @router.post("/{v}/land_now", response_model=responses.CommandDone, tags=["commands"])
@@ -261,15 +321,16 @@ async def land_now(
     the vehicle may still receive it.
     """
 
-    async def work(vehicle: Vehicle) -> None:
+    async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         BY_NAME["land_now"].require_confirmation(body.confirm, vehicle=v)
         await vehicle.command.land(
             by=principal.name,
             progress=progress_reporter(vehicle, principal, "land_now"),
+            ticket=ticket,
             on_lost_link=True,
         )
 
-    return await run_command(station, principal, "land_now", v, body.model_dump(), work)
+    return await run_flight_command(station, principal, "land_now", v, body.model_dump(), work)
 
 
 @router.post("/{v}/kill", response_model=responses.CommandDone, tags=["commands"])
@@ -279,8 +340,10 @@ async def kill(v: str, body: models.KillRequest, station: StationDep, principal:
     are refused during this time.
     """
 
-    async def work(vehicle: Vehicle) -> None:
+    async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         BY_NAME["kill"].require_confirmation(body.confirm, vehicle=v)
-        await vehicle.command.kill(by=principal.name, progress=progress_reporter(vehicle, principal, "kill"))
+        await vehicle.command.kill(
+            by=principal.name, progress=progress_reporter(vehicle, principal, "kill"), ticket=ticket
+        )
 
-    return await run_command(station, principal, "kill", v, body.model_dump(), work)
+    return await run_flight_command(station, principal, "kill", v, body.model_dump(), work)

@@ -253,6 +253,9 @@ class Authority:
         return [control.lease for control in self._controls.values()]
 
     def _publish_change(self, vehicle: Vehicle, control: VehicleControl, change: ControlChange) -> None:
+        previous = change.previous
+        if previous is not None and (change.holder is None or change.holder.key != previous.key):
+            vehicle.tickets.end_of_control(previous.key, f"The client lost control: {change.text}")
         is_warning = change.action in ("forced", "expired", "intervened")
         vehicle.events.add(
             "control",

@@ -24,6 +24,12 @@ Control = Literal["none", "lease", "open", "not_anothers", "changes"]
 it. `open`: does not need control; the client in control keeps control and is informed. `not_anothers`:
 refused while another client has control; does not take control. `changes`: the command changes control."""
 
+Acts = Literal["no", "moves", "stops"]
+"""How a command acts on a vehicle. `moves`: it may begin or change a flight; it is an operation, which a
+later command, the end of its client's control, the end of its client's connection or the operation's
+cancellation ends. `stops`: it ends a flight or a command that moves; the end of its client's connection does
+not end it. `no`: it neither moves nor stops."""
+
 CONTROL_TEXT: dict[Control, str] = {
     "none": "none",
     "lease": "required; taken if nobody has it",
@@ -54,6 +60,7 @@ class Command:
     journaled: bool = True
     label: str = ""
     """Label of the command in the message to the client in control."""
+    acts: Acts = "no"
 
     def full_calls(self) -> tuple[str, ...]:
         """`METHOD /path` of the application."""
@@ -69,6 +76,7 @@ class Command:
             "confirmed": self.confirmed,
             "confirm": self.confirm_text,
             "journaled": self.journaled,
+            "acts": self.acts,
         }
 
     def confirmation_text(self, **names: str) -> str:
@@ -109,8 +117,9 @@ def _flight(
     vehicles: str = "the vehicle",
     confirmed: bool = False,
     confirm_text: str | None = None,
+    acts: Acts = "moves",
 ) -> Command:
-    return Command(name, "fly", calls, "lease", vehicles, confirmed, confirm_text)
+    return Command(name, "fly", calls, "lease", vehicles, confirmed, confirm_text, acts=acts)
 
 
 def _stop(name: str, label: str, *calls: str, confirm_text: str | None = None) -> Command:
@@ -123,6 +132,7 @@ def _stop(name: str, label: str, *calls: str, confirm_text: str | None = None) -
         confirmed=confirm_text is not None,
         confirm_text=confirm_text,
         label=label,
+        acts="stops",
     )
 
 
@@ -146,10 +156,10 @@ def _control(action: str, *other_calls: str, confirmed: bool = False, journaled:
 ALL: tuple[Command, ...] = (
     # flying
     _flight("arm", "POST /vehicles/{v}/arm", confirmed=True),
-    _flight("disarm", "POST /vehicles/{v}/disarm", confirmed=True),
+    _flight("disarm", "POST /vehicles/{v}/disarm", confirmed=True, acts="stops"),
     _flight("takeoff", "POST /vehicles/{v}/takeoff", confirmed=True),
-    _flight("land", "POST /vehicles/{v}/land", confirmed=True),
-    _flight("rtl", "POST /vehicles/{v}/rtl", confirmed=True),
+    _flight("land", "POST /vehicles/{v}/land", confirmed=True, acts="stops"),
+    _flight("rtl", "POST /vehicles/{v}/rtl", confirmed=True, acts="stops"),
     _flight("mode", "POST /vehicles/{v}/mode"),
     _flight("goto", "POST /vehicles/{v}/goto", confirmed=True),
     _flight(
@@ -157,12 +167,14 @@ ALL: tuple[Command, ...] = (
         "POST /vehicles/{v}/mission/upload",
         confirmed=True,
         confirm_text="vehicle {vehicle} flies the new mission at once",
+        acts="no",
     ),
     _flight(
         "mission/clear",
         "DELETE /vehicles/{v}/mission",
         confirmed=True,
         confirm_text="vehicle {vehicle} loses the mission that it flies",
+        acts="no",
     ),
     _flight("mission/start", "POST /vehicles/{v}/mission/start", confirmed=True),
     _flight("mission/resume", "POST /vehicles/{v}/mission/resume", confirmed=True),
@@ -174,9 +186,10 @@ ALL: tuple[Command, ...] = (
         "WS /vehicles/{v}/offboard/stream setpoint",
         "POST /groups/{g}/setpoints",
         vehicles="the vehicle, every member of the group",
+        acts="no",
     ),
-    _flight("offboard/stop", "POST /vehicles/{v}/offboard/stop"),
-    _flight("offboard/avoidance", "PUT /vehicles/{v}/offboard/avoidance"),
+    _flight("offboard/stop", "POST /vehicles/{v}/offboard/stop", acts="stops"),
+    _flight("offboard/avoidance", "PUT /vehicles/{v}/offboard/avoidance", acts="no"),
     _flight(
         "offboard_mission/start",
         "POST /vehicles/{v}/offboard_mission/start",
@@ -184,7 +197,12 @@ ALL: tuple[Command, ...] = (
         vehicles=ALL_OF_MISSION,
         confirmed=True,
     ),
-    _flight("offboard_mission/pause", "POST /vehicles/{v}/offboard_mission/pause", vehicles=ALL_OF_MISSION),
+    _flight(
+        "offboard_mission/pause",
+        "POST /vehicles/{v}/offboard_mission/pause",
+        vehicles=ALL_OF_MISSION,
+        acts="stops",
+    ),
     _flight(
         "offboard_mission/resume",
         "POST /vehicles/{v}/offboard_mission/resume",
@@ -203,9 +221,10 @@ ALL: tuple[Command, ...] = (
         "POST /vehicles/{v}/offboard_mission/abort",
         vehicles=ALL_OF_MISSION,
         confirmed=True,
+        acts="stops",
     ),
-    _flight("mission_modes/register", "POST /vehicles/{v}/mission_modes/register"),
-    _flight("mission_modes/unregister", "POST /vehicles/{v}/mission_modes/unregister"),
+    _flight("mission_modes/register", "POST /vehicles/{v}/mission_modes/register", acts="no"),
+    _flight("mission_modes/unregister", "POST /vehicles/{v}/mission_modes/unregister", acts="no"),
     _flight("group/start", "POST /groups", vehicles="every member", confirmed=True),
     # allowed to all clients: anyone who sees a danger may stop a vehicle
     _stop("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),

@@ -4,12 +4,13 @@ so that a reloaded page or a reconnected client finds it again. It ends when:
 
 - its work returns (`succeeded`, with a small result) or raises an exception (`failed`, with the error);
 - a client cancels it (`cancelled`, once the work has cleaned up);
+- it is a command to a vehicle, and its ticket is cancelled (`cancelled`, with the reason as its error);
 - its work needs the vehicle, and the vehicle is lost or removed (`failed`, with the work's own error, or with
 `disconnected` after `LINK_GRACE_S`);
 - the server stops (`cancelled`). Operations are lost in a restart.
 
-At most `MAX_RUNNING` operations run at a time, and not all of one client. The newest `MAX_ENDED` ended
-operations are kept.
+At most `MAX_RUNNING` operations run at a time, and not all of one client; commands do not count. The newest
+`MAX_ENDED` ended operations are kept, and as many ended commands.
 """
 
 from __future__ import annotations
@@ -22,7 +23,14 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from gcs_server.clock import Clock
-from gcs_server.errors import ClientHasTooMany, Disconnected, GcsError, Refused, UnknownOperation
+from gcs_server.errors import (
+    ClientHasTooMany,
+    Disconnected,
+    GcsError,
+    Interrupted,
+    Refused,
+    UnknownOperation,
+)
 from gcs_server.supervise import Supervisor
 
 log = logging.getLogger(__name__)
@@ -106,6 +114,8 @@ class Operations:
         """Ended operations in the order of their ends, and running operations in the order of their
         starts."""
         self._running: dict[str, _RunningOperation] = {}
+        self._commands: set[str] = set()
+        """Ids of the operations that are commands to a vehicle."""
         self._closed = False
 
     def all(self) -> list[Operation]:
@@ -136,9 +146,10 @@ class Operations:
         subject: str | None = None,
         by: tuple[str, str] = ("server", ""),
         needs_vehicle: bool = False,
+        command: bool = False,
     ) -> Operation:
         """Starts work in the background. If an operation with the same kind, vehicle and subject is running,
-        returns that operation.
+        returns that operation, unless the new one is a command.
 
         Args:
             kind: kind of the work.
@@ -148,26 +159,26 @@ class Operations:
             subject: the object of the work besides the vehicle.
             by: name and key of the client.
             needs_vehicle: whether the operation fails when the vehicle's link is lost.
+            command: whether the work is a command to a vehicle, which is never refused or merged with
+                another.
 
         Raises:
             ClientHasTooMany: too many operations of this client are running.
             Refused: the limit of running operations is reached, or the server is shutting down.
         """
-        for operation_id in self._running:
+        for operation_id in () if command else self._running:
             existing = self._known[operation_id]
             if (existing.kind, existing.vehicle, existing.subject) == (kind, vehicle, subject):
                 return existing
         if self._closed:
             raise Refused("The server is shutting down; it starts no more operations.")
-        if (
-            sum(self._known[each].client_key == by[1] != "" for each in self._running)
-            >= MAX_RUNNING_PER_CLIENT
-        ):
+        counted = [self._known[each] for each in self._running if each not in self._commands]
+        if not command and sum(each.client_key == by[1] != "" for each in counted) >= MAX_RUNNING_PER_CLIENT:
             raise ClientHasTooMany(
                 f"{MAX_RUNNING_PER_CLIENT} operations of this client are running.",
                 remedy="Wait until one has ended, or cancel one (DELETE /operations/{id}).",
             )
-        if len(self._running) >= MAX_RUNNING:
+        if not command and len(counted) >= MAX_RUNNING:
             raise Refused(
                 f"{MAX_RUNNING} operations are running, which is the limit.",
                 remedy="Wait until one has ended, or cancel one (DELETE /operations/{id}).",
@@ -180,6 +191,8 @@ class Operations:
             operation_id, kind, vehicle, subject, name, key, "running", None, text, unix_s, None, None, None
         )
         self._known[operation_id] = operation
+        if command:
+            self._commands.add(operation_id)
         task = self._supervisor.spawn(f"operation {operation_id}: {kind}", self._run(operation_id, work))
         self._running[operation_id] = _RunningOperation(
             task, asyncio.Event(), needs_vehicle, self._clock.monotonic_s()
@@ -218,6 +231,14 @@ class Operations:
         await running.ended.wait()
         return self._known.get(operation_id, operation)
 
+    def interrupt(self, operation_id: str, error: Interrupted) -> None:
+        """Cancels an operation whose command must not act any more; its waiting caller gets the error. Does
+        nothing if it has ended."""
+        running = self._running.get(operation_id)
+        if running is not None:
+            running.stop_error = error
+            running.task.cancel()
+
     def vehicle_lost(self, vehicle_id: str, reason: str) -> None:
         """Called when the vehicle's link is lost or the vehicle is removed; operations that need the vehicle
         fail."""
@@ -255,13 +276,13 @@ class Operations:
         except asyncio.CancelledError:
             error = self._running[operation_id].stop_error
             if error is not None:
-                self._end(operation_id, "failed", str(error), error=error)
+                self._end(operation_id, _state_of(error), str(error), error=error)
             else:
                 reason = "The server stopped." if self._closed else "Cancelled."
                 self._end(operation_id, "cancelled", reason)
             raise
         except GcsError as error:
-            self._end(operation_id, "failed", str(error), error=error)
+            self._end(operation_id, _state_of(error), str(error), error=error)
         except Exception as error:
             log.exception("operation %s failed", operation_id)
             text = f"The server failed: {type(error).__name__}."
@@ -273,7 +294,7 @@ class Operations:
         """Ends an operation whose task was cancelled before `_run` began; otherwise `_run` has ended it."""
         if operation_id in self._running:
             error = self._running[operation_id].stop_error
-            state: State = "cancelled" if error is None else "failed"
+            state: State = "cancelled" if error is None else _state_of(error)
             self._end(operation_id, state, "Cancelled." if error is None else str(error), error=error)
 
     def _report(self, operation_id: str, text: str, progress: float | None) -> None:
@@ -310,8 +331,16 @@ class Operations:
             ended = replace(ended, progress=1.0)
         # Added at the end, because operations are dropped in the order in which they ended.
         self._known[operation_id] = ended
-        ended_ids = [key for key in self._known if key not in self._running]
+        is_command = operation_id in self._commands
+        ended_ids = [
+            key for key in self._known if key not in self._running and (key in self._commands) == is_command
+        ]
         for key in ended_ids[: max(0, len(ended_ids) - MAX_ENDED)]:
             del self._known[key]
+            self._commands.discard(key)
         running.ended.set()
         self._on_change(ended)
+
+
+def _state_of(error: GcsError) -> State:
+    return "cancelled" if isinstance(error, Interrupted) else "failed"

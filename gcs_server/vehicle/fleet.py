@@ -418,6 +418,7 @@ class Fleet(FrameSink):
     def _remove(self, vehicle: Vehicle, why: str) -> None:
         self._vehicles.pop(vehicle.id, None)
         self._ordered = None
+        vehicle.tickets.cancel_all(f"Vehicle {vehicle.id} was removed: {why}.")
         vehicle.disconnected(why)
         for callback in self._on_removed:
             callback(vehicle)

@@ -40,6 +40,7 @@ from gcs_server.vehicle.services.mission import MissionService
 from gcs_server.vehicle.services.mode_list import ModeList
 from gcs_server.vehicle.services.params import ParamService
 from gcs_server.vehicle.state import TOPIC_MESSAGES, VehicleState
+from gcs_server.vehicle.tickets import Tickets
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +60,7 @@ class Vehicle:
         "_handled_ids", "_handlers", "_identity", "_known_links", "_lost", "_state", "_supervisor",
         "camera", "clock", "command", "components", "control", "events", "ftp", "gimbal", "gimbals",
         "health", "id", "isolation", "mailbox", "metadata", "mission", "mode_list", "mode_names",
-        "offboard", "offboard_mission", "own_ids", "params", "waypoint_flight",
+        "offboard", "offboard_mission", "own_ids", "params", "tickets", "waypoint_flight",
     )  # fmt: skip
 
     def __init__(
@@ -78,6 +79,8 @@ class Vehicle:
         """Runs code that may fail because of this vehicle's data: a topic, a snapshot, a view."""
         self.mailbox = Mailbox(decode)
         self.events = EventFeed(vehicle_id)
+        self.tickets = Tickets()
+        """The accepted commands that may still send."""
         self.offboard: AttachedStream | None = None
         """The vehicle's setpoint stream; set by `Streamer.attach`."""
         self.offboard_mission: AttachedMission | None = None

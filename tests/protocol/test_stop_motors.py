@@ -9,7 +9,7 @@ import pytest
 
 from gcs_server.api import control_models, control_routes
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
-from tests.protocol.api_calls import MISSION_MODE, run_with_routes
+from tests.protocol.api_calls import run_with_routes
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_REPOSITION,
@@ -22,6 +22,7 @@ from tests.protocol.group_testbed import ANNA, position_setpoint, run_with_vehic
 from tests.protocol.offboard_testbed import run_offboard, sleep, stream_request
 from tests.protocol.one_vehicle import PACKET_LOSS_CASES
 
+ORBIT_MODE = 3 << 16 | 1 << 24
 GOTO = {"lat_deg": 47.398, "lon_deg": 8.546, "alt_home_m": 12}
 CALLS = {
     "hold": lambda v: v.command.hold(by="bob"),
@@ -237,7 +238,7 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
 @pytest.mark.parametrize(("ignored_s", "mode_after"), [(2.0, None), (20.0, HOLD_MODE)])
 def test_the_action_at_the_expiry_of_control_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
     async def scenario(rig):
-        rig.autopilot.mode = MISSION_MODE
+        rig.autopilot.mode = ORBIT_MODE
         await sleep(2.5)
         await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry="hold"))
         await sleep(28.5)
@@ -248,7 +249,7 @@ def test_the_action_at_the_expiry_of_control_waits_for_stop_motors(run_simulated
         await asyncio.gather(kill, return_exceptions=True)
         await sleep(3.0)
         assert bool(rig.autopilot.received_commands(DO_SET_MODE)) == (mode_after is not None)
-        assert rig.autopilot.mode == (mode_after or MISSION_MODE)
+        assert rig.autopilot.mode == (mode_after or ORBIT_MODE)
 
     run_with_routes(run_simulated, scenario)
 

@@ -22,6 +22,7 @@ from gcs_server.streamer.groups.status import GroupFinding, GroupStatus
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.separation.guard import EXPIRY_TOLERANCE_S, Finding, GroupGuard, GuardState
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
+from gcs_server.vehicle.tickets import Ticket
 from missions.setpoints import Position, Setpoint
 
 START_DELAY_S = 0.5
@@ -55,17 +56,25 @@ class Groups:
 
     # --- commands ---------------------------------------------------------------------------------
 
-    async def start(self, request: GroupRequest) -> GroupStatus:
+    async def start(self, request: GroupRequest, tickets: Mapping[str, Ticket] | None = None) -> GroupStatus:
         """Brings all members into Offboard at their positions and starts them at the same time. Returns
         once all have confirmed Offboard and the start time is set, possibly before the start.
 
+        Args:
+            request: the members and their first setpoints.
+            tickets: the ticket of the command, by vehicle id; None: each member's start opens its own.
+
         Raises:
+            Interrupted: a ticket was cancelled.
             NotTogether: a vehicle cannot join, or two vehicles would come too close. No vehicle has moved,
                 and all are in Hold.
             InvalidRequest: a setpoint or the start time is not valid.
         """
         self._checks.check_start_time(request, MIN_LEAD_S)
         members = self._joinable(request)
+        tickets = tickets or {}
+        for ticket in tickets.values():
+            ticket.claim()
         requests = self._checks.stream_requests(request, request.setpoints)
         await self._checks.check_separation(request.minimum_separation_m, members, requests)
         members = self._joinable(request)  # another request may have been accepted meanwhile
@@ -77,15 +86,17 @@ class Groups:
         self._announce(group, f"Group {group.id} ({listed(members)}) of {request.client} is being started.")
         waiting_requests: dict[str, StreamRequest] = {}
         try:
-            waiting_requests = await self._start_streams(group)
+            waiting_requests = await self._start_streams(group, tickets)
             await self._checks.check_separation(request.minimum_separation_m, members, requests)
             group.require_following({v: self._streams.state(v) for v in members})
             for index, member in enumerate(members.values()):  # some seconds have passed
                 self._checks.check_setpoint(member, index, requests[member.vehicle.id])
             self._checks.check_separation_now(request.minimum_separation_m, members, requests)
             self._checks.check_start_time(request, 0.1)
+            for ticket in tickets.values():
+                ticket.require()
         except GcsError as error:
-            await self._abort_start(group, str(error))
+            await self._abort_start(group, str(error), tickets)
             raise
         except BaseException:
             for vehicle_id in members:
@@ -148,8 +159,15 @@ class Groups:
         group.request, group.setpoints = request, setpoints
         return self._status(group)
 
-    async def hold(self, group_id: str, client: str) -> GroupStatus:
+    async def hold(
+        self, group_id: str, client: str, tickets: Mapping[str, Ticket] | None = None
+    ) -> GroupStatus:
         """Puts all members that still follow the group into Hold; members that have left are not affected.
+
+        Args:
+            group_id: the group.
+            client: name of the client.
+            tickets: the ticket of the command, by vehicle id.
 
         Raises:
             NoReply: a member did not confirm; the error names it, and its stream keeps requesting Hold.
@@ -160,7 +178,7 @@ class Groups:
         group.requested_end = f"{client} commanded Hold."
         if group.guard is not None:
             self._streams.disable_guard(group.id)
-        failed = await self._hold(group, group.members)
+        failed = await self._hold(group, group.members, tickets)
         if failed:
             raise NoReply(
                 " ".join(f"Vehicle {v} did not confirm Hold: {error}" for v, error in failed.items()),
@@ -225,7 +243,7 @@ class Groups:
             self._checks.check_member(member, index, request)
         return members
 
-    async def _start_streams(self, group: Group) -> dict[str, StreamRequest]:
+    async def _start_streams(self, group: Group, tickets: Mapping[str, Ticket]) -> dict[str, StreamRequest]:
         """Streams the positions of all members and switches them to Offboard; if one fails, all hold. Returns
         the streamed requests."""
         request = group.request
@@ -249,14 +267,15 @@ class Groups:
 
         async def join(vehicle_id: str, member: Member) -> None:
             try:
-                await member.start(waiting_requests[vehicle_id], group.request.rate_hz)
+                ticket = tickets.get(vehicle_id)
+                await member.start(waiting_requests[vehicle_id], group.request.rate_hz, ticket=ticket)
             except GcsError as error:
                 group.stream_numbers.pop(vehicle_id)  # the stream has ended, or is in the phase `undoing`
                 first = not failed
                 if first or not isinstance(error, Refused):  # Refused: cancelled after the first failure
                     failed[vehicle_id] = error
                 if first:
-                    await self._hold(group, list(group.stream_numbers))
+                    await self._hold(group, list(group.stream_numbers), tickets)
 
         async with asyncio.TaskGroup() as tasks:
             for vehicle_id, member in group.members.items():
@@ -297,19 +316,24 @@ class Groups:
             group, f"Group {group.id}: all members are in Offboard and start together in {lead_s:.1f} s."
         )
 
-    async def _abort_start(self, group: Group, reason: str) -> None:
-        failed = await self._hold(group, list(group.stream_numbers))
+    async def _abort_start(self, group: Group, reason: str, tickets: Mapping[str, Ticket]) -> None:
+        failed = await self._hold(group, list(group.stream_numbers), tickets)
         for vehicle_id, error in failed.items():
             reason += f" Vehicle {vehicle_id} did not confirm Hold: {error}"
         self._end(group, reason)
 
-    async def _hold(self, group: Group, members: Iterable[str]) -> dict[str, GcsError]:
-        """Stops all members whose stream belongs to the group; returns the errors by vehicle."""
+    async def _hold(
+        self, group: Group, members: Iterable[str], tickets: Mapping[str, Ticket] | None = None
+    ) -> dict[str, GcsError]:
+        """Stops all members whose stream belongs to the group; returns the errors by vehicle. A member whose
+        ticket was cancelled follows the command that cancelled it."""
         failed: dict[str, GcsError] = {}
 
         async def stop(vehicle_id: str) -> None:
             try:
-                await group.members[vehicle_id].stop()
+                ticket = None if tickets is None else tickets.get(vehicle_id)
+                valid = ticket is not None and ticket.reason is None
+                await group.members[vehicle_id].stop(ticket if valid else None)
             except GcsError as error:
                 failed[vehicle_id] = error
 

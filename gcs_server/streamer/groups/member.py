@@ -6,6 +6,7 @@ from typing import Protocol
 
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 
 
@@ -25,11 +26,13 @@ class Member(Protocol):
         """Snapshot of the vehicle for its stream, or for a new request that is not accepted yet."""
         ...
 
-    async def start(self, request: StreamRequest, rate_hz: float) -> object:
+    async def start(
+        self, request: StreamRequest, rate_hz: float, select: None = None, ticket: Ticket | None = None
+    ) -> object:
         """Starts the stream; returns once the vehicle is in Offboard. Raises GcsError if it does not
         switch."""
         ...
 
-    async def stop(self) -> object:
+    async def stop(self, ticket: Ticket | None = None) -> object:
         """Puts the vehicle into Hold; raises GcsError if it does not confirm."""
         ...

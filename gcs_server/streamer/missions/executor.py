@@ -17,6 +17,7 @@ from gcs_server.ros2.mode_executor import ExecutorCommand, ExecutorState
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.samples import GlobalPosition
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 
 SET_NAV_STATE: Final = 100_001
@@ -70,14 +71,16 @@ class MissionExecutor:
         state = self.state
         return state is not None and state.completed_nav_state == TAKE_OFF_STATE
 
-    async def take_off(self, height_m: float, by: str) -> None:
+    async def take_off(self, height_m: float, by: str, ticket: Ticket) -> None:
         """Takes off; returns once the vehicle reports the mode Takeoff.
 
         Args:
             height_m: height above the current position [m].
             by: the mission, for messages.
+            ticket: ticket of the mission's command.
 
         Raises:
+            Interrupted: the ticket was cancelled.
             Refused: the executor is not in charge, or the altitude is unknown.
             Rejected: PX4 refused the command.
             NoReply: the vehicle did not report the mode in time.
@@ -90,15 +93,20 @@ class MissionExecutor:
             )
         altitude_m = sample.value.alt_amsl_m + height_m
         await self._run(
-            d.MAV_CMD_NAV_TAKEOFF, (NAN, NAN, NAN, NAN, NAN, NAN, altitude_m), "take off", "takeoff", by
+            d.MAV_CMD_NAV_TAKEOFF,
+            (NAN, NAN, NAN, NAN, NAN, NAN, altitude_m),
+            "take off",
+            "takeoff",
+            by,
+            ticket,
         )
 
-    async def set_mode(self, mode: str, by: str) -> None:
+    async def set_mode(self, mode: str, by: str, ticket: Ticket) -> None:
         """Changes the mode; returns once the vehicle reports the mode. Raises the same errors as
         `take_off`."""
         label = self._vehicle.mode_names.label(BY_NAME[mode])
         params = (float(BY_NAME[mode].nav_state), NAN, NAN, NAN, NAN, NAN, NAN)
-        await self._run(SET_NAV_STATE, params, f"mode {label}", mode, by)
+        await self._run(SET_NAV_STATE, params, f"mode {label}", mode, by, ticket)
 
     async def _run(
         self,
@@ -107,16 +115,19 @@ class MissionExecutor:
         action: str,
         mode: str,
         by: str,
+        ticket: Ticket,
     ) -> None:
         vehicle = self._vehicle
         vehicle.require_commandable()
         self._require_in_charge(action)
+        ticket.require()
         vehicle.command.record_executor_request(action, mode, by)
         number = next(_numbers)
         self._streams.execute_command(vehicle.id, self._mode, ExecutorCommand(number, command, params))
         until_s = self._clock.monotonic_s() + DEADLINE_S
         rejected = False
         while vehicle.status.mode != mode:
+            ticket.require()
             self._require_in_charge(action)
             now_s, state = self._clock.monotonic_s(), self.state
             if state is not None and state.command == number and state.outcome == "rejected" and not rejected:

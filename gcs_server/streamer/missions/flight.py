@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Generator
+from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -17,6 +18,8 @@ from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.stream_request import OFFBOARD, OnExpiry, StreamRequest
+from gcs_server.vehicle.tickets import Ticket
+from gcs_server.vehicle.vehicle import Vehicle
 from missions.avoidance.corridor import first_on_line
 from missions.offboard.segments import CurveSegment
 from missions.runner.flown import FlightRecord, FlownMission, planned_by_mission, state_in_mission
@@ -93,13 +96,34 @@ class MissionFlight:
             start.mission.name, clock.unix_s(), self._now_s, reading, origin,
             cache(lambda: planned_by_mission(start.timeline, start_ned_m)),
         )  # fmt: skip
+        self._client_ticket: Ticket | None = None
+        """Ticket of the client's command that is being executed by the runner in this call."""
         self._task: Task | None = None
         """The running command; a newer command cancels it."""
+        self._ticket: Ticket | None = None
+        """Ticket of the newest command."""
+        self._request: TakeOff | StreamScript | SetMode | None = None
+        """The newest command."""
         self._pictures = 0
         self._gimbal_requested = False
         self._controls_gimbal = False
 
     # --- requests of clients ------------------------------------------------------------------------
+
+    @contextmanager
+    def commanded(self, ticket: Ticket) -> Generator[None]:
+        """Block in which this mission executes a client's command: what the mission commands in this block
+        follows the client's command instead of yielding to it. The block must not wait.
+
+        Raises:
+            Interrupted: the client's ticket was cancelled.
+        """
+        ticket.require()
+        self._client_ticket = ticket
+        try:
+            yield
+        finally:
+            self._client_ticket = None
 
     def begin(self) -> None:
         """Starts the mission. Raises Refused if this is not possible now."""
@@ -164,6 +188,11 @@ class MissionFlight:
             self.updated_s = self._now_s
         if self.runner.over:
             self._record.end(self._now_s)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle."""
+        return self._vehicle
 
     @property
     def vehicle_id(self) -> str:
@@ -272,6 +301,8 @@ class MissionFlight:
                     )
         if self.runner.over:
             self._control.avoidance.mission_way = None
+        if not self.runner.in_charge and isinstance(self._request, TakeOff | StreamScript):
+            self._cancel_command()  # such as the take-off of a mission that was aborted meanwhile
 
     def _add_event(self, request: Notify) -> None:
         data = {"source": "offboard_mission", "code": request.code, "mission": self._start.mission.name}
@@ -281,8 +312,7 @@ class MissionFlight:
 
     def _stop_stream(self) -> None:
         """Cancels the running command and ends the stream, because another party controls the vehicle."""
-        if self._task is not None:
-            self._task.cancel()
+        self._cancel_command()
         state = self._streams.state(self._vehicle.id)
         if state.request is not None and state.request.owner == "mission" and state.phase in STREAMED:
             self._streams.end(self._vehicle.id, "mission", f"{self._by} was interrupted.", state.number)
@@ -292,15 +322,36 @@ class MissionFlight:
         success = self.runner.in_charge or self.runner.status(self.reading()).state == "done"
         self._streams.complete_mode(self._vehicle.id, self.mode, success)
 
-    def _command(self, request: TakeOff | StreamScript | SetMode) -> None:
+    def _cancel_command(self) -> None:
         if self._task is not None:
             self._task.cancel()
+        if self._ticket is not None:
+            self._ticket.close()
+        self._request = None
+
+    def _command(self, request: TakeOff | StreamScript | SetMode) -> None:
+        """Runs a command in the background, unless a client's command is being executed: the mission never
+        replaces it."""
+        self._cancel_command()
         # Decided now, not when the task runs: PX4 rejects a command of the executor after a pilot or another
         # station has taken over, but a command that does not use the executor would override them.
         by_executor = self._executor.in_charge
-        self._task = self._spawn(
-            "mission command", self._report_failure(request, lambda: self._run_command(request, by_executor))
-        )
+        if self._client_ticket is not None:
+            self._client_ticket.claim()
+        tickets = self._vehicle.tickets
+        self._request, self._ticket = request, tickets.open(self._by, yields=True)
+        ticket = self._ticket
+        replaced_by = tickets.commanding(but=self._client_ticket)
+        if replaced_by is not None:
+            ticket.cancel(f"Interrupted by “{replaced_by.label}”.")
+
+        async def run() -> None:
+            try:
+                await self._run_command(request, by_executor, ticket)
+            finally:
+                ticket.close()
+
+        self._task = self._spawn("mission command", self._report_failure(request, run))
 
     async def _report_failure(
         self, request: Request, work: Callable[[], Coroutine[Any, Any, object]]
@@ -311,25 +362,28 @@ class MissionFlight:
         except GcsError as error:
             self._execute(self.runner.request_failed(request, self.reading(), str(error)))
 
-    async def _run_command(self, request: TakeOff | StreamScript | SetMode, by_executor: bool) -> None:
+    async def _run_command(
+        self, request: TakeOff | StreamScript | SetMode, by_executor: bool, ticket: Ticket
+    ) -> None:
         command, executor = self._vehicle.command, self._executor
         if isinstance(request, TakeOff) and executor.state is not None:
-            await executor.take_off(request.height_m, self._by)
+            await executor.take_off(request.height_m, self._by, ticket)
         elif isinstance(request, TakeOff):
-            await command.takeoff(above_home_m(self._vehicle) + request.height_m, by=self._by)
+            height_m = above_home_m(self._vehicle) + request.height_m
+            await command.takeoff(height_m, by=self._by, ticket=ticket)
         elif isinstance(request, StreamScript):
-            await self._stream_script(request, by_executor)
+            await self._stream_script(request, by_executor, ticket)
         elif request.mode == "hold":
             if self._streams.state(self._vehicle.id).phase != "idle":
-                await self._control.stop()
+                await self._control.stop(ticket)
             if self._vehicle.status.mode != "hold":
-                await command.hold(by=self._by)
+                await command.hold(by=self._by, ticket=ticket)
         elif by_executor:
-            await executor.set_mode(request.mode, self._by)
+            await executor.set_mode(request.mode, self._by, ticket)
         else:
-            await (command.land if request.mode == "land" else command.rtl)(by=self._by)
+            await (command.land if request.mode == "land" else command.rtl)(by=self._by, ticket=ticket)
 
-    async def _stream_script(self, request: StreamScript, by_executor: bool) -> None:
+    async def _stream_script(self, request: StreamScript, by_executor: bool, ticket: Ticket) -> None:
         self._check_approach(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
         name = self._start.mission.name
@@ -340,8 +394,11 @@ class MissionFlight:
         if state.request is not None and state.request.owner == "mission" and state.phase in STREAMED:
             await self._control.setpoint(stream_request)
         else:
-            select = (lambda: self._executor.set_mode(self.mode, self._by)) if by_executor else None
-            await self._control.start(stream_request, RATE_HZ, select)
+
+            async def select(own: Ticket) -> None:
+                await self._executor.set_mode(self.mode, self._by, own)
+
+            await self._control.start(stream_request, RATE_HZ, select if by_executor else None, ticket)
 
     def _check_approach(self, approach: CurveSegment | None) -> None:
         """Raises Refused if the sensors measure an obstacle on the straight line to the path."""

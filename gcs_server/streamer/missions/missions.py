@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
 from gcs_server.clock import Clock
@@ -15,6 +16,7 @@ from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.separation.guard import Finding
 from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.runner.runner import LOW_BATTERY_SHARE
 
@@ -55,44 +57,33 @@ class OffboardMissions:
         """Starts the periodic update."""
         self._supervisor.repeat("offboard-missions", self.update, UPDATE_PERIOD_S)
 
-    def begin(self, vehicle_id: str, start: Start) -> MissionFlight:
+    def begin(self, vehicle_id: str, start: Start, ticket: Ticket | None = None) -> MissionFlight:
         """Starts a mission.
 
+        Args:
+            vehicle_id: the vehicle.
+            start: the mission.
+            ticket: ticket of the command that starts it; None: opened here.
+
         Raises:
+            Interrupted: the ticket was cancelled.
             Refused: the vehicle already flies a mission or has a setpoint stream, the path leaves the limits,
                 or an estimate is missing.
         """
         flight = self._prepare(vehicle_id, start)
-        flight.begin()
+        own = ticket or flight.vehicle.tickets.open("start the mission")
+        with closing(own), flight.commanded(own):
+            flight.begin()
         self._flights[vehicle_id] = flight
         return flight
 
-    async def ready(self) -> None:
-        """Returns once streams and guards can run; raises Refused if they cannot."""
-        await self._streams.ready()
-
-    def begin_together(self, starts: Mapping[str, tuple[str, Start]], minimum_m: float) -> JointMission:
-        """Starts a mission of several vehicles: all vehicles begin, or none.
-
-        Args:
-            starts: for each role the vehicle's id and its start.
-            minimum_m: the minimum separation of any two vehicles.
+    def require_free(self, vehicle_id: str) -> None:
+        """Called before a start is prepared, and again when it begins.
 
         Raises:
-            Refused: `begin` would refuse one of the vehicles.
+            Refused: the vehicle flies a mission, or has a setpoint stream.
         """
-        flights = {role: self._prepare(vehicle_id, start) for role, (vehicle_id, start) in starts.items()}
-        self._count += 1
-        joint = JointMission(f"mission {self._count}", flights, self._clock, self._streams, minimum_m)
-        joint.begin()
-        self._joint_missions[joint.name] = joint
-        self._flights |= {flight.vehicle_id: flight for flight in flights.values()}
-        return joint
-
-    def _prepare(self, vehicle_id: str, start: Start) -> MissionFlight:
-        control = self._streamer.offboard(vehicle_id)
-        vehicle = control.vehicle
-        vehicle.require_commandable()
+        self._streamer.offboard(vehicle_id).vehicle.require_commandable()
         previous = self._flights.get(vehicle_id)
         if previous is not None and not previous.over:
             raise Refused(
@@ -104,6 +95,44 @@ class OffboardMissions:
                 f"Vehicle {vehicle_id} already has a setpoint stream.",
                 remedy="Stop the setpoint stream first.",
             )
+
+    async def ready(self) -> None:
+        """Returns once streams and guards can run; raises Refused if they cannot."""
+        await self._streams.ready()
+
+    def begin_together(
+        self,
+        starts: Mapping[str, tuple[str, Start]],
+        minimum_m: float,
+        tickets: Mapping[str, Ticket] | None = None,
+    ) -> JointMission:
+        """Starts a mission of several vehicles: all vehicles begin, or none.
+
+        Args:
+            starts: for each role the vehicle's id and its start.
+            minimum_m: the minimum separation of any two vehicles.
+            tickets: the ticket of the command, by vehicle id; None: opened here.
+
+        Raises:
+            Refused: `begin` would refuse one of the vehicles.
+        """
+        flights = {role: self._prepare(vehicle_id, start) for role, (vehicle_id, start) in starts.items()}
+        self._count += 1
+        joint = JointMission(f"mission {self._count}", flights, self._clock, self._streams, minimum_m)
+        with ExitStack() as stack:
+            for flight in flights.values():
+                given = None if tickets is None else tickets[flight.vehicle_id]
+                own = given or flight.vehicle.tickets.open("start the mission")
+                stack.enter_context(closing(own))
+                stack.enter_context(flight.commanded(own))
+            joint.begin()
+        self._joint_missions[joint.name] = joint
+        self._flights |= {flight.vehicle_id: flight for flight in flights.values()}
+        return joint
+
+    def _prepare(self, vehicle_id: str, start: Start) -> MissionFlight:
+        self.require_free(vehicle_id)
+        control = self._streamer.offboard(vehicle_id)
         control.check_segments(start.timeline.segments, start.mode)
 
         def spawn(name: str, work: object) -> object:

@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Awaitable, Callable, Iterable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 from gcs_server.clock import Clock
-from gcs_server.errors import GcsError, Refused, UnknownVehicle
+from gcs_server.errors import GcsError, Interrupted, Refused, UnknownVehicle
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import (
     REPLIES_ENDED,
@@ -36,6 +37,7 @@ from gcs_server.streamer.schedule.external_modes import topics_for
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.endpoint import unusable_topics
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Estimate
 
@@ -232,7 +234,8 @@ class MissionModes:
         self._hold_after_disarming(vehicle, state, by_mode)
         entered = by_mode.get(status.mode) if state.last_mode != last_mode and status.armed else None
         if entered is not None:
-            work = self._begin(vehicle, status.mode, entered)
+            ticket = vehicle.tickets.open(f"mode {entered.mode.name}", yields=True)
+            work = self._begin(vehicle, status.mode, entered, ticket)
             self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
 
     def _hold_after_disarming(
@@ -296,31 +299,18 @@ class MissionModes:
             text = f"PX4 no longer defers a failsafe for the mode {name!r}."
             add_event(vehicle, self._clock, name, "failsafe_not_deferred", text, NOTICE)
 
-    async def _begin(self, vehicle: Vehicle, mode: str, entry: _ModeEntry) -> None:
-        """Starts or resumes the mission; if this is not possible, the vehicle holds."""
+    async def _begin(self, vehicle: Vehicle, mode: str, entry: _ModeEntry, ticket: Ticket) -> None:
+        """Starts or resumes the mission; if this is not possible, the vehicle holds. A command that is
+        accepted meanwhile cancels the ticket, and decides the mode."""
         mission_mode = entry.mode
         by = f"The mode {mission_mode.name!r}"
         try:
-            on_ground = vehicle.status.landed_state == "on_ground"
-            if on_ground and not mission_mode.takes_off:
-                raise Refused(
-                    "The mission begins in the air.", remedy="Take off first, then select the mode."
-                )
-            flight = self._missions.flown_in(vehicle.id, mode)
-            if flight is not None and flight.runner.in_charge:
-                return
-            if mission_mode.takes_off:
-                await self._wait_until_in_charge(vehicle.id, mission_mode.name)
-            if flight is not None and on_ground:
-                flight.abort(by, "hold")  # sends no command, because the mission is suspended
-                flight = None
-            if flight is not None:
-                flight.resume(by)
-                return
-            start = await self._mission_to_begin(vehicle, entry)
-            if vehicle.status.mode == mode and vehicle.status.armed:
-                self._missions.begin(vehicle.id, replace(start, mode=mode))
+            with closing(ticket):
+                await self._begin_mission(vehicle, mode, entry, ticket)
         except GcsError as error:
+            await self._other_command_done(vehicle)
+            if vehicle.status.mode != mode and isinstance(error, Interrupted):
+                return
             text = f"The mission of the mode {mission_mode.name!r} cannot be flown: {with_remedy(error)}"
             add_event(
                 vehicle, self._clock, mission_mode.name, "not_started", f"{text} The vehicle holds.", WARNING
@@ -328,6 +318,36 @@ class MissionModes:
             if vehicle.status.mode == mode:
                 self._streams.complete_mode(vehicle.id, mode, False)
                 await vehicle.command.hold(by=by)
+
+    async def _begin_mission(self, vehicle: Vehicle, mode: str, entry: _ModeEntry, ticket: Ticket) -> None:
+        mission_mode = entry.mode
+        by = f"The mode {mission_mode.name!r}"
+        on_ground = vehicle.status.landed_state == "on_ground"
+        if on_ground and not mission_mode.takes_off:
+            raise Refused("The mission begins in the air.", remedy="Take off first, then select the mode.")
+        flight = self._missions.flown_in(vehicle.id, mode)
+        if flight is not None and flight.runner.in_charge:
+            return
+        if mission_mode.takes_off:
+            await self._wait_until_in_charge(vehicle.id, mission_mode.name)
+        start = None
+        if flight is None or on_ground:
+            start = await self._mission_to_begin(vehicle, entry)
+        await self._other_command_done(vehicle)  # such as the one that has selected the mode
+        ticket.require()
+        if flight is not None and on_ground:
+            flight.abort(by, "hold")  # sends no command, because the mission is suspended
+        if start is None:
+            assert flight is not None
+            with flight.commanded(ticket):
+                flight.resume(by)
+        elif vehicle.status.mode == mode and vehicle.status.armed:
+            self._missions.begin(vehicle.id, replace(start, mode=mode), ticket)
+
+    async def _other_command_done(self, vehicle: Vehicle) -> None:
+        """Returns once no client's command to the vehicle is being executed."""
+        while vehicle.tickets.commanding() is not None:
+            await self._clock.sleep(UPDATE_PERIOD_S / 2)
 
     async def _mission_to_begin(self, vehicle: Vehicle, entry: _ModeEntry) -> Start:
         """The mission to begin now.

@@ -29,6 +29,7 @@ from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2, protocol_in_use, unusable_topics
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
 from missions.runner.script import Script
@@ -91,7 +92,8 @@ class OffboardControl:
         self,
         request: StreamRequest,
         rate_hz: float = 50.0,
-        select: Callable[[], Awaitable[None]] | None = None,
+        select: Callable[[Ticket], Awaitable[None]] | None = None,
+        ticket: Ticket | None = None,
     ) -> OffboardStatus:
         """Starts streaming, requests Offboard, and returns once the vehicle reports Offboard. The vehicle may
         be in any other mode.
@@ -104,9 +106,11 @@ class OffboardControl:
             request: the setpoint, and the mode in which it is flown.
             rate_hz: setpoints per second.
             select: selects the mode; None: a command of this server selects it.
+            ticket: ticket of the accepted command; None: opened here.
 
         Raises:
             Refused: an estimate is missing, the target is too far, or the vehicle already has a stream.
+            Interrupted: the ticket was cancelled.
             Rejected: the vehicle refused Offboard; the stream has been stopped.
         """
         vehicle = self.vehicle
@@ -123,20 +127,38 @@ class OffboardControl:
                 f"Vehicle {vehicle.id} is already in Offboard with another program's setpoints.",
                 remedy="Stop the other program, or command Hold first.",
             )
+        if self._streams.state(vehicle.id).phase != "idle":
+            raise self._has_stream()
+        own = ticket or vehicle.tickets.open("start Offboard")
+        try:
+            own.claim()
+            await self._start(request, rate_hz, select, own)
+        finally:
+            if ticket is None:
+                own.close()
+        return self.status()
+
+    async def _start(
+        self,
+        request: StreamRequest,
+        rate_hz: float,
+        select: Callable[[Ticket], Awaitable[None]] | None,
+        ticket: Ticket,
+    ) -> None:
+        vehicle = self.vehicle
         await self.operator_limits.wait_for_identity()
         if self.avoidance.way is not None:
             self.avoidance.require_sensor()
         self.check(request)
         await self._streams.ready()
+        vehicle.command.require_no_kill("start Offboard")
+        ticket.require()
         try:
             number = await self._streams.begin(vehicle.id, request, rate_hz, self.snapshot(request))
         except ValueError as error:
             raise _cannot_fly(error) from error
         if not number:
-            raise Refused(
-                f"Vehicle {vehicle.id} already has a setpoint stream.",
-                remedy="Send a setpoint to change the target, or stop the stream first.",
-            )
+            raise self._has_stream()
         try:
             if request.mode == OFFBOARD:
                 self._check_rate(await self._configuration.read(), rate_hz)
@@ -144,9 +166,10 @@ class OffboardControl:
             # checked again: seconds may have passed, and the vehicle's limits are known now
             self.check(request)
             vehicle.command.require_no_kill("start Offboard")
+            ticket.require()
             self._requested_stream = number
             if request.mode == OFFBOARD or vehicle.status.mode != request.mode:
-                await (self._request_mode(request.mode, number) if select is None else select())
+                await (self._request_mode(request.mode, number, ticket) if select is None else select(ticket))
             if not await self._streams.engage(vehicle.id, self.snapshot(), number):
                 self._require_starting(number)
             self.operator_limits.report_at_start()
@@ -157,20 +180,25 @@ class OffboardControl:
                 reason = str(error) or "it was cancelled"
                 self._streams.end(vehicle.id, "refused", f"Offboard did not start: {reason}", number)
             raise
-        return self.status()
 
-    async def _request_mode(self, mode: str, number: int) -> None:
+    def _has_stream(self) -> Refused:
+        return Refused(
+            f"Vehicle {self.vehicle.id} already has a setpoint stream.",
+            remedy="Send a setpoint to change the target, or stop the stream first.",
+        )
+
+    async def _request_mode(self, mode: str, number: int, ticket: Ticket) -> None:
         """Selects the mode. Over ROS 2 requests it twice, because PX4's side of DDS may connect later than
         this one: then PX4 has received neither the first setpoints nor the request."""
         try:
-            await self.vehicle.command.set_mode(mode)
+            await self.vehicle.command.set_mode(mode, ticket=ticket)
         except (NoReply, Rejected):
             if self._protocol() != ROS2 or mode != OFFBOARD:
                 raise
             self._require_starting(number)
             await self._clock.sleep(PRE_STREAM_S)
             await self._wait_for_steady_stream(number)
-            await self.vehicle.command.set_mode(mode)
+            await self.vehicle.command.set_mode(mode, ticket=ticket)
 
     async def _wait_for_steady_stream(self, number: int) -> None:
         """Returns once setpoints have been sent without a pause for as long as the vehicle requires.
@@ -253,11 +281,18 @@ class OffboardControl:
             )
         return self.status()
 
-    async def stop(self) -> OffboardStatus:
+    async def stop(self, ticket: Ticket | None = None) -> OffboardStatus:
         """Puts the vehicle into Hold, waits for the confirmation, then stops the stream; nothing is sent
         afterwards. Does nothing if no stream is running. A landing that was started on expiry continues.
+
+        Args:
+            ticket: ticket of the accepted command, which also ends a start that has not begun the stream.
+                None: no client has commanded the stop; a command that is being executed continues, and
+                decides the mode.
         """
         vehicle = self.vehicle
+        if ticket is not None:
+            ticket.claim()
         state = self._streams.state(vehicle.id)
         if state.phase in ("idle", "landing"):
             return self.status()
@@ -268,7 +303,9 @@ class OffboardControl:
             OFFBOARD,
             state.request.mode if state.request else OFFBOARD,
         ):
-            await vehicle.command.set_mode("hold")
+            if ticket is None and vehicle.tickets.commanding() is not None:
+                return self.status()
+            await vehicle.command.set_mode("hold", ticket=ticket)
         self._streams.end(vehicle.id, "stopped", "The stream was stopped.", state.number)
         return self.status()
 

@@ -1,19 +1,31 @@
 """Commands to a vehicle; each succeeds when the vehicle's own state shows the result.
 
 Deadlines are sufficient at 20 % loss each way: arm, disarm and modes 6 s, take-off 20 s, go-to 6 s. Every
-repeated message requests a state or names a target, so a second copy has no effect. A newer command ends a
-waiting older command, whose messages are then no longer sent. Only Stop motors (`stop_motors.py`) cannot be
-ended.
+repeated message requests a state or names a target, so a second copy has no effect. Each command holds a
+ticket (`tickets.py`), which a later command cancels; its messages are then no longer sent. Only Stop motors
+(`stop_motors.py`) cannot be ended.
+
+In the modes of `FLIES_WHEN_ARMED`, arming starts a flight. A command that selects such a mode and ends before
+the vehicle is armed is followed by Hold, and so is a disarming in such a mode; and `arm` alone is refused
+there unless the caller accepts the flight.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import AsyncGenerator, Callable, Generator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 
-from gcs_server.errors import Disconnected, GcsError, InvalidRequest, NoReply, Refused
+from gcs_server.errors import (
+    Disconnected,
+    GcsError,
+    Interrupted,
+    InvalidRequest,
+    NoReply,
+    PlanFindings,
+    Refused,
+)
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
@@ -23,6 +35,7 @@ from gcs_server.vehicle.services.floor import VehicleFloor
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors
 from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Request, Transaction
+from gcs_server.vehicle.tickets import Ticket
 from missions.geodesy import distance_m
 
 GOTO_MAX_DISTANCE_M = 1000.0
@@ -36,6 +49,13 @@ NAN = math.nan
 REPOSITION_CHANGES_MODE = 1.0
 AIRBORNE = ("in_air", "taking_off", "landing")
 SAME_POSITION_M = 3.0
+FLIES_WHEN_ARMED = frozenset({"takeoff", "mission"})
+"""Modes in which PX4 takes off by itself once it is armed."""
+ARMING_STARTS_FLIGHT = "arming_starts_flight"
+"""Code of the finding that arming starts a flight, which `arm` must accept."""
+OTHER_COMMAND_PERIOD_S = 0.2
+"""Period at which the end of another command is awaited [s]."""
+WARNING, NOTICE = d.MAV_SEVERITY_WARNING, d.MAV_SEVERITY_NOTICE
 _target = LAYOUTS[d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT].unpacker
 
 
@@ -58,8 +78,10 @@ class CommandService:
     """Arm, modes, take-off, go-to.
 
     Every method may raise Refused or NotVerified (nothing was sent), InvalidRequest (an invalid value),
-    Rejected (with the vehicle's reasons), NoReply (at the deadline), or Disconnected (the vehicle or its link
-    was lost).
+    Rejected (with the vehicle's reasons), NoReply (at the deadline), Disconnected (the vehicle or its link
+    was lost), or Interrupted (its ticket was cancelled).
+
+    `ticket` is the ticket of the accepted command; None: the method opens and claims its own.
 
     With `on_lost_link` a command is also sent, and sent again until its deadline, while nothing is received
     from the vehicle: a radio can fail in one direction only.
@@ -69,9 +91,6 @@ class CommandService:
         self._vehicle = vehicle
         self.floor = floor
         """The lowest altitudes for targets."""
-        self._newest_number = 0
-        """Number of the newest command; a command with an older number ends."""
-        self._newest_label = ""
         self._newest_command: ModeCommand | None = None
         self.on_mode_command: Callable[[], object] = lambda: None
         """Called before a mode other than Offboard is requested, so that the setpoint stream requests no mode
@@ -94,12 +113,36 @@ class CommandService:
         self._newest_command = ModeCommand(label, mode, by, self._vehicle.clock.monotonic_s())
         self.on_mode_command()
 
-    async def arm(self, *, progress: ReportProgress | None = None) -> None:
-        """Arms; returns once the vehicle reports that it is armed."""
-        self._vehicle.require_commandable()
-        await self._arm(self._begin("arm"), progress)
+    async def arm(
+        self,
+        *,
+        starts_flight: bool = False,
+        progress: ReportProgress | None = None,
+        ticket: Ticket | None = None,
+    ) -> None:
+        """Arms; returns once the vehicle reports that it is armed.
 
-    async def disarm(self, *, progress: ReportProgress | None = None) -> None:
+        Args:
+            starts_flight: the caller accepts that arming starts a flight.
+            progress: called with each step.
+            ticket: see `CommandService`.
+
+        Raises:
+            PlanFindings: arming would start a flight, which the caller does not accept.
+        """
+        self._vehicle.require_commandable()
+        if not starts_flight and (text := self._flight_when_armed()) is not None:
+            raise PlanFindings(
+                text,
+                codes=(ARMING_STARTS_FLIGHT,),
+                remedy="Select Hold first; or accept the flight by naming arming_starts_flight in `despite`.",
+            )
+        with self._begin("arm", ticket) as ticket:
+            if not starts_flight:
+                ticket.add_condition(self._flight_when_armed)
+            await self._arm(ticket, progress)
+
+    async def disarm(self, *, progress: ReportProgress | None = None, ticket: Ticket | None = None) -> None:
         """Disarms (on the ground); returns once the vehicle reports that it is disarmed."""
         self._vehicle.require_commandable()
         goal = Goal(
@@ -108,10 +151,17 @@ class CommandService:
             STATE_DEADLINE_S,
             requested_ids=REQUEST_HEARTBEAT,
         )
-        await self._run(self._begin("disarm"), _arm_disarm(0.0, 0.0), goal, progress)
+        with self._begin("disarm", ticket) as ticket:
+            await self._run(ticket, _arm_disarm(0.0, 0.0), goal, progress)
+        self._hold_after_disarming()
 
     async def set_mode(
-        self, name: str, *, by: str | None = None, progress: ReportProgress | None = None
+        self,
+        name: str,
+        *,
+        by: str | None = None,
+        progress: ReportProgress | None = None,
+        ticket: Ticket | None = None,
     ) -> None:
         """Changes to the mode `name` (as in `Status.mode`); returns once the vehicle reports the mode."""
         mode = BY_NAME.get(name)
@@ -119,12 +169,17 @@ class CommandService:
             names = ", ".join(m.name for m in BY_NAME.values() if m.settable)
             raise InvalidRequest("mode", f"There is no mode {name!r} to set.", remedy=f"Modes: {names}.")
         self._vehicle.require_commandable()
-        await self._set_mode(
-            self._begin(f"mode {self._vehicle.mode_names.label(mode)}", mode, by), mode, progress
-        )
+        label = f"mode {self._vehicle.mode_names.label(mode)}"
+        with self._begin(label, ticket, mode, by) as ticket:
+            await self._set_mode(ticket, mode, progress)
 
     async def takeoff(
-        self, alt_home_m: float, *, by: str | None = None, progress: ReportProgress | None = None
+        self,
+        alt_home_m: float,
+        *,
+        by: str | None = None,
+        progress: ReportProgress | None = None,
+        ticket: Ticket | None = None,
     ) -> None:
         """Arms if needed and takes off; returns once the vehicle is taking off, before it reaches the
         altitude."""
@@ -136,70 +191,92 @@ class CommandService:
                 f"Vehicle {vehicle.id} is already flying.", remedy="Use go-to for another altitude."
             )
         checks.position_of(vehicle)
-        number = self._begin("take off", BY_NAME["takeoff"], by)
-        alt_amsl_m = checks.require_climb(vehicle, alt_home_m, await self._home_alt_amsl_m(number))
-        request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
-        in_takeoff = Goal("take off", _in_mode(BY_NAME["takeoff"]), STATE_DEADLINE_S)
-        await self._run(number, request, in_takeoff, progress)
-        if not vehicle.flight_state.armed:
-            try:
-                await self._arm(number, progress)
-            except GcsError:
-                await self._hold_if_disarmed(number)
-                raise
-            # sent again, because a disarmed PX4 may drop the altitude
-            again = Goal(
-                "take off to that altitude", _never, STATE_DEADLINE_S, requested_ids=(), ack_is_enough=True
+        with self._begin("take off", ticket, BY_NAME["takeoff"], by) as ticket:
+            alt_amsl_m = checks.require_climb(vehicle, alt_home_m, await self._home_alt_amsl_m(ticket))
+            request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
+            async with self._hold_unless_armed(ticket, BY_NAME["takeoff"]):
+                in_takeoff = Goal("take off", _in_mode(BY_NAME["takeoff"]), STATE_DEADLINE_S)
+                await self._run(ticket, request, in_takeoff, progress)
+                if not vehicle.flight_state.armed:
+                    await self._arm(ticket, progress)
+                    # sent again, because a disarmed PX4 may drop the altitude
+                    again = Goal(
+                        "take off to that altitude",
+                        _never,
+                        STATE_DEADLINE_S,
+                        requested_ids=(),
+                        ack_is_enough=True,
+                    )
+                    await self._run(ticket, request, again, progress)
+            lifted = Goal(
+                "take off",
+                lambda f, _: f.armed and f.landed_state in ("taking_off", "in_air"),
+                LIFT_OFF_DEADLINE_S,
+                requested_ids=(d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
             )
-            await self._run(number, request, again, progress)
-        lifted = Goal(
-            "take off",
-            lambda f, _: f.armed and f.landed_state in ("taking_off", "in_air"),
-            LIFT_OFF_DEADLINE_S,
-            requested_ids=(d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
-        )
-        if progress is not None:
-            progress("Armed, waiting for lift-off", None)
-        await self._run(number, None, lifted, progress)
+            if progress is not None:
+                progress("Armed, waiting for lift-off", None)
+            await self._run(ticket, None, lifted, progress)
 
-    async def start_mission(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
+    async def start_mission(
+        self,
+        *,
+        by: str | None = None,
+        progress: ReportProgress | None = None,
+        ticket: Ticket | None = None,
+    ) -> None:
         """Starts the vehicle's mission at its current item; arms if needed.
 
         Returns once the vehicle is armed in Mission. Both requests name a state; a repetition has no effect.
         """
         mission = BY_NAME["mission"]
         self._vehicle.require_commandable()
-        number = self._begin("start the mission", mission, by)
-        await self._set_mode(number, mission, progress)
-        if not self._vehicle.flight_state.armed:
-            try:
-                await self._arm(number, progress)
-            except GcsError:
-                await self._hold_if_disarmed(number)
-                raise
+        with self._begin("start the mission", ticket, mission, by) as ticket:
+            async with self._hold_unless_armed(ticket, mission):
+                await self._set_mode(ticket, mission, progress)
+                if not self._vehicle.flight_state.armed:
+                    await self._arm(ticket, progress)
 
     async def land(
-        self, *, by: str | None = None, progress: ReportProgress | None = None, on_lost_link: bool = False
+        self,
+        *,
+        by: str | None = None,
+        progress: ReportProgress | None = None,
+        on_lost_link: bool = False,
+        ticket: Ticket | None = None,
     ) -> None:
         """Lands at the current position; returns once the vehicle is landing, or has landed and disarmed."""
         self._vehicle.require_commandable(on_lost_link=on_lost_link)
         land = BY_NAME["land"]
-        number = self._begin(land.label, land, by)
-        await self._set_mode(number, land, progress, on_lost_link=on_lost_link, or_disarmed=True)
+        with self._begin(land.label, ticket, land, by) as ticket:
+            await self._set_mode(ticket, land, progress, on_lost_link=on_lost_link, or_disarmed=True)
 
-    async def rtl(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
+    async def rtl(
+        self,
+        *,
+        by: str | None = None,
+        progress: ReportProgress | None = None,
+        ticket: Ticket | None = None,
+    ) -> None:
         """Returns to the launch position and lands, as the vehicle's own RTL does."""
         self._vehicle.require_commandable()
         rtl = BY_NAME["rtl"]
-        await self._set_mode(self._begin(rtl.label, rtl, by), rtl, progress, or_disarmed=True)
+        with self._begin(rtl.label, ticket, rtl, by) as ticket:
+            await self._set_mode(ticket, rtl, progress, or_disarmed=True)
 
     async def hold(
-        self, *, by: str | None = None, progress: ReportProgress | None = None, on_lost_link: bool = False
+        self,
+        *,
+        by: str | None = None,
+        progress: ReportProgress | None = None,
+        on_lost_link: bool = False,
+        ticket: Ticket | None = None,
     ) -> None:
         """Switches to Hold: the vehicle stops and keeps its position."""
         self._vehicle.require_commandable(on_lost_link=on_lost_link)
         hold = BY_NAME["hold"]
-        await self._set_mode(self._begin("hold", hold, by), hold, progress, on_lost_link=on_lost_link)
+        with self._begin("hold", ticket, hold, by) as ticket:
+            await self._set_mode(ticket, hold, progress, on_lost_link=on_lost_link)
 
     async def goto(
         self,
@@ -212,6 +289,7 @@ class CommandService:
         max_distance_m: float = GOTO_MAX_DISTANCE_M,
         by: str | None = None,
         progress: ReportProgress | None = None,
+        ticket: Ticket | None = None,
     ) -> None:
         """Flies to a position in Hold mode, at exactly one of the two altitudes. Returns once the vehicle has
         the target, before it arrives."""
@@ -231,30 +309,36 @@ class CommandService:
         vehicle.require_commandable()
         if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
             raise Refused(f"Vehicle {vehicle.id} is not flying.", remedy="Take off first.")
-        number = self._begin("go to", BY_NAME["hold"], by)
-        if alt_amsl_m is None:
-            assert alt_home_m is not None
-            alt_amsl_m = await self._home_alt_amsl_m(number) + alt_home_m
-        else:
-            await self._request_home(number)
-        checks.require_near(vehicle, lat_deg, lon_deg, alt_amsl_m, max_distance_m)
-        checks.require_above_ground(vehicle, self.floor.now(), lat_deg, lon_deg, alt_amsl_m)
-        reached = self._target_is(lat_deg, lon_deg, alt_amsl_m)
-        goal = Goal(
-            "go there",
-            reached,
-            STATE_DEADLINE_S,
-            requested_ids=(d.MAVLINK_MSG_ID_CURRENT_MODE, d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT),
-            listen=(d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,),
-        )
-        request = Request(
-            d.MAV_CMD_DO_REPOSITION,
-            (-1.0, REPOSITION_CHANGES_MODE, 0.0, yaw_rad, lat_deg, lon_deg, alt_amsl_m),
-            frame=d.MAV_FRAME_GLOBAL,
-        )
-        await self._run(number, request, goal, progress)
+        with self._begin("go to", ticket, BY_NAME["hold"], by) as ticket:
+            if alt_amsl_m is None:
+                assert alt_home_m is not None
+                alt_amsl_m = await self._home_alt_amsl_m(ticket) + alt_home_m
+            else:
+                await self._request_home(ticket)
+            checks.require_near(vehicle, lat_deg, lon_deg, alt_amsl_m, max_distance_m)
+            checks.require_above_ground(vehicle, self.floor.now(), lat_deg, lon_deg, alt_amsl_m)
+            reached = self._target_is(lat_deg, lon_deg, alt_amsl_m)
+            goal = Goal(
+                "go there",
+                reached,
+                STATE_DEADLINE_S,
+                requested_ids=(d.MAVLINK_MSG_ID_CURRENT_MODE, d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT),
+                listen=(d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,),
+            )
+            request = Request(
+                d.MAV_CMD_DO_REPOSITION,
+                (-1.0, REPOSITION_CHANGES_MODE, 0.0, yaw_rad, lat_deg, lon_deg, alt_amsl_m),
+                frame=d.MAV_FRAME_GLOBAL,
+            )
+            await self._run(ticket, request, goal, progress)
 
-    async def kill(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
+    async def kill(
+        self,
+        *,
+        by: str | None = None,
+        progress: ReportProgress | None = None,
+        ticket: Ticket | None = None,
+    ) -> None:
         """Stops the motors immediately, even in flight: the vehicle falls. Ends every waiting command, and
         refuses all other commands until it has ended. Returns once the vehicle reports that it is disarmed.
         The command is repeated until then or the deadline, even if the vehicle refuses or the link is lost.
@@ -262,9 +346,13 @@ class CommandService:
         with suppress(Disconnected):  # also sent on a lost link
             self._vehicle.require_commandable()
         arming = d.MAV_CMD_COMPONENT_ARM_DISARM in self._running_commands
-        self._supersede("stop motors")
+        own = ticket or self._vehicle.tickets.open("stop motors")
+        own.claim()
+        own.close()  # from now on, `require_no_kill` refuses other commands
         self.on_mode_command()
-        await self._stop_motors.run(by=by, arming=arming, progress=progress)
+        await self._stop_motors.run(
+            by=by, arming=arming, progress=progress, on_disarmed=self._hold_after_disarming
+        )
 
     def require_no_kill(self, label: str) -> None:
         """Raises Refused for the command `label` while Stop motors is not confirmed."""
@@ -276,7 +364,7 @@ class CommandService:
 
     # --- internal -------------------------------------------------------------------------------
 
-    async def _arm(self, number: int, progress: ReportProgress | None) -> None:
+    async def _arm(self, ticket: Ticket, progress: ReportProgress | None) -> None:
         goal = Goal(
             "arm",
             lambda f, s: f.heartbeat_s > s and f.armed,
@@ -284,11 +372,11 @@ class CommandService:
             requested_ids=REQUEST_HEARTBEAT,
             present_problems=self._arming_problems,
         )
-        await self._run(number, _arm_disarm(1.0, 0.0), goal, progress)
+        await self._run(ticket, _arm_disarm(1.0, 0.0), goal, progress)
 
     async def _set_mode(
         self,
-        number: int,
+        ticket: Ticket,
         mode: Mode,
         progress: ReportProgress | None,
         *,
@@ -308,14 +396,14 @@ class CommandService:
         )
         label = f"switch to {self._vehicle.mode_names.label(mode)}"
         goal = Goal(label, reached, STATE_DEADLINE_S, on_lost_link=on_lost_link)
-        await self._run(number, request, goal, progress)
+        await self._run(ticket, request, goal, progress)
 
-    async def _home_alt_amsl_m(self, number: int) -> float:
+    async def _home_alt_amsl_m(self, ticket: Ticket) -> float:
         """Altitude of home [m]."""
-        await self._request_home(number)
+        await self._request_home(ticket)
         return checks.home_of(self._vehicle).alt_amsl_m
 
-    async def _request_home(self, number: int) -> None:
+    async def _request_home(self, ticket: Ticket) -> None:
         """Requests an unknown home, because PX4 sends it only every two seconds."""
         vehicle = self._vehicle
         if vehicle.topic("home") is None:
@@ -328,14 +416,66 @@ class CommandService:
                 listen=home,
             )
             with suppress(NoReply):
-                await self._run(number, None, goal, None)
+                await self._run(ticket, None, goal, None)
 
-    async def _hold_if_disarmed(self, number: int) -> None:
-        """Switches a disarmed vehicle back to Hold. In Take off or Mission, arming the vehicle later
-        would start the climb."""
-        if number == self._newest_number and not self._vehicle.flight_state.armed:
-            with suppress(GcsError):
-                await self._set_mode(number, BY_NAME["hold"], None)
+    def _flight_when_armed(self) -> str | None:
+        """The flight that arming would start now, as a sentence; None: no flight. A mode that this server
+        has just requested counts, too, because the vehicle may not have reported it yet."""
+        vehicle, newest = self._vehicle, self._newest_command
+        modes = {vehicle.status.mode}
+        if newest is not None and self.recent_command(newest.mode) is not None:
+            modes.add(newest.mode)
+        mode = next(iter(sorted(modes & FLIES_WHEN_ARMED)), None)
+        if mode is None or vehicle.flight_state.armed:
+            return None
+        state = "is in" if mode == vehicle.status.mode else "was just commanded to"
+        return f"Vehicle {vehicle.id} {state} {BY_NAME[mode].label}: arming it would start the flight."
+
+    @asynccontextmanager
+    async def _hold_unless_armed(self, ticket: Ticket, mode: Mode) -> AsyncGenerator[None]:
+        """For a command that selects a mode of `FLIES_WHEN_ARMED`: if it ends before the vehicle is armed,
+        the vehicle is put into Hold; otherwise the next arming would start the flight."""
+        try:
+            yield
+        except BaseException as error:
+            if not self._vehicle.flight_state.armed:
+                hold = self._hold_disarmed(f"The command to switch to {mode.label} was not completed")
+                if isinstance(error, GcsError) and ticket.reason is None:
+                    ticket.close()
+                    await hold
+                else:
+                    self._vehicle.in_background("Hold after an interrupted command", hold)
+            raise
+
+    def _hold_after_disarming(self) -> None:
+        """Puts a vehicle that was disarmed in a mode of `FLIES_WHEN_ARMED` into Hold, in the background."""
+        mode = self._vehicle.status.mode
+        if mode in FLIES_WHEN_ARMED:
+            why = f"The vehicle was disarmed in {BY_NAME[mode].label}"
+            self._vehicle.in_background("Hold after disarming", self._hold_disarmed(why))
+
+    async def _hold_disarmed(self, why: str) -> None:
+        """Puts a disarmed vehicle into Hold, once no other command is being executed; reports it."""
+        vehicle, clock, again = self._vehicle, self._vehicle.clock, False
+        while True:
+            while vehicle.tickets.commanding() is not None or self._stop_motors.pending:
+                again = True
+                await clock.sleep(OTHER_COMMAND_PERIOD_S)
+            if vehicle.flight_state.armed or (again and vehicle.status.mode not in FLIES_WHEN_ARMED):
+                return
+            text, severity, kind = f"{why}; the server has put it into Hold.", NOTICE, "command"
+            try:
+                with self._begin("hold", None, BY_NAME["hold"]) as ticket:
+                    await self._set_mode(ticket, BY_NAME["hold"], None)
+            except Interrupted:
+                again = True
+                continue
+            except GcsError as error:
+                text = f"{why}, and it is not in Hold: {error} Select Hold before you arm, or it takes off."
+                severity, kind = WARNING, "warning"
+            data = {"source": "command", "code": "held_disarmed"}
+            vehicle.events.add(kind, clock.unix_s(), text, severity=severity, data=data)
+            return
 
     def _target_is(
         self, lat_deg: float, lon_deg: float, alt_amsl_m: float
@@ -358,33 +498,34 @@ class CommandService:
         mode = BY_CUSTOM_MODE.get(self._vehicle.flight_state.custom_mode)
         return self._vehicle.health.arming_problems(mode.nav_state if mode else None)
 
-    def _begin(self, label: str, mode: Mode | None = None, by: str | None = None) -> int:
+    @contextmanager
+    def _begin(
+        self, label: str, ticket: Ticket | None, mode: Mode | None = None, by: str | None = None
+    ) -> Generator[Ticket]:
+        """The block of a command: its ticket, which has cancelled those of earlier commands."""
         self.require_no_kill(label)
-        self._supersede(label)
-        if mode is not None:
-            self._newest_command = ModeCommand(label, mode.name, by, self._vehicle.clock.monotonic_s())
-            if mode.name != "offboard":
-                self.on_mode_command()
-        return self._newest_number
-
-    def _supersede(self, label: str) -> None:
-        """Ends waiting commands, because the command `label` replaces them."""
-        self._newest_number += 1
-        self._newest_label = label
+        own = ticket or self._vehicle.tickets.open(label)
+        try:
+            own.claim()
+            if mode is not None:
+                self._newest_command = ModeCommand(label, mode.name, by, self._vehicle.clock.monotonic_s())
+                if mode.name != "offboard":
+                    self.on_mode_command()
+            yield own
+        finally:
+            if ticket is None:
+                own.close()
 
     async def _run(
-        self, number: int, request: Request | None, goal: Goal, progress: ReportProgress | None
+        self, ticket: Ticket, request: Request | None, goal: Goal, progress: ReportProgress | None
     ) -> None:
-        def superseded() -> str | None:
-            return self._newest_label if number != self._newest_number else None
-
         if request is None:
-            await Transaction(self._vehicle, None, goal, progress, superseded).run()
+            await Transaction(self._vehicle, None, goal, progress, ticket).run()
             return
         replaces_request = request.command in self._running_commands
         self._running_commands.append(request.command)
         try:
-            await Transaction(self._vehicle, request, goal, progress, superseded, replaces_request).run()
+            await Transaction(self._vehicle, request, goal, progress, ticket, replaces_request).run()
         finally:
             self._running_commands.remove(request.command)
 

@@ -16,6 +16,7 @@ from gcs_server.vehicle.modes import ModeNames
 from gcs_server.vehicle.reach import Feature
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Sample, Status
+from gcs_server.vehicle.tickets import Tickets
 
 
 class HealthChecks(Protocol):
@@ -40,6 +41,7 @@ class VehiclePort(Protocol):
     events: EventFeed
     components: Components
     mode_names: ModeNames
+    tickets: Tickets
 
     @property
     def gimbals(self) -> GimbalAddresses: ...

@@ -7,6 +7,7 @@ or the link is lost.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 
 from gcs_server.errors import Disconnected, GcsError, Refused
 from gcs_server.mavlink import dialect as d
@@ -57,13 +58,22 @@ class StopMotors:
         while self.pending:
             await self._none_pending.wait()
 
-    async def run(self, *, by: str | None, arming: bool, progress: ReportProgress | None) -> None:
+    async def run(
+        self,
+        *,
+        by: str | None,
+        arming: bool,
+        progress: ReportProgress | None,
+        on_disarmed: Callable[[], None],
+    ) -> None:
         """Stops the motors; returns once the vehicle reports that it is disarmed.
 
         Args:
             by: the client.
             arming: whether an arm command was waiting for its acknowledgement.
             progress: called at each attempt.
+            on_disarmed: called once the vehicle reports that it is disarmed, also if the caller was
+                cancelled.
 
         Raises:
             Rejected: the vehicle refused, and was still armed at the deadline.
@@ -75,11 +85,17 @@ class StopMotors:
         self._running += 1
         self._by = by
         self._none_pending.clear()
-        self._vehicle.in_background("stop motors", self._until_disarmed(result, arming, progress))
+        self._vehicle.in_background(
+            "stop motors", self._until_disarmed(result, arming, progress, on_disarmed)
+        )
         await asyncio.shield(result)
 
     async def _until_disarmed(
-        self, result: asyncio.Future[None], arming: bool, progress: ReportProgress | None
+        self,
+        result: asyncio.Future[None],
+        arming: bool,
+        progress: ReportProgress | None,
+        on_disarmed: Callable[[], None],
     ) -> None:
         settle_s = ARMING_SETTLES_S if arming else 0.0
 
@@ -109,6 +125,7 @@ class StopMotors:
             if not self._running:
                 self._none_pending.set()
             if disarmed:
+                on_disarmed()
                 result.set_result(None)
             else:
                 result.set_exception(error)

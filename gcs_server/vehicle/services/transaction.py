@@ -12,12 +12,13 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gcs_server.errors import Disconnected, NoReply, Refused, Rejected, bounded_reasons
+from gcs_server.errors import Disconnected, NoReply, Rejected, bounded_reasons
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply, Waiter
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services.port import VehiclePort
+from gcs_server.vehicle.tickets import Ticket
 
 ReportProgress = Callable[[str, float | None], None]
 """Called with (text, fraction 0–1 or None)."""
@@ -110,7 +111,7 @@ class Transaction:
 
     Args:
         request: the request; None: only waits for the goal.
-        superseded: returns the newer command that replaced this one, or None.
+        ticket: permission of the command; looked at directly before each message.
         replaces_request: another request of the same MAV_CMD still waits, so the first refusal may
             belong to that request.
         component_id: the component to which command and requests are sent; None: the autopilot.
@@ -122,7 +123,7 @@ class Transaction:
         request: Request | None,
         goal: Goal,
         progress: ReportProgress | None = None,
-        superseded: Callable[[], str | None] = lambda: None,
+        ticket: Ticket | None = None,
         replaces_request: bool = False,
         component_id: int | None = None,
     ) -> None:
@@ -130,7 +131,7 @@ class Transaction:
         self._request = request
         self._goal = goal
         self._progress = progress
-        self._superseded = superseded
+        self._ticket = ticket
         self._ignores_first_refusal = replaces_request
         self._component_id = component_id
         self._as_int = request is not None and request.frame is not None
@@ -153,7 +154,8 @@ class Transaction:
         Raises:
             Rejected: the vehicle refused the command, or accepted it and did not reach the goal.
             NoReply: the vehicle did not answer by the deadline.
-            Refused: a newer command replaced this command.
+            Interrupted: the command's ticket was cancelled: a later command, or the end of its client's
+                control.
             Disconnected: the vehicle or its link was lost, and the goal does not allow for it.
         """
         ids = (d.MAVLINK_MSG_ID_COMMAND_ACK, *STATE_IDS, *self._goal.listen)
@@ -194,9 +196,8 @@ class Transaction:
         return self._goal.reached(self._vehicle.flight_state, self._start_s)
 
     def _raise_if_ended(self, now_s: float) -> None:
-        newer_command = self._superseded()
-        if newer_command is not None:
-            raise Refused(f"Interrupted by “{newer_command}”.")
+        if self._ticket is not None:
+            self._ticket.require()
         goal, vehicle = self._goal, self._vehicle
         is_repeated = goal.repeat_s is not None
         refused_s = self._deadline_s if is_repeated else self._refused_s + self._reasons_wait_s()

@@ -381,6 +381,9 @@ export interface paths {
         /**
          * Arm
          * @description Starts the motors.
+         *
+         *     Answers 409 `plan_findings` with the code `arming_starts_flight` if the vehicle is in a mode in which
+         *     arming starts a flight (Take off, Mission), unless `despite` names it.
          */
         readonly post: operations["arm_api_v1_vehicles__v__arm_post"];
         readonly delete?: never;
@@ -2100,7 +2103,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Pause
-         * @description Pauses on the path in Offboard, or in Hold during take-off and landing.
+         * @description Pauses on the path in Offboard, or in Hold during take-off and landing. A start that has not begun the
+         *     mission is cancelled.
          *
          *     In a mission of several vehicles, pause, resume and abort act on all of them.
          */
@@ -2183,7 +2187,7 @@ export interface paths {
         /**
          * Abort
          * @description Ends the mission; the vehicle holds, returns or lands. If the mission does not control the vehicle, no
-         *     command is sent.
+         *     command is sent. A start that has not begun the mission is cancelled.
          */
         readonly post: operations["abort_api_v1_vehicles__v__offboard_mission_abort_post"];
         readonly delete?: never;
@@ -2374,6 +2378,22 @@ export interface components {
              * @description Key or name of the requesting client.
              */
             readonly client: string;
+        };
+        /**
+         * ArmRequest
+         * @description What the caller accepts when it arms.
+         * @example {
+         *       "despite": [
+         *         "arming_starts_flight"
+         *       ]
+         *     }
+         */
+        readonly ArmRequest: {
+            /**
+             * Despite
+             * @description Codes that the caller accepts: `arming_starts_flight` if the vehicle is in a mode in which arming starts a flight (Take off, Mission); in Mission also those of `mission/start`.
+             */
+            readonly despite?: readonly string[];
         };
         /**
          * ArmedSpan
@@ -15182,7 +15202,11 @@ export interface operations {
             };
             readonly cookie?: never;
         };
-        readonly requestBody?: never;
+        readonly requestBody?: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ArmRequest"] | null;
+            };
+        };
         readonly responses: {
             /** @description Successful Response */
             readonly 200: {

@@ -9,7 +9,13 @@ from gcs_server.api.permission import calls_of
 from gcs_server.api.schema import bare_app
 from gcs_server.control.commands import BY_CALL
 
-AUTHORIZING = {"authorized_command", "run_command", "command_mission", "authorized_commands"}
+AUTHORIZING = {
+    "authorized_command",
+    "run_command",
+    "run_flight_command",
+    "command_mission",
+    "authorized_commands",
+}
 """Functions that get the name of a command and pass it to `authorized_command`."""
 
 
