@@ -6,9 +6,8 @@
       │              landing                 holding ── time ──► to_hold
       └── end ◄─────────┴───────────────────────┴───────────────────┘
 
-If the vehicle's failsafe leaves Offboard because setpoints did not arrive, PX4 returns to Offboard as soon as
-they arrive again. The phase `interrupted` then keeps the vehicle at its place: PX4 would fly at its own speed
-to a setpoint that has moved on. A new setpoint continues the stream; otherwise it expires.
+After a failsafe without setpoints, PX4 returns to Offboard as soon as they arrive again, and flies to them at
+its own speed. The phase `interrupted` keeps the vehicle at its place until a new setpoint, or until expiry.
 
 After a failed start, the stream stays in the phase `undoing` for a while: the vehicle may still switch to
 Offboard, and must then be put into Hold.
@@ -47,7 +46,7 @@ INHIBIT_MODE_REQUESTS_S = 6.5
 INTERRUPTED_S = 5.0
 """Time for which the stream keeps a vehicle in failsafe at its place; then it ends [s]."""
 UNKNOWN_PLACE_S = 0.5
-"""Time after which it ends if the vehicle's place is not known: the failsafe then has another cause [s]."""
+"""Time after which it ends if the vehicle has no position: the failsafe then has another cause [s]."""
 FAILSAFE_MODES = frozenset({"position", "altitude", "manual", "stabilized", "hold"})
 """Modes of a failsafe from which the stream lets the vehicle return. A Land or Return that the vehicle has
 begun is never interrupted."""
@@ -88,7 +87,7 @@ class VehicleStream:
         self._inhibited_until_s = -math.inf
         self._was_armed = False
         self._last_estimate: tuple[float, Vector3] | None = None
-        self._interrupted_s = 0.0  # start of the interruption
+        self._interrupted_s = self._place_s = 0.0  # start of the interruption; when its place was last known
         self._in_failsafe = False
         self._seen_s = math.inf  # when the position was last known, and setpoints were sent
 
@@ -319,7 +318,7 @@ class VehicleStream:
         return returns and self.request.on_expiry.action != "stop_stream"
 
     def _interrupt(self, now_s: float, snapshot: Snapshot) -> None:
-        self._interrupted_s, self._in_failsafe = now_s, True
+        self._interrupted_s, self._place_s, self._in_failsafe = now_s, now_s, True
         self._report(
             "interrupted",
             f"The vehicle's failsafe left {mode_label(self.mode)} for {snapshot.mode!r}: for up to "
@@ -348,17 +347,13 @@ class VehicleStream:
     def _check_following(self, now_s: float, snapshot: Snapshot) -> None:
         """Keeps the place of a vehicle that is interrupted, or that is not where a path or mission has led
         it, after a time in which the vehicle was not seen."""
-        position = snapshot.position_at(now_s)
         if self.phase == "interrupted" and self._in_failsafe:
-            if position is None and now_s - self._interrupted_s > UNKNOWN_PLACE_S:
-                self._end_left(snapshot)
-            else:
-                self._pipeline.hold_position(now_s, snapshot)
+            self._keep_place(now_s, snapshot)
             return
-        if self.phase != "streaming" or self.request is None:
+        is_timeline = self.request is not None and isinstance(self.request.setpoint, Script | Path)
+        if self.phase != "streaming" or not is_timeline:
             return
-        if not isinstance(self.request.setpoint, Script | Path):
-            return
+        position = snapshot.position_at(now_s)
         self._pipeline.set_received(self.cadence.is_sending)
         if position is None or not self.cadence.is_sending:
             return
@@ -369,6 +364,17 @@ class VehicleStream:
         if math.dist(target, position) > FOLLOWED_WITHIN_M:
             self._interrupted_s = seen_s
             self._on_return(now_s, snapshot)
+
+    def _keep_place(self, now_s: float, snapshot: Snapshot) -> None:
+        """Moves the held position to where the vehicle is now. Ends the stream if the vehicle has an attitude
+        but no position; if it sends neither, the link is lost."""
+        is_known = snapshot.position_at(now_s) is not None
+        if is_known:
+            self._pipeline.hold_position(now_s, snapshot)
+        if is_known or snapshot.yaw_ned_rad is None:
+            self._place_s = now_s
+        elif now_s - self._place_s > UNKNOWN_PLACE_S:
+            self._end_left(snapshot)
 
     def _end_left(self, snapshot: Snapshot) -> None:
         text = f"The vehicle left {mode_label(self.mode)} for {snapshot.mode!r}; the stream has ended."

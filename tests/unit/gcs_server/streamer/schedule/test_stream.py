@@ -34,6 +34,7 @@ class Flight:
         self.position = (1.0, 2.0, -5.0)
         self.velocity = (0.0, 0.0, 0.0)
         self.armed = self.failsafe = False
+        self.yaw = 0.25
         self.loop_alive = True
         self.loop_message_s = self.now_s
         self.last_snapshot = None
@@ -43,7 +44,7 @@ class Flight:
     def snapshot(self):
         if self.loop_alive or self.last_snapshot is None:
             self.last_snapshot = Snapshot(
-                self.now_s, self.mode, self.position, self.velocity, 0.25,
+                self.now_s, self.mode, self.position, self.velocity, self.yaw,
                 armed=self.armed, failsafe=self.failsafe,
             )  # fmt: skip
         return self.last_snapshot
@@ -293,6 +294,15 @@ def test_a_failsafe_that_lasts_or_whose_vehicle_has_no_position_ends_the_stream(
     flight = in_failsafe()
     flight.position = None
     assert flight.run(10.0)[-1][0] - 101.7 < 0.6
+
+
+def test_a_link_that_is_lost_during_an_interruption_keeps_the_last_place_until_it_is_lost():
+    flight = in_failsafe()
+    flight.run(0.5)
+    flight.position = flight.yaw = None
+    assert {sent["position"] for _, _, sent in flight.run(2.0)} == {(10.0, 2.0, -4.0)}
+    flight.position, flight.yaw, flight.mode, flight.failsafe = (10.5, 2.0, -3.0), 0.25, "offboard", False
+    assert flight.run(0.2)[-1][2]["position"] == (10.5, 2.0, -3.0)
 
 
 def test_a_pilot_who_selects_a_mode_during_a_failsafe_ends_the_stream():
