@@ -1,4 +1,4 @@
-"""A confirmation that is open while another vehicle is selected is closed with the reason, and sends nothing."""
+"""A confirmation that is open while another vehicle is selected is closed with the reason."""
 
 from __future__ import annotations
 
