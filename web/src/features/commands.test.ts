@@ -471,6 +471,21 @@ describe.each(Object.entries(COMMANDS))('the command “%s”', (name, command) 
   });
 });
 
+describe('a stop without an answer', () => {
+  it('is sent again on a later press, but not on a double click', async () => {
+    await reset();
+    addVehicles(true);
+    const press = async (): Promise<number> => {
+      actions.request('hold', page.factsNow('1'));
+      await settle();
+      return server.requests.filter(isCommand).length;
+    };
+    expect([await press(), await press()]).toEqual([1, 1]);
+    await vi.advanceTimersByTimeAsync(1000);
+    expect(await press()).toBe(2);
+  });
+});
+
 describe('a save', () => {
   const sent = () => server.requests.filter(isCommand).map(({ method, path, body }) => [method, path, body['base_version']]);
   it('of one draft is one plan, however often it is given', async () => {

@@ -65,8 +65,8 @@ const DEFAULT_TAKEOFF_ALT_HOME_M = 10;
 const IGNORE_KEYS_S = 0.6;
 /** Name of PX4's parameter for the return altitude [m above home]. */
 const RETURN_ALT_PARAM = 'RTL_RETURN_ALT';
-/** Actions that make the vehicle stop what it is doing. */
-const STOPS: ReadonlySet<ActionName> = new Set(['hold', 'land_now', 'kill']);
+/** Actions that end what the vehicle is doing: a pilot can always give them again. */
+const STOPS: ReadonlySet<ActionName> = new Set(['hold', 'land', 'land_now', 'rtl', 'kill']);
 /** The API's limits of the take-off altitude [m above home]. */
 export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
 
