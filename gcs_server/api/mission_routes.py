@@ -141,14 +141,19 @@ async def download(
 
 
 @router.get("/plan", response_model=m.DownloadedPlan)
-async def downloaded_plan(vehicle: VehicleDep) -> Response:
+async def downloaded_plan(vehicle: VehicleDep, station: StationDep) -> Response:
     """The plan that was last downloaded from the vehicle, or uploaded and verified."""
     on_vehicle = _downloaded_items(vehicle)
-    plan, notes = plan_from_items(on_vehicle)
+
+    def read() -> tuple[bytes, list[str]]:
+        plan, notes = plan_from_items(on_vehicle)
+        return plan_document.write(plan), notes
+
+    text, notes = await station.plan_work.in_thread(read)
     return json_response(
         {
             "vehicle": vehicle.id,
-            "plan": Raw(plan_document.write(plan)),
+            "plan": Raw(text),
             "plan_name": on_vehicle.plan,
             "read_unix_s": on_vehicle.at_unix_s,
             "still_held": is_still_on_vehicle(vehicle, on_vehicle),
@@ -166,9 +171,9 @@ async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -
     """
     reference, items = await _chosen_items(station, body)
     on_vehicle = _downloaded_items(vehicle)
-    all_differences = [
-        each for part in PARTS for each in differences(part, items[part], on_vehicle.items[part])
-    ]
+    all_differences = await station.plan_work.in_thread(
+        lambda: [each for part in PARTS for each in differences(part, items[part], on_vehicle.items[part])]
+    )
     equal = not any(each.essential for each in all_differences)
     same_ids = is_still_on_vehicle(vehicle, on_vehicle)
     if equal and same_ids and reference.id is not None:

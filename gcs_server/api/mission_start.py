@@ -6,8 +6,12 @@ If a vehicle on the ground starts at a later item, the flight from its position 
 from __future__ import annotations
 
 import asyncio
+import functools
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+
+import msgspec
+from pydantic import TypeAdapter, ValidationError
 
 from gcs_server.api.dry_run_paths import dry_run_path
 from gcs_server.api.mission_models import StartRequest
@@ -22,10 +26,9 @@ from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
 from gcs_server.vehicle.services.vehicle_plan import plan_from_items
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
-from missions.errors import PlanError
 from missions.plan import Plan
 from missions.traffic.conflict import FIX, Conflict
-from missions.values import HomePosition, Obstacle
+from missions.values import HomePosition, Obstacle, Obstacles
 from missions.waypoints.resume import remaining_plan, resume_point
 
 PLAN_NOT_KNOWN = "plan_not_known"
@@ -80,7 +83,7 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
             )
         return await dry_run_path(station, vehicle, request.dry_run)
     path = await dry_run_path(station, vehicle, request.dry_run)
-    plan, _ = plan_from_items(on_vehicle)
+    plan, _ = await station.plan_work.in_thread(functools.partial(plan_from_items, on_vehicle))
     plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, on_vehicle)})
     groups = [_rejections(vehicle, on_vehicle), *await _errors(station, vehicle, plan, request)]
     async with station.waypoint_flights.comparison_lock:
@@ -211,6 +214,19 @@ async def _stored_obstacles(station: Station, on_vehicle: ItemsOnVehicle) -> tup
         return ()
     try:
         _, document = await station.plans.get(on_vehicle.plan.id, on_vehicle.plan.version)
-        return plan_document.read(document).obstacles
-    except (UnknownPlan, StorageError, PlanError):
+        obstacles = msgspec.json.decode(document, type=_StoredObstacles).obstacles
+        return _obstacles.validate_json(bytes(obstacles))
+    except (UnknownPlan, StorageError):
         return ()
+    except (msgspec.DecodeError, ValidationError) as error:
+        raise Refused(
+            f"The obstacles of the plan {on_vehicle.plan.name!r} cannot be read, so they are not checked.",
+            remedy="Correct and save the plan, and upload it again.",
+        ) from error
+
+
+class _StoredObstacles(msgspec.Struct):
+    obstacles: msgspec.Raw = msgspec.Raw(b"[]")
+
+
+_obstacles: TypeAdapter[tuple[Obstacle, ...]] = TypeAdapter(Obstacles)

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -21,6 +21,7 @@ from gcs_server.operations.turns import TurnLimits, Turns
 from gcs_server.plans import tasks
 from gcs_server.plans.tasks import Answer
 
+T = TypeVar("T")
 SMALL_BYTES = 8_192
 """Size up to which a document can be read in a thread, in a few milliseconds."""
 MAX_RESULT_BYTES = 32 * 1024 * 1024
@@ -84,6 +85,15 @@ class PlanWork:
             text = f"{subject}{fault['place']}: {fault['reason']}."
             raise InvalidRequest(fault["field"] or field, text, remedy=fault["fix"])
         return answer
+
+    async def in_thread(self, work: Callable[[], T]) -> T:
+        """Runs Python code on values of this server, such as the items on a vehicle, in the thread.
+
+        Raises:
+            ClientHasTooMany, ServerBusy: see `run`.
+        """
+        async with self._thread_turns.turn():
+            return await asyncio.get_running_loop().run_in_executor(self._thread, work)
 
     async def elevation_paths(self) -> list[str]:
         """Paths of the operator's elevation files."""

@@ -40,6 +40,9 @@ class InlinePlanWork:
 
     elevation_folder = Path("no elevation")
 
+    async def in_thread(self, work):
+        return work()
+
     async def elevation_paths(self):
         return []
 

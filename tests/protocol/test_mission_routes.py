@@ -99,7 +99,7 @@ def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simu
             mission_view["transfer"],
         ) == (3, 0, None)
         assert ("anna", "mission/upload", "1", "ok") in journal_entries(rig.station)
-        view = json_of(await mission_routes.downloaded_plan(rig.vehicle))
+        view = json_of(await mission_routes.downloaded_plan(rig.vehicle, rig.station))
         assert [item["kind"] for item in view["plan"]["items"]] == [
             "takeoff",
             "waypoint",
@@ -309,7 +309,7 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(run_simulated
 def test_a_download_shows_the_mission_of_another_station(run_simulated, tmp_path):
     async def scenario(rig):
         with pytest.raises(Refused, match="has not been downloaded"):
-            await mission_routes.downloaded_plan(rig.vehicle)
+            await mission_routes.downloaded_plan(rig.vehicle, rig.station)
         await upload(rig)
         item = rig.vehicle.mission.items_on_vehicle.items["mission"][1]
         other_item = item.__class__(0, item.frame, 16, 0, 0, 0, 0, item.x, item.y, 9.0)
@@ -319,7 +319,7 @@ def test_a_download_shows_the_mission_of_another_station(run_simulated, tmp_path
         body = mission_models.DownloadRequest(wait=True)
         response = json_of(await mission_routes.download(rig.vehicle, rig.station, BOB, body))
         assert response["result"] == {"items": {"fence": 1, "rally": 0, "mission": 1}}
-        view = json_of(await mission_routes.downloaded_plan(rig.vehicle))
+        view = json_of(await mission_routes.downloaded_plan(rig.vehicle, rig.station))
         assert (len(view["plan"]["items"]), view["plan_name"], view["still_held"]) == (1, None, True)
 
     run_with_rig(run_simulated, tmp_path, scenario)

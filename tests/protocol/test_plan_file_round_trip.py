@@ -128,7 +128,7 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
         )
         assert await compare_with_vehicle(rig, {"plan_id": stored.id}) == (True, [], True)
         assert items_on(rig) == (items, ids, reference)
-        downloaded = json_of(await mission_routes.downloaded_plan(rig.vehicle))
+        downloaded = json_of(await mission_routes.downloaded_plan(rig.vehicle, rig.station))
         assert await compare_with_vehicle(rig, {"plan": downloaded["plan"]}) == (True, [], True)
         assert json.dumps(json.loads(await export_file(rig, stored))) == json.dumps(
             json.loads(FILE.read_bytes())
