@@ -17,6 +17,7 @@ from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.reach import reach_of
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
 from gcs_server.vehicle.services.command import ModeCommand
+from gcs_server.vehicle.tickets import Tickets
 from missions.floor import Floor
 from missions.setpoints import Position
 from tests.in_loop_scheduler import InLoopScheduler
@@ -45,6 +46,7 @@ class Vehicle:
         self.offboard = None
         self.has_position = True
         self.in_failsafe = False
+        self.tickets = Tickets()
         self.floor = SimpleNamespace(now=Floor)
         self.mode_error = None
         self.latest_command = None
@@ -61,7 +63,7 @@ class Vehicle:
     async def wait_for_kill(self):
         pass
 
-    async def set_mode(self, name):
+    async def set_mode(self, name, *, ticket=None):
         self.mode_requests.append((name, len(self.sent_ids)))
         if self.mode_request_hangs:
             await asyncio.sleep(30)
@@ -191,7 +193,7 @@ def test_over_ros_2_an_unanswered_or_refused_offboard_request_is_sent_again(prot
         errors = [NoReply("no answer", deadline_s=1.0)]
         set_mode = vehicle.set_mode
 
-        async def set_mode_late(name):
+        async def set_mode_late(name, *, ticket=None):
             vehicle.mode_error = errors.pop() if errors else None
             await set_mode(name)
 
