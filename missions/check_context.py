@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from missions.formats.mavlink_items import typed_plan
 from missions.geodesy import LocalOrigin
 from missions.items import PlacedItem
 from missions.plan import Plan, SimpleItem
@@ -15,11 +16,20 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "plan_empty": ("warning", "the plan has no items"),
     "home_missing": ("warning", "no planned home, so altitudes and distances from home are not known"),
     "takeoff_missing": ("warning", "no take-off (an error where MIS_TKO_LAND_REQ requires one)"),
-    "takeoff_not_first": ("error", "a waypoint, wait or jump comes before the take-off"),
-    "takeoff_too_low": ("error", "the take-off is lower than PX4 accepts (NAV_MC_ALT_RAD + 1 m)"),
+    "takeoff_not_first": (
+        "error",
+        "a waypoint, return, actuator, gripper, winch or gate before take-off",
+    ),
+    "takeoff_too_low": ("error", "the take-off is not above home"),
+    "takeoff_low": (
+        "warning",
+        "a take-off below NAV_MC_ALT_RAD + 1 m: the vehicle flies on near the ground",
+    ),
+    "starts_with_landing": ("error", "the plan starts with a landing, which PX4 rejects on the ground"),
     "landing_missing": ("error", "MIS_TKO_LAND_REQ requires a landing"),
     "takeoff_landing_mismatch": ("error", "MIS_TKO_LAND_REQ requires take-off and landing, or neither"),
     "command_refused": ("error", "PX4 refuses this command in a mission"),
+    "value_refused": ("error", "PX4 refuses a value of this item"),
     "place_missing": ("error", "an item that needs a position has none, or is at latitude 0, longitude 0"),
     "vtol_item": ("error", "an item for VTOL aircraft only"),
     "value_not_sendable": ("error", "a value does not fit the mission message"),
@@ -142,6 +152,7 @@ class Context:
     @classmethod
     def from_plan(cls, plan: Plan, limits: CheckLimits) -> Context:
         """The plan with its items, route, legs and origin."""
+        plan = typed_plan(plan)
         items = tuple(plan.simple_items())
         route = route_of(plan)
         return cls(plan, limits, items, route, legs(plan, route), _origin(plan, items))

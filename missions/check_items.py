@@ -4,32 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from missions.camera_items import CameraZoom
 from missions.check_context import Context, Finding, item_name
 from missions.errors import PlanError
 from missions.estimates import GROUND_SPEED_TYPES
-from missions.formats.mavlink_items import CLASS_OF_COMMAND, fence_items, mission_items
+from missions.formats.mavlink_items import CLASS_OF_COMMAND, WireItem, fence_items, mission_items
+from missions.formats.px4_storage import Refusal, refusal
 from missions.items import (
     ChangeSpeed,
     CommandItem,
-    Delay,
     Gate,
+    Gripper,
     Jump,
     Land,
     LoiterUnlimited,
     PlacedItem,
     ReturnHome,
+    SetActuator,
     SetHome,
     SetServo,
     Takeoff,
+    Winch,
 )
-from missions.plan import ComplexItem, Plan
+from missions.plan import ComplexItem, Plan, SimpleItem
 from missions.route import is_flown_to
 
 FENCE_CAPACITY, RALLY_CAPACITY = 64, 32
 """Items that PX4 v1.16 can store; each corner of a fence polygon is one item."""
-VTOL_COMMANDS = frozenset({84, 85, 3000})
 TAKEOFF_MARGIN_M = 1.0
+NOT_BEFORE_TAKEOFF = (ReturnHome, SetActuator, Gripper, Winch, Gate)
+"""Items without a position that PX4 v1.16 does not allow before the take-off; a delay is allowed."""
 
 
 def _completeness(context: Context) -> Iterator[Finding]:
@@ -55,26 +58,23 @@ def _completeness(context: Context) -> Iterator[Finding]:
 
 def _refused_items(context: Context) -> Iterator[Finding]:
     for row, item in context.items:
-        if isinstance(item, CommandItem):
-            if _lacks_position(item):
-                message = f"Item {row + 1} (command {item.command}) has no latitude, longitude or altitude."
-                yield Finding("place_missing", message, row, fix="Set its position.")
-            elif item.command in VTOL_COMMANDS:
-                message = f"Item {row + 1} (command {item.command}) is for VTOL aircraft only."
-                yield Finding("vtol_item", message, row, fix="Use take-off and land.")
-            else:
-                message = f"PX4 refuses item {row + 1} (command {item.command}, frame {item.frame})."
-                yield Finding("command_refused", message, row, fix="Remove this item.")
-        elif isinstance(item, PlacedItem) and item.lat_deg == item.lon_deg == 0.0:
-            message = f"{item_name(row, item)} is at latitude 0, longitude 0."
+        name = item_name(row, item)
+        try:
+            (sent,) = mission_items(Plan(items=(item,)))
+        except PlanError as error:
+            message = f"{name} cannot be sent: {error.place.partition(', ')[2]}: {error.reason}."
+            yield Finding("value_not_sendable", message, row, fix=error.fix)
+            sent = None
+        refused = None if sent is None else refusal(sent)
+        if isinstance(item, CommandItem) and _lacks_position(item):
+            message = f"Item {row + 1} (command {item.command}) has no latitude, longitude or altitude."
             yield Finding("place_missing", message, row, fix="Set its position.")
-        elif isinstance(item, SetServo | CameraZoom):
-            # Recorded on PX4 v1.16: the upload ends at an item of this kind.
-            message = f"PX4 refuses {item_name(row, item).lower()}."
-            fix = "Use a set-actuator item." if isinstance(item, SetServo) else "Remove this item."
-            yield Finding("command_refused", message, row, fix=fix)
+        elif isinstance(item, PlacedItem) and item.lat_deg == item.lon_deg == 0.0:
+            yield Finding(
+                "place_missing", f"{name} is at latitude 0, longitude 0.", row, fix="Set its position."
+            )
         elif isinstance(item, SetHome) and item.use_current != 1.0:
-            message = f"{item_name(row, item)} names a position; PX4 accepts only the vehicle's own position."
+            message = f"{name} names a position; PX4 accepts only the vehicle's own position."
             fix = "Set home to the vehicle's position (use_current 1)."
             yield Finding("set_home_place", message, row, fix=fix)
         elif (
@@ -82,15 +82,28 @@ def _refused_items(context: Context) -> Iterator[Finding]:
             and item.altitude.reference == "terrain"
             and item.altitude.resolved_amsl_m is None
         ):
-            message = f"{item_name(row, item)} has a terrain altitude, which PX4 refuses."
+            message = f"{name} has a terrain altitude, which PX4 refuses."
             yield Finding("terrain_unresolved", message, row, fix="Resolve it with elevation data.")
-        try:
-            mission_items(Plan(items=(item,)))
-        except PlanError as error:
-            message = (
-                f"{item_name(row, item)} cannot be sent: {error.place.partition(', ')[2]}: {error.reason}."
-            )
-            yield Finding("value_not_sendable", message, row, fix=error.fix)
+        elif refused is not None and sent is not None:
+            yield _refused_item(row, item, sent, refused)
+
+
+def _refused_item(row: int, item: SimpleItem, sent: WireItem, refused: Refusal) -> Finding:
+    subject = item_name(row, item).lower()
+    if isinstance(item, CommandItem):
+        subject = f"item {row + 1} (command {item.command}, frame {item.frame})"
+    if refused == "vtol":
+        message = f"I{subject[1:]} is for VTOL aircraft only."
+        return Finding("vtol_item", message, row, fix="Use take-off and land.")
+    if refused == "parameter":
+        message = f"PX4 refuses mode {sent.param1:g} of {subject}."
+        fix = "Use mode 3 for a position, mode 0 to end it, or an item without a position."
+        return Finding("value_refused", message, row, fix=fix)
+    if refused == "not flown":
+        message = f"PX4 stores {subject}, and then rejects the mission."
+        return Finding("command_refused", message, row, fix="Remove this item.")
+    fix = "Use a set-actuator item." if isinstance(item, SetServo) else "Remove this item."
+    return Finding("command_refused", f"PX4 refuses {subject}.", row, fix=fix)
 
 
 def _lacks_position(item: CommandItem) -> bool:
@@ -100,26 +113,32 @@ def _lacks_position(item: CommandItem) -> bool:
 
 def _takeoff(context: Context) -> Iterator[Finding]:
     earlier: str | None = None
-    required_m = context.vehicle.altitude_acceptance_m + TAKEOFF_MARGIN_M
-    for row, item in context.items:
+    recommended_m = context.vehicle.altitude_acceptance_m + TAKEOFF_MARGIN_M
+    for index, (row, item) in enumerate(context.items):
         if isinstance(item, Takeoff):
             above_home_m = context.altitude_home_m(item)
-            if above_home_m is not None and above_home_m < required_m:
-                subject = item_name(row, item)
-                message = (
-                    f"{subject} climbs to {above_home_m:.1f} m above home; PX4 needs {required_m:.1f} m."
+            if above_home_m is not None and above_home_m < recommended_m:
+                is_rejected = above_home_m <= 0.0
+                near_m = context.vehicle.altitude_acceptance_m
+                reason = (
+                    "PX4 rejects that"
+                    if is_rejected
+                    else f"the vehicle flies on when it is {near_m:.1f} m below that"
                 )
                 yield Finding(
-                    "takeoff_too_low",
-                    message,
+                    "takeoff_too_low" if is_rejected else "takeoff_low",
+                    f"{item_name(row, item)} climbs to {above_home_m:.1f} m above home; {reason}.",
                     row,
-                    fix=f"Increase the altitude to {required_m:.1f} m.",
-                    limit=required_m,
+                    fix=f"Increase the altitude to {recommended_m:.1f} m.",
+                    limit=recommended_m,
                 )
             if earlier is not None:
                 message = f"PX4 requires the take-off before {earlier}."
                 yield Finding("takeoff_not_first", message, row, fix="Move the take-off to the start.")
-        if is_flown_to(item) or isinstance(item, Delay | Jump | Gate):
+        elif index == 0 and isinstance(item, Land):
+            message = f"{item_name(row, item)} is the first item; PX4 rejects that on the ground."
+            yield Finding("starts_with_landing", message, row, fix="Add a take-off before it.")
+        if is_flown_to(item) or isinstance(item, NOT_BEFORE_TAKEOFF):
             earlier = earlier or item_name(row, item).lower()
 
 

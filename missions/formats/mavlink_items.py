@@ -16,8 +16,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from missions.errors import PlanError, from_validation
-from missions.items import CommandItem, Item, Jump, PlacedItem, Slot
-from missions.plan import TYPED_ITEMS, Plan, SimpleItem
+from missions.items import CommandItem, Item, Jump, LegacyRoi, PlacedItem, Slot
+from missions.plan import TYPED_ITEMS, Plan, PlanItem, SimpleItem
 from missions.values import Altitude, FenceCircle, FencePolygon, FenceZone, Point, RallyPoint, Reference
 
 MAV_FRAME_GLOBAL, MAV_FRAME_MISSION, MAV_FRAME_GLOBAL_RELATIVE_ALT = 0, 2, 3
@@ -47,6 +47,7 @@ FILE_FRAME: dict[Reference, int] = {"amsl": 0, "home": 3, "terrain": 10}
 WIRE_FRAME: dict[Reference, int] = {"amsl": 5, "home": 6, "terrain": 11}
 RALLY_FRAME: dict[Reference, int] = FILE_FRAME
 """PX4's Return mode refuses _INT frames in rally points ("RTL: unsupported MAV_FRAME")."""
+ROI_NONE = 0.0
 MOST_REPEATS = 65_535.0
 """Sent for an endless jump: PX4 stores an unsigned 16-bit number, and C does not define what -1 becomes."""
 LOCAL_FRAMES = frozenset({1, 4, 7, 8, 9, 12, 20, 21})
@@ -161,6 +162,30 @@ def _fields(cls: type[Item], frame: int, params: Params) -> dict[str, Any] | Non
     return fields
 
 
+def typed_plan(plan: Plan) -> Plan:
+    """The plan with a typed item for each `CommandItem` that has the command and the values of one.
+
+    PX4 flies both alike, and checks and estimates know typed items only.
+    """
+    if not any(isinstance(item, CommandItem) for item in plan.items):
+        return plan
+    return plan.model_copy(update={"items": tuple(_typed_item(item) for item in plan.items)})
+
+
+def _typed_item(item: PlanItem) -> PlanItem:
+    if not isinstance(item, CommandItem):
+        return item
+    has_position = issubclass(CLASS_OF_COMMAND.get(item.command, Item), PlacedItem)
+    if has_position != (item.frame in REFERENCE_OF_FRAME):
+        return item
+    try:
+        return item_from_params(
+            item.command, item.frame, item.params, autocontinue=item.autocontinue, original=item.original
+        )
+    except PlanError:
+        return item
+
+
 def frame_of(item: SimpleItem, frames: dict[Reference, int]) -> int:
     """The item's MAV_FRAME; `frames` contains the frame of each altitude reference."""
     if isinstance(item, CommandItem):
@@ -192,6 +217,9 @@ def _to_wire(item: SimpleItem, seq: int) -> WireItem:
     if altitude is not None and altitude.resolved_amsl_m is not None:
         frame, params = MAV_FRAME_GLOBAL_INT, (*params[:6], altitude.resolved_amsl_m)
     command = item.command if isinstance(item, CommandItem) else item.COMMAND
+    if isinstance(item, LegacyRoi) and item.mode == ROI_NONE:
+        # PX4 returns a mode with a position as 0, so that "none" would become "location".
+        frame, params = MAV_FRAME_MISSION, (*params[:4], 0.0, 0.0, 0.0)
     if isinstance(item, Jump) and item.repeat < 0:
         params = (params[0], MOST_REPEATS, *params[2:])
     p1, p2, p3, p4, _, _, z = (_float32(value, n) for n, value in enumerate(params, start=1))

@@ -23,6 +23,18 @@ INT_FRAMES = {
     m.MAV_FRAME_GLOBAL_TERRAIN_ALT: m.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
 }
 """PX4 returns items in these frames if the ground station uses MISSION_ITEM_INT."""
+STORED_FRAMES = frozenset({0, 3, 5, 6})
+"""Frames with a position that PX4 stores; it refuses terrain and local frames."""
+VTOL_COMMANDS = frozenset({84, 85, 3000})
+ROI_MODES_WITHOUT_POSITION = (0.0, 1.0, 2.0)
+_STORED_ONLY = frozenset({112, 114, 5000})
+_WITHOUT_POSITION = frozenset(
+    {
+        20, 93, 177, 178, 179, 187, 189, 196, 197, 200, 203, 204, 205, 206, 211, 214, 260, 530, 532, 534,
+        1000, 1001, 2000, 2001, 2003, 2500, 2501, 42600,
+    }
+)  # fmt: skip
+"""Commands that PX4 flies in MAV_FRAME_MISSION."""
 DO_JUMP, NAV_ROI, DO_SET_ROI, ROI_LOCATION = 177, 80, 201, 3.0
 _float32_layout = struct.Struct("<f")
 
@@ -44,6 +56,32 @@ def as_flown(item: WireItem) -> WireItem:
     if item.command == DO_SET_ROI and item.frame in m.REFERENCE_OF_FRAME and (item.x or item.y):
         return replace(item, param1=ROI_LOCATION)
     return item
+
+
+Refusal = Literal["frame", "command", "parameter", "not flown", "vtol"]
+
+
+def refusal(item: WireItem) -> Refusal | None:
+    """Why PX4 does not fly a mission item; None: it does.
+
+    frame, command, parameter: PX4 refuses the upload. not flown, vtol: PX4 stores the item and then rejects
+    the mission.
+    """
+    if item.command in VTOL_COMMANDS:
+        return "vtol"
+    if item.frame == m.MAV_FRAME_MISSION:
+        if item.command in _STORED_ONLY:
+            return "not flown"
+        if item.command in (NAV_ROI, DO_SET_ROI):
+            return None if _roi_mode(item.param1) in ROI_MODES_WITHOUT_POSITION else "parameter"
+        return None if item.command in _WITHOUT_POSITION else "command"
+    if item.frame not in STORED_FRAMES:
+        return "frame"
+    if item.command in _STORED_ONLY:
+        return "not flown"
+    if item.command in (NAV_ROI, DO_SET_ROI):
+        return None if _roi_mode(item.param1) in (0.0, ROI_LOCATION) else "parameter"
+    return None if item.command in _WITH_POSITION else "command"
 
 
 # --- what becomes of a parameter ----------------------------------------------------------------------
@@ -86,6 +124,10 @@ def _yaw(value_deg: float) -> float:
 
 def _uint16(value: float) -> float:
     return float(math.trunc(value) % 2**16) if math.isfinite(value) else 0.0
+
+
+def _roi_mode(value: float) -> float | None:
+    return float(math.trunc(value)) if math.isfinite(value) else None
 
 
 def _int16(value: float) -> float:

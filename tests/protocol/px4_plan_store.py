@@ -9,11 +9,20 @@ import math
 import struct
 import zlib
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
+from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
+from missions.formats import mavlink_items
+from missions.values import HomePosition
 from tests.protocol.fake_autopilot import LATENCY_S, ON_GROUND, FakeAutopilot
+from tests.protocol.memory_testbed import MemoryTestbed
 from vehicle_sim.mavlink import generated_dialect as sim
 
+HOME = HomePosition(lat_deg=47.397742, lon_deg=8.545594, alt_amsl_m=489.0)
+REFERENCE = PlanReference("abc", 1, "Tower")
 MISSION, FENCE, RALLY = 0, 1, 2
 CAPACITY = {MISSION: 10_000, FENCE: 64, RALLY: 32}
 ACCEPTED, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE, BAD_PARAM1, CANCELLED = 0, 1, 2, 3, 4, 6, 15
@@ -181,14 +190,15 @@ class Px4PlanStore(FakeAutopilot):
                 return BAD_FRAME
             if kind != MISSION or command not in WITHOUT_POSITION:
                 return UNSUPPORTED
-            return BAD_PARAM1 if command == 201 and _whole(item.param1) not in (0, 1, 2) else ACCEPTED
+            has_mode = math.isfinite(item.param1) and _whole(item.param1) in (0, 1, 2)
+            return BAD_PARAM1 if command == 201 and not has_mode else ACCEPTED
         if kind == RALLY:
             return ACCEPTED if command == 5100 else UNSUPPORTED
         if kind == FENCE:
             if command in (5001, 5002):
                 return ERROR if _corners(item.param1) < 3 else ACCEPTED
             return ACCEPTED if command in (5000, 5003, 5004) else UNSUPPORTED
-        if command in (80, 201) and _whole(item.param1) not in (0, 3):
+        if command in (80, 201) and not (_whole(item.param1) in (0, 3) and math.isfinite(item.param1)):
             return BAD_PARAM1
         if 5001 <= command <= 5004 or command == 5100:
             return ERROR
@@ -317,4 +327,39 @@ def _int32(value: float) -> int:
 
 
 def _yaw(value: float) -> float:
-    return math.degrees(math.radians(value) % math.tau) if math.isfinite(value) else math.nan
+    """PX4 calculates with 32-bit floats."""
+    if not math.isfinite(value):
+        return math.nan
+    turn, angle = np.float32(math.tau), np.float32(value) * np.float32(math.pi / 180)
+    if not 0 <= angle < turn:
+        angle -= turn * np.floor(angle * (np.float32(1) / turn))
+    return float(angle * np.float32(180 / math.pi))
+
+
+# --- a server beside it ---------------------------------------------------------------------------------
+
+
+def items_of(plan):
+    return {
+        "mission": mavlink_items.mission_items(plan),
+        "fence": mavlink_items.fence_items(plan),
+        "rally": mavlink_items.rally_items(plan),
+    }
+
+
+def run_with_px4(run_simulated, scenario, *, loss=0.0, seed=0):
+    async def run():
+        testbed = MemoryTestbed()
+        link = testbed.link()
+        px4 = link.autopilots["peer"] = Px4PlanStore(link, seed=seed)
+        try:
+            vehicle = await testbed.wait_for_vehicle()
+            px4.send_event(26266355, 102)  # so that the server knows the sequence of the events
+            await testbed.clock.sleep(0.1)
+            px4.loss = loss
+            await scenario(SimpleNamespace(vehicle=vehicle, mission=vehicle.mission, px4=px4))
+        finally:
+            px4.alive = False
+            await testbed.close()
+
+    run_simulated(run)

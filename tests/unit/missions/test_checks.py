@@ -16,8 +16,11 @@ from missions.checks import CODES, CheckLimits, check
 from missions.items import (
     ChangeSpeed,
     CommandItem,
+    Delay,
+    Gripper,
     Jump,
     Land,
+    LegacyRoi,
     LoiterUnlimited,
     ReturnHome,
     SetHome,
@@ -95,7 +98,16 @@ CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
     ("home_missing", plan(TAKEOFF, planned_home=None), DEFAULTS, None),
     ("takeoff_missing", plan(wp(50)), limits_requiring(1), None),
     ("takeoff_not_first", plan(wp(50), TAKEOFF), DEFAULTS, 1),
-    ("takeoff_too_low", plan(Takeoff(**at(0), altitude=alt(481.5, "amsl"))), DEFAULTS, 0),
+    ("takeoff_not_first", plan(Gripper(gripper=1.0, action=1.0), TAKEOFF), DEFAULTS, 1),
+    ("takeoff_too_low", plan(Takeoff(**at(0), altitude=alt(480.0, "amsl"))), DEFAULTS, 0),
+    ("takeoff_low", plan(Takeoff(**at(0), altitude=alt(481.5, "amsl"))), DEFAULTS, 0),
+    ("starts_with_landing", plan(Land(**at(0), altitude=alt(0)), wp(50)), DEFAULTS, 0),
+    ("value_refused", plan(TAKEOFF, LegacyRoi(**at(9), altitude=alt(0), mode=1.0)), DEFAULTS, 1),
+    ("value_refused", plan(TAKEOFF, LegacyRoi(**at(9), altitude=alt(0), mode=2.0)), DEFAULTS, 1),
+    ("value_refused", plan(TAKEOFF, LegacyRoi(**at(9), altitude=alt(0), mode=4.0)), DEFAULTS, 1),
+    ("command_refused", plan(TAKEOFF, CommandItem(command=112, frame=2, params=(0,) * 7)), DEFAULTS, 1),
+    ("command_refused", plan(TAKEOFF, CommandItem(command=178, frame=6, params=(1, 5, 0, 0, 47, 8, 0))),
+     DEFAULTS, 1),
     ("landing_missing", plan(TAKEOFF, wp(50)), limits_requiring(3), None),
     ("takeoff_landing_mismatch", plan(TAKEOFF, wp(50)), limits_requiring(4), None),
     ("command_refused", plan(TAKEOFF, CommandItem(command=18, frame=3, params=(0,) * 7)), DEFAULTS, 1),
@@ -181,6 +193,34 @@ def test_a_check_that_raises_becomes_a_finding_and_the_other_checks_continue(
     findings = check(plan(TAKEOFF, wp(2001)))
     assert [finding.code for finding in findings] == ["check_failed", "leg_too_long"]
     assert "broken rule could not be carried out: RuntimeError('a fault')" in findings[0].message
+
+
+def raw(command: int, frame: int, *params: float | None) -> CommandItem:
+    position = (*at(50).values(), 20.0) if frame != 2 else (0.0, 0.0, 0.0)
+    return CommandItem(command=command, frame=frame, params=(*params, *position))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "items",
+    [
+        (TAKEOFF, raw(16, 6, 0.0, 0.0, 0.0, None)),
+        (TAKEOFF, raw(17, 3, 0.0, 0.0, 0.0, None)),
+        (TAKEOFF, raw(19, 6, 5.0, 0.0, 0.0, 0.0)),
+        (TAKEOFF, raw(178, 2, 1.0, 4.0, -1.0, 0.0)),
+        (TAKEOFF, raw(206, 2, 5.0, 0.0, 0.0, 0.0)),
+        (TAKEOFF, raw(2000, 2, 0.0, 1.0, 1.0, 0.0)),
+        (TAKEOFF, raw(201, 2, 1.0, 0.0, 0.0, 0.0)),
+        (Delay(delay_s=5.0), TAKEOFF),
+    ],
+    ids=lambda items: " ".join(str(getattr(each, "command", each.kind)) for each in items),
+)
+def test_items_that_px4_flies_are_no_error_in_raw_form_nor_a_delay_before_the_take_off(items: Any) -> None:
+    assert [each for each in check(plan(*items)) if each.severity == "error"] == []
+
+
+def test_a_raw_waypoint_is_checked_like_a_waypoint() -> None:
+    codes = {each.code for each in check(plan(TAKEOFF, raw(16, 6, 0.0, 0.0, 0.0, None), fence=(square(40),)))}
+    assert "fence_violation" in codes
 
 
 @settings(deadline=None, max_examples=40)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from missions.formats.mavlink_items import WireItem, items_from_wire, mission_items
-from missions.formats.px4_storage import Part, as_flown, stored_items
+from missions.formats.px4_storage import Part, as_flown, refusal, stored_items
 from missions.items import Jump
 from missions.plan import Plan
 
@@ -44,6 +44,23 @@ def test_each_recorded_item_is_stored_as_recorded(reference_data: Path) -> None:
         assert_equal(stored, wire_item(case["downloaded"]), case["id"])
         count += 1
     assert count > 400
+
+
+def test_each_recorded_item_is_refused_as_recorded(reference_data: Path) -> None:
+    """Refused at the upload, or rejected afterwards for its command."""
+    rejecting = {"navigator_mis_unsup_cmd", "navigator_mis_vtol_items"}
+    count = 0
+    for line in (reference_data / "px4/items/items.jsonl").read_text().splitlines():
+        case = json.loads(line)
+        item = case["item"]
+        is_point_of_other_part = 5001 <= item["command"] <= 5100 or item["mission_type"] != 0
+        if case["msg"] != "MISSION_ITEM_INT" or is_point_of_other_part or case["ack"] is None:
+            continue
+        rejected = rejecting & {each["name"] for each in case["events"]}
+        flown = case["ack"]["type"] == 0 and not rejected
+        assert (refusal(wire_item(item)) is None) == flown, (case["id"], refusal(wire_item(item)))
+        count += 1
+    assert count > 700
 
 
 @pytest.mark.parametrize("part", ["fence", "rally"])

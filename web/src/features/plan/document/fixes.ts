@@ -24,6 +24,7 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
     case 'home_missing':
       return home === null ? null : { text: 'Use the vehicle’s home', plan: { ...plan, planned_home: home } };
     case 'takeoff_missing':
+    case 'starts_with_landing':
       return addTakeoff(plan);
     case 'takeoff_not_first': {
       const takeoffRow = plan.items.findIndex(({ kind }) => kind === 'takeoff');
@@ -34,6 +35,7 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
     case 'takeoff_landing_mismatch':
       return plan.items.some(({ kind }) => kind === 'takeoff') ? addLanding(plan) : addTakeoff(plan);
     case 'takeoff_too_low':
+    case 'takeoff_low':
     case 'altitude_too_high':
     case 'altitude_fence':
       return setAltitude(plan, finding);
