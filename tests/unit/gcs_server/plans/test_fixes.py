@@ -50,7 +50,6 @@ PLANS: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
     "takeoff_not_first": ([waypoint(20), TAKEOFF], {}),
     "takeoff_too_low": ([{**TAKEOFF, **altitude(479.0, "amsl")}, waypoint(20)], {}),
     "takeoff_low": ([{**TAKEOFF, **altitude(481.0, "amsl")}, waypoint(20)], {}),
-    "starts_with_landing": ([LAND, waypoint(20)], {}),
     "landing_missing": ([TAKEOFF, waypoint(20)], {"MIS_TKO_LAND_REQ": 3.0}),
     "takeoff_landing_mismatch": ([TAKEOFF, waypoint(20)], {"MIS_TKO_LAND_REQ": 4.0}),
     "command_refused": ([TAKEOFF, {"kind": "set_servo", "servo": 1, "pulse_us": 1500}, waypoint(20)], {}),

@@ -24,7 +24,6 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
     case 'home_missing':
       return home === null ? null : { text: 'Use the vehicle’s home', plan: { ...plan, planned_home: home } };
     case 'takeoff_missing':
-    case 'starts_with_landing':
       return addTakeoff(plan);
     case 'takeoff_not_first': {
       const takeoffRow = plan.items.findIndex(({ kind }) => kind === 'takeoff');
