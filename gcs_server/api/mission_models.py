@@ -7,8 +7,10 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from gcs_server.api.documents import PlanBody
+from gcs_server.api.models import Despite
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import TOPIC_MODELS
+from gcs_server.api.setpoint_fields import example
 from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.streamer.waypoints.resume import ResumeOffer
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
@@ -51,6 +53,14 @@ class DownloadRequest(StrictBody):
     wait: bool = Field(default=False, description="Answer only when the plan is downloaded.")
 
 
+class ResumeRequest(StrictBody):
+    """What the caller accepts when the mission is resumed."""
+
+    model_config = example(despite=["obstacle_hit"])
+
+    despite: Despite = Field(default=[], description="Codes as for `mission/start`.")
+
+
 class StartRequest(StrictBody):
     """The item to start at, and the findings that the caller accepts."""
 
@@ -63,7 +73,8 @@ class StartRequest(StrictBody):
         "server does not know which plan is on the vehicle; `flight_from_here` for errors that only a flight "
         "from the vehicle's position to a later `item` and onwards has; `mission_rejected` if PX4 stated "
         "after the upload that it will not fly the mission; `separation` if the vehicle may come too near to "
-        "another vehicle.",
+        "another vehicle; `starts_at_later_item` if no `item` is given and PX4's current item is not the "
+        "first.",
     )
     dry_run: Annotated[str, Field(max_length=20)] | None = Field(
         default=None,

@@ -12,7 +12,7 @@ from gcs_server.api import mission_models as m
 from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_reporter
 from gcs_server.api.documents import DocumentRoute, UnreadDocument
-from gcs_server.api.mission_start import check_start, is_still_on_vehicle
+from gcs_server.api.mission_start import checked_start, is_still_on_vehicle
 from gcs_server.api.offboard_mission_models import FlownMissionView
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.plan_items import mavlink_items
@@ -24,7 +24,6 @@ from gcs_server.api.vehicle_routes import run_command, run_flight_command
 from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import Operation, ReportProgress
-from gcs_server.streamer.waypoints.flight import ClientStart
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS
 from gcs_server.vehicle.services.mission_on_vehicle import Items, ItemsOnVehicle, PlanReference
@@ -233,14 +232,7 @@ async def start(
 
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         vehicle.require_commandable()
-        ticket.claim()
-        if vehicle.mission.running_transfer is not None:
-            raise Refused(
-                f"Vehicle {vehicle.id} is busy with {vehicle.mission.running_transfer}.",
-                remedy="Wait until it is done.",
-            )
-        path = await check_start(station, vehicle, request)
-        with station.waypoint_flights.started_by_client(vehicle.id, ClientStart(principal.name, path)):
+        async with checked_start(station, vehicle, request, ticket, principal.name):
             if request.item is not None:
                 await vehicle.mission.set_current(request.item)
             progress = progress_reporter(vehicle, principal, "mission/start")
@@ -250,8 +242,15 @@ async def start(
 
 
 @router.post("/resume", response_model=responses.CommandDone)
-async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Resumes the mission of a flying vehicle at its current item."""
+async def resume(
+    v: str,
+    station: StationDep,
+    principal: PrincipalDep,
+    body: Annotated[m.ResumeRequest | None, Body()] = None,
+) -> Response:
+    """Resumes the mission of a flying vehicle at its current item, after the checks of `mission/start`. What
+    was accepted when this flight started need not be accepted again, except `separation`."""
+    despite = [] if body is None else body.despite
 
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         vehicle.require_commandable()
@@ -261,9 +260,11 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
                 remedy="Start the mission at the item where it should continue (`resume` of GET …/mission).",
             )
         progress = progress_reporter(vehicle, principal, "mission/resume")
-        await vehicle.command.set_mode("mission", by=principal.name, progress=progress, ticket=ticket)
+        async with checked_start(station, vehicle, m.StartRequest(despite=despite), ticket, principal.name):
+            await vehicle.command.set_mode("mission", by=principal.name, progress=progress, ticket=ticket)
 
-    return await run_flight_command(station, principal, "mission/resume", v, {}, work)
+    arguments: dict[str, object] = {"despite": despite} if despite else {}
+    return await run_flight_command(station, principal, "mission/resume", v, arguments, work)
 
 
 # --- helpers ------------------------------------------------------------------------------------------

@@ -1,4 +1,5 @@
-"""Checks before the mission on a vehicle starts: the plan, and the separation from other vehicles.
+"""Checks before a vehicle flies its mission: the plan, and the separation from other vehicles. All ways in
+use `checked_start`: a start, a resumption, the mode Mission, and arming in Mission.
 
 If a vehicle on the ground starts at a later item, the flight from its position to that item is checked too.
 """
@@ -7,7 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import Collection, Sequence
+from collections.abc import AsyncGenerator, Collection, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -21,9 +23,11 @@ from gcs_server.api.station import Station
 from gcs_server.errors import PlanFindings, Refused, UnknownPlan
 from gcs_server.storage.folder import StorageError
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.waypoints.flight import NamedDryRun
+from gcs_server.streamer.waypoints.flight import ClientStart, NamedDryRun
+from gcs_server.vehicle.samples import Mission
 from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
 from gcs_server.vehicle.services.vehicle_plan import plan_from_items
+from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 from missions.plan import Plan
@@ -38,6 +42,9 @@ MISSION_REJECTED = "mission_rejected"
 FLIGHT_FROM_HERE = "flight_from_here"
 """Code in `despite` that accepts errors of the flight from the vehicle's position to a later item and
 onwards."""
+LATER_ITEM = "starts_at_later_item"
+"""Code in `despite` that accepts that PX4 begins at its current item, which is not the first."""
+TRANSFERS = ("mission/upload", "mission/download")
 POSITION_CODES = frozenset(
     {
         "fence_crossed",
@@ -50,6 +57,51 @@ POSITION_CODES = frozenset(
     }
 )
 """Codes of errors that depend on the position at which the flight begins."""
+
+
+@asynccontextmanager
+async def checked_start(
+    station: Station, vehicle: Vehicle, request: StartRequest, ticket: Ticket, client: str
+) -> AsyncGenerator[None]:
+    """Block in which a client's command lets a vehicle fly its mission, after all checks. If the plan on the
+    vehicle changes in the block, the ticket is cancelled.
+
+    Codes that a client accepted hold until the vehicle is disarmed, so that a flight can be resumed; those of
+    the separation are accepted each time.
+
+    Raises:
+        PlanFindings, Refused: as `check_start`.
+        Interrupted: the ticket was cancelled.
+    """
+    ticket.claim()
+    checked, ids = vehicle.mission.items_on_vehicle, vehicle.mission.ids()
+    if (problem := _transfer(station, vehicle)) is not None:
+        raise Refused(problem, remedy="Wait until it is done.")
+
+    def changed() -> str | None:
+        if vehicle.mission.items_on_vehicle is not checked:
+            return f"The plan on vehicle {vehicle.id} has changed since it was checked."
+        return _transfer(station, vehicle)
+
+    ticket.add_condition(changed)
+    flights = station.waypoint_flights
+    accepted = frozenset(request.despite) | flights.accepted_codes(vehicle, ids)
+    path = await check_start(station, vehicle, request.model_copy(update={"despite": sorted(accepted)}))
+    with flights.started_by_client(vehicle.id, ClientStart(client, path)):
+        ticket.require()
+        yield
+        flights.accept_codes(vehicle, ids, accepted - {SEPARATION})
+
+
+def _transfer(station: Station, vehicle: Vehicle) -> str | None:
+    """The upload or download that runs or is about to begin, as a sentence."""
+    running = vehicle.mission.running_transfer
+    if running is not None:
+        return f"Vehicle {vehicle.id} is busy with {running}."
+    for each in station.operations.all():
+        if each.state == "running" and each.vehicle == vehicle.id and each.kind in TRANSFERS:
+            return f"Vehicle {vehicle.id} is busy with {each.kind}."
+    return None
 
 
 async def check_start(station: Station, vehicle: Vehicle, request: StartRequest) -> NamedDryRun | None:
@@ -137,12 +189,19 @@ async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: Start
         )
     ]
     landed = not vehicle.status.armed or vehicle.flight_state.landed_state == "on_ground"
-    if landed and request.item is not None and request.item > 0:
-        later_errors = await _errors_from_here(station, vehicle, plan, request.item)
+    sample = vehicle.topic("mission")
+    current = sample.value.current if sample is not None and isinstance(sample.value, Mission) else None
+    item = request.item if request.item is not None else current
+    if landed and item is not None and item > 0:
+        if request.item is None:
+            text = f"PX4's current item is item {item + 1}: the vehicle flies straight to it."
+            fix = "Name the `item` at which to start, or name starts_at_later_item in `despite`."
+            groups.append(_ErrorGroup(f"Vehicle {vehicle.id}:", ((LATER_ITEM, text),), fix))
+        later_errors = await _errors_from_here(station, vehicle, plan, item)
         plan_errors = {text for _, text in errors}
         groups.append(
             _ErrorGroup(
-                f"The flight from here to item {request.item + 1} and onwards has errors:",
+                f"The flight from here to item {item + 1} and onwards has errors:",
                 tuple((FLIGHT_FROM_HERE, text) for text in later_errors if text not in plan_errors),
                 "Start at another item or place, or name flight_from_here in `despite`.",
             )

@@ -45,6 +45,7 @@ class ModeRequest(StrictBody):
     mode: str = Field(
         min_length=1, max_length=32, description="hold, position, altitude, mission, … as in `status.mode`."
     )
+    despite: Despite = Field(default=[], description="For the mode mission: codes as for `mission/start`.")
 
 
 class GotoRequest(StrictBody):

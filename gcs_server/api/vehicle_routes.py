@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from typing import Annotated
 
 from fastapi import APIRouter, Body, Query, Response
 
 from gcs_server.api import control_models, models, responses
 from gcs_server.api.authorized import AcceptedCommand, as_operation, authorized_command, progress_reporter
+from gcs_server.api.mission_models import StartRequest
+from gcs_server.api.mission_start import checked_start
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
@@ -172,11 +174,16 @@ async def arm(
     despite = [] if body is None else body.despite
 
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
-        await vehicle.command.arm(
-            starts_flight=ARMING_STARTS_FLIGHT in despite,
-            progress=progress_reporter(vehicle, principal, "arm"),
-            ticket=ticket,
-        )
+        starts_flight = ARMING_STARTS_FLIGHT in despite
+        in_mission = starts_flight and not vehicle.status.armed and vehicle.status.mode == "mission"
+        request = StartRequest(despite=[code for code in despite if code != ARMING_STARTS_FLIGHT])
+        check = checked_start(station, vehicle, request, ticket, principal.name)
+        async with check if in_mission else nullcontext():
+            await vehicle.command.arm(
+                starts_flight=starts_flight,
+                progress=progress_reporter(vehicle, principal, "arm"),
+                ticket=ticket,
+            )
 
     arguments: dict[str, object] = {"despite": despite} if despite else {}
     return await run_flight_command(station, principal, "arm", v, arguments, work)
@@ -269,20 +276,24 @@ async def takeoff(
 
 @router.post("/{v}/mode", response_model=responses.CommandDone, tags=["commands"])
 async def mode(v: str, body: models.ModeRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Changes the flight mode; answers once the vehicle reports the new mode."""
+    """Changes the flight mode; answers once the vehicle reports the new mode. The mode Mission is checked as
+    `mission/start`: 409 `plan_findings`, unless `despite` names the codes."""
+
+    async def work(vehicle: Vehicle, ticket: Ticket) -> None:
+        request = StartRequest(despite=body.despite)
+        check = checked_start(station, vehicle, request, ticket, principal.name)
+        async with check if body.mode == "mission" else nullcontext():
+            await vehicle.command.set_mode(
+                body.mode,
+                by=principal.name,
+                progress=progress_reporter(vehicle, principal, "mode"),
+                ticket=ticket,
+            )
+
+    arguments = body.model_dump(exclude_defaults=True)
+    ends_with_caller = body.mode not in ENDING_MODES
     return await run_flight_command(
-        station,
-        principal,
-        "mode",
-        v,
-        body.model_dump(),
-        lambda vehicle, ticket: vehicle.command.set_mode(
-            body.mode,
-            by=principal.name,
-            progress=progress_reporter(vehicle, principal, "mode"),
-            ticket=ticket,
-        ),
-        ends_with_caller=body.mode not in ENDING_MODES,
+        station, principal, "mode", v, arguments, work, ends_with_caller=ends_with_caller
     )
 
 

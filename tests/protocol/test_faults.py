@@ -96,7 +96,9 @@ def test_when_control_expires_the_server_executes_the_action_that_the_client_cho
     async def scenario(rig):
         with rig.station.authority.connected(ANNA):
             await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry=on_expiry))
-            await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA)
+            await vehicle_routes.mode(
+                "1", models.ModeRequest(mode="mission", despite=["plan_not_known"]), rig.station, ANNA
+            )
             await sleep(100)
         await sleep(29)  # the socket is closed; 1 s before the 30 s control lease expires
         assert rig.autopilot.mode == MISSION_MODE

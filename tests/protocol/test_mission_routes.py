@@ -7,14 +7,30 @@ from types import SimpleNamespace
 
 import pytest
 
-from gcs_server.api import control_routes, mission_models, mission_routes, operation_routes
-from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused, Rejected
+from gcs_server.api import (
+    control_routes,
+    mission_models,
+    mission_routes,
+    models,
+    operation_routes,
+    vehicle_routes,
+)
+from gcs_server.errors import Interrupted, InvalidRequest, NotInControl, PlanFindings, Refused, Rejected
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.tasks import ReadDocument
 from missions.offboard.document import OffboardMission
 from missions.offboard.steps import Land
-from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, journal_entries, json_of, new_station
-from tests.protocol.fake_autopilot import IN_AIR
+from tests.protocol.api_calls import (
+    ANNA,
+    BOB,
+    MISSION_MODE,
+    InlinePlanWork,
+    journal_entries,
+    json_of,
+    new_station,
+)
+from tests.protocol.command_numbers import ARM_DISARM
+from tests.protocol.fake_autopilot import HOLD_MODE, IN_AIR
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 from tests.support.documents import read_document
@@ -350,5 +366,93 @@ def test_an_offboard_mission_cannot_be_uploaded(run_simulated, tmp_path):
         body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
         with pytest.raises(InvalidRequest, match="the server flies it"):
             await mission_routes.upload("1", body, rig.station, ANNA)
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
+def test_every_way_into_the_mission_makes_the_same_checks(run_simulated, tmp_path):
+    async def scenario(rig):
+        rig.station.plan_work = InlinePlanWork()
+        await upload(rig, PLAN_OUTSIDE_THE_FENCE)
+        ways = {
+            "start": lambda despite: start(rig, despite=despite),
+            "mode": lambda despite: vehicle_routes.mode(
+                "1", models.ModeRequest(mode="mission", despite=despite), rig.station, ANNA
+            ),
+        }
+        with pytest.raises(PlanFindings) as refused:
+            await ways["start"]([])
+        codes = list(refused.value.codes)
+        for way in ways.values():
+            with pytest.raises(PlanFindings) as refused:
+                await way([])
+            assert list(refused.value.codes) == codes
+        assert (rig.autopilot.armed, rig.autopilot.mode) == (False, HOLD_MODE)
+        await ways["mode"](codes)
+        body = models.ArmRequest(despite=["arming_starts_flight"])
+        with pytest.raises(PlanFindings) as refused:
+            await vehicle_routes.arm("1", rig.station, ANNA, body)
+        assert list(refused.value.codes) == codes
+        await vehicle_routes.arm(
+            "1", rig.station, ANNA, models.ArmRequest(despite=["arming_starts_flight", *codes])
+        )
+        assert rig.autopilot.armed
+        rig.autopilot.landed_state, rig.autopilot.mode = IN_AIR, HOLD_MODE
+        await sleep(2.5)
+        await mission_routes.resume("1", rig.station, ANNA)  # accepted in this flight
+        assert rig.autopilot.mode == MISSION_MODE
+        rig.autopilot.mode = HOLD_MODE
+        await sleep(2.5)
+        await upload(rig, {**PLAN_OUTSIDE_THE_FENCE, "items": PLAN_OUTSIDE_THE_FENCE["items"][1:] * 2})
+        await sleep(2.5)
+        with pytest.raises(PlanFindings):
+            await mission_routes.resume("1", rig.station, ANNA)
+        assert rig.autopilot.mode == HOLD_MODE
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
+def test_a_plan_that_changes_during_the_checks_or_the_start_is_not_flown(run_simulated, tmp_path):
+    async def scenario(rig):
+        rig.station.plan_work = InlinePlanWork()
+        await upload(rig)
+        long_plan = {**PLAN, "items": PLAN["items"][:2] * 20}
+        await upload(rig, long_plan, wait=False)
+        for request in (
+            start(rig),
+            vehicle_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA),
+        ):
+            with pytest.raises(Refused, match="is busy with"):
+                await request
+        await sleep(5)
+        await upload(rig)
+        rig.autopilot.silent_commands.add(ARM_DISARM)
+        starting = asyncio.ensure_future(start(rig))
+        await sleep(2.0)
+        count = len(rig.autopilot.received_commands(ARM_DISARM))
+        assert count
+        await rig.vehicle.mission.download()
+        with pytest.raises(Interrupted, match=r"has changed since it was checked|is busy with"):
+            await starting
+        await sleep(2.0)
+        assert not rig.autopilot.armed
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
+def test_a_start_on_the_ground_without_an_item_names_the_later_item_at_which_px4_begins(
+    run_simulated, tmp_path
+):
+    async def scenario(rig):
+        rig.station.plan_work = InlinePlanWork()
+        await upload(rig)
+        await rig.vehicle.mission.set_current(1)
+        await sleep(1.5)
+        with pytest.raises(PlanFindings, match="current item is item 2") as refused:
+            await start(rig)
+        assert refused.value.codes == ("starts_at_later_item",)
+        assert not rig.autopilot.armed
+        await start(rig, item=0)
+        assert rig.autopilot.armed
 
     run_with_rig(run_simulated, tmp_path, scenario)

@@ -17,6 +17,7 @@ from gcs_server.streamer.waypoints.link_loss import LinkLoss
 from gcs_server.streamer.waypoints.resume import ResumeOffer, ResumeOffers
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.services.mission_on_vehicle import Ids
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.runner.flown import FlownMission
 from missions.traffic.path import PredictedPath
@@ -55,6 +56,8 @@ class WaypointFlights:
         self.comparison_lock = asyncio.Lock()
         """Locked while a start is compared with the flights of other vehicles. So if two vehicles are started
         at the same time, the second start is compared with the first."""
+        self._accepted: dict[str, tuple[Ids | None, frozenset[str]]] = {}
+        """Ids of the mission, and the codes of findings that a client accepted for the present flight."""
         self._waiting_since_s: dict[str, float] = {}
         """Time since which the monitoring of a flying vehicle waits for its home position [s, monotonic]."""
 
@@ -69,7 +72,7 @@ class WaypointFlights:
     def detach(self, vehicle: Vehicle) -> None:
         """Drops all data of a removed vehicle."""
         by_vehicle = (self._vehicles, self._link_loss, self._flights, self._client_starts, self._start_paths)
-        for values in (*by_vehicle, self._in_mission, self._monitored, self._waiting_since_s):
+        for values in (*by_vehicle, self._in_mission, self._monitored, self._accepted, self._waiting_since_s):
             values.pop(vehicle.id, None)
         self._resume_offers.forget(vehicle.id)
 
@@ -93,6 +96,15 @@ class WaypointFlights:
         finally:
             self._client_starts.pop(vehicle_id, None)
             self._start_paths.pop(vehicle_id, None)
+
+    def accepted_codes(self, vehicle: Vehicle, ids: Ids | None) -> frozenset[str]:
+        """Codes of findings that a client accepted when it started the present flight of this mission."""
+        of_ids, codes = self._accepted.get(vehicle.id, (None, frozenset[str]()))
+        return codes if of_ids == ids and vehicle.flight_state.armed else frozenset()
+
+    def accept_codes(self, vehicle: Vehicle, ids: Ids | None, codes: frozenset[str]) -> None:
+        """Keeps accepted codes until the vehicle is disarmed or has another mission."""
+        self._accepted[vehicle.id] = (ids, codes)
 
     def set_start_path(self, vehicle_id: str, path: PredictedPath) -> None:
         """Sets the path that a vehicle will fly after its start; valid until the end of the block

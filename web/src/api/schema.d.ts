@@ -504,7 +504,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Mode
-         * @description Changes the flight mode; answers once the vehicle reports the new mode.
+         * @description Changes the flight mode; answers once the vehicle reports the new mode. The mode Mission is checked as
+         *     `mission/start`: 409 `plan_findings`, unless `despite` names the codes.
          */
         readonly post: operations["mode_api_v1_vehicles__v__mode_post"];
         readonly delete?: never;
@@ -1950,7 +1951,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Resume
-         * @description Resumes the mission of a flying vehicle at its current item.
+         * @description Resumes the mission of a flying vehicle at its current item, after the checks of `mission/start`. What
+         *     was accepted when this flight started need not be accepted again, except `separation`.
          */
         readonly post: operations["resume_api_v1_vehicles__v__mission_resume_post"];
         readonly delete?: never;
@@ -8184,6 +8186,11 @@ export interface components {
              * @description hold, position, altitude, mission, … as in `status.mode`.
              */
             readonly mode: string;
+            /**
+             * Despite
+             * @description For the mode mission: codes as for `mission/start`.
+             */
+            readonly despite?: readonly string[];
         };
         /**
          * ModeSpan
@@ -11274,6 +11281,22 @@ export interface components {
             readonly cautions: readonly string[];
         };
         /**
+         * ResumeRequest
+         * @description What the caller accepts when the mission is resumed.
+         * @example {
+         *       "despite": [
+         *         "obstacle_hit"
+         *       ]
+         *     }
+         */
+        readonly ResumeRequest: {
+            /**
+             * Despite
+             * @description Codes as for `mission/start`.
+             */
+            readonly despite?: readonly string[];
+        };
+        /**
          * ReturnHome
          * @description Return to home or to a rally point, according to the vehicle's parameters.
          */
@@ -13739,7 +13762,7 @@ export interface components {
             readonly item?: number | null;
             /**
              * Despite
-             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only a flight from the vehicle's position to a later `item` and onwards has; `mission_rejected` if PX4 stated after the upload that it will not fly the mission; `separation` if the vehicle may come too near to another vehicle.
+             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only a flight from the vehicle's position to a later `item` and onwards has; `mission_rejected` if PX4 stated after the upload that it will not fly the mission; `separation` if the vehicle may come too near to another vehicle; `starts_at_later_item` if no `item` is given and PX4's current item is not the first.
              */
             readonly despite?: readonly string[];
             /**
@@ -20102,7 +20125,11 @@ export interface operations {
             };
             readonly cookie?: never;
         };
-        readonly requestBody?: never;
+        readonly requestBody?: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ResumeRequest"] | null;
+            };
+        };
         readonly responses: {
             /** @description Successful Response */
             readonly 200: {
