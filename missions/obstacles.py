@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +20,9 @@ NEAR_M = 2.0
 """Distance below which a path is reported as near an obstacle [m]."""
 COARSE_M = 2.0
 FINE_STEPS = 20
-"""A path is divided every COARSE_M; near an obstacle, each of these parts is divided into FINE_STEPS."""
+MAX_PARTS = 2000
+"""Beside an obstacle, a leg is divided every COARSE_M, into MAX_PARTS at most; near it, each of these parts
+is divided into FINE_STEPS."""
 TOUCHING_M = 0.01
 """A path nearer than this passes through the obstacle."""
 
@@ -90,15 +93,9 @@ class ObstacleShapes:
         for index, name, shape, top_down_m in self._shapes:
             if not _comes_near(path_ned_m, shape, top_down_m):
                 continue
-            positions = _positions_near(path_ned_m, shape)
-            if not len(positions):
-                continue
-            horizontal_m = shapely.distance(shapely.points(positions[:, 0], positions[:, 1]), shape)
-            distance_m = np.hypot(horizontal_m, np.maximum(top_down_m - positions[:, 2], 0.0))
-            nearest = int(distance_m.argmin())
-            if distance_m[nearest] < NEAR_M:
-                north, east, _ = positions[nearest].tolist()
-                yield Clearance(index, name, float(distance_m[nearest]), north, east)
+            nearest = _nearest(path_ned_m, shape, top_down_m)
+            if nearest is not None and nearest[0] < NEAR_M:
+                yield Clearance(index, name, *nearest)
 
 
 def _comes_near(path_ned_m: Array, shape: BaseGeometry, top_down_m: float) -> bool:
@@ -110,23 +107,50 @@ def _comes_near(path_ned_m: Array, shape: BaseGeometry, top_down_m: float) -> bo
     return not beside and high_d > top_down_m
 
 
-def _positions_near(path_ned_m: Array, shape: BaseGeometry) -> Array:
-    """(M, 3) positions of the path near a shape, close together."""
-    coarse = _subdivided(path_ned_m)
-    horizontal_m = np.asarray(shapely.distance(shapely.points(coarse[:, 0], coarse[:, 1]), shape))
-    if len(coarse) == 1:
-        return coarse
-    is_near = np.minimum(horizontal_m[:-1], horizontal_m[1:]) < NEAR_M + COARSE_M
-    starts, ends = coarse[:-1][is_near], coarse[1:][is_near]
-    fraction = np.linspace(0.0, 1.0, FINE_STEPS + 1)[None, :, None]
-    return (starts[:, None] + (ends - starts)[:, None] * fraction).reshape(-1, 3)
+def _nearest(path_ned_m: Array, shape: BaseGeometry, top_down_m: float) -> tuple[float, float, float] | None:
+    """Smallest distance of the path from an obstacle, and north and east of that position; None: no leg comes
+    near it."""
+    if len(path_ned_m) == 1:
+        return _nearest_of(path_ned_m, shape, top_down_m)
+    ends = np.stack([path_ned_m[:-1], path_ned_m[1:]], axis=1)
+    is_near = shapely.distance(shapely.linestrings(ends[:, :, :2]), shape) < NEAR_M
+    parts = (_positions_near(start, end, shape) for start, end in ends[is_near])
+    found = (_nearest_of(positions, shape, top_down_m) for positions in parts if len(positions))
+    return min(found, default=None)
 
 
-def _subdivided(path_ned_m: Array) -> Array:
-    """The path with positions at most COARSE_M apart."""
-    lengths_m = np.linalg.norm(np.diff(path_ned_m, axis=0), axis=1)
-    parts = [
-        np.linspace(start, end, 1 + max(1, int(np.ceil(length_m / COARSE_M))))[:-1]
-        for start, end, length_m in zip(path_ned_m[:-1], path_ned_m[1:], lengths_m, strict=True)
-    ]
-    return np.concatenate([*parts, path_ned_m[-1:]])
+def _nearest_of(positions: Array, shape: BaseGeometry, top_down_m: float) -> tuple[float, float, float]:
+    distance_m = np.hypot(_horizontal_m(positions, shape), np.maximum(top_down_m - positions[:, 2], 0.0))
+    nearest = int(distance_m.argmin())
+    return float(distance_m[nearest]), float(positions[nearest, 0]), float(positions[nearest, 1])
+
+
+def _horizontal_m(positions: Array, shape: BaseGeometry) -> Array:
+    return np.asarray(shapely.distance(shapely.points(positions[:, 0], positions[:, 1]), shape))
+
+
+def _positions_near(start: Array, end: Array, shape: BaseGeometry) -> Array:
+    """(M, 3) positions of a leg near a shape, close together; beside a shape of many kilometres farther
+    apart, because their number is limited."""
+    first, last = _part_beside(start, end, shape)
+    length_m = float(np.linalg.norm(end - start)) * (last - first)
+    count = min(MAX_PARTS, max(1, math.ceil(length_m / COARSE_M)))
+    fractions = np.linspace(first, last, count + 1)
+    horizontal_m = _horizontal_m(start + (end - start) * fractions[:, None], shape)
+    is_near = np.minimum(horizontal_m[:-1], horizontal_m[1:]) < NEAR_M + length_m / count
+    within = np.linspace(0.0, (last - first) / count, FINE_STEPS + 1)
+    fine = (fractions[:-1][is_near, None] + within).reshape(-1, 1)
+    return start + (end - start) * fine
+
+
+def _part_beside(start: Array, end: Array, shape: BaseGeometry) -> tuple[float, float]:
+    """The part of a leg, as fractions of its length, inside the bounding box NEAR_M around a shape that the
+    leg comes near to."""
+    first, last = 0.0, 1.0
+    low_n, low_e, high_n, high_e = shape.bounds
+    for axis, low, high in ((0, low_n - NEAR_M, high_n + NEAR_M), (1, low_e - NEAR_M, high_e + NEAR_M)):
+        change = float(end[axis] - start[axis])
+        if change:
+            enter, leave = sorted(((low - start[axis]) / change, (high - start[axis]) / change))
+            first, last = max(first, float(enter)), min(last, float(leave))
+    return min(first, last), max(first, last)  # rounding may exchange them in a corner of the box

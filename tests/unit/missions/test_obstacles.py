@@ -23,7 +23,7 @@ from missions.offboard.reader import read
 from missions.offboard.timeline import Timeline
 from missions.offboard.writer import write_yaml
 from missions.plan import Plan
-from missions.values import Altitude, HomePosition, Obstacle
+from missions.values import Altitude, HomePosition, Obstacle, Point
 from tests.support.obstacles import box_obstacle
 from tests.support.offboard_missions import finding_codes, flight_steps, mission
 
@@ -71,6 +71,20 @@ def test_the_distance_of_a_path_equals_the_minimum_over_many_of_its_positions(st
     assert bool(clearances) == (least_m < 2.0) or least_m == pytest.approx(2.0, abs=0.1)
     for each in clearances:
         assert each.distance_m == pytest.approx(least_m, abs=0.1)
+
+
+@pytest.mark.parametrize("length_m", [1e4, 4e6, 2e7])
+def test_the_number_of_compared_positions_is_limited_for_legs_and_obstacles_of_any_size(length_m) -> None:
+    """Distances are as exact as the limited number of positions allows: a 2000th of the leg, in 20 steps."""
+    long_path = np.array([(-length_m, 6.0, -5.0), (length_m, 6.0, -5.0)])
+    (beside_barn,) = shapes(BARN).clearances(long_path)
+    assert beside_barn.distance_m == pytest.approx(1.0, abs=0.06)
+    half_deg = min(40.0, length_m / 111e3)
+    corners = [(-half_deg, -half_deg), (-half_deg, half_deg), (half_deg, half_deg), (half_deg, -half_deg)]
+    points = tuple(Point(lat_deg=HOME.lat_deg + n, lon_deg=HOME.lon_deg + e) for n, e in corners)
+    continent = Obstacle(polygon=points, top=BARN.top)
+    (in_continent,) = shapes(continent).clearances(long_path)
+    assert in_continent.passes_through
 
 
 def test_a_top_above_sea_level_is_converted_with_the_altitude_of_home() -> None:

@@ -1,4 +1,4 @@
-"""The checks find errors in exactly the missions that a real PX4 v1.16 refused.
+"""The checks find errors in exactly the missions that a real PX4 v1.16 refused, apart from `STRICTER`.
 
 The data are recorded uploads: MISSION_ACK, events, and the items (frame, command, four parameters, x, y, z,
 autocontinue; null is NaN).
@@ -21,6 +21,8 @@ from missions.values import HomePosition
 FILE = Path(__file__).parents[2] / "data" / "plans" / "recorded_missions.jsonl"
 UPLOADS = [json.loads(line) for line in FILE.read_text(encoding="utf-8").splitlines()]
 HOME = HomePosition(lat_deg=47.397742, lon_deg=8.545594, alt_amsl_m=489.0)
+STRICTER = {"altitude_below_home"}
+"""Codes of errors in missions that PX4 accepts, and then flies into the ground."""
 INT_FRAMES = {0: 5, 3: 6}
 """MAV_FRAME of MISSION_ITEM_INT for each MAV_FRAME of MISSION_ITEM."""
 
@@ -38,7 +40,8 @@ def wire_items(upload: dict[str, Any], frames: dict[int, int]) -> list[WireItem]
 @pytest.mark.parametrize("upload", UPLOADS, ids=lambda upload: upload["name"])
 def test_the_checks_find_errors_in_exactly_the_missions_that_px4_refused(upload: dict[str, Any]) -> None:
     plan = Plan(items=items_from_wire(wire_items(upload, {})), planned_home=HOME)
-    errors = [finding for finding in check(plan, CheckLimits(leg_max_m=None)) if finding.severity == "error"]
+    findings = check(plan, CheckLimits(leg_max_m=None))
+    errors = [each for each in findings if each.severity == "error" and each.code not in STRICTER]
     assert bool(errors) == (upload["ack"] != 0 or bool(upload["events"])), errors
 
 
