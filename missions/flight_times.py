@@ -12,7 +12,7 @@ The model follows PX4 v1.16's multicopter controllers, with PX4's parameters (na
   the lag has of MPC_XY_ERR_MAX. The speed is therefore V − c·exp(−t/τ); see `_Lag`.
 - Near the ground climbs and descents are slower, and after touching down PX4 needs time to detect it.
 
-The total times of recorded flights of a real PX4 are right within 8 %, those of dry runs within 7 %.
+The total times of recorded flights of a real PX4 are right within 10 %.
 """
 
 from __future__ import annotations
