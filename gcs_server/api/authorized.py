@@ -14,7 +14,7 @@ from starlette.requests import HTTPConnection, Request
 from gcs_server.api.station import Station
 from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
-from gcs_server.errors import GcsError, Interrupted, NotInControl
+from gcs_server.errors import GcsError, Interrupted
 from gcs_server.telemetry.wire import plain
 from gcs_server.vehicle.services.transaction import ReportProgress
 from gcs_server.vehicle.tickets import Ticket
@@ -68,7 +68,7 @@ def authorized_command(
     vehicle_id: str | None,
     arguments: dict[str, object],
     *,
-    refusal: NotInControl | None = None,
+    refusal: GcsError | None = None,
 ) -> Generator[AcceptedCommand]:
     """Wraps every command: checks control as the command table requires, opens the command's ticket, and
     writes the result to the journal.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
@@ -16,7 +16,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.principal import Principal
-from gcs_server.errors import InvalidRequest, NotInControl
+from gcs_server.errors import GcsError, InvalidRequest, UnknownVehicle
 from gcs_server.vehicle.tickets import Ticket
 
 router = APIRouter(prefix="/groups", tags=["groups"], responses=RESPONSES)
@@ -108,8 +108,9 @@ def authorized_commands(
 
     Raises:
         NotInControl: another client has control of a member; the error names the member.
+        UnknownVehicle: a member is not known.
     """
-    refusal = station.authority.refusal(principal, command, arguments)
+    refusal = _unknown_vehicle(station, arguments) or station.authority.refusal(principal, command, arguments)
     accepted: dict[str, AcceptedCommand] = {}
     with ExitStack() as stack:
         for vehicle_id, vehicle_arguments in arguments.items():
@@ -119,8 +120,17 @@ def authorized_commands(
             if refusal is None:
                 accepted[vehicle_id] = stack.enter_context(vehicle_command)
             else:
-                with suppress(NotInControl), vehicle_command:
+                with suppress(GcsError), vehicle_command:
                     pass
         if refusal is not None:
             raise refusal
         yield accepted
+
+
+def _unknown_vehicle(station: Station, vehicle_ids: Iterable[str]) -> UnknownVehicle | None:
+    for vehicle_id in vehicle_ids:
+        try:
+            station.fleet.get(vehicle_id)
+        except UnknownVehicle as error:
+            return error
+    return None
