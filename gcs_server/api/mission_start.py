@@ -79,7 +79,7 @@ async def checked_start(
         raise Refused(problem, remedy="Wait until it is done.")
 
     def changed() -> str | None:
-        if vehicle.mission.items_on_vehicle is not checked:
+        if vehicle.mission.items_on_vehicle is not checked or (ids and vehicle.mission.ids() != ids):
             return f"The plan on vehicle {vehicle.id} has changed since it was checked."
         return _transfer(station, vehicle)
 

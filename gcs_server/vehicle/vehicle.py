@@ -115,7 +115,9 @@ class Vehicle:
         self._handled_ids = frozenset((*REDUCERS, *self._handlers))
         """Messages that are not only stored, but also handled."""
         self.mode_list = ModeList(self)
-        self.command = CommandService(self, VehicleFloor(self, self._known_parameter))
+        self.command = CommandService(
+            self, VehicleFloor(self, self._known_parameter), lambda: self.mission.startable_s
+        )
         self.components = Components(identity.component_id, clock, self._report_component)
         self.gimbals = Gimbals(self, self._state)
         self.gimbal = self.gimbals.first

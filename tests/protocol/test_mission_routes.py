@@ -29,12 +29,14 @@ from tests.protocol.api_calls import (
     json_of,
     new_station,
 )
-from tests.protocol.command_numbers import ARM_DISARM
+from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD_MODE, IN_AIR
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 from tests.support.documents import read_document
 
+TEMPORARILY_REJECTED = 1
+"""MAV_RESULT"""
 ALTITUDE_20_M = {"value_m": 20, "reference": "home"}
 POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": ALTITUDE_20_M}
 PLAN = {
@@ -180,6 +182,55 @@ def test_changing_the_mission_in_flight_needs_confirmation(run_simulated, tmp_pa
         assert len(rig.autopilot.service._plans[0]) == 2
         await mission_routes.clear("1", rig.station, ANNA, "vehicle 1 loses the mission that it flies")
         assert rig.autopilot.service._plans[0] == []
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
+@pytest.mark.parametrize(("startable_after_s", "min_requests"), [(1.0, 1), (2.4, 2)])
+def test_a_mission_is_started_a_second_after_its_upload_and_a_busy_px4_is_asked_again(
+    run_simulated, tmp_path, startable_after_s, min_requests
+):
+    """PX4 refused Mission 50 ms after the MISSION_ACK, as it had not yet checked the mission."""
+
+    async def scenario(rig):
+        now_s = rig.testbed.clock.monotonic_s
+        sent, requested_s = rig.autopilot.send_named, []
+        acknowledged_s = [float("inf")]
+
+        def send(name, /, **fields):
+            if name == "MISSION_ACK" and fields["mission_type"] == 0:
+                acknowledged_s[0] = now_s()
+            sent(name, **fields)
+
+        def refuse_early(message):
+            if message.get_type() != "COMMAND_LONG" or (message.command, message.param2) != (DO_SET_MODE, 4):
+                return False
+            requested_s.append(now_s())
+            if now_s() >= acknowledged_s[0] + startable_after_s:
+                return False
+            rig.autopilot.send_ack(DO_SET_MODE, TEMPORARILY_REJECTED)
+            return True
+
+        rig.autopilot.station_link.send = send
+        rig.autopilot.handlers.append(refuse_early)
+        await upload(rig)
+        await start(rig)
+        assert rig.autopilot.mode == MISSION_MODE
+        assert len(requested_s) >= min_requests
+        assert requested_s[0] >= acknowledged_s[0] + 1.0
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
+def test_a_refusal_of_mission_long_after_the_upload_is_final(run_simulated, tmp_path):
+    async def scenario(rig):
+        await upload(rig)
+        await sleep(4)
+        rig.autopilot.refusals[DO_SET_MODE] = TEMPORARILY_REJECTED
+        with pytest.raises(Rejected, match="refused to switch to Mission"):
+            await start(rig)
+        requests = [m for m in rig.autopilot.received_commands(DO_SET_MODE) if m.param3 == 4]
+        assert len(requests) == 1
 
     run_with_rig(run_simulated, tmp_path, scenario)
 
@@ -412,7 +463,8 @@ def test_every_way_into_the_mission_makes_the_same_checks(run_simulated, tmp_pat
     run_with_rig(run_simulated, tmp_path, scenario)
 
 
-def test_a_plan_that_changes_during_the_checks_or_the_start_is_not_flown(run_simulated, tmp_path):
+@pytest.mark.parametrize("changed_by", ["download", "another station"])
+def test_a_plan_that_changes_during_the_checks_or_the_start_is_not_flown(run_simulated, tmp_path, changed_by):
     async def scenario(rig):
         rig.station.plan_work = InlinePlanWork()
         await upload(rig)
@@ -431,7 +483,12 @@ def test_a_plan_that_changes_during_the_checks_or_the_start_is_not_flown(run_sim
         await sleep(2.0)
         count = len(rig.autopilot.received_commands(ARM_DISARM))
         assert count
-        await rig.vehicle.mission.download()
+        if changed_by == "download":
+            await rig.vehicle.mission.download()
+        else:
+            await UploadingStation(rig.autopilot).upload(
+                rig.vehicle.mission.items_on_vehicle.items["mission"][:2]
+            )
         with pytest.raises(Interrupted, match=r"has changed since it was checked|is busy with"):
             await starting
         await sleep(2.0)

@@ -25,6 +25,7 @@ from gcs_server.errors import (
     NoReply,
     PlanFindings,
     Refused,
+    Rejected,
 )
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
@@ -53,6 +54,8 @@ FLIES_WHEN_ARMED = frozenset({"takeoff", "mission"})
 """Modes in which PX4 takes off by itself once it is armed."""
 ARMING_STARTS_FLIGHT = "arming_starts_flight"
 """Code of the finding that arming starts a flight, which `arm` must accept."""
+MISSION_REFUSED_WITHIN_S = 2.0
+"""A refusal of Mission within this time after an upload, and the wait that follows it, is not final [s]."""
 OTHER_COMMAND_PERIOD_S = 0.2
 """Period at which the end of another command is awaited [s]."""
 WARNING, NOTICE = d.MAV_SEVERITY_WARNING, d.MAV_SEVERITY_NOTICE
@@ -87,8 +90,17 @@ class CommandService:
     from the vehicle: a radio can fail in one direction only.
     """
 
-    def __init__(self, vehicle: VehiclePort, floor: VehicleFloor) -> None:
+    def __init__(
+        self, vehicle: VehiclePort, floor: VehicleFloor, mission_startable_s: Callable[[], float]
+    ) -> None:
+        """
+        Args:
+            vehicle: the vehicle.
+            floor: the lowest altitudes for targets.
+            mission_startable_s: the monotonic time from which PX4 starts the last uploaded mission [s].
+        """
         self._vehicle = vehicle
+        self._mission_startable_s = mission_startable_s
         self.floor = floor
         """The lowest altitudes for targets."""
         self._newest_command: ModeCommand | None = None
@@ -396,7 +408,26 @@ class CommandService:
         )
         label = f"switch to {self._vehicle.mode_names.label(mode)}"
         goal = Goal(label, reached, STATE_DEADLINE_S, on_lost_link=on_lost_link)
-        await self._run(ticket, request, goal, progress)
+        if mode.name == "mission":
+            await self._run_once_startable(ticket, request, goal, progress)
+        else:
+            await self._run(ticket, request, goal, progress)
+
+    async def _run_once_startable(
+        self, ticket: Ticket, request: Request, goal: Goal, progress: ReportProgress | None
+    ) -> None:
+        """Requests Mission once PX4 starts the last uploaded mission. PX4 may need longer when it is busy:
+        then a refusal is requested again."""
+        clock = self._vehicle.clock
+        while True:
+            startable_s = self._mission_startable_s()
+            await clock.sleep(max(0.0, startable_s - clock.monotonic_s()))
+            try:
+                await self._run(ticket, request, goal, progress)
+                return
+            except Rejected:
+                if clock.monotonic_s() >= startable_s + MISSION_REFUSED_WITHIN_S:
+                    raise
 
     async def _home_alt_amsl_m(self, ticket: Ticket) -> float:
         """Altitude of home [m]."""

@@ -55,6 +55,8 @@ IDS_REQUEST_PERIOD_S = 0.5
 SET_CURRENT_DEADLINE_S = 6.0
 REJECTED_WITHIN_S = 0.5
 """PX4 has checked a mission this long after the acknowledgement [s]; recorded: at most 0.04 s."""
+STARTABLE_AFTER_S = 1.0
+"""PX4 may refuse to start a mission within this time after the acknowledgement [s]; recorded at 0.05 s."""
 _MESSAGES = (
     d.MAVLINK_MSG_ID_MISSION_COUNT,
     d.MAVLINK_MSG_ID_MISSION_REQUEST,
@@ -79,6 +81,8 @@ class MissionService:
         self._cache: ItemsCache | None = None
         self._searched_ids: Ids | None = None
         """The ids that were last searched in the cache."""
+        self.startable_s = float("-inf")
+        """Monotonic time from which PX4 starts the mission of this server's last upload [s]."""
         self._rejections: dict[int, str] = {}
         """Why the vehicle will not fly its mission: reasons since the last upload began, by event number."""
 
@@ -294,6 +298,8 @@ class MissionService:
         upload = Upload(self._target(), part, items)
         await self._run_dialogue(upload, report.for_dialogue(f"Sending the {NAME_OF[part]}"))
         report.add(len(items))
+        if part == "mission":
+            self.startable_s = self._vehicle.clock.monotonic_s() + STARTABLE_AFTER_S
 
     async def _read(self, report: _CombinedProgress, doing: str) -> ItemsOnVehicle:
         """Reads all three parts; repeats this once if the vehicle's ids changed meanwhile."""
