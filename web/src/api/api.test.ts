@@ -23,6 +23,10 @@ describe('problems', () => {
     const validationProblem = parseProblem(422, { detail: [{ loc: ['body', 'alt_home_m'], msg: 'Input should be less than 120' }] });
     expect(validationProblem).toMatchObject({ field: 'alt_home_m', detail: 'alt_home_m: Input should be less than 120', code: 'invalid_request' });
   });
+  it('says what interrupted a command', () => {
+    const problem = parseProblem(409, { code: 'interrupted', detail: 'Interrupted by “Hold”.', remedy: 'Check the vehicle’s state.' });
+    expect(problem).toMatchObject({ title: 'Interrupted', detail: 'Interrupted by “Hold”.', remedy: 'Check the vehicle’s state.' });
+  });
   it('has a detail even if the body is empty', () => {
     for (const body of [null, 'oops', [], {}]) {
       expect(parseProblem(502, body)).toMatchObject({ title: 'The server answered with HTTP status 502', detail: 'The server gave no reason.', reasons: [] });

@@ -18,6 +18,8 @@ export interface Problem {
 const TITLES: Readonly<Record<string, string>> = {
   refused: 'Not sent',
   not_verified: 'Not sent',
+  interrupted: 'Interrupted',
+  plan_findings: 'Not sent',
   not_together: 'Group not started',
   unknown_group: 'Unknown group',
   rejected: 'The vehicle refused',

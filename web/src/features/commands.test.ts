@@ -7,7 +7,6 @@ import { afterAll, describe, expect, it, vi } from 'vitest';
 import type { Outcome } from '../api/client';
 import type { VehicleFacts } from '../vehicle/facts';
 import { EMPTY_PLAN } from './plan/document/document';
-import { StartErrors } from './plan/flight/accepted-errors.svelte';
 import { FakeServer, samplesOf, seeded, stubBrowser, type SentRequest } from '../app/page.fixture';
 
 declare const process: { env: Record<string, string | undefined> };
@@ -66,7 +65,7 @@ const OFFER = {
 } as const;
 const MODE = { name: 'Survey', mode: 'external_1', mission: 'Test', version: 1, takes_off: true, defer_failsafes_s: 0 } as never;
 const REQUEST = { key: 'other', client: 'Other', reason: null, answer_left_s: 3 } as never;
-const inputs = () => ({ findings: [], acceptedErrors: [], startErrors: new StartErrors(), time_s: null });
+const inputs = () => ({ findings: [], acceptedErrors: [], time_s: null });
 const stateNow = () => ({ inAir: page.factsNow('1')?.inAir ?? true, current: 1 });
 
 interface PageCommand {
@@ -181,12 +180,12 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'fly the plan': {
     onGround: true,
     click: (facts) => {
-      const command = { plan: editor.plan, row: null, key: {}, dryRun: null, progress: null, stateNow, ...inputs() };
+      const command = { plan: editor.plan, row: null, dryRun: null, progress: null, stateNow, ...inputs() };
       actions.requestCommand(start.startPlanCommand(page.api, facts, command), 'actionBar');
     },
   },
   'resume the plan': {
-    click: (facts) => actions.requestCommand(start.resumeCommand(page.api, facts, OFFER, { plan: editor.plan, key: {}, ...inputs() }), 'actionBar'),
+    click: (facts) => actions.requestCommand(start.resumeCommand(page.api, facts, OFFER, inputs()), 'actionBar'),
   },
   'fly an offboard mission': {
     click: async (facts) => {
@@ -215,7 +214,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
       {
         click: (facts) => {
           const toSend = start.flightCommand(page.api, command, facts);
-          return actions.attempt(toSend.name, { id: facts.id, name: facts.name }, 'actionBar', toSend.send);
+          return actions.attempt(toSend.name, { id: facts.id, name: facts.name }, 'actionBar', () => toSend.send([]));
         },
       },
     ]),
@@ -483,6 +482,109 @@ describe('a stop without an answer', () => {
     expect([await press(), await press()]).toEqual([1, 1]);
     await vi.advanceTimersByTimeAsync(1000);
     expect(await press()).toBe(2);
+  });
+});
+
+describe('a command refused because of findings', () => {
+  const ACCEPTING = ['arm', 'fly the plan', 'resume the plan', 'fly an offboard mission', 'fly with several vehicles', 'select a flight mode'];
+  const confirm = async (): Promise<void> => {
+    actions.confirmation?.slider.slide(1, performance.now() / 1000);
+    await settle();
+  };
+  const refuse = async (codes: string[], reasons: string[] = []): Promise<void> => {
+    for (const request of server.open.filter(isCommand))
+      request.answer(Response.json({ code: 'plan_findings', detail: 'It would fly. Nothing was sent.', codes, reasons }, { status: 409 }));
+    await settle();
+  };
+  /** Gives and confirms the command; earlier requests, such as those of a save, are accepted. */
+  const give = async ({ click, onGround }: PageCommand): Promise<void> => {
+    await reset();
+    addVehicles(onGround !== true);
+    page.select('1');
+    void click(page.factsNow('1') as VehicleFacts);
+    await settle();
+    for (let round = 0; round < 5 && actions.confirmation === null; round++) {
+      if (server.open[0] !== undefined) answer(server.open[0], false);
+      await settle();
+    }
+    await confirm();
+  };
+  const sent = (): SentRequest[] => server.requests.filter((request) => isCommand(request) && request.path !== '/plans');
+  const clickOf = (name: string): PageCommand => COMMANDS[name] as PageCommand;
+
+  it.each(ACCEPTING)('“%s” is sent again with their codes only after a new confirmation that names them', async (name) => {
+    await give(clickOf(name));
+    await refuse(['first']);
+    expect([sent().length, actions.confirmation]).toEqual([1, null]);
+    actions.acceptFindings('actionBar');
+    await settle();
+    expect(sent().length, 'nothing is sent before the confirmation').toBe(1);
+    expect(actions.confirmation?.command.texts()).toMatchObject({ effect: expect.stringContaining('You accept this finding: It would fly.'), danger: true });
+    await confirm();
+    await refuse(['second'], ['Too near.', 'Too far.']);
+    actions.acceptFindings('actionBar');
+    expect(actions.confirmation?.command.texts().effect).toMatch(/It would fly\. You accept these findings: Too near\. Too far\.$/);
+    await confirm();
+    const [first, ...again] = sent();
+    const withoutCodes = { ...first?.body };
+    delete withoutCodes['despite'];
+    expect(again.map(({ path, body }) => [path, body])).toEqual([
+      [first?.path, { ...withoutCodes, despite: ['first'] }],
+      [first?.path, { ...withoutCodes, despite: ['first', 'second'] }],
+    ]);
+  });
+
+  it.each(['take off', 'land', 'start offboard'])('“%s” offers no acceptance, because its request cannot name it', async (name) => {
+    await give(clickOf(name));
+    await refuse(['first']);
+    expect(actions.refusals.actionBar?.acceptance ?? null).toBeNull();
+  });
+
+  it('is not offered for acceptance if it was refused for another reason', async () => {
+    await give(clickOf('arm'));
+    server.open.forEach((request) => request.answer(Response.json({ code: 'interrupted', detail: 'Hold was commanded.', codes: ['first'] }, { status: 409 })));
+    await settle();
+    expect(actions.refusals.actionBar).toMatchObject({ acceptance: null, problem: { title: 'Interrupted', detail: 'Hold was commanded.' } });
+  });
+
+  const CHANGES_OF_STATE: Readonly<Record<string, readonly [string, object]>> = {
+    mode: ['status', { armed: false, mode: 'mission', mode_label: 'Mission', landed_state: 'on_ground', link_lost: false }],
+    mission: ['mission', { current: 1, count: 4, mission_id: 99 }],
+    'current item': ['mission', { current: 2, count: 4 }],
+  };
+  it.each(Object.entries(CHANGES_OF_STATE))('is not sent if the vehicle’s %s has changed since the refusal', async (_, [topic, value]) => {
+    for (const isAsked of [false, true]) {
+      await give(clickOf('arm'));
+      await refuse(['first']);
+      if (isAsked) actions.acceptFindings('actionBar');
+      page.store.apply({
+        type: 'samples',
+        samples: [{ vehicle: '1', topic, vehicle_time_boot_s: null, received_unix_s: page.store.nowUnixS(), value }] as never,
+      });
+      page.repaintCount += 1;
+      await settle();
+      if (!isAsked) actions.acceptFindings('actionBar');
+      expect(actions.confirmation).toBeNull();
+      expect(words()).toContain('has changed since the refusal');
+      expect(sent()).toHaveLength(1);
+    }
+  });
+
+  it('is not sent after another vehicle was selected, or the vehicle was replaced', async () => {
+    for (const change of ['select', 'replace']) {
+      await give(clickOf('arm'));
+      await refuse(['first']);
+      if (change === 'select') page.select('2');
+      else {
+        page.store.apply({ type: 'event', event: { kind: 'vehicle_removed', vehicle: '1', unix_s: 0, severity: null, text: '' } });
+        page.store.apply({ type: 'samples', samples: samplesOf('1', 'another uid', false, page.store.nowUnixS()) });
+        page.repaintCount += 1;
+      }
+      actions.acceptFindings('actionBar');
+      await settle();
+      expect([actions.confirmation, sent().length]).toEqual([null, 1]);
+      expect(words()).toContain('Not sent');
+    }
   });
 });
 

@@ -186,16 +186,19 @@ export function confirmationTexts(
   }
 }
 
-/** Sends the request of an action. */
+/** Sends the request of an action. @param despite codes of the findings that a person has accepted, for `arm`. */
 export function sendAction(
   api: ApiClient,
   action: Exclude<ActionName, 'offboard_start'>,
   facts: ActionFacts,
   target: GotoTarget | null = null,
+  despite: readonly string[] = [],
 ): Promise<Outcome<unknown>> {
   const id = facts.vehicleId;
   const params = ofVehicle(id);
   switch (action) {
+    case 'arm':
+      return api.post('/vehicles/{v}/arm', despite.length === 0 ? params : { ...params, body: { despite } });
     case 'takeoff':
       return api.post('/vehicles/{v}/takeoff', { ...params, body: { alt_home_m: facts.takeoffAlt_home_m } });
     case 'land_now':

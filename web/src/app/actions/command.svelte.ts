@@ -16,8 +16,15 @@ export interface Command {
   readonly part?: string;
   /** Name of the vehicle, or names of several vehicles as one text. */
   readonly vehicleNames: string;
-  /** Sends the request, which was fixed when the command was given. */
-  readonly send: () => Promise<Outcome<unknown>>;
+  /**
+   * Sends the request, which was fixed when the command was given.
+   * @param despite codes of findings that a person has accepted after the server refused the same request because of them.
+   */
+  readonly send: (despite: readonly string[]) => Promise<Outcome<unknown>>;
+  /** A person may accept the findings because of which the server refuses the command: `send` uses `despite`. */
+  readonly acceptsFindings?: boolean;
+  /** Why the command is no longer what a person gave, because the vehicle's state has changed; null: it is. */
+  readonly changed?: () => string | null;
   /** Makes a vehicle stop what it is doing: can be sent again although an earlier request has no answer. */
   readonly stops?: boolean;
   /** One of a series, such as steps of a target: is sent although an earlier one has no answer yet. */
@@ -28,8 +35,6 @@ export interface Command {
 export interface CommandToConfirm extends Command {
   /** Returns the present texts of the confirmation, for the vehicles of the command. */
   readonly texts: () => ConfirmationTexts;
-  /** Why the command is no longer what the texts say, because the vehicle's state has changed; null: it is. */
-  readonly changed?: () => string | null;
 }
 
 /** What identifies a command: the same command is not sent again before it has an answer. */
@@ -127,6 +132,33 @@ export class CommandGate {
       if (this.waiting.get(key) === given_s) this.waiting = new Map([...this.waiting].filter(([other]) => other !== key));
     }
   }
+}
+
+/**
+ * The command to give again after the server refused it because of findings: the same request, which names the codes of these
+ * findings. Its confirmation lists them, after those that were accepted before. Null: it was not refused because of findings that
+ * a person can accept.
+ * @param stateNow state of the command's vehicles, which must not change: the findings are about this state.
+ */
+export function acceptanceOf(
+  command: Command,
+  texts: ConfirmationTexts,
+  problem: Problem,
+  stateBefore: string,
+  stateNow: () => string,
+): CommandToConfirm | null {
+  const { codes = [], reasons, detail } = problem;
+  if (command.acceptsFindings !== true || problem.code !== 'plan_findings' || codes.length === 0) return null;
+  const findings = reasons.length > 0 ? reasons : [detail.replace(/ Nothing was sent\.$/, '')];
+  const effect = `${texts.effect} You accept ${findings.length === 1 ? 'this finding' : 'these findings'}: ${findings.join(' ')}`;
+  const changed = (): string | null =>
+    stateNow() === stateBefore ? (command.changed?.() ?? null) : `The mode, the mission or the state of ${command.vehicleNames} has changed since the refusal.`;
+  return {
+    ...command,
+    texts: () => ({ ...texts, effect, danger: true }),
+    changed,
+    send: (despite) => command.send([...codes, ...despite]),
+  };
 }
 
 function keyOf({ name, vehicles, part = '' }: CommandIdentity): string {

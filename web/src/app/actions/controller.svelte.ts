@@ -17,7 +17,7 @@ import {
   type GotoTarget,
 } from './actions';
 import type { StreamStart } from '../../vehicle/setpoint';
-import { closingProblem, CommandGate, DOUBLE_CLICK, type Command, type CommandToConfirm, type FixedVehicles, type Given } from './command.svelte';
+import { acceptanceOf, closingProblem, CommandGate, DOUBLE_CLICK, type Command, type CommandToConfirm, type FixedVehicles, type Given } from './command.svelte';
 import { ConfirmationSlider } from './confirmation';
 
 /** The part of the page that contains the pressed button and shows the refusal. `stage`: map and 3D view; `offboard`: the offboard card. */
@@ -58,6 +58,8 @@ export interface Refusal {
   commandName: string;
   vehicleName: string;
   problem: Problem;
+  /** The command that accepts the findings because of which the server refused; null: there are none, or they cannot be accepted. */
+  acceptance?: Pick<PendingConfirmation, 'action' | 'command' | 'given'> | null;
 }
 
 const DEFAULT_TAKEOFF_ALT_HOME_M = 10;
@@ -101,6 +103,8 @@ export class ActionController {
     readonly gate = new CommandGate(),
     /** The vehicle that the page shows. */
     private readonly selectedId: () => string | null = () => null,
+    /** State of a vehicle that the server's findings are about, as a text. */
+    private readonly stateOf: (id: string) => string = () => '',
   ) {}
 
   /** The confirmation's present texts. */
@@ -130,15 +134,16 @@ export class ActionController {
       vehicles: [facts.id],
       vehicleNames: facts.name,
       stops: STOPS.has(action),
-      send: async () => {
-        const outcome = await this.sendOrStartStream(action, this.currentFacts(facts), target, streamStart);
+      acceptsFindings: action === 'arm',
+      send: async (despite) => {
+        const outcome = await this.sendOrStartStream(action, this.currentFacts(facts), target, streamStart, despite);
         target?.onResult?.(outcome.ok);
         return outcome;
       },
     };
     if (initialTexts === null) {
       this.confirmation = null;
-      void this.run(action, command, pagePart);
+      void this.run(action, command, pagePart, this.give(command.vehicles));
       return;
     }
     const texts = (): ConfirmationTexts => confirmationTexts(action, this.actionFactsOf(this.currentFacts(facts)), target, streamStart) ?? initialTexts;
@@ -152,11 +157,17 @@ export class ActionController {
   }
 
   /** Opens the confirmation of a command. @param given when the person gave the command; before the page saved a plan, for example. */
-  requestCommand(command: CommandToConfirm, pagePart: PagePart, given = this.give(command.vehicles)): void {
+  requestCommand(command: CommandToConfirm, pagePart: PagePart, given = this.give(command.vehicles), action: ActionName | null = null): void {
     this.dismissRefusal(pagePart);
     const problem = closingProblem(command, given, this.selectedId());
-    if (problem === null) this.ask(null, command, pagePart, given);
+    if (problem === null) this.ask(action, command, pagePart, given);
     else this.showProblem(command.name, command.vehicleNames, pagePart, problem);
+  }
+
+  /** Asks for confirmation of the command that the server refused, with the findings that it named; nothing is sent before. */
+  acceptFindings(pagePart: PagePart): void {
+    const acceptance = this.refusals[pagePart]?.acceptance ?? null;
+    if (acceptance !== null) this.requestCommand(acceptance.command, pagePart, acceptance.given, acceptance.action);
   }
 
   /** Opens a confirmation; instead of it shows that the same command has no answer yet. */
@@ -240,12 +251,12 @@ export class ActionController {
     this.confirmation = null;
     if (phase !== 'confirmed') this.closedWithoutKey_s = now;
     if (problem !== null) this.showProblem(command.name, command.vehicleNames, 'actionBar', problem);
-    if (phase === 'confirmed') void this.run(action, command, pagePart, given.fixed);
+    if (phase === 'confirmed') void this.run(action, command, pagePart, given, command.texts());
   }
 
   /** Shows a problem that was not caused by a button, as a refusal in `pagePart`. */
-  showProblem(commandName: string, vehicleName: string, pagePart: PagePart, problem: Problem): void {
-    this.refusals = { ...this.refusals, [pagePart]: { commandName, vehicleName, problem } };
+  showProblem(commandName: string, vehicleName: string, pagePart: PagePart, problem: Problem, acceptance: Refusal['acceptance'] = null): void {
+    this.refusals = { ...this.refusals, [pagePart]: { commandName, vehicleName, problem, acceptance } };
   }
 
   /**
@@ -266,32 +277,43 @@ export class ActionController {
   }
 
   /** Shows the outcome of a command in `pagePart`. @returns whether the server accepted the command. */
-  private show(outcome: Outcome<unknown>, commandName: string, vehicleName: string, pagePart: PagePart): boolean {
+  private show(outcome: Outcome<unknown>, commandName: string, vehicleName: string, pagePart: PagePart, acceptance: Refusal['acceptance'] = null): boolean {
     // The refusal of a command to another vehicle stays.
     if (outcome.ok && this.refusals[pagePart]?.vehicleName === vehicleName) this.dismissRefusal(pagePart);
     if (outcome.ok) return true;
-    if (outcome.problem.code !== DOUBLE_CLICK) this.showProblem(commandName, vehicleName, pagePart, outcome.problem);
+    if (outcome.problem.code !== DOUBLE_CLICK) this.showProblem(commandName, vehicleName, pagePart, outcome.problem, acceptance);
     return false;
   }
 
-  private async run(action: ActionName | null, command: Command, pagePart: PagePart, fixed?: FixedVehicles): Promise<void> {
+  /** @param texts the texts that a person confirmed; null: the command needs no confirmation. */
+  private async run(action: ActionName | null, command: Command, pagePart: PagePart, given: Given, texts: ConfirmationTexts | null = null): Promise<void> {
+    const stateNow = (): string => JSON.stringify(command.vehicles.map((id) => this.stateOf(id)));
+    const stateBefore = stateNow();
     const send = async (): Promise<Outcome<unknown>> => {
       const { name: commandName, vehicles, vehicleNames: vehicleName } = command;
       const vehicle = vehicles.length === 1 ? (vehicles[0] ?? null) : null;
       const id = this.nextId++;
       this.runningCommands = [...this.runningCommands, { id, action, commandName, pagePart, vehicle, vehicleName, progressText: null, fraction: null }];
       try {
-        return await command.send();
+        return await command.send([]);
       } finally {
         this.runningCommands = this.runningCommands.filter((r) => r.id !== id);
       }
     };
-    this.show(await this.gate.run(command, send, fixed), command.name, command.vehicleNames, pagePart);
+    const outcome = await this.gate.run(command, send, given.fixed);
+    const acceptable = outcome.ok || texts === null ? null : acceptanceOf(command, texts, outcome.problem, stateBefore, stateNow);
+    this.show(outcome, command.name, command.vehicleNames, pagePart, acceptable === null ? null : { action, command: acceptable, given });
   }
 
-  private sendOrStartStream(action: ActionName, facts: VehicleFacts, target: GotoTarget | null, streamStart: StreamStart | null): Promise<Outcome<unknown>> {
+  private sendOrStartStream(
+    action: ActionName,
+    facts: VehicleFacts,
+    target: GotoTarget | null,
+    streamStart: StreamStart | null,
+    despite: readonly string[],
+  ): Promise<Outcome<unknown>> {
     if (action === 'offboard_start') return this.startOffboard(facts, streamStart);
-    return sendAction(this.api, action, this.actionFactsOf(facts), target);
+    return sendAction(this.api, action, this.actionFactsOf(facts), target, despite);
   }
 
   /** The vehicle's present state; if the vehicle was removed, the last known state. */

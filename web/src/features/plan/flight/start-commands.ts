@@ -13,7 +13,7 @@ import type { Mission } from '../offboard/mission';
 import * as offboard from '../offboard/mission-flight';
 import { selectTexts, type MissionMode } from '../offboard/mission-modes';
 import type { SavedPlan } from '../plans.svelte';
-import { findingCodes, findingText, type StartErrors } from './accepted-errors.svelte';
+import { findingCodes, findingText } from './accepted-errors.svelte';
 import { resumeBody, resumeTexts, startBody, startTexts, type MissionProgress, type ResumeOffer } from './mission-start';
 import { dryRunIdFor } from './waypoint-flight';
 
@@ -21,31 +21,25 @@ import { dryRunIdFor } from './waypoint-flight';
 interface Acceptance {
   /** Accepted errors of the plan. */
   readonly acceptedErrors: readonly Finding[];
-  /** Errors that the server found at an earlier start. */
-  readonly startErrors: StartErrors;
 }
 
 const NAME = 'Mission';
 
-/** Texts and codes of all accepted errors. @param key identifies the start in `startErrors`. */
-function accepted({ acceptedErrors, startErrors }: Acceptance, document: Plan | Mission, key: Readonly<Record<string, string>>) {
-  const codes = startErrors.acceptedCodes(document, key);
-  const startTexts = codes.length > 0 ? startErrors.texts(document, key) : [];
-  return { codes: [...findingCodes(acceptedErrors), ...codes], texts: [...acceptedErrors.map(findingText), ...startTexts] };
+/** Texts and codes of all accepted errors. */
+function accepted({ acceptedErrors }: Acceptance) {
+  return { codes: findingCodes(acceptedErrors), texts: acceptedErrors.map(findingText) };
 }
 
-/** Sends a start, and keeps the errors that the server finds. */
-async function sendStart(request: Promise<Outcome<unknown>>, startErrors: StartErrors, document: Plan | Mission, key: Readonly<Record<string, string>>) {
-  const outcome = await request;
-  startErrors.setOutcome(outcome, document, key);
-  return outcome;
-}
+/** The body with the codes of findings that were accepted after a refused start. */
+const withCodes = <T extends { readonly despite: readonly string[] }>(body: T, codes: readonly string[]): T => ({
+  ...body,
+  despite: [...new Set([...body.despite, ...codes])],
+});
 
 export interface PlanStart extends Acceptance {
   readonly plan: Plan;
   /** Row at which the flight starts; null: the first item, or in the air the current item. */
   readonly row: number | null;
-  readonly key: Readonly<Record<string, string>>;
   readonly dryRun: DryRunResult | null;
   readonly progress: MissionProgress | null;
   /** Whether the vehicle is in the air now, and its current item; read while the confirmation is open. */
@@ -54,8 +48,8 @@ export interface PlanStart extends Acceptance {
 
 /** Starts the waypoint plan on the vehicle. */
 export function startPlanCommand(api: ApiClient, { id, name, inAir, globalPosition }: VehicleFacts, start: PlanStart): CommandToConfirm {
-  const { plan, row, key, progress, startErrors } = start;
-  const { codes, texts } = accepted(start, plan, key);
+  const { plan, row, progress } = start;
+  const { codes, texts } = accepted(start);
   const dryRunId = inAir ? null : dryRunIdFor(start.dryRun, id, globalPosition?.value ?? null);
   const body = startBody(plan, inAir, row, codes, dryRunId);
   const confirmation = startTexts(name, inAir, row, texts, dryRunId, progress);
@@ -65,22 +59,17 @@ export function startPlanCommand(api: ApiClient, { id, name, inAir, globalPositi
     const isOtherItem = inAir && row === null && progress !== null && now.current !== progress.current;
     return isOtherItem ? `The current item of ${name} has changed since the command was given.` : null;
   };
-  const send = () => sendStart(api.post('/vehicles/{v}/mission/start', { ...ofVehicle(id), body }), startErrors, plan, key);
-  return { name: NAME, vehicles: [id], vehicleNames: name, texts: () => confirmation, changed, send };
+  const send = (despite: readonly string[]) => api.post('/vehicles/{v}/mission/start', { ...ofVehicle(id), body: withCodes(body, despite) });
+  return { name: NAME, vehicles: [id], vehicleNames: name, texts: () => confirmation, changed, acceptsFindings: true, send };
 }
 
 /** Resumes an interrupted flight of the plan on the vehicle. */
-export function resumeCommand(
-  api: ApiClient,
-  { id, name }: VehicleFacts,
-  offer: ResumeOffer,
-  { plan, key, ...acceptance }: Acceptance & { readonly plan: Plan; readonly key: Readonly<Record<string, string>> },
-): CommandToConfirm {
-  const { codes, texts } = accepted(acceptance, plan, key);
+export function resumeCommand(api: ApiClient, { id, name }: VehicleFacts, offer: ResumeOffer, acceptance: Acceptance): CommandToConfirm {
+  const { codes, texts } = accepted(acceptance);
   const body = resumeBody(offer, codes);
   const confirmation = resumeTexts(name, offer, texts);
-  const send = () => sendStart(api.post('/vehicles/{v}/mission/start', { ...ofVehicle(id), body }), acceptance.startErrors, plan, key);
-  return { name: NAME, vehicles: [id], vehicleNames: name, texts: () => confirmation, send };
+  const send = (despite: readonly string[]) => api.post('/vehicles/{v}/mission/start', { ...ofVehicle(id), body: withCodes(body, despite) });
+  return { name: NAME, vehicles: [id], vehicleNames: name, texts: () => confirmation, acceptsFindings: true, send };
 }
 
 interface OffboardStartInputs extends Acceptance {
@@ -93,7 +82,6 @@ const warningCount = (findings: readonly Finding[]): number => findings.filter((
 
 /** Starts an offboard mission on one vehicle; the plan may still have to be saved. */
 export class OffboardMissionStart {
-  private readonly key: Readonly<Record<string, string>>;
   private readonly accepted: { readonly codes: readonly string[]; readonly texts: readonly string[] };
   private readonly dry_run: string | null;
 
@@ -102,20 +90,19 @@ export class OffboardMissionStart {
     private readonly mission: Mission,
     private readonly inputs: OffboardStartInputs & { readonly dryRun: DryRunResult | null },
   ) {
-    this.key = { mission: facts.id };
-    this.accepted = accepted(inputs, mission, this.key);
+    this.accepted = accepted(inputs);
     this.dry_run = offboard.dryRunIdWithCorridor(inputs.dryRun, facts.id, facts.globalPosition?.value ?? null);
   }
 
   /** The command for the saved version. Reads the vehicle's failsafe from the server for the confirmation. */
   async command(api: ApiClient, { id: plan_id, version }: Pick<SavedPlan, 'id' | 'version'>): Promise<CommandToConfirm> {
-    const { facts, mission, inputs, key } = this;
+    const { facts, mission, inputs } = this;
     const view = await api.get('/vehicles/{v}/offboard', ofVehicle(facts.id));
     const failsafe = (view.ok ? view.value.failsafe?.words : null) ?? facts.offboard?.ifStreamStops ?? null;
     const texts = offboard.startTexts(mission, facts.name, inputs.time_s, warningCount(inputs.findings), failsafe, this.accepted.texts);
     const body = { plan_id, version, despite: [...this.accepted.codes], dry_run: this.dry_run };
-    const send = () => sendStart(api.post('/vehicles/{v}/offboard_mission/start', { ...ofVehicle(facts.id), body }), inputs.startErrors, mission, key);
-    return { name: NAME, vehicles: [facts.id], vehicleNames: facts.name, texts: () => texts, send };
+    const send = (despite: readonly string[]) => api.post('/vehicles/{v}/offboard_mission/start', { ...ofVehicle(facts.id), body: withCodes(body, despite) });
+    return { name: NAME, vehicles: [facts.id], vehicleNames: facts.name, texts: () => texts, acceptsFindings: true, send };
   }
 }
 
@@ -128,12 +115,12 @@ export function rolesStart(
   inputs: OffboardStartInputs & { readonly ifStreamStops: string | null; readonly dry_run: string | null },
 ): (api: ApiClient, saved: Pick<SavedPlan, 'id' | 'version'>) => CommandToConfirm {
   const names = roles.map((role) => `${nameOf(vehicles[role] ?? '')} (${role})`).join(', ');
-  const { codes, texts: acceptedTexts } = accepted(inputs, mission, vehicles);
+  const { codes, texts: acceptedTexts } = accepted(inputs);
   const texts = offboard.startTexts(mission, names, inputs.time_s, warningCount(inputs.findings), inputs.ifStreamStops, acceptedTexts);
   return (api, { id: plan_id, version }) => {
     const body = { plan_id, version, vehicles, despite: codes, dry_run: inputs.dry_run };
-    const send = () => sendStart(api.post('/offboard_missions/start', { body }), inputs.startErrors, mission, vehicles);
-    return { name: NAME, vehicles: Object.values(vehicles), vehicleNames: names, texts: () => texts, send };
+    const send = (despite: readonly string[]) => api.post('/offboard_missions/start', { body: withCodes(body, despite) });
+    return { name: NAME, vehicles: Object.values(vehicles), vehicleNames: names, texts: () => texts, acceptsFindings: true, send };
   };
 }
 
@@ -167,8 +154,9 @@ export function selectModeCommand(
 ): CommandToConfirm {
   const texts = selectTexts(mode, name, inAir);
   const changed = (): string | null => (inAirNow(id) === inAir ? null : `${name} has ${inAir ? 'landed' : 'taken off'} since the command was given.`);
-  const send = () => api.post('/vehicles/{v}/mode', { ...ofVehicle(id), body: { mode: mode.mode } });
-  return { name: `Select mode ${mode.name}`, vehicles: [id], vehicleNames: name, texts: () => texts, changed, send };
+  const send = (despite: readonly string[]) =>
+    api.post('/vehicles/{v}/mode', { ...ofVehicle(id), body: { mode: mode.mode, ...(despite.length === 0 ? {} : { despite }) } });
+  return { name: `Select mode ${mode.name}`, vehicles: [id], vehicleNames: name, texts: () => texts, changed, acceptsFindings: true, send };
 }
 
 /** Commands the offboard mission in flight. */

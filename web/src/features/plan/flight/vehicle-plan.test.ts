@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
-import { ApiClient, ofVehicle } from '../../../api/client';
+import { ApiClient } from '../../../api/client';
 import { positionAt } from '../../../vehicle/geo';
-import { AcceptedErrors, StartErrors } from './accepted-errors.svelte';
+import { AcceptedErrors } from './accepted-errors.svelte';
 import { DEFAULT_ALTITUDE, EMPTY_PLAN } from '../document/document';
 import type { Finding } from '../document/fixes';
 import { comparisonText, differenceText, reportedState, vehiclePlanText, type Comparison } from './vehicle-plan';
@@ -186,20 +186,6 @@ describe('the start of the plan on the vehicle', () => {
       expect(accepted.split([error], plan, id).blocking).toEqual([error]);
     accepted.set(error, EMPTY_PLAN, '1', false);
     expect(accepted.has(error, EMPTY_PLAN, '1')).toBe(false);
-  });
-
-  it('needs acceptance of the errors that the server finds at the start, for exactly this plan and vehicles', async () => {
-    const refusal = { code: 'plan_findings', detail: 'Errors.', codes: ['separation'], reasons: ['lead, step 2: They come too near.'] };
-    const api = new ApiClient('p', undefined, () => Promise.resolve(Response.json(refusal, { status: 409 })));
-    const startErrors = new StartErrors();
-    const vehicles = { lead: '1', left: '2' };
-    startErrors.setOutcome(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY_PLAN, vehicles);
-    expect([startErrors.texts(EMPTY_PLAN, { ...vehicles }), startErrors.acceptedCodes(EMPTY_PLAN, vehicles)]).toEqual([refusal.reasons, []]);
-    startErrors.accepted = true;
-    expect(startErrors.acceptedCodes(EMPTY_PLAN, vehicles)).toEqual(['separation']);
-    expect([startErrors.acceptedCodes({ ...EMPTY_PLAN }, vehicles), startErrors.acceptedCodes(EMPTY_PLAN, { lead: '2', left: '1' })]).toEqual([[], []]);
-    startErrors.setOutcome({ ok: true, value: null }, EMPTY_PLAN, vehicles);
-    expect(startErrors.texts(EMPTY_PLAN, vehicles)).toEqual([]);
   });
 
   it('asks for a confirmation that lists the accepted errors and is shown as dangerous', () => {
