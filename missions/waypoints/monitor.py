@@ -178,6 +178,8 @@ class WaypointMonitor:
             )
         if self._completed_in_air(reading, reached):
             return self._end("done", None)
+        if self.item is None:
+            self.item = item  # the flight was interrupted before the monitoring began
         return self._pause(reading)
 
     def stop(self, reason: str) -> None:

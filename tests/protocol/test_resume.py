@@ -185,6 +185,61 @@ def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is
     run_with_rig(run_simulated, tmp_path, scenario)
 
 
+@pytest.mark.parametrize(
+    ("current", "mode", "offer"),
+    [
+        (5, RTL_MODE, "Vehicle 1 has flown the plan to its end."),
+        (4, RTL_MODE, 3),
+        (4, HOLD_MODE, 3),
+        (3, RTL_MODE, 1),
+    ],
+)
+def test_a_server_restarted_after_the_vehicle_left_its_mission_offers_no_older_item(
+    run_simulated, tmp_path, current, mode, offer
+):
+    """The server ends on the leg to item 4; until it runs again, the vehicle flies on and leaves Mission."""
+
+    async def scenario(rig):
+        await upload(rig)
+        await start(rig, item=0)
+        await fly_to(rig, 1, 10)
+        await fly_to(rig, 3, 90)
+        rig.progress.close()
+        rig.autopilot.flight.current, rig.autopilot.mode = current, mode
+        await sleep(2.5)
+        await start_server(rig)
+        known, rig.vehicle.mission.items_on_vehicle = rig.vehicle.mission.items_on_vehicle, None
+        await monitor_for(rig, 1)  # the plan is found by its ids a little later
+        rig.vehicle.mission.items_on_vehicle = known
+        await monitor_for(rig, 3)
+        rig.autopilot.armed, rig.autopilot.landed_state, rig.autopilot.mode = False, ON_GROUND, HOLD_MODE
+        rig.autopilot.flight.current = 0
+        await monitor_for(rig, 2.5)
+        view = await mission_view(rig)
+        if isinstance(offer, str):
+            assert (view["resume"], view["no_resume"]) == (None, offer)
+        else:
+            assert view["resume"]["item"] == offer
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
+def test_a_manual_flight_after_the_restart_leaves_the_offer(run_simulated, tmp_path):
+    async def scenario(rig):
+        await interrupt_at_item_4(rig)
+        rig.progress.close()
+        await start_server(rig)
+        await monitor_for(rig, 2.5)
+        rig.autopilot.flight.current = 0
+        rig.autopilot.armed, rig.autopilot.landed_state, rig.autopilot.mode = True, IN_AIR, HOLD_MODE
+        await monitor_for(rig, 2.5)
+        assert (await mission_view(rig))["flight"] is None
+        await land(rig)
+        assert (await mission_view(rig))["resume"]["item"] == 1
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
 def test_another_plan_is_not_resumed_and_the_reason_is_shown(run_simulated, tmp_path):
     async def scenario(rig):
         await interrupt_at_item_4(rig)

@@ -65,6 +65,8 @@ class WaypointFlight:
         saw_start: bool,
     ) -> None:
         self._vehicle, self._on_vehicle = vehicle, on_vehicle
+        self.saw_start = saw_start
+        """Whether the server was connected when the vehicle entered Mission with this plan."""
         self._client = None if client_start is None else client_start.client
         self._path = None if client_start is None else client_start.path
         plan, _ = plan_from_items(on_vehicle)

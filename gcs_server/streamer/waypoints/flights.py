@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
@@ -165,7 +165,9 @@ class WaypointFlights:
             flight.update()
             self._save_progress(vehicle, flight)
         was_flying = self._in_mission.get(vehicle.id, True)
-        is_flying = vehicle.flight_state.armed and vehicle.mode == "mission"
+        is_flying = vehicle.flight_state.armed and (
+            vehicle.mode == "mission" or (was_flying and flight is None and self._left_mission(vehicle))
+        )
         if not (is_flying or was_flying) or vehicle.link_lost:
             return
         self._in_mission[vehicle.id] = is_flying
@@ -195,9 +197,30 @@ class WaypointFlights:
         self._flights[vehicle.id] = new_flight
         new_flight.update()
 
+    def _left_mission(self, vehicle: Vehicle) -> bool:
+        """Whether an armed vehicle has left its mission while the server did not run: it is in the air in
+        another mode, and its stored flight has not ended. The vehicle then still reports how far it came."""
+        key, ids = key_of(vehicle.identity), vehicle.mission.ids()
+        progress = None if key is None else self._store.find(key)
+        return (
+            progress is not None
+            and not progress.finished
+            and vehicle.flight_state.landed_state != "on_ground"
+            and (ids is None or ids["mission"] == progress.mission_id)
+        )
+
     def _save_progress(self, vehicle: Vehicle, flight: WaypointFlight) -> None:
-        if (key := key_of(vehicle.identity)) is not None and (progress := flight.new_progress()) is not None:
-            self._store.save(key, progress)
+        if (key := key_of(vehicle.identity)) is None or (progress := flight.new_progress()) is None:
+            return
+        stored = self._store.find(key)
+        if (
+            not flight.saw_start
+            and stored is not None
+            and not progress.finished
+            and (stored.mission_id, stored.item) == (progress.mission_id, progress.item)
+        ):
+            progress = replace(progress, leg_start=max(stored.leg_start, progress.leg_start))
+        self._store.save(key, progress)
 
     def _waits_for_home(self, vehicle: Vehicle) -> bool:
         estimates, now_s = VehicleEstimates(vehicle), self._clock.monotonic_s()
