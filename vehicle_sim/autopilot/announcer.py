@@ -102,6 +102,7 @@ EVENTS: Final[dict[str, tuple[int, int]]] = {
     "check_mag_sys_has_mag_missing": (22720449, 51),
     "check_open_drone_id_missing": (26938432, 51),
     "check_parachute_missing": (32742900, 51),
+    "check_missing_cpuload": (26044037, 51),
     "check_distance_sensor_missing": (30998685, 51),
     "check_optical_sensor_missing": (25569984, 51),
     "check_wind_too_high": (28190816, 68),

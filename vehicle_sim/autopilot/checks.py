@@ -128,6 +128,7 @@ class Checks:
             view.choice("COM_PARACHUTE") > 0,
             view.choice("SYS_HAS_NUM_DIST"),
             view.choice("SYS_HAS_NUM_OF") > 0,
+            view.parameter("COM_CPU_MAX") > 0.0 or view.parameter("COM_RAM_MAX") > 0.0,
         )
         self._battery_levels = tuple((level, view.parameter(name)) for level, name in _BATTERY_LEVELS)
         self._inputs = ()

@@ -41,6 +41,7 @@ HEALTH_EVENTS = frozenset(
     {
         "check_baro_no_data",
         "check_distance_sensor_missing",
+        "check_missing_cpuload",
         "check_optical_sensor_missing",
         "check_parachute_missing",
     }
@@ -108,6 +109,8 @@ class CheckInputs(NamedTuple):
     """SYS_HAS_NUM_DIST."""
     optical_flow_required: bool = False
     """SYS_HAS_NUM_OF; the simulated vehicle has no optical flow sensor."""
+    load_limited: bool = False
+    """COM_CPU_MAX or COM_RAM_MAX sets a limit; as PX4 in simulation, the vehicle measures no load."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +180,9 @@ def run_checks(inputs: CheckInputs) -> CheckResults:
             )  # fmt: skip
 
     add_uncalibrated("accel", COMPONENT_ACCELEROMETER, "Accel")
+    if inputs.load_limited:
+        add("check_missing_cpuload", EVERY_MODE, COMPONENT_SYSTEM, running=0,
+            text="Preflight Fail: No CPU and RAM load information")  # fmt: skip
     for number in range(inputs.distance_sensors, inputs.distance_sensors_required):
         text = f"Preflight Fail: distance sensor {number} missing"
         findings.append(

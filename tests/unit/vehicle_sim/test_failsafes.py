@@ -7,6 +7,7 @@ import pytest
 from tests.unit.vehicle_sim.plan_station import TERMINATION_MODE, PlanStation
 from tests.unit.vehicle_sim.prepared_stations import station_in_hover
 from tests.unit.vehicle_sim.sim_station import EVENT_NAMES, HOLD_MODE, LAND_MODE, RTL_MODE
+from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.failsafe import (
     Action,
     ActionOptions,
@@ -267,6 +268,7 @@ def test_a_stopped_motor_is_detected_by_the_tilt_as_recorded(may_terminate: bool
     ("name", "value", "event", "component"),
     [
         ("COM_PARACHUTE", 1, "check_parachute_missing", 26),
+        pytest.param("COM_CPU_MAX", 95, "check_missing_cpuload", 20, marks=pytest.mark.broad),
         pytest.param("SYS_HAS_NUM_DIST", 2, "check_distance_sensor_missing", 6, marks=pytest.mark.broad),
         pytest.param("SYS_HAS_NUM_OF", 1, "check_optical_sensor_missing", 4, marks=pytest.mark.broad),
     ],
@@ -293,6 +295,22 @@ def test_missing_required_hardware_denies_arming(name: str, value: int, event: s
     station.run(0.5)
     assert station.acks(ARM) == [1, 0]
     assert station.armed
+
+
+HEALTHY = health.CheckInputs(
+    NavState.HOLD, False, True, True, True, True, True, True, False, 0, False
+)  # fmt: skip
+
+
+def test_a_limit_of_the_load_denies_arming_in_every_mode_because_nothing_measures_the_load() -> None:
+    unlimited = health.run_checks(HEALTHY)
+    limited = health.run_checks(HEALTHY._replace(load_limited=True))
+    assert unlimited.armable(NavState.HOLD)
+    assert limited.can_arm == 0
+    assert limited.can_run == unlimited.can_run
+    assert {finding.text for finding in {*limited.findings} - {*unlimited.findings}} == {
+        "Preflight Fail: No CPU and RAM load information"
+    }
 
 
 UNITS_WITHOUT_REPLY = (0, 1, 2, 3, 4, 5, 6, 7, 8, 102, 103, 104, 105)
