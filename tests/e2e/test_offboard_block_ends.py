@@ -139,6 +139,7 @@ def test_the_start_of_a_client_that_closes_its_connection_is_ended(
     url_and_drone: Any,
 ) -> None:
     url, drone = url_and_drone
+    drone.control.release()
     host, port = url.removeprefix("http://").split(":")
     body = b'{"setpoint": {"type": "velocity", "velocity_ned_m_s": [1, 0, 0]}, "valid_for_s": 0.5}'
     with socket.create_connection((host, int(port))) as client:

@@ -212,8 +212,9 @@ def test_a_server_restarted_after_the_vehicle_left_its_mission_offers_no_older_i
         await monitor_for(rig, 1)  # the plan is found by its ids a little later
         rig.vehicle.mission.items_on_vehicle = known
         await monitor_for(rig, 3)
-        rig.autopilot.armed, rig.autopilot.landed_state, rig.autopilot.mode = False, ON_GROUND, HOLD_MODE
-        rig.autopilot.flight.current = 0
+        rig.autopilot.armed, rig.autopilot.landed_state = False, ON_GROUND
+        await monitor_for(rig, 2.5)
+        rig.autopilot.mode, rig.autopilot.flight.current = HOLD_MODE, 0
         await monitor_for(rig, 2.5)
         view = await mission_view(rig)
         if isinstance(offer, str):

@@ -177,7 +177,7 @@ class OffboardControl:
             if self._requested_stream == number and not isinstance(error, Rejected):
                 self._streams.cancel_start(vehicle.id, self.snapshot(), number)
             else:
-                reason = str(error) or "it was cancelled"
+                reason = str(error) or ticket.reason or "it was cancelled"
                 self._streams.end(vehicle.id, "refused", f"Offboard did not start: {reason}", number)
             raise
 
