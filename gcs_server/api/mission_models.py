@@ -38,11 +38,13 @@ class WhichPlan(StrictBody):
 class UploadRequest(WhichPlan):
     """The plan to upload."""
 
-    confirm: str | None = Field(
-        default=None,
-        max_length=100,
-        description="Required while the vehicle is in Mission mode: `vehicle {id} flies the new mission at "
-        "once`.",
+    despite: Despite = Field(
+        default=[],
+        description="`flies_new_plan_at_once` accepts that a vehicle in Mission mode flies to the first item "
+        "of the changed mission at once.",
+    )
+    hold_first: bool = Field(
+        default=False, description="Puts a vehicle in Mission mode into Hold before the upload."
     )
     wait: bool = Field(default=False, description="Answer only when the plan is uploaded and verified.")
 

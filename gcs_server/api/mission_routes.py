@@ -13,6 +13,7 @@ from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_reporter
 from gcs_server.api.documents import DocumentRoute, UnreadDocument
 from gcs_server.api.mission_start import checked_start, is_still_on_vehicle
+from gcs_server.api.mission_upload import flies_mission, require_accepted, require_unchanged, upload_check
 from gcs_server.api.offboard_mission_models import FlownMissionView
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.plan_items import mavlink_items
@@ -94,19 +95,30 @@ async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: 
     The upload is an operation with progress; `DELETE /operations/{id}` cancels it. Its `result` contains the
     number of items, and `not_kept`: the item parameters that the vehicle did not store. Parts that the plan
     does not have are cleared. The upload does not start the mission. However, a vehicle in Mission mode flies
-    the new mission immediately; `confirm` is then required.
+    to the first item of a changed mission at once. The upload is then refused (409 `plan_findings`, code
+    `flies_new_plan_at_once`, with the place), unless `despite` names the code; with `hold_first` the vehicle
+    is first put into Hold, and the result has `held_first`. An identical mission keeps its current item.
     """
-    arguments = body.model_dump(exclude={"plan", "wait"}, exclude_none=True)
+    arguments = body.model_dump(exclude={"plan", "wait"}, exclude_none=True, exclude_defaults=True)
     with authorized_command(station, principal, "mission/upload", v, arguments):
         vehicle = station.fleet.get(v)
-        _require_confirmation(vehicle, "mission/upload", body.confirm)
         reference, items = await _chosen_items(station, body)
+        check = await upload_check(station, vehicle, items, body.despite)
+        _require_no_transfer(station, vehicle)
+        held = body.hold_first and flies_mission(vehicle)
+        if held:
+            with authorized_command(station, principal, "hold", v, {}) as accepted:
+                await vehicle.command.hold(by=principal.name, ticket=accepted.ticket)
+        require_accepted(check)
 
         async def work(report: ReportProgress) -> dict[str, object]:
-            uploaded = await vehicle.mission.upload(items, reference, progress=report)
+            uploaded = await vehicle.mission.upload(
+                items, reference, progress=report, before_mission=lambda: require_unchanged(check)
+            )
             not_kept = [each.text() for each in uploaded.not_kept]
             counts = {part: len(items[part]) for part in PARTS}
-            return {"items": counts, "not_kept": not_kept[:20]}
+            held_first: dict[str, object] = {"held_first": True} if held else {}
+            return {"items": counts, "not_kept": not_kept[:20], **held_first}
 
         subject = f"{reference.id}@{reference.version}" if reference.id is not None else None
         operation = _begin_transfer(
@@ -198,7 +210,8 @@ async def clear(
     """Clears mission, geofence and rally points on the vehicle."""
 
     async def work(vehicle: Vehicle) -> None:
-        _require_confirmation(vehicle, "mission/clear", confirm)
+        if flies_mission(vehicle):
+            BY_NAME["mission/clear"].require_confirmation(confirm or "", vehicle=vehicle.id)
         await vehicle.mission.clear()
 
     return await run_command(station, principal, "mission/clear", v, {}, work)
@@ -274,6 +287,15 @@ def _begin_transfer(
     station: Station, vehicle: Vehicle, kind: str, work: Any, subject: str | None, by: tuple[str, str]
 ) -> Operation:
     """Starts a transfer; refused if another transfer of the vehicle is running."""
+    _require_no_transfer(station, vehicle)
+    activity = "Uploading to" if kind == "mission/upload" else "Downloading from"
+    text = f"{activity} vehicle {vehicle.id}."
+    return station.operations.start(
+        kind, work, text=text, vehicle=vehicle.id, subject=subject, by=by, needs_vehicle=True
+    )
+
+
+def _require_no_transfer(station: Station, vehicle: Vehicle) -> None:
     vehicle.require("mission_transfer")
     if vehicle.mission.running_transfer is not None or any(
         each.state == "running" and each.vehicle == vehicle.id and each.kind.startswith("mission/")
@@ -283,11 +305,6 @@ def _begin_transfer(
             f"Vehicle {vehicle.id} already has a mission transfer; only one can run at a time.",
             remedy="Wait until it is done, or cancel it (DELETE /operations/{id}).",
         )
-    activity = "Uploading to" if kind == "mission/upload" else "Downloading from"
-    text = f"{activity} vehicle {vehicle.id}."
-    return station.operations.start(
-        kind, work, text=text, vehicle=vehicle.id, subject=subject, by=by, needs_vehicle=True
-    )
 
 
 async def _operation_response(station: Station, operation: Operation, wait: bool) -> Response:
@@ -299,13 +316,6 @@ async def _operation_response(station: Station, operation: Operation, wait: bool
     response = json_response(operation_view(operation), 202)
     response.headers["Location"] = f"{API}/operations/{operation.id}"
     return response
-
-
-def _require_confirmation(vehicle: Vehicle, command: str, confirmation: str | None) -> None:
-    """Requires confirmation for a vehicle in Mission mode, because it flies the changed mission
-    immediately."""
-    if vehicle.flight_state.armed and vehicle.status.mode == "mission":
-        BY_NAME[command].require_confirmation(confirmation or "", vehicle=vehicle.id)
 
 
 async def _chosen_items(station: Station, body: m.WhichPlan) -> tuple[PlanReference, Items]:

@@ -193,20 +193,26 @@ class SyncMission:
         *,
         plan_id: str | None = None,
         version: int | None = None,
-        confirm: str | None = None,
+        hold_first: bool = False,
+        despite: Sequence[str] = (),
         timeout_s: float = TRANSFER_TIMEOUT_S,
     ) -> dict[str, Any]:
         """Uploads a plan (a document, or one stored on the server), verifies it, and returns the result.
 
-        While the vehicle is in Mission mode, `confirm` must be the text
-        `vehicle {id} flies the new mission at once`.
+        A vehicle in Mission mode flies to the first item of a changed mission at once: either `hold_first`
+        puts it into Hold before, or `despite` names `flies_new_plan_at_once`.
 
         Raises:
             Refused: the vehicle refuses an item, or has different items afterwards; the text names the items.
         """
         return self._portal.call(
             lambda: self._inner.upload(
-                plan, plan_id=plan_id, version=version, confirm=confirm, timeout_s=timeout_s
+                plan,
+                plan_id=plan_id,
+                version=version,
+                hold_first=hold_first,
+                despite=despite,
+                timeout_s=timeout_s,
             )
         )
 

@@ -32,18 +32,20 @@ class Mission:
         *,
         plan_id: str | None = None,
         version: int | None = None,
-        confirm: str | None = None,
+        hold_first: bool = False,
+        despite: Sequence[str] = (),
         timeout_s: float = TRANSFER_TIMEOUT_S,
     ) -> dict[str, Any]:
         """Uploads a plan (a document, or one stored on the server), verifies it, and returns the result.
 
-        While the vehicle is in Mission mode, `confirm` must be the text
-        `vehicle {id} flies the new mission at once`.
+        A vehicle in Mission mode flies to the first item of a changed mission at once: either `hold_first`
+        puts it into Hold before, or `despite` names `flies_new_plan_at_once`.
 
         Raises:
             Refused: the vehicle refuses an item, or has different items afterwards; the text names the items.
         """
-        body = {**_chosen_plan(plan, plan_id, version), **({} if confirm is None else {"confirm": confirm})}
+        options = {"hold_first": hold_first, "despite": list(despite)}
+        body = {**_chosen_plan(plan, plan_id, version), **options}
         operation = await self._vehicle.request("POST", "/mission/upload", body)
         return (await self._operations.wait(operation["id"], timeout_s=timeout_s))["result"]
 

@@ -166,7 +166,6 @@ ALL: tuple[Command, ...] = (
         "mission/upload",
         "POST /vehicles/{v}/mission/upload",
         confirmed=True,
-        confirm_text="vehicle {vehicle} flies the new mission at once",
         acts="no",
     ),
     _flight(

@@ -163,25 +163,97 @@ def test_without_control_upload_clear_and_start_are_refused(run_simulated, tmp_p
     run_with_rig(run_simulated, tmp_path, scenario)
 
 
-def test_changing_the_mission_in_flight_needs_confirmation(run_simulated, tmp_path):
+async def fly_in_mission(rig):
+    """Uploads the plan, and lets the vehicle fly it 100 m south and 100 m west of its first item."""
+    await upload(rig)
+    rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed_state = True, MISSION_MODE, IN_AIR
+    rig.autopilot.position[:] = [47.397742 - 100 / 111_195, 8.545594 - 100 / 75_270, 509.0]
+    rig.autopilot.flight.current = 1
+    await sleep(2.5)
+
+
+SHORT_PLAN = {**PLAN, "items": PLAN["items"][:2]}
+
+
+def test_a_changed_plan_for_a_vehicle_in_mission_is_refused_with_the_place_it_would_fly_to(
+    run_simulated, tmp_path
+):
+    """PX4 resets a changed mission to item 0 and flies there at once; it ignores an identical one."""
+
     async def scenario(rig):
+        await fly_in_mission(rig)
+        for despite in ([], ["plan_not_known"]):
+            with pytest.raises(PlanFindings, match="it flies to item 1") as raised:
+                await upload(rig, SHORT_PLAN, despite=despite)
+            assert raised.value.codes == ("flies_new_plan_at_once",)
+            assert "(Takeoff) at once: 141 m to the north-east, at 20 m above home." in str(raised.value)
+        with pytest.raises(InvalidRequest, match="nothing was sent"):
+            await mission_routes.clear("1", rig.station, ANNA)
+        assert (len(rig.autopilot.service._plans[0]), rig.autopilot.flight.current) == (3, 1)
         await upload(rig)
-        rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed_state = True, MISSION_MODE, IN_AIR
-        await sleep(2.5)
-        for request in (
-            upload(rig),
-            upload(rig, confirm="yes"),
-            mission_routes.clear("1", rig.station, ANNA),
-        ):
-            with pytest.raises(InvalidRequest, match="nothing was sent") as raised:
-                await request
-            assert raised.value.field == "confirm"
-        assert len(rig.autopilot.service._plans[0]) == 3
-        short_plan = {**PLAN, "items": PLAN["items"][:2]}
-        await upload(rig, short_plan, confirm="vehicle 1 flies the new mission at once")
-        assert len(rig.autopilot.service._plans[0]) == 2
+        assert rig.autopilot.mode == MISSION_MODE
+        rig.vehicle.mission.items_on_vehicle = None
+        with pytest.raises(PlanFindings, match="it flies to item 1"):
+            await upload(rig)
+        await upload(rig, SHORT_PLAN, despite=["flies_new_plan_at_once"])
+        assert (len(rig.autopilot.service._plans[0]), rig.autopilot.mode) == (2, MISSION_MODE)
         await mission_routes.clear("1", rig.station, ANNA, "vehicle 1 loses the mission that it flies")
         assert rig.autopilot.service._plans[0] == []
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
+def test_with_hold_first_a_vehicle_in_mission_holds_before_a_changed_plan_is_sent(run_simulated, tmp_path):
+    async def scenario(rig):
+        await fly_in_mission(rig)
+        modes_at_upload = []
+
+        def note(message):
+            if message.get_type() == "MISSION_COUNT":
+                modes_at_upload.append(rig.autopilot.mode)
+            return False
+
+        handle = rig.autopilot.handle
+        rig.autopilot.handle = lambda message: note(message) or handle(message)
+        result = json_of(await upload(rig, SHORT_PLAN, hold_first=True))["result"]
+        assert result["held_first"]
+        assert modes_at_upload
+        assert set(modes_at_upload) == {HOLD_MODE}
+        assert len(rig.autopilot.service._plans[0]) == 2
+        assert ("anna", "hold", "1", "ok") in journal_entries(rig.station)
+        again = json_of(await upload(rig, SHORT_PLAN, hold_first=True))["result"]
+        assert "held_first" not in again
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
+def test_without_hold_a_changed_plan_is_not_sent(run_simulated, tmp_path):
+    async def scenario(rig):
+        await fly_in_mission(rig)
+        rig.autopilot.refusals[DO_SET_MODE] = TEMPORARILY_REJECTED
+        with pytest.raises(Rejected, match="refused to switch to Hold"):
+            await upload(rig, SHORT_PLAN, hold_first=True)
+        assert (len(rig.autopilot.service._plans[0]), rig.autopilot.mode) == (3, MISSION_MODE)
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
+def test_a_vehicle_that_enters_mission_during_the_upload_does_not_get_the_mission(run_simulated, tmp_path):
+    async def scenario(rig):
+        await fly_in_mission(rig)
+        rig.autopilot.mode = HOLD_MODE
+        await sleep(2.5)
+
+        def enter(message):
+            if message.get_type() == "MISSION_COUNT":
+                rig.autopilot.mode = MISSION_MODE
+                rig.autopilot.send_current_mode()
+
+        handle = rig.autopilot.handle
+        rig.autopilot.handle = lambda message: (enter(message), handle(message))
+        with pytest.raises(Refused, match="The mission was not sent"):
+            await upload(rig, {**SHORT_PLAN, "fence": PLAN["fence"]})
+        assert len(rig.autopilot.service._plans[0]) == 3
 
     run_with_rig(run_simulated, tmp_path, scenario)
 

@@ -151,12 +151,23 @@ class MissionService:
         return "plan" if ids == on_vehicle.ids else "another"
 
     async def upload(
-        self, items: Items, plan: PlanReference, *, progress: ReportProgress | None = None
+        self,
+        items: Items,
+        plan: PlanReference,
+        *,
+        progress: ReportProgress | None = None,
+        before_mission: Callable[[], None] = lambda: None,
     ) -> Uploaded:
         """Replaces mission, geofence and rally points, and reads them back.
 
         A part without items is cleared. If the upload is cancelled, the vehicle keeps its previous items of
         the current part.
+
+        Args:
+            items: the new items.
+            plan: identifies their plan.
+            progress: called with each step.
+            before_mission: called directly before the mission is sent; may raise Refused.
 
         Raises:
             Rejected: the vehicle refuses an item, or has other items afterwards; the text says which.
@@ -169,6 +180,8 @@ class MissionService:
             self._rejections = {}
             try:
                 for part in PARTS:
+                    if part == "mission":
+                        before_mission()
                     await self._send_part(part, items[part], report)
                     sent_parts.append(part)
                 sent_s = self._vehicle.clock.monotonic_s()

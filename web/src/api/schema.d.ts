@@ -1834,7 +1834,9 @@ export interface paths {
          *     The upload is an operation with progress; `DELETE /operations/{id}` cancels it. Its `result` contains the
          *     number of items, and `not_kept`: the item parameters that the vehicle did not store. Parts that the plan
          *     does not have are cleared. The upload does not start the mission. However, a vehicle in Mission mode flies
-         *     the new mission immediately; `confirm` is then required.
+         *     to the first item of a changed mission at once. The upload is then refused (409 `plan_findings`, code
+         *     `flies_new_plan_at_once`, with the place), unless `despite` names the code; with `hold_first` the vehicle
+         *     is first put into Hold, and the result has `held_first`. An identical mission keeps its current item.
          */
         readonly post: operations["upload_api_v1_vehicles__v__mission_upload_post"];
         readonly delete?: never;
@@ -12974,10 +12976,15 @@ export interface components {
             /** @description A plan that is not stored on the server. */
             readonly plan?: components["schemas"]["Plan"] | null;
             /**
-             * Confirm
-             * @description Required while the vehicle is in Mission mode: `vehicle {id} flies the new mission at once`.
+             * Despite
+             * @description `flies_new_plan_at_once` accepts that a vehicle in Mission mode flies to the first item of the changed mission at once.
              */
-            readonly confirm?: string | null;
+            readonly despite?: readonly string[];
+            /**
+             * Hold First
+             * @description Puts a vehicle in Mission mode into Hold before the upload.
+             */
+            readonly hold_first?: boolean;
             /**
              * Wait
              * @description Answer only when the plan is uploaded and verified.
