@@ -7,11 +7,13 @@ an upload follow its acknowledgement after the recorded time.
 
 from __future__ import annotations
 
+import csv
 import itertools
 import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from tests.contract.compare import EVENT_NAMES, same
@@ -19,6 +21,7 @@ from tests.contract.recordings import METRE_EAST_E7, METRE_NORTH_E7, Dialogue, p
 from tests.contract.replay_vehicle import DO_SET_MODE, HOLD_CUSTOM_MODE, NAN, Received, Vehicle
 
 Fields = dict[str, Any]
+EXPLAINED_FILE = Path(__file__).resolve().parent / "explained_plans.tsv"
 TARGET = {"target_system": 1, "target_component": 1}
 HOME_E7 = (473977420, 85455940)
 CANCELLED, MISSION_TYPE_ALL = 15, 255
@@ -568,3 +571,11 @@ def differences(expected: Answer, answer: Answer) -> list[str]:
                 if key in simulated and not same(value, simulated[key])
             ]
     return rows
+
+
+def explained() -> dict[str, str]:
+    """The known differences: dialogue → reason."""
+    with EXPLAINED_FILE.open(encoding="utf-8", newline="") as file:
+        rows = csv.reader(file, delimiter="\t", quoting=csv.QUOTE_NONE)
+        next(rows)
+        return {dialogue: reason for dialogue, reason in rows}

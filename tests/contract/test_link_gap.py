@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from tests.contract.plan_dialogues import explained
 from tests.contract.replay_vehicle import DO_SET_MODE, Vehicle
-from tests.contract.test_plans import explained
 
 STREAM_HZ, SPEED_M_S, HEIGHT_M = 50.0, 3.0, 10.0
 POSITION_MASK, VELOCITY_MASK = 2552, 3527

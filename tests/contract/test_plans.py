@@ -3,7 +3,6 @@
 A test fails for a difference without a row in `explained_plans.tsv`, and for a row without a difference.
 """
 
-import csv
 import json
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,12 +13,12 @@ import pytest
 from tests.contract.plan_dialogues import (
     begins_on_ground,
     dialogue_differences,
+    explained,
     item_differences,
     new_vehicle,
 )
 from tests.contract.replay_vehicle import Vehicle
 
-EXPLAINED_FILE = Path(__file__).resolve().parent / "explained_plans.tsv"
 MAX_ROWS = 10
 ITEM_COUNT, DIALOGUE_COUNTS = 835, {"fence": 103, "rally": 32, "mission_state": 118}
 EACH_ITEM = 40
@@ -39,13 +38,6 @@ def cases(reference_data: Path, name: str) -> list[dict[str, Any]]:
     if not path.is_file():
         pytest.skip(f"{path.name} of the recorded plans is not beside this checkout")
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-
-
-def explained() -> dict[str, str]:
-    with EXPLAINED_FILE.open(encoding="utf-8", newline="") as file:
-        rows = csv.reader(file, delimiter="\t", quoting=csv.QUOTE_NONE)
-        next(rows)
-        return {dialogue: reason for dialogue, reason in rows}
 
 
 def replay_items(recorded: Iterable[dict[str, Any]]) -> dict[str, list[str]]:

@@ -7,7 +7,7 @@ import pytest
 
 from gcs_server.api import group_routes, offboard_routes
 from gcs_server.api.setpoint_request import StartRequest
-from gcs_server.errors import NotTogether, Refused
+from gcs_server.errors import Interrupted, NotTogether, Refused
 from gcs_server.streamer.groups.checks import GroupChecks
 from tests.protocol.api_calls import json_of
 from tests.protocol.fake_autopilot import HOLD_MODE, OFFBOARD_MODE, POSITION_MODE
@@ -72,7 +72,7 @@ def test_hold_during_the_prediction_cancels_the_start(run_simulated, monkeypatch
             await group_routes.hold("1", rig.station, BOB)
 
         call_during_prediction(monkeypatch, 2, hold)
-        with pytest.raises(NotTogether, match="left before the common start, so none moves"):
+        with pytest.raises(Interrupted, match="Interrupted by “Hold”"):
             await start_group(rig, SETPOINTS_NORTH)
         await sleep(3)
         assert set(autopilot_modes(rig).values()) == {HOLD_MODE}
@@ -82,31 +82,32 @@ def test_hold_during_the_prediction_cancels_the_start(run_simulated, monkeypatch
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(run_simulated, monkeypatch):
+def test_a_members_stream_that_starts_during_the_prediction_interrupts_the_start(run_simulated, monkeypatch):
     async def scenario(rig):
         async def start_stream():
             single_start = StartRequest.model_validate({"setpoint": position_setpoint(1), "valid_for_s": 60})
-            await offboard_routes.start("3", single_start, rig.station, ANNA)
+            starts.append(asyncio.ensure_future(offboard_routes.start("3", single_start, rig.station, ANNA)))
+            await sleep(0.1)
 
+        starts = []
         call_during_prediction(monkeypatch, 1, start_stream)
-        with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
+        with pytest.raises(Interrupted, match="Interrupted by “offboard/start”"):
             await start_group(rig, SETPOINTS_NORTH)
-        assert rig.vehicles["3"].offboard.status().state == "streaming"
+        assert json_of(await starts[0])["state"] == "streaming"
         assert not any(mode_requests(rig.autopilots[v], OFFBOARD_MODE) for v in "12")
 
     run_with_vehicles(run_simulated, scenario)
 
 
-def test_one_of_two_starts_with_a_common_vehicle_is_refused(run_simulated):
+def test_the_later_of_two_starts_with_a_common_vehicle_interrupts_the_earlier(run_simulated):
     async def scenario(rig):
         starts = (
             start_group(rig, {"1": position_setpoint(4), "2": position_setpoint(4)}),
             start_group(rig, {"2": position_setpoint(4), "3": position_setpoint(4)}),
         )
         results = await asyncio.gather(*starts, return_exceptions=True)
-        refused = [result for result in results if isinstance(result, NotTogether)]
-        assert len(refused) == 1
-        assert "Vehicle 2 is already in group 1" in str(refused[0])
+        assert isinstance(results[0], Interrupted)
+        assert results[1]["state"] == "flying"
         assert len(json_of(await group_routes.show_all(rig.station))["groups"]) == 1
 
     run_with_vehicles(run_simulated, scenario)

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
+from gcs_server.errors import Disconnected, Interrupted, NoReply, Refused, Rejected
 from tests.protocol.api_calls import MISSION_MODE
 from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD_MODE, LAND_MODE, OFFBOARD_MODE, POSITION_MODE, REAL32
@@ -115,8 +115,8 @@ def test_a_stop_during_the_offboard_switch_ends_in_hold(run_simulated):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD_MODE):
             await sleep(0.01)
-        await vehicle.offboard.stop()
-        with pytest.raises(Refused):
+        await vehicle.offboard.stop(vehicle.tickets.open("stop"))
+        with pytest.raises(Interrupted):
             await starting
         await sleep(8)
         assert autopilot.failsafe_count == 0

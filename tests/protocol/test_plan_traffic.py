@@ -14,7 +14,7 @@ from gcs_server.api import (
     plan_models,
     plan_routes,
 )
-from gcs_server.errors import PlanFindings
+from gcs_server.errors import GcsError, PlanFindings
 from missions.geodesy import LocalOrigin
 from missions.offboard import document
 from missions.offboard.reader import read
@@ -130,7 +130,7 @@ def test_later_starts_are_not_compared_with_a_failed_start(run_simulated):
         await upload(rig, "1", TAKE_OFF_AND_LAND)
         await upload(rig, "2", {"items": ITEMS_OVER_VEHICLE_1})
         rig.first.command.start_mission = None  # its call raises TypeError
-        with pytest.raises(TypeError):
+        with pytest.raises(GcsError, match="TypeError"):
             await start(rig, "1")
         await start(rig, "2")
         assert rig.second.status.armed

@@ -148,7 +148,7 @@ def test_the_routes_with_documents_are_those_whose_large_bodies_plan_work_checks
     }
     with_document = {path for path in in_body if DOCUMENT_PATHS.fullmatch(path)}
     assert {path.rpartition("/")[2] for path in in_body - with_document} == {
-        "abort", "download", "start", "unregister"
+        "abort", "download", "resume", "start", "unregister"
     }  # fmt: skip
     assert len(with_document) == 14
 
