@@ -174,8 +174,12 @@ async def as_operation(
         for ticket in tickets:
             ticket.cancel(reason)
 
+    def end(error: Interrupted) -> None:
+        cancel(str(error))  # the vehicles of one command act together, or none does
+        station.operations.interrupt(operation.id, error)
+
     for ticket in tickets:
-        ticket.on_cancel(lambda error: station.operations.interrupt(operation.id, error))
+        ticket.on_cancel(end)
     caller = _caller.get() if ends_with_caller else None
     error: GcsError | None = None
     try:

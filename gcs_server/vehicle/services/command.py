@@ -492,7 +492,7 @@ class CommandService:
             while vehicle.tickets.commanding() is not None or self._stop_motors.pending:
                 again = True
                 await clock.sleep(OTHER_COMMAND_PERIOD_S)
-            if vehicle.flight_state.armed or (again and vehicle.status.mode not in FLIES_WHEN_ARMED):
+            if vehicle.flight_state.armed or (again and self._flight_when_armed() is None):
                 return
             text, severity, kind = f"{why}; the server has put it into Hold.", NOTICE, "command"
             try:
