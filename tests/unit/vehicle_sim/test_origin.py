@@ -5,7 +5,6 @@ import math
 import pytest
 
 from tests.unit.vehicle_sim.sim_station import NAN, Station
-from vehicle_sim.fleet import VehicleSim
 
 LAT_1E7, LON_1E7, ALT_MM = 473977400, 85455900, 488000
 ARM, M_PER_DEG = 400, 111_195.0  # metres per degree of latitude
@@ -101,23 +100,3 @@ def test_after_an_invalid_origin_the_vehicle_still_reports_its_own_origin():
     station.run(1.5)
     reports = station.received("GPS_GLOBAL_ORIGIN")
     assert reports[-1].latitude == pytest.approx(station.sim.autopilots[0].view.origin[0] * 1e7, abs=1)
-
-
-FIX_AT_S = 3.0
-
-
-def test_a_first_fix_after_boot_is_used_after_one_second_and_aligns_the_heading_again():
-    sim = VehicleSim(2, links=(), seed=1)
-    fusion, texts = sim.simulation.fusion, []
-    sim.autopilots[0].announcer.add_listener(lambda item: texts.append(getattr(item, "text", "")))
-    sim.set_parameter(0, "SIM_GPS_USED", 3)
-    sim.step(FIX_AT_S)
-    assert "Preflight: GPS fix too low" in "".join(texts)
-    assert fusion.gnss_pos.tolist() == [False, True], "a healthy boot waits for EKF2_REQ_GPS_H only"
-    assert fusion.heading_reset_counter.tolist() == [0, 0]
-    sim.set_parameter(0, "SIM_GPS_USED", 10)
-    sim.step(1.0)
-    assert not fusion.gnss_pos[0], "used before a second without failures"
-    sim.step(0.4)
-    assert fusion.gnss_pos[0]
-    assert fusion.heading_reset_counter.tolist() == [1, 0]
