@@ -35,6 +35,7 @@ from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.schedule.external_modes import topics_for
 from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.values.stream_request import OFFBOARD
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.endpoint import unusable_topics
 from gcs_server.vehicle.tickets import Ticket
@@ -342,7 +343,17 @@ class MissionModes:
             with flight.commanded(ticket):
                 flight.resume(by)
         elif vehicle.status.mode == mode and vehicle.status.armed:
+            self._abort_in_lost_mode(vehicle, by)
             self._missions.begin(vehicle.id, replace(start, mode=mode), ticket)
+
+    def _abort_in_lost_mode(self, vehicle: Vehicle, by: str) -> None:
+        """Ends a suspended mission whose mode PX4 has under another number now, or no longer: it cannot be
+        resumed there. PX4 keeps the number of a mode that was lost for about a second."""
+        registered = {self._registration(vehicle.id, name).mode for name in self._vehicles[vehicle.id].modes}
+        flight = self._missions.find_flight(vehicle.id)
+        if flight is None or flight.over or flight.runner.in_charge or flight.mode in {OFFBOARD, *registered}:
+            return
+        flight.abort(by, "hold")  # sends no command, because the mission is suspended
 
     async def _other_command_done(self, vehicle: Vehicle) -> None:
         """Returns once no client's command to the vehicle is being executed."""
