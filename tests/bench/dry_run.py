@@ -7,10 +7,11 @@ import asyncio
 import contextlib
 import json
 import math
+import multiprocessing
 import os
-import subprocess
-import sys
+import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from statistics import median
@@ -19,8 +20,16 @@ from typing import Any
 import numpy as np
 
 from gcs_server.client import Gcs
+from missions import documents
+from missions.dry_run.monte_carlo import monte_carlo
+from missions.dry_run.offboard_plans import FlyableMission
+from missions.dry_run.plans import Flyable, FlyablePlan
+from missions.dry_run.result import dry_run
+from missions.dry_run.setup import Aircraft, Conditions
 from missions.dry_run.track import Track
 from missions.geodesy import LocalOrigin
+from missions.plan import Plan
+from missions.values import HomePosition
 from tests.station import FIRST_TEST_INSTANCE, free_port, running_server, running_vehicles
 
 from .simulator import flying_share
@@ -36,30 +45,6 @@ TIMED_FLIGHTS = 100
 PREDICTED_FLIGHTS = 10
 ACCEPTED_ERRORS = ("separation",)
 """Errors of the plan check that the start accepts: all vehicles fly the same path; they cannot collide."""
-
-_DRY_RUN = """
-import json, sys, time
-from missions import documents
-from missions.dry_run.monte_carlo import monte_carlo
-from missions.dry_run.offboard_plans import FlyableMission
-from missions.dry_run.plans import FlyablePlan
-from missions.dry_run.result import dry_run
-from missions.dry_run.setup import Aircraft, Conditions
-from missions.plan import Plan
-from missions.values import HomePosition
-plan, home = documents.read(sys.argv[1]), HomePosition(**json.loads(sys.argv[2]))
-flights = int(sys.argv[3])
-aircraft = Aircraft(home, endurance_s=900.0)
-flyable = (FlyablePlan if isinstance(plan, Plan) else FlyableMission).of(plan, aircraft)
-began_cpu_s, began_s = time.process_time(), time.perf_counter()
-if flights:
-    run = monte_carlo(flyable, aircraft, Conditions((0.0, 4.0, 0.0), 0.5), flights=flights).nominal
-else:
-    run = dry_run(flyable, aircraft, Conditions((0.0, 4.0, 0.0), 0.5))
-cpu_s, elapsed_s = time.process_time() - began_cpu_s, time.perf_counter() - began_s
-assert run.finished, run.findings
-print(json.dumps([run.duration_s, cpu_s, elapsed_s]))
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,12 +98,26 @@ def run_times_s(flights: int, plan: dict[str, Any]) -> tuple[float, float, float
         flights: number of flights of a Monte Carlo run; 0: a single dry run.
         plan: a waypoint plan or an offboard mission.
     """
-    arguments = [json.dumps(plan), json.dumps(HOME), str(flights)]
-    command = [sys.executable, "-c", _DRY_RUN, *arguments]
-    flight_s, cpu_s, elapsed_s = json.loads(
-        subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as process:
+        return process.submit(_run_times_s, json.dumps(plan), flights).result()
+
+
+def _run_times_s(plan_text: str, flights: int) -> tuple[float, float, float]:
+    plan, aircraft = documents.read(plan_text), Aircraft(HomePosition(**HOME), endurance_s=900.0)
+    flyable: Flyable = (
+        FlyablePlan.from_plan(plan, aircraft)
+        if isinstance(plan, Plan)
+        else FlyableMission.from_mission(plan, aircraft)
     )
-    return flight_s, cpu_s, elapsed_s
+    conditions = Conditions(WIND_NED_M_S, GUSTS_M_S)
+    began_cpu_s, began_s = time.process_time(), time.perf_counter()
+    if flights:
+        run = monte_carlo(flyable, aircraft, conditions, flights=flights).nominal
+    else:
+        run = dry_run(flyable, aircraft, conditions)
+    cpu_s, elapsed_s = time.process_time() - began_cpu_s, time.perf_counter() - began_s
+    assert run.finished, run.findings
+    return run.duration_s, cpu_s, elapsed_s
 
 
 def compare(plan: dict[str, Any]) -> Comparison:
