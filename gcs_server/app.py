@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import asdict
 from functools import partial
@@ -66,6 +66,7 @@ from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.stream_process import StreamProcess
+from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.streamer.waypoints.flights import WaypointFlights
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from gcs_server.supervise import Supervisor
@@ -88,80 +89,111 @@ The API works without it: /docs describes it.
 """
 
 
+def _simulator(settings: Settings, clock: Clock, folder: DataFolder) -> SimulatorProcess | None:
+    if not settings.sim:
+        return None
+    return SimulatorProcess(clock, settings.sim, folder, extra_arguments=settings.sim_args)
+
+
+def _router(settings: Settings, clock: Clock, supervisor: Supervisor, folder: DataFolder) -> Router:
+    own = RouterSettings(
+        system_id=settings.system_id,
+        component_id=COMPONENT_ID,
+        signing_dir=folder.signing,
+        recording_dir=folder.recordings if settings.record else None,
+    )
+    return Router(clock, supervisor, own, {"ros2": partial(ros2_link, own_system_id=settings.system_id)})
+
+
+def _stored_limits(stored: object) -> OperatorLimits:
+    return LimitsRequest.model_validate(stored).to_limits()
+
+
+def _notices(kind: str, source: Callable[[], Sequence[str] | str | None]) -> list[Notice]:
+    """The texts of a source of warnings (one, several, none) as notices of this kind."""
+    found = source()
+    texts = [found] if isinstance(found, str) else found or ()
+    return [Notice(kind, text) for text in texts]
+
+
+class ClientEvents:
+    """Sends what happens in the server to the telemetry clients; only the events of groups are stored."""
+
+    def __init__(self, clock: Clock, fleet: Fleet, hub: Hub) -> None:
+        self._clock = clock
+        self._fleet = fleet
+        self._hub = hub
+
+    def group(self, text: str, status: GroupStatus, is_warning: bool) -> None:
+        """A group of vehicles has changed."""
+        severity = MAV_SEVERITY_WARNING if is_warning else MAV_SEVERITY_INFO
+        unix_s = self._clock.unix_s()
+        self._fleet.events.add("group", unix_s, text, severity=severity, data={"group": asdict(status)})
+
+    def operation(self, operation: Operation) -> None:
+        """An operation has changed; GET /operations lists it."""
+        self._publish(
+            "operation", operation.vehicle, operation.text, {"operation": operation_view(operation)}
+        )
+
+    def plan_change(self, change: PlanChange) -> None:
+        """A stored plan has changed; GET /plans lists it."""
+        plan = change.plan
+        text = f"{change.by} {change.action} the plan {plan.name!r} (version {plan.version})."
+        data: dict[str, object] = {
+            "action": change.action,
+            "plan": asdict(plan),
+            "client": change.by,
+            "client_key": change.by_key,
+        }
+        self._publish("plan_changed", None, text, data)
+
+    def scene_click(self, click: SceneClick) -> None:
+        """A position was clicked in 3D."""
+        self._publish("scene_click", click.vehicle, "", asdict(click))
+
+    def scene_drag(self, gizmo: SceneGizmo) -> None:
+        """A preview was dragged in 3D."""
+        self._publish("scene_gizmo", gizmo.vehicle, "", asdict(gizmo))
+
+    def _publish(self, kind: str, vehicle: str | None, text: str, data: dict[str, object]) -> None:
+        self._hub.publish(Event(0, kind, vehicle, self._clock.unix_s(), MAV_SEVERITY_DEBUG, text, data))
+
+
 class Server:
     """Builds all parts once the event loop runs, and stops them in reverse order."""
 
     def __init__(self, settings: Settings, clock: Clock, *, more_links: tuple[str, ...] = ()) -> None:
-        self._settings = settings
         folder = DataFolder(settings.data)
-        self._simulator = (
-            SimulatorProcess(clock, settings.sim, folder, extra_arguments=settings.sim_args)
-            if settings.sim
-            else None
-        )
+        self._links = (*settings.links, *more_links)
+        self._link_errors: list[Notice] = []
+        self._simulator = _simulator(settings, clock, folder)
         self.supervisor = Supervisor(clock)
-        self.router = Router(
-            clock,
-            self.supervisor,
-            RouterSettings(
-                system_id=settings.system_id,
-                component_id=COMPONENT_ID,
-                signing_dir=folder.signing,
-                recording_dir=folder.recordings if settings.record else None,
-            ),
-            {"ros2": partial(ros2_link, own_system_id=settings.system_id)},
-        )
+        self.router = _router(settings, clock, self.supervisor, folder)
         self.fleet = Fleet(clock, self.supervisor, self.router)
-        streams = StreamProcess(
-            clock,
-            (settings.system_id, STREAM_COMPONENT_ID),
-            server_silent_limit_s=settings.server_silent_limit_s,
-        )
-        limits = LimitStore(
-            Records(folder.limits), lambda stored: LimitsRequest.model_validate(stored).to_limits()
-        )
-        self.streamer = Streamer(clock, streams, limits)
+        hub = Hub(clock, self.fleet)
+        self._events = ClientEvents(clock, self.fleet, hub)
+        own_ids = (settings.system_id, STREAM_COMPONENT_ID)
+        streams = StreamProcess(clock, own_ids, server_silent_limit_s=settings.server_silent_limit_s)
+        self.streamer = Streamer(clock, streams, LimitStore(Records(folder.limits), _stored_limits))
         missions = OffboardMissions(clock, self.streamer, streams, self.supervisor)
         mission_modes = MissionModes(
             clock, self.streamer, streams, missions, self.supervisor, self._prepare_mode, self._compile_inputs
         )
-        self.fleet.on_vehicle_added(self.streamer.attach)
-        self.fleet.on_vehicle_added(missions.attach)
         self._flight_progress = ProgressStore(Records(folder.flights))
         waypoint_flights = WaypointFlights(clock, self.supervisor, self._flight_progress)
-        self.fleet.on_vehicle_added(waypoint_flights.attach)
-        self.fleet.on_vehicle_removed(waypoint_flights.detach)
-        self.fleet.on_vehicle_removed(missions.detach)
-        self.fleet.on_vehicle_removed(mission_modes.detach)
-        self.fleet.on_vehicle_removed(self.streamer.detach)
-        self.router.on_change(lambda _link: self.streamer.links_changed())
-        cache = Cache(folder.cache)
-        self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.set_cache(cache))
-        plan_cache = ItemsCache(cache)
-        self.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(plan_cache))
+        self._connect_vehicles(missions, mission_modes, waypoint_flights, Cache(folder.cache))
         dry_runs = DryRuns()
-        self.scene = (
-            SceneProcess(
-                self.fleet,
-                clock,
-                self._offboard_target,
-                self._scene_clicked,
-                self._scene_dragged,
-                dry_runs.body,
-            )
-            if settings.scene
-            else None
-        )
+        self.scene = self._scene(clock, dry_runs) if settings.scene else None
         journal = Journal(clock, folder.journal)
         lease_times = LeaseTimes(settings.control_lease_s, settings.control_answer_s)
         replays = Replays(self.router, self.fleet, folder.recordings)
         authority = Authority(clock, self.fleet, journal, self.supervisor, lease_times)
-        plans = PlanStore(folder.plans, clock, self._publish_plan_change)
         self.station = Station(
             clock=clock,
             router=self.router,
             fleet=self.fleet,
-            hub=Hub(clock, self.fleet),
+            hub=hub,
             journal=journal,
             authority=authority,
             replays=replays,
@@ -169,8 +201,8 @@ class Server:
             missions=missions,
             waypoint_flights=waypoint_flights,
             mission_modes=mission_modes,
-            operations=Operations(clock, self.supervisor, self._publish_operation),
-            plans=plans,
+            operations=Operations(clock, self.supervisor, self._events.operation),
+            plans=PlanStore(folder.plans, clock, self._events.plan_change),
             plan_work=PlanWork(folder.elevation, authority.controls_any),
             dry_runs=dry_runs,
             topic_inspectors=TopicInspectors(),
@@ -180,24 +212,49 @@ class Server:
             has_scene=self.scene is not None,
             simulator=self._simulator is not None,
         )
-        self.station.hub.set_replays_source(replays.all)
-        self.station.hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)
-        self.streamer.groups.on_change = self._publish_group
+        hub.set_replays_source(replays.all)
+        hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)
+        self.streamer.groups.on_change = self._events.group
+        self._collect_warnings()
+
+    def _scene(self, clock: Clock, dry_runs: DryRuns) -> SceneProcess:
+        events = self._events
+        return SceneProcess(
+            self.fleet, clock, self._offboard_target, events.scene_click, events.scene_drag, dry_runs.body
+        )
+
+    def _connect_vehicles(
+        self,
+        missions: OffboardMissions,
+        mission_modes: MissionModes,
+        waypoint_flights: WaypointFlights,
+        cache: Cache,
+    ) -> None:
+        """Lets the parts know of the vehicles that come and go."""
+        for part in (self.streamer, missions, waypoint_flights):
+            self.fleet.on_vehicle_added(part.attach)
+        for part in (waypoint_flights, missions, mission_modes, self.streamer):
+            self.fleet.on_vehicle_removed(part.detach)
+        plan_cache = ItemsCache(cache)
+        self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.set_cache(cache))
+        self.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(plan_cache))
         self.fleet.subscribe(self._cancel_operations_on_loss)
-        self._links = (*settings.links, *more_links)
-        self._link_errors: list[Notice] = []
-        self.station.warning_sources.append(lambda: list(self._link_errors))
-        self.station.warning_sources.append(self._faults)
-        self.station.warning_sources.append(lambda: [Notice("limits", text) for text in limits.warnings()])
-        self.station.warning_sources.append(lambda: [Notice("plans", text) for text in plans.warnings()])
-        progress = self._flight_progress
-        self.station.warning_sources.append(lambda: [Notice("plans", text) for text in progress.warnings()])
-        if (scene := self.scene) is not None:
-            self.station.warning_sources.append(
-                lambda: [Notice("scene", text)] if (text := scene.warning()) is not None else []
-            )
+        self.router.on_change(lambda _link: self.streamer.links_changed())
+
+    def _collect_warnings(self) -> None:
+        texts: list[tuple[str, Callable[[], Sequence[str] | str | None]]] = [
+            ("fault", self.streamer.faults),
+            ("limits", self.streamer.limits.warnings),
+            ("plans", self.station.plans.warnings),
+            ("plans", self._flight_progress.warnings),
+        ]
+        if self.scene is not None:
+            texts += [("fault", self.scene.faults), ("scene", self.scene.warning)]
+        sources = self.station.warning_sources
+        sources.append(lambda: list(self._link_errors))
+        sources += [partial(_notices, kind, source) for kind, source in texts]
         if self._simulator is not None:
-            self.station.warning_sources.append(self._simulator.warnings)
+            sources.append(self._simulator.warnings)
 
     async def start(self) -> None:
         """Starts all parts; a link that cannot be opened becomes a warning."""
@@ -270,36 +327,6 @@ class Server:
         target = self.streamer.target(vehicle_id)
         return None if target is None else OffboardTarget(*target)
 
-    def _faults(self) -> list[Notice]:
-        """Errors of this program in parts that serve all vehicles."""
-        faults = [*self.streamer.faults(), *(self.scene.faults() if self.scene is not None else ())]
-        return [Notice("fault", text) for text in faults]
-
-    def _publish_group(self, text: str, status: GroupStatus, is_warning: bool) -> None:
-        severity = MAV_SEVERITY_WARNING if is_warning else MAV_SEVERITY_INFO
-        unix_s = self.station.clock.unix_s()
-        self.fleet.events.add("group", unix_s, text, severity=severity, data={"group": asdict(status)})
-
-    def _publish_operation(self, operation: Operation) -> None:
-        # Sent to clients, not stored as an event: GET /operations lists them.
-        data = {"operation": operation_view(operation)}
-        unix_s = self.station.clock.unix_s()
-        event = Event(0, "operation", operation.vehicle, unix_s, MAV_SEVERITY_DEBUG, operation.text, data)
-        self.station.hub.publish(event)
-
-    def _publish_plan_change(self, change: PlanChange) -> None:
-        plan = change.plan
-        text = f"{change.by} {change.action} the plan {plan.name!r} (version {plan.version})."
-        data = {
-            "action": change.action,
-            "plan": asdict(plan),
-            "client": change.by,
-            "client_key": change.by_key,
-        }
-        # Sent to clients, not stored as an event: GET /plans lists them.
-        unix_s = self.station.clock.unix_s()
-        self.station.hub.publish(Event(0, "plan_changed", None, unix_s, MAV_SEVERITY_DEBUG, text, data))
-
     def _cancel_operations_on_loss(self, event: Event) -> None:
         is_removed = event.kind == "vehicle_removed"
         if event.vehicle is not None and (
@@ -309,15 +336,6 @@ class Server:
 
     def _is_lost(self, vehicle_id: str) -> bool:
         return any(v.id == vehicle_id and v.status.link_lost for v in self.fleet.all())
-
-    def _scene_clicked(self, click: SceneClick) -> None:
-        # Sent to clients, not stored: a click is not an event of the vehicle.
-        hub, unix_s = self.station.hub, self.station.clock.unix_s()
-        hub.publish(Event(0, "scene_click", click.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(click)))
-
-    def _scene_dragged(self, gizmo: SceneGizmo) -> None:
-        hub, unix_s = self.station.hub, self.station.clock.unix_s()
-        hub.publish(Event(0, "scene_gizmo", gizmo.vehicle, unix_s, MAV_SEVERITY_DEBUG, "", asdict(gizmo)))
 
 
 class Page(StaticFiles):
@@ -390,9 +408,7 @@ def create_app(
     in_control = server.station.authority.controls_any
     connections = Connections(clock, in_control=in_control)
     app.state.connections = connections
-    server.station.warning_sources.append(
-        lambda: [Notice("connections", text)] if (text := connections.warning()) is not None else []
-    )
+    server.station.warning_sources.append(partial(_notices, "connections", connections.warning))
     station = server.station
     app.add_middleware(
         BodyReader, request_queue=station.request_queue, large_setpoints=station.large_setpoints

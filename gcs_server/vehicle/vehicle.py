@@ -98,22 +98,6 @@ class Vehicle:
         self._endpoint_in_use: Endpoint | None = None
         self._lost = False
         """Whether the event "Connection lost" was added for the current loss."""
-        self._handlers: dict[int, Callable[[Frame, Endpoint], None]] = {
-            d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._event_logger.text(full_payload(f), e),
-            d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.take_event(full_payload(f)),
-            d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: lambda f, _: self.health.take_sequence(full_payload(f)),
-            d.MAVLINK_MSG_ID_PARAM_VALUE: lambda f, _: self.params.take_value(full_payload(f)),
-            d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.take_event_error(full_payload(f)),
-            d.MAVLINK_MSG_ID_AVAILABLE_MODES: lambda f, _: self.mode_list.take(full_payload(f)),
-            d.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: lambda f, _: self.mode_list.changed(full_payload(f)),
-            d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._external_control.ack(full_payload(f)),
-            d.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _f, _e: self.mission.on_ids_reported(),
-            d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: self._external_control.gimbal(
-                f.component_id, full_payload(f)
-            ),
-        }
-        self._handled_ids = frozenset((*REDUCERS, *self._handlers))
-        """Messages that are not only stored, but also handled."""
         self.mode_list = ModeList(self)
         self.command = CommandService(
             self, VehicleFloor(self, self._known_parameter), lambda: self.mission.startable_s
@@ -134,6 +118,32 @@ class Vehicle:
             lambda: None if self.offboard is None else self.offboard.requested_mode(),
             lambda: self.mission.is_at_return(),
         )
+        self._handlers = self._message_handlers()
+        self._handled_ids = frozenset((*REDUCERS, *self._handlers))
+        """Messages that are not only stored, but also handled."""
+
+    def _message_handlers(self) -> dict[int, Callable[[Frame, Endpoint], None]]:
+        """Who handles which message, after it was stored."""
+        control, events = self._external_control, self._event_logger
+        handlers: dict[int, Callable[[Frame, Endpoint], None]] = {
+            d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: events.text(full_payload(f), e),
+            d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda f, _: control.gimbal(
+                f.component_id, full_payload(f)
+            ),
+        }
+        of_payload: dict[int, Callable[[bytes], None]] = {
+            d.MAVLINK_MSG_ID_EVENT: self.health.take_event,
+            d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: self.health.take_sequence,
+            d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: self.health.take_event_error,
+            d.MAVLINK_MSG_ID_PARAM_VALUE: self.params.take_value,
+            d.MAVLINK_MSG_ID_AVAILABLE_MODES: self.mode_list.take,
+            d.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: self.mode_list.changed,
+            d.MAVLINK_MSG_ID_COMMAND_ACK: control.ack,
+            d.MAVLINK_MSG_ID_MISSION_CURRENT: lambda _: self.mission.on_ids_reported(),
+        }
+        for msg_id, take in of_payload.items():
+            handlers[msg_id] = lambda frame, _, take=take: take(full_payload(frame))
+        return handlers
 
     @property
     def identity(self) -> Identity:

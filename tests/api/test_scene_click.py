@@ -18,7 +18,7 @@ def test_a_click_in_3d_is_sent_with_the_id_of_its_view_and_is_not_stored(tmp_pat
     ):
         assert socket.receive_json()["type"] == "hello"
         click = SceneClick("page-1", "1", 47.4, 8.5, 488.0, 0.5, 0.9)
-        client.portal.call(app.state.server._scene_clicked, click)
+        client.portal.call(app.state.server._events.scene_click, click)
         event = socket.receive_json()["event"]
         assert app.state.server.fleet.events.since() == []
     sent_click = {key: event[key] for key in ("kind", "view", "vehicle", "lat_deg", "lon_deg", "alt_amsl_m")}
