@@ -7,32 +7,53 @@ from collections.abc import Callable
 
 from gcs_server.faults import FaultLog
 
-WAKE_INTERVAL_S = 0.005
-"""Minimum time between two reads of a busy link; bytes after a pause are read immediately [s]."""
 MAX_READ_S = 0.02
 """Maximum time spent on one link per iteration of the event loop [s]. The remaining data wait in the system's
 buffer; if it overflows, bytes are lost on this link only."""
-READ_INTERVALS = ((2000.0, 0.020), (500.0, 0.010))
-"""(minimum pieces per second, seconds between two reads). A piece is a datagram, or the bytes of one read. A
-busy link is read less often, because each wake-up costs as much as reading dozens of pieces."""
+READ_PERIODS = ((0.0, 0.0), (400.0, 0.005), (800.0, 0.010), (2000.0, 0.020))
+"""(minimum pieces per second, seconds between two reads; 0: read when data arrive). A piece is about what
+arrives at a time: a datagram, or some bytes of a stream. Each wake of the event loop costs as much as reading
+dozens of pieces, so a busy link is read in batches."""
+LEAVE_BELOW = 0.6
+"""A link is read more often again once its rate is below this share of the rate at which it was slowed."""
+WINDOW_S = 0.25
+"""Time over which the rate is measured [s]."""
+RETRY_S = 0.005
+"""Time until a link is read again after an error [s]."""
 
 
-def read_interval_s(pieces_per_s: float) -> float:
-    """Time to wait before a link is read again [s]."""
-    for min_rate, wait_s in READ_INTERVALS:
-        if pieces_per_s >= min_rate:
-            return wait_s
-    return WAKE_INTERVAL_S
+class ReadPace:
+    """Decides from the measured rate when a link is read: as soon as data arrive, or in batches. It slows
+    down at once, before the window ends, when as many pieces arrive as a whole window may have.
+    """
+
+    def __init__(self) -> None:
+        self._level = 0
+        self._pieces = 0
+        self._window_start_s = float("-inf")
+
+    def period_s(self, pieces: int, now_s: float) -> float:
+        """Records a reading; returns the time until the next one [s]; 0: when data arrive."""
+        self._pieces += pieces
+        elapsed_s = now_s - self._window_start_s
+        rate_hz = self._pieces / max(elapsed_s, WINDOW_S)
+        while self._level + 1 < len(READ_PERIODS) and rate_hz >= READ_PERIODS[self._level + 1][0]:
+            self._level += 1
+        if elapsed_s >= WINDOW_S:
+            while rate_hz < LEAVE_BELOW * READ_PERIODS[self._level][0]:
+                self._level -= 1
+            self._window_start_s, self._pieces = now_s, 0
+        return READ_PERIODS[self._level][1]
 
 
-class ThrottledReader:
-    """Calls `read_available()` when data can be read, at intervals of `read_interval_s`.
+class LinkReader:
+    """Calls `read_available()` when data can be read, or at the periods of `ReadPace`.
 
-    While bytes keep arriving, a timer is used instead of watching the descriptor, because a timer costs less.
+    A timer, and not the descriptor, starts the readings of a busy link, because a timer costs less.
 
     Args:
         read_available: reads everything that has arrived, and returns the number of pieces. If it raises,
-            reading continues.
+            reading continues after `RETRY_S`.
     """
 
     def __init__(
@@ -46,33 +67,26 @@ class ThrottledReader:
         self._loop = loop
         self._fileno = fileno
         self._read_available = read_available
+        self._pace = ReadPace()
         self._timer: asyncio.TimerHandle | None = None
-        self._waited_s = WAKE_INTERVAL_S
         self._closed = False
-        loop.add_reader(fileno, self._readable)
-
-    def _readable(self) -> None:
-        self._loop.remove_reader(self._fileno)
-        self._read()
+        loop.add_reader(fileno, self._read)
 
     def _read(self) -> None:
-        self._timer = None
-        pieces = 1  # if reading fails, read again after a short time
+        period_s = RETRY_S
         try:
-            pieces = self._read_available()
+            period_s = self._pace.period_s(self._read_available(), self._loop.time())
         except Exception as error:
             self._faults.add(error, "reading")
-        finally:
-            if not self._closed:
-                self._schedule_read(pieces)
-
-    def _schedule_read(self, pieces: int) -> None:
-        if pieces:
-            self._waited_s = read_interval_s(pieces / self._waited_s)
-            self._timer = self._loop.call_later(self._waited_s, self._read)
-        else:
-            self._waited_s = WAKE_INTERVAL_S
-            self._loop.add_reader(self._fileno, self._readable)
+        if self._closed:
+            return
+        watched, self._timer = self._timer is None, None
+        if period_s:
+            if watched:
+                self._loop.remove_reader(self._fileno)
+            self._timer = self._loop.call_later(period_s, self._read)
+        elif not watched:
+            self._loop.add_reader(self._fileno, self._read)
 
     def close(self) -> None:
         """Stops reading; call before the descriptor is closed."""

@@ -16,6 +16,8 @@ from gcs_server.links.stream import StreamSession
 from gcs_server.links.writer import LinkWriter
 
 DEFAULT_BAUD = 57600
+UART_PIECE_BYTES, USB_PIECE_BYTES = 8, 64
+"""About the number of bytes that the driver passes on at a time."""
 
 
 class SerialLink(Link):
@@ -41,16 +43,18 @@ class SerialLink(Link):
         descriptor = port.fileno()
         os.set_blocking(descriptor, False)
         _block_when_empty(descriptor)
+        baud = self._line_baud()
         self._session = StreamSession(
             self._loop,
             descriptor,
             read=lambda size: os.read(descriptor, size),
             write=lambda data: os.write(descriptor, data),
-            pacer=LinePacer(self._line_baud(), lambda: bytes_in_output_queue(descriptor)),
+            pacer=LinePacer(baud, lambda: bytes_in_output_queue(descriptor)),
             counts=self._counts,
             on_received=lambda data: self._received(data, self._peer),
             on_end=lambda why: self._lost(f"{self._device} was disconnected ({why}) Plug it in again."),
             faults=self.faults,
+            piece_bytes=USB_PIECE_BYTES if math.isinf(baud) else UART_PIECE_BYTES,
         )
         self._peers[self._peer.name] = self._peer
         self._opened()

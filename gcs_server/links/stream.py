@@ -6,13 +6,15 @@ import asyncio
 from collections.abc import Callable
 
 from gcs_server.faults import FaultLog
-from gcs_server.links.channel import MAX_READ_S, ThrottledReader
+from gcs_server.links.channel import MAX_READ_S, LinkReader
 from gcs_server.links.pacing import Pacer
 from gcs_server.links.send_queue import SendCounts
 from gcs_server.links.writer import LinkWriter
 
 READ_BYTES = 8192
 READS_PER_WAKE = 128
+FRAME_BYTES = 50
+"""About the size of a MAVLink frame, which arrives as a whole over a network."""
 
 
 class StreamSession:
@@ -38,8 +40,10 @@ class StreamSession:
         pacer: Pacer,
         counts: SendCounts,
         faults: FaultLog,
+        piece_bytes: int = FRAME_BYTES,
     ) -> None:
         self._read = read
+        self._piece_bytes = piece_bytes
         self._on_received = on_received
         self._on_end = on_end
         self._closed = False
@@ -53,7 +57,7 @@ class StreamSession:
             on_failure=lambda error: self._end(f"{error.strerror or error}."),
         )
         self._now_s = loop.time
-        self._reader = ThrottledReader(loop, fileno, self._read_available, faults)
+        self._reader = LinkReader(loop, fileno, self._read_available, faults)
 
     def close(self) -> None:
         """Stops reading and writing; the descriptor may be closed afterwards."""
@@ -76,7 +80,7 @@ class StreamSession:
             if not data:
                 self._end("The other side closed the connection.")
                 break
-            pieces += 1
+            pieces += max(1, len(data) // self._piece_bytes)
             self._on_received(data)
         return pieces
 

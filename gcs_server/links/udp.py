@@ -8,7 +8,7 @@ import socket
 from time import monotonic
 
 from gcs_server.links.base import Peer
-from gcs_server.links.channel import MAX_READ_S, ThrottledReader
+from gcs_server.links.channel import MAX_READ_S, LinkReader
 from gcs_server.links.host import HostLink
 from gcs_server.links.resolve import Address
 from gcs_server.links.writer import LinkWriter
@@ -42,7 +42,7 @@ class UdpLink(HostLink):
     ) -> None:
         super().__init__(name, url, host, port, forward=forward)
         self._outgoing = outgoing
-        self._reader: ThrottledReader | None = None
+        self._reader: LinkReader | None = None
         self._socket_writer: LinkWriter | None = None
         self._by_address: dict[Address, Peer] = {}
         self._last_received_s: dict[str, float] = {}
@@ -74,7 +74,7 @@ class UdpLink(HostLink):
             self.faults,
             self.now_s,
         )
-        self._reader = ThrottledReader(self._loop, sock.fileno(), self._read_available, self.faults)
+        self._reader = LinkReader(self._loop, sock.fileno(), self._read_available, self.faults)
         if self._outgoing:
             self._fixed_peer = self._new_peer(address).name
         self._sweep_timer = self._loop.call_later(FORGET_AFTER_S / 4, self._forget_inactive_peers)

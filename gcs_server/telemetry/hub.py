@@ -10,6 +10,8 @@ A vehicle's topic is sent after each of its messages, even if it has not changed
 newest message shows the age of the value. A topic of the server (`PERIODS_S`, readiness) is sent after a
 subscription and when it changes; it is valid until the next change. The topics of `ON_REQUEST` are
 expensive, so only subscriptions that name them contain them.
+
+A client that has the newest values gets the next ones when a message of its vehicles arrives, once a period.
 """
 
 from __future__ import annotations
@@ -198,6 +200,9 @@ class Subscriber:
         self._events_size = 0
         self._errors = 0
         self._wake = asyncio.Event()
+        self._watched: list[Vehicle] = []
+        """Vehicles whose next message wakes this client."""
+        self._data_arrived = False
         self.overflowed = False
 
     def queue_event(self, event: Event, text: str) -> None:
@@ -247,7 +252,7 @@ class Subscriber:
             self._errors = 0
             now_s = self._clock.monotonic_s()
             subscription = self._subscription
-            if subscription is not None and now_s >= next_s:
+            if subscription is not None and (now_s >= next_s or self._data_arrived):
                 replays = self._samples.replays_text()
                 if replays != self._seen_replays:
                     self._seen_replays = replays
@@ -255,11 +260,15 @@ class Subscriber:
                     # events are sent first, so that a replaced vehicle is announced before its samples
                     if self._events:
                         continue
+                period_s, data_arrived = 1.0 / subscription.rate_hz, self._data_arrived
+                self._unwatch()
                 new_samples = self._new_samples(subscription)
                 if new_samples:
                     await self._socket.send_text(samples_frame(new_samples))
-                period_s = 1.0 / subscription.rate_hz
-                next_s = max(next_s + period_s, self._clock.monotonic_s())
+                elif not data_arrived:
+                    self._watch(subscription)
+                next_s = (now_s if data_arrived else next_s) + period_s
+                next_s = max(next_s, self._clock.monotonic_s())
             await self._wait(None if subscription is None else next_s - self._clock.monotonic_s())
         await self._socket.close(CLOSE_TOO_SLOW, "too slow: events were lost; connect again")
 
@@ -276,12 +285,36 @@ class Subscriber:
 
     def _new_samples(self, subscription: Subscribe) -> list[bytes]:
         new_samples: list[bytes] = []
-        for vehicle in self._samples.vehicles():
-            if isinstance(subscription.vehicles, list) and vehicle.id not in subscription.vehicles:
-                continue
+        for vehicle in self._vehicles(subscription):
             seen = self._seen.setdefault(vehicle.id, {})
             new_samples.extend(self._samples.new_samples(vehicle, self._topics, seen))
         return new_samples
+
+    def _vehicles(self, subscription: Subscribe) -> list[Vehicle]:
+        vehicles = self._samples.vehicles()
+        if isinstance(subscription.vehicles, str):
+            return vehicles
+        return [vehicle for vehicle in vehicles if vehicle.id in subscription.vehicles]
+
+    def _watch(self, subscription: Subscribe) -> None:
+        """Wakes this client when the next message of one of its vehicles arrives."""
+        self._watched = self._vehicles(subscription)
+        for vehicle in self._watched:
+            vehicle.listeners.add(self._on_message)
+
+    def _unwatch(self) -> None:
+        for vehicle in self._watched:
+            vehicle.listeners.discard(self._on_message)
+        self._watched, self._data_arrived = [], False
+
+    def _on_message(self) -> None:
+        self._unwatch()
+        self._data_arrived = True
+        self._wake.set()
+
+    def close(self) -> None:
+        """Drops the references to the vehicles."""
+        self._unwatch()
 
 
 class Hub:
@@ -328,6 +361,7 @@ class Hub:
                 receiving.cancel()
         finally:
             self._clients.discard(client)
+            client.close()
 
     def close(self) -> None:
         """Stops receiving events."""

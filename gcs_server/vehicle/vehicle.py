@@ -59,7 +59,7 @@ class Vehicle:
         "__weakref__", "_endpoint_in_use", "_endpoints", "_event_logger", "_external_control",
         "_handled_ids", "_handlers", "_identity", "_known_links", "_lost", "_state", "_supervisor",
         "camera", "clock", "command", "components", "control", "events", "ftp", "gimbal", "gimbals",
-        "health", "id", "isolation", "mailbox", "metadata", "mission", "mode_list", "mode_names",
+        "health", "id", "isolation", "listeners", "mailbox", "metadata", "mission", "mode_list", "mode_names",
         "offboard", "offboard_mission", "own_ids", "params", "tickets", "waypoint_flight",
     )  # fmt: skip
 
@@ -78,6 +78,8 @@ class Vehicle:
         self.isolation = Isolation(clock, log, f"Vehicle {vehicle_id}")
         """Runs code that may fail because of this vehicle's data: a topic, a snapshot, a view."""
         self.mailbox = Mailbox(decode)
+        self.listeners: set[Callable[[], None]] = set()
+        """Called after each message, before other tasks run; usually empty."""
         self.events = EventFeed(vehicle_id)
         self.tickets = Tickets()
         """The accepted commands that may still send."""
@@ -343,6 +345,9 @@ class Vehicle:
             self._state.take(frame)
         if msg_id in self.mailbox.awaited and frame.known:
             self.mailbox.deliver(frame)
+        if self.listeners:
+            for listener in tuple(self.listeners):
+                listener()
 
     def _handle(self, frame: Frame, endpoint: Endpoint) -> None:
         """Stores a frame that also changes the flight state or belongs to a service."""

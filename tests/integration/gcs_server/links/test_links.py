@@ -12,7 +12,6 @@ import time
 import pytest
 
 from gcs_server.errors import InvalidRequest, LinkError
-from gcs_server.links.channel import READ_INTERVALS, WAKE_INTERVAL_S, read_interval_s
 from gcs_server.links.send_queue import Packet
 from gcs_server.links.serial import SerialLink
 from gcs_server.links.tcp import TcpLink, TcpServerLink
@@ -22,14 +21,6 @@ from gcs_server.links.url import make_link
 from gcs_server.replay.records import read_tlog
 from tests.station import free_port
 from tests.support.link_recorder import LinkRecorder, run_in_real_time
-
-
-@pytest.mark.parametrize(
-    ("pieces_per_s", "wait_s"), [(0, WAKE_INTERVAL_S), (499, WAKE_INTERVAL_S), (500, 0.010), (5000, 0.020)]
-)
-def test_a_busy_link_is_read_less_often_but_at_least_every_20_ms(pieces_per_s, wait_s):
-    assert read_interval_s(pieces_per_s) == wait_s
-    assert max(wait for _, wait in READ_INTERVALS) <= 0.020
 
 
 def test_a_udpin_link_receives_and_sends_also_from_another_thread():

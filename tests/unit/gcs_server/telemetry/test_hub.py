@@ -30,6 +30,7 @@ class Fleet:
             topic_received_s=lambda topic: getattr(self.samples.get(topic), "received_monotonic_s", None),
             offboard=None,
             identity={"simulated": True},
+            listeners=set(),
             isolation=Isolation(SystemClock(), logging.getLogger("test"), "Vehicle 1"),
         )
         self.callbacks = []
@@ -114,6 +115,48 @@ def test_a_slow_client_gets_the_newest_value_and_no_backlog():
         assert len(socket.climbs()) <= 3
 
     run_test(scenario)
+
+
+def test_a_value_that_arrives_after_a_pause_is_sent_at_once_and_the_next_after_a_period():
+    async def scenario(fleet, socket, hub):
+        def receive(climb_m_s):
+            fleet.set_climb(climb_m_s, climb_m_s)
+            for listener in tuple(fleet.vehicle.listeners):
+                listener()
+
+        await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["hud"], "rate_hz": 1}))
+        await asyncio.sleep(2.5)
+        receive(1.0)
+        await asyncio.sleep(0.001)
+        assert socket.climbs() == [1.0]
+        receive(2.0)
+        await asyncio.sleep(0.9)
+        assert socket.climbs() == [1.0]
+        await asyncio.sleep(0.2)
+        assert socket.climbs() == [1.0, 2.0]
+
+    run_test(scenario)
+
+
+def test_a_client_that_needs_another_topic_is_woken_once_a_period_and_leaves_nothing_behind():
+    async def scenario(fleet, socket, hub):
+        scans = []
+        fleet.vehicle.topic_received_s = lambda topic: scans.append(topic)
+        await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["hud"], "rate_hz": 1}))
+        await asyncio.sleep(1.5)
+        scans.clear()
+        for _ in range(500):
+            for listener in tuple(fleet.vehicle.listeners):
+                listener()
+            await asyncio.sleep(0.01)
+        assert len(scans) <= 11
+        await asyncio.sleep(2)
+        assert len(fleet.vehicle.listeners) == 1
+        vehicles.append(fleet.vehicle)
+
+    vehicles = []
+    run_test(scenario)
+    assert not vehicles[0].listeners
 
 
 def test_a_topic_of_the_server_is_sent_after_subscribing_and_after_each_change():
