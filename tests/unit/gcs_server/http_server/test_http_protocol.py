@@ -2,10 +2,12 @@
 connection."""
 
 import asyncio
+import gc
 import json
 import logging
 import os
 import random
+import tracemalloc
 
 import pytest
 
@@ -188,6 +190,31 @@ def test_the_total_size_of_bodies_is_limited():
         assert 60 - len(refused_transports) == server.connections.limits.body_bytes // 900_000
 
     run_with_server(scenario)
+
+
+@pytest.mark.parametrize("ends", ["refused by the application", "closed by the client"])
+def test_a_body_that_nobody_read_is_not_kept_after_its_request(ends):
+    async def refuse_unread(_, receive, send):
+        if ends == "closed by the client":
+            await asyncio.sleep(60)
+        await send({"type": "http.response.start", "status": 429, "headers": [(b"content-length", b"0")]})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def scenario(server):
+        gc.disable()  # protocol and request refer to each other: only the collector would free them
+        tracemalloc.start()
+        try:
+            for _ in range(20):
+                transport = server.connect()
+                await server.send(transport, POST + b"Content-Length: 900000\r\n\r\n" + b"a" * 250_000)
+                transport.abort()
+                await asyncio.sleep(100)
+            assert tracemalloc.get_traced_memory()[0] < 2_000_000
+        finally:
+            tracemalloc.stop()
+            gc.enable()
+
+    run_with_server(scenario, refuse_unread)
 
 
 def test_malformed_requests_are_not_logged(caplog):
