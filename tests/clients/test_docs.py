@@ -56,7 +56,7 @@ def address() -> Iterator[str]:
         yield url.removeprefix("http://")
 
 
-@pytest.mark.parametrize("document", ["docs/api.md", "README.md"])
+@pytest.mark.parametrize("document", ["docs/api.md", "docs/tutorial.md", "README.md"])
 def test_each_curl_call_of_the_document_works_in_order(document: str, address: str, tmp_path: Path) -> None:
     failures = tmp_path / "failed"
     snippets = code_blocks(document, "sh", "curl ")
@@ -71,7 +71,10 @@ def test_each_curl_call_of_the_document_works_in_order(document: str, address: s
         gcs.vehicle("1").until_disarmed(timeout_s=120)
 
 
-@pytest.mark.parametrize("document", ["docs/api.md", "docs/offboard.md", "README.md"])
+@pytest.mark.parametrize(
+    "document",
+    ["docs/api.md", "docs/offboard.md", "docs/tutorial.md", "docs/how-to-fly-from-python.md", "README.md"],
+)
 def test_each_python_program_of_the_document_runs(document: str, address: str, tmp_path: Path) -> None:
     with SyncGcs(f"http://{address}", client="docs") as gcs:  # waits for the flight of another test
         control = gcs.vehicle("1").control
