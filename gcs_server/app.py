@@ -65,7 +65,7 @@ from gcs_server.streamer.missions.preparation import CompileInputs
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
-from gcs_server.streamer.process.stream_process import StreamProcess
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.streamer.waypoints.flights import WaypointFlights
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
@@ -174,7 +174,7 @@ class Server:
         hub = Hub(clock, self.fleet)
         self._events = ClientEvents(clock, self.fleet, hub)
         own_ids = (settings.system_id, STREAM_COMPONENT_ID)
-        streams = StreamProcess(clock, own_ids, server_silent_limit_s=settings.server_silent_limit_s)
+        streams = Streams(clock, own_ids, server_silent_limit_s=settings.server_silent_limit_s)
         self.streamer = Streamer(clock, streams, LimitStore(Records(folder.limits), _stored_limits))
         missions = OffboardMissions(clock, self.streamer, streams, self.supervisor)
         mission_modes = MissionModes(

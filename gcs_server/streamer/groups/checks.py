@@ -16,7 +16,7 @@ from gcs_server.streamer.groups.prediction import (
     first_conflict,
     too_near_now,
 )
-from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.runner.script import Script
 from missions.setpoints import Path, PositionBody, Setpoint

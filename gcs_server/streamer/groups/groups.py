@@ -19,7 +19,7 @@ from gcs_server.streamer.groups.checks import MIN_LEAD_S, GroupChecks, GroupRequ
 from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.record import Group, listed
 from gcs_server.streamer.groups.status import GroupFinding, GroupStatus
-from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.separation.guard import EXPIRY_TOLERANCE_S, Finding, GroupGuard, GuardState
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.tickets import Ticket

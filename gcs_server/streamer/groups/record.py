@@ -10,7 +10,7 @@ from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.groups.checks import GroupRequest
 from gcs_server.streamer.groups.member import Member
 from gcs_server.streamer.groups.status import ClosestPair, GroupFinding, GroupMember, GroupStatus
-from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.streamer.schedule.scheduler import StreamState
 from gcs_server.streamer.separation.guard import FOLLOWING_PHASES, GuardState
 from missions.setpoints import Setpoint
 

@@ -16,7 +16,7 @@ from gcs_server.streamer.missions.start import Spawn, Start, Task
 from gcs_server.streamer.missions.status import OffboardMissionStatus
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.values.stream_request import OFFBOARD, OnExpiry, StreamRequest
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle

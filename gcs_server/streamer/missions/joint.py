@@ -6,7 +6,7 @@ from __future__ import annotations
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.streamer.missions.flight import RENEWAL_TIMEOUT_S, MissionFlight, call_runner
-from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.separation.guard import Finding
 from gcs_server.streamer.separation.mission_guard import MissionGuard
 from missions.runner.reading import Reading

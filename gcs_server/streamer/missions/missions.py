@@ -13,7 +13,7 @@ from gcs_server.streamer.missions.joint import JointMission
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.missions.status import OffboardMissionStatus
 from gcs_server.streamer.offboard.streamer import Streamer
-from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.separation.guard import Finding
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.tickets import Ticket

@@ -33,8 +33,8 @@ from gcs_server.streamer.missions.preparation import CompileInputs, Preparation
 from gcs_server.streamer.missions.preparer import Preparer
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.streamer import Streamer
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.schedule.external_modes import topics_for
-from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.values.stream_request import OFFBOARD
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.endpoint import unusable_topics

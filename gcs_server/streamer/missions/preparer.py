@@ -10,7 +10,7 @@ from gcs_server.streamer.missions.mode_events import NOTICE, WARNING, add_event,
 from gcs_server.streamer.missions.mode_status import MissionAsMode
 from gcs_server.streamer.missions.preparation import CompileInputs, Preparation
 from gcs_server.streamer.missions.start import Start
-from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gcs_server.errors import Refused
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.streamer.schedule.scheduler import StreamState
 from gcs_server.vehicle.samples import Battery, DistanceSensors, GlobalPosition, Gps, Wind
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.avoidance.scans import LEVEL_MAX_SINE

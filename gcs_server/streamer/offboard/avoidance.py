@@ -8,7 +8,7 @@ from gcs_server.errors import Refused
 from gcs_server.mavlink import dialect as d
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.status import AvoidanceView
-from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.streamer.schedule.scheduler import StreamState
 from gcs_server.vehicle.samples import DistanceSensors, ObstacleDistance
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.avoidance.avoider import FRESH_S

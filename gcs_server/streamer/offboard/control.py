@@ -21,7 +21,7 @@ from gcs_server.streamer.offboard.status import (
     expiry_view,
     setpoint_view,
 )
-from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.validation.availability import Availability, Available
 from gcs_server.streamer.validation.axes import problem_of
 from gcs_server.streamer.validation.targets import check_segments, check_target

@@ -7,7 +7,7 @@ import math
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.failsafe import DEFAULT_COM_OF_LOSS_T_S, Failsafe
 from gcs_server.streamer.offboard.status import Echo, StreamHealth
-from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.streamer.schedule.scheduler import StreamState
 from missions.frames import Quaternion, Vector3, ned_from_heading
 from missions.setpoints import (
     Actuators,

@@ -14,7 +14,7 @@ from gcs_server.streamer.groups.groups import Groups
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
-from gcs_server.streamer.schedule.streams import Streams
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.supervise import Supervisor

@@ -1,5 +1,5 @@
-"""Exchanges messages and answers with the stream process. `post` returns immediately; `request` returns a
-future. The server starts the process when it is needed, and kills and restarts it if it stops reading.
+"""Calls methods in the stream process. `post` returns immediately; `request` returns a future. The server
+starts the process when it is needed, and kills and restarts it if it stops reading.
 """
 
 from __future__ import annotations
@@ -8,14 +8,15 @@ import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from gcs_server.clock import Clock
-from gcs_server.streamer.process.handle import SEND_ERRORS, Relay, WorkerHandle
-from gcs_server.streamer.process.messages import Answer, Post, Request, Update, WorkerStarted
+from gcs_server.streamer.process.handle import SEND_ERRORS, OnRelay, WorkerHandle
+from gcs_server.streamer.process.messages import Answer, Update, WorkerStarted
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
+P = ParamSpec("P")
 
 ANSWER_TIMEOUT_S = 2.0
 """Time after which a process that does not read is killed [s]; the vehicles' failsafes then take over."""
@@ -31,7 +32,7 @@ class WorkerDied(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _PendingRequest:
-    """A request that has no answer yet."""
+    """A call that has no answer yet."""
 
     future: asyncio.Future[Any]
     on_answer: Callable[[Any], None] | None
@@ -39,7 +40,7 @@ class _PendingRequest:
 
 
 class WorkerCalls:
-    """Starts the process, restarts it, and sends it messages.
+    """Starts the process, restarts it, and calls its methods.
 
     Args:
         clock: the system's monotonic clock.
@@ -57,7 +58,7 @@ class WorkerCalls:
         server_silent_limit_s: float,
         on_update: Callable[[Update], None],
         on_end: Callable[[], None],
-        relay: Relay,
+        relay: OnRelay,
     ) -> None:
         self._clock = clock
         self._own_ids = own_ids
@@ -65,7 +66,7 @@ class WorkerCalls:
         self._on_update, self._on_end, self._relay = on_update, on_end, relay
         self._pending: dict[int, _PendingRequest] = {}
         self._started_s = self._checked_s = self._last_progress_s = float("-inf")
-        """Times of the last start, of the last check, and of the last sign that the process handles messages
+        """Times of the last start, of the last check, and of the last sign that the process executes calls
         [s, monotonic]."""
         self.worker: WorkerHandle | None = None
         """The running process; None if there is no process."""
@@ -96,45 +97,66 @@ class WorkerCalls:
         now_s = self._clock.monotonic_s()
         loop_stalled, self._checked_s = now_s - self._checked_s > LOOP_STALLED_S, now_s
         worker = self.worker
-        if worker is None or not worker.started or not worker.has_unhandled_messages:
+        if worker is None or not worker.started or not worker.has_unhandled_calls:
             return
         if loop_stalled:
             self._last_progress_s = now_s
         worker.read()
         if (
             self.worker is worker
-            and worker.has_unhandled_messages
+            and worker.has_unhandled_calls
             and now_s - self._last_progress_s >= ANSWER_TIMEOUT_S
         ):
             self._drop_worker()
 
-    def post(self, message: Post | Request[Any]) -> int:
-        """Sends without waiting; returns the message's number; 0: there is no process."""
-        worker = self.worker
-        if worker is None:
-            return 0
-        if not worker.has_unhandled_messages:
-            self._last_progress_s = self._clock.monotonic_s()
-        try:
-            return worker.send(message)
-        except SEND_ERRORS:
-            self._drop_worker()
-            return 0
+    def post(
+        self, method: Callable[Concatenate[Any, P], object], *arguments: P.args, **named: P.kwargs
+    ) -> int:
+        """Calls a method without waiting; returns the call's number; 0: there is no process."""
+        return self._send(method, None, arguments, named)
 
-    def request(self, message: Request[T], on_answer: Callable[[T], None] | None = None) -> asyncio.Future[T]:
-        """Sends a request immediately; the future receives the answer, or WorkerDied.
+    def request(
+        self,
+        method: Callable[Concatenate[Any, P], T],
+        states_of: tuple[str, ...],
+        on_answer: Callable[[T], None] | None,
+        *arguments: P.args,
+        **named: P.kwargs,
+    ) -> asyncio.Future[T]:
+        """Calls a method immediately; the future receives its result, or WorkerDied.
 
         Args:
-            message: the request.
-            on_answer: called with the answer when it arrives, even if the future was cancelled.
+            method: the method, of its class.
+            states_of: vehicles whose state is updated before the answer.
+            on_answer: called with the result when it arrives, even if the future was cancelled.
+            arguments: the method's arguments.
+            named: the method's named arguments.
         """
         future: asyncio.Future[T] = asyncio.get_running_loop().create_future()
-        number = self.post(message)
+        number = self._send(method, states_of, arguments, named)
         if number:
             self._pending[number] = _PendingRequest(future, on_answer)
         else:
             future.set_exception(WorkerDied())
         return future
+
+    def _send(
+        self,
+        method: Callable[..., object],
+        states_of: tuple[str, ...] | None,
+        arguments: tuple[object, ...],
+        named: dict[str, object],
+    ) -> int:
+        worker = self.worker
+        if worker is None:
+            return 0
+        if not worker.has_unhandled_calls:
+            self._last_progress_s = self._clock.monotonic_s()
+        try:
+            return worker.send(method.__qualname__, arguments, named, states_of)
+        except SEND_ERRORS:
+            self._drop_worker()
+            return 0
 
     async def wait_for_answer(self, future: asyncio.Future[T]) -> T:
         """Waits for the answer to a request; a process that does not answer in time is killed.
@@ -152,6 +174,13 @@ class WorkerCalls:
         if not future.done():
             self._drop_worker()
         return await future
+
+    async def result_or_false(self, future: asyncio.Future[bool]) -> bool:
+        """Like `wait_for_answer`; False if there is no process."""
+        try:
+            return await self.wait_for_answer(future)
+        except WorkerDied:
+            return False
 
     def _handle_value(self, value: object) -> None:
         if isinstance(value, Update):

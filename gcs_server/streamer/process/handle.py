@@ -8,20 +8,27 @@ import array
 import asyncio
 import contextlib
 import logging
-import pickle
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any
+
+import msgspec
 
 from gcs_server.faults import FaultLog
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.signing import TICKS_PER_S
 from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
-from gcs_server.streamer.process.messages import AnyRoute, Numbered, Post, Request, Route, RouteSigning
-from gcs_server.streamer.transport.sender import PayloadSender
+from gcs_server.streamer.process.messages import (
+    AnyRoute,
+    Call,
+    Relay,
+    Route,
+    RouteSigning,
+    SentFrames,
+)
+from gcs_server.streamer.transport.vehicle_transport import PayloadSender
 
 log = logging.getLogger(__name__)
 
@@ -32,9 +39,8 @@ MAX_REPORT_BYTES = 1 << 16
 LATE_REPORT_SOCKETS = 20
 """Number of released sockets that are remembered for late reports of sent frames."""
 
-
-Relay = Callable[[str, int, bytes, float], None]
-"""Called with vehicle id, message id, payload and creation time (monotonic)."""
+OnRelay = Callable[[Relay], None]
+_report_decoder = msgspec.msgpack.Decoder(Relay | SentFrames)
 SEND_ERRORS = (EOFError, PipeFull)
 """Errors that `WorkerHandle.send` raises."""
 
@@ -56,7 +62,7 @@ class WorkerHandle:
         server_silent_limit_s: float,
         on_value: Callable[[object], None],
         on_end: Callable[[], None],
-        relay: Relay,
+        relay: OnRelay,
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._on_value, self._on_end, self._relay = on_value, on_end, relay
@@ -67,7 +73,7 @@ class WorkerHandle:
         self._faults = FaultLog("setpoint streams")
         self._closed = False
         self._sent_number = self._handled_number = 0
-        """Numbers of the last sent message, and of the last message that the process has handled."""
+        """Numbers of the last call, and of the last call that the process has executed."""
         self._writing = False
         self._last_socket_number = 0
         self._socket_numbers: dict[socket.socket, int] = {}
@@ -75,7 +81,7 @@ class WorkerHandle:
         self.connections: dict[int, Connection] = {}
         """By socket number."""
         self.attached: set[str] = set()
-        """Ids of the vehicles that the process knows (`Attach`)."""
+        """Ids of the vehicles that the process knows."""
         self.started = False
         """Whether the process has reported that it started."""
         self._loop.add_reader(self._pipe.fileno(), self.read)
@@ -93,24 +99,30 @@ class WorkerHandle:
         return None if self._process is None else self._process.pid
 
     @property
-    def has_unhandled_messages(self) -> bool:
-        """Whether the process has not yet handled all messages."""
+    def has_unhandled_calls(self) -> bool:
+        """Whether the process has not yet executed all calls."""
         return self._handled_number < self._sent_number
 
     def record_handled(self, number: int) -> bool:
-        """Records that the process has handled all messages up to this number; returns whether the number is
+        """Records that the process has executed all calls up to this number; returns whether the number is
         new."""
         before, self._handled_number = self._handled_number, max(self._handled_number, number)
         return number > before
 
-    def send(self, message: Post | Request[Any]) -> int:
-        """Writes a message with its number.
+    def send(
+        self,
+        method: str,
+        arguments: tuple[object, ...],
+        named: Mapping[str, object],
+        states_of: tuple[str, ...] | None,
+    ) -> int:
+        """Writes a call; returns its number.
 
         Raises:
             EOFError: the process has died.
             PipeFull: the process does not read.
         """
-        self._pipe.send(Numbered(self._sent_number + 1, message))
+        self._pipe.send(Call(self._sent_number + 1, method, arguments, named, states_of))
         self._sent_number += 1
         self._write_rest()
         return self._sent_number
@@ -249,7 +261,7 @@ class WorkerHandle:
             worker_side_channel.close()
         while data := self._next_report():
             try:
-                self._handle_report(*pickle.loads(data))
+                self._handle_report(_report_decoder.decode(data))
             # the thread continues, because it also sends the setpoints of other vehicles
             except Exception as error:
                 self._faults.add(error, "passing on a report of the stream process")
@@ -263,11 +275,11 @@ class WorkerHandle:
         except OSError:
             return b""
 
-    def _handle_report(self, kind: str, *values: Any) -> None:
-        if kind == "relay":
-            self._relay(*values)
+    def _handle_report(self, report: Relay | SentFrames) -> None:
+        if isinstance(report, Relay):
+            self._relay(report)
             return
-        for number, time_us, raw in values[0]:
+        for number, time_us, raw in report.frames:
             connection = self.connections.get(number)
             if connection is not None:
                 connection.count_sent_elsewhere(time_us, raw)

@@ -1,6 +1,6 @@
 """The process that runs all setpoint streams, so that no work of the server can delay them.
 
-`handle.py` starts it with two sockets. The first carries the server's messages (`messages.py`), and the
+`handle.py` starts it with two sockets. The first carries the server's calls (`messages.py`), and the
 answers and updates back. The second carries the sockets of the server's links to the process, and reports of
 sent frames back (for the recordings). Setpoints for a link without datagrams go back to the server, where a
 thread sends them. Neither side ever waits until the other side reads.
@@ -26,6 +26,8 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 
+import msgspec
+
 from gcs_server.clock import Clock, SystemClock
 from gcs_server.links.base import DdsAddress
 from gcs_server.mavlink.codec import encode_frame
@@ -35,17 +37,20 @@ from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
 from gcs_server.streamer.process.messages import (
     Answer,
     AnyRoute,
-    Numbered,
-    Request,
+    Call,
+    Relay,
     Route,
     RouteSigning,
+    SentFrames,
     Update,
+    WorkerMethods,
     WorkerStarted,
 )
 from gcs_server.streamer.process.ros2_senders import ModeTopics, Ros2Senders
-from gcs_server.streamer.schedule.scheduler import StreamScheduler
-from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.streamer.schedule.external_modes import ExternalModes
+from gcs_server.streamer.schedule.scheduler import StreamScheduler, StreamState
 from gcs_server.streamer.transport.ros2 import TopicSender
+from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 
 log = logging.getLogger(__name__)
@@ -73,8 +78,7 @@ server still gets processor time."""
 MAX_SOCKET_NUMBER_BYTES = 64
 """Maximum size of the text that accompanies a passed socket: its number."""
 
-SentFrame = tuple[int, int, bytes]
-"""Socket number, time since 1970 [µs], frame."""
+_report_encoder = msgspec.msgpack.Encoder()
 
 
 class WorkerReports:
@@ -82,7 +86,7 @@ class WorkerReports:
 
     def __init__(self, side_channel: socket.socket) -> None:
         self._side_channel = side_channel
-        self._sent: deque[SentFrame] = deque(maxlen=MAX_SENT_WAITING)
+        self._sent: deque[tuple[int, int, bytes]] = deque(maxlen=MAX_SENT_WAITING)
         self._reported_s = 0.0
 
     @property
@@ -90,15 +94,16 @@ class WorkerReports:
         """Time at which waiting reports are due; infinity if no report waits."""
         return self._reported_s + SENT_REPORT_PERIOD_S if self._sent else float("inf")
 
-    def add_sent(self, frame: SentFrame) -> None:
+    def add_sent(self, socket_number: int, unix_us: int, raw: bytes) -> None:
         """Records a sent frame."""
-        self._sent.append(frame)
+        self._sent.append((socket_number, unix_us, raw))
 
     def relay(self, vehicle_id: str, msg_id: int, payload: bytes) -> bool:
         """Passes a payload with its creation time to the server, which sends it. Returns False if the
         server's buffer is full."""
         try:
-            self._side_channel.send(pickle.dumps(("relay", vehicle_id, msg_id, payload, time.monotonic())))
+            relay = Relay(vehicle_id, msg_id, payload, time.monotonic())
+            self._side_channel.send(_report_encoder.encode(relay))
         except OSError:  # the server does not read, or has died
             return False
         return True
@@ -111,7 +116,7 @@ class WorkerReports:
         while self._sent:
             batch = [self._sent.popleft() for _ in range(min(SENT_BATCH, len(self._sent)))]
             try:
-                self._side_channel.send(pickle.dumps(("sent", batch)))
+                self._side_channel.send(_report_encoder.encode(SentFrames(batch)))
             except OSError:
                 self._sent.extendleft(reversed(batch))
                 return
@@ -144,7 +149,7 @@ class WorkerSender:
         except OSError:
             return worker.reports.relay(self._vehicle_id, msg_id, payload)
         self._seq = (self._seq + 1) & 0xFF
-        worker.reports.add_sent((route.socket_number, int(worker.clock.unix_s() * 1e6), raw))
+        worker.reports.add_sent(route.socket_number, int(worker.clock.unix_s() * 1e6), raw)
         return True
 
     def send_path(self) -> None:
@@ -152,9 +157,9 @@ class WorkerSender:
         return None
 
 
-class Worker:
-    """The loop of the process: runs the scheduler when a step is due, handles the server's messages, and
-    sends updates.
+class Worker(WorkerMethods):
+    """The loop of the process: runs the scheduler when a step is due, executes the server's calls, and sends
+    updates.
 
     Args:
         messages: the pipe to and from the server.
@@ -226,31 +231,37 @@ class Worker:
         if writable:
             self._messages.flush()
         if readable:
-            for numbered in self._messages.receive():
-                assert isinstance(numbered, Numbered)
-                self._handle(numbered)
+            for call in self._messages.receive():
+                assert isinstance(call, Call)
+                self._execute(call)
 
-    def _handle(self, numbered: Numbered) -> None:
-        """Executes a message. After a request, sends due setpoints, then an update and the answer."""
-        message, error, result = numbered.message, None, None
+    def _execute(self, call: Call) -> None:
+        """Executes a call. If the server awaits the result, sends due setpoints, then an update and the
+        answer."""
+        error, result = None, None
+        owner, _, name = call.method.partition(".")
         try:
-            result = message.apply(self)
+            result = getattr(self._target(owner), name)(*call.arguments, **call.named)
         except Exception as problem:
-            log.exception("%s failed", type(message).__name__)
+            log.exception("%s failed", call.method)
             error = (type(problem).__name__, str(problem))
-        self._updates.handled(numbered.number)
-        if isinstance(message, Request):
+        self._updates.handled(call.number)
+        if call.states_of is not None:
             self.scheduler.step()
-            update = self._updates.update(self.clock.monotonic_s(), message.vehicles())
-            self._messages.send((update, Answer(numbered.number, result, error)))
+            update = self._updates.update(self.clock.monotonic_s(), call.states_of)
+            self._messages.send((update, Answer(call.number, result, error)))
+
+    def _target(self, owner: str) -> object:
+        """The object of this class."""
+        if owner == WorkerMethods.__name__:
+            return self
+        return self.scheduler.external_modes if owner == ExternalModes.__name__ else self.scheduler
 
     def attach(self, vehicle_id: str, target: tuple[int, int], number: int) -> None:
-        """See `Attach`."""
         sender = self._senders[vehicle_id] = WorkerSender(vehicle_id, self)
         self.scheduler.attach(vehicle_id, sender, target, number, sender.topics)
 
     def set_routes(self, routes: Mapping[str, AnyRoute | None]) -> None:
-        """See `Routes`."""
         with contextlib.suppress(BlockingIOError):  # until no passed socket is left
             while True:
                 head, descriptors, _, _ = socket.recv_fds(self._side_channel, MAX_SOCKET_NUMBER_BYTES, 1)
@@ -268,6 +279,15 @@ class Worker:
         used = {route.socket_number for route in routes.values() if isinstance(route, Route)}
         for number in [n for n in self.sockets if n not in used]:
             self.sockets.pop(number).close()
+
+    def update_snapshots(self, pickled_snapshots: Mapping[str, bytes]) -> None:
+        snapshots: dict[str, Snapshot] = {}
+        for vehicle_id, data in pickled_snapshots.items():
+            try:
+                snapshots[vehicle_id] = pickle.loads(data)
+            except Exception:
+                log.exception("the snapshot of vehicle %s cannot be read", vehicle_id)
+        self.scheduler.update_snapshots(snapshots)
 
 
 class StreamUpdates:
@@ -289,7 +309,7 @@ class StreamUpdates:
         """Time of the next update if nothing changes [s, monotonic]."""
 
     def handled(self, number: int) -> None:
-        """Records that the server's message with this number was handled."""
+        """Records that the server's call with this number was executed."""
         self._handled = number
 
     def is_due(self, now_s: float) -> bool:

@@ -151,13 +151,13 @@ class ExternalModes:
                 vehicle.removals += mode.remove()
                 vehicle.modes = [other for other in vehicle.modes if other is not mode]
 
-    def set_ready(self, vehicle_id: str, name: str, *, ready: bool) -> None:
+    def set_ready(self, vehicle_id: str, name: str, ready: bool) -> None:
         """Sets whether PX4 may arm the vehicle in a mode."""
         for _, mode in self._modes_of(vehicle_id):
             if mode.declaration.name == name:
                 mode.ready = ready
 
-    def complete(self, vehicle_id: str, mode: str, *, success: bool) -> None:
+    def complete(self, vehicle_id: str, mode: str, success: bool) -> None:
         """Reports to PX4 that a mode (`external_1` …) is complete, or that it has failed."""
         for vehicle, each in self._modes_of(vehicle_id):
             if each.registration.mode == mode:

@@ -14,20 +14,51 @@ from dataclasses import dataclass
 from gcs_server.clock import Clock
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ModeDeclaration, Registration
-from gcs_server.ros2.mode_executor import ExecutorCommand
 from gcs_server.streamer.schedule.external_modes import ExternalModes, OpenModePort, no_mode_port
 from gcs_server.streamer.schedule.stream import VehicleStream
-from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import Actions, Finding, GroupGuard, GuardState, MemberView
 from gcs_server.streamer.transport.ros2 import Ros2Transport
-from gcs_server.streamer.transport.sender import NoSender, PayloadSender
-from gcs_server.streamer.transport.vehicle_transport import Topics, VehicleTransport, no_topics
+from gcs_server.streamer.transport.vehicle_transport import (
+    PayloadSender,
+    Topics,
+    VehicleTransport,
+    no_topics,
+)
 from gcs_server.streamer.values.events import WARNING, StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest
-from missions.runner.script import ScriptChange
+from missions.avoidance.setpoints import AvoidanceStatus
+from missions.runner.script import ScriptChange, ScriptProgress
+from missions.setpoints import DirectSetpoint
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class StreamState:
+    """The state of a stream at one time."""
+
+    phase: str = "idle"
+    request: StreamRequest | None = None
+    sent: DirectSetpoint | None = None
+    """The sent setpoint; None while nothing is sent."""
+    limited: tuple[str, ...] = ()
+    """Current reductions by the limits, as texts."""
+    rate_hz: float = 50.0
+    rate_achieved_hz: float | None = None
+    age_s: float | None = None
+    sent_age_s: float | None = None
+    valid_left_s: float | None = None
+    sends_failed: int = 0
+    last_end: StreamEvent | None = None
+    number: int = 0
+    """Number of this stream, counted for each vehicle."""
+    steady_s: float = 0.0
+    """Time for which setpoints have been sent without a pause [s]."""
+    avoiding: AvoidanceStatus | None = None
+    """State of obstacle avoidance; None: avoidance is off."""
+    progress: ScriptProgress | None = None
+    """Progress of an offboard mission; None: no mission."""
 
 
 @dataclass(slots=True)
@@ -41,7 +72,8 @@ class _Stream:
 
 
 class StreamScheduler:
-    """Implements `Streams` synchronously; after any call, call `step` soon.
+    """All streams and groups, in the stream process; `process/streams.py` is the server's side. After any
+    call, call `step` soon.
 
     A fault affects one vehicle or group only: the vehicle's stream ends (the vehicle's failsafe takes
     over), or the group's members are put into Hold. All other vehicles continue.
@@ -67,14 +99,12 @@ class StreamScheduler:
         self._guards: dict[str, GroupGuard] = {}
         self._loop_message_s = clock.monotonic_s()
         """Time of the last message from the event loop."""
-        self._modes = ExternalModes(clock, open_mode_port)
-
-    def start(self) -> None:
-        """See `Streams`."""
+        self.external_modes = ExternalModes(clock, open_mode_port)
+        """The modes of this server in PX4."""
 
     def close(self) -> None:
-        """See `Streams`."""
-        self._modes.close()
+        """Unregisters the modes, and ends the streams; nothing is sent afterwards."""
+        self.external_modes.close()
         self._streams.clear()
         self._guards.clear()
 
@@ -83,7 +113,7 @@ class StreamScheduler:
         due."""
         now_s = self._clock.monotonic_s()
         server_alive = now_s - self._loop_message_s < self._silent_limit_s
-        due_s = self._modes.step(now_s, server_alive=server_alive, flown=self._flies_mode)
+        due_s = self.external_modes.step(now_s, server_alive=server_alive, flown=self._flies_mode)
         for guard in self._guards.values():
             self._run_guard(guard)
             due_s = min(due_s, guard.due_s)
@@ -104,6 +134,7 @@ class StreamScheduler:
         return due_s
 
     def update_snapshots(self, snapshots: Mapping[str, Snapshot]) -> None:
+        """Takes the snapshots of vehicles, periodically while the event loop runs."""
         self._record_loop_message(self._clock.monotonic_s())
         for vehicle_id, snapshot in snapshots.items():
             stream = self._streams.get(vehicle_id)
@@ -124,7 +155,7 @@ class StreamScheduler:
         number: int = 0,
         topics: Topics = no_topics,
     ) -> None:
-        """See `Streams`.
+        """Adds a vehicle with its (system, component) id; sends nothing.
 
         Args:
             number: number of the vehicle's last stream.
@@ -136,16 +167,12 @@ class StreamScheduler:
         no_snapshot = Snapshot(-1.0, "", None, None, None)
         self._streams[vehicle_id] = _Stream(machine, transport, no_snapshot, number=number)
 
-    def forget(self, vehicle_id: str) -> None:
-        """See `Streams`."""
-        self._modes.forget(vehicle_id)
-        transport = self._streams[vehicle_id].transport
-        transport.mavlink.sender, transport.topics = NoSender(), no_topics
-
     def active(self) -> list[str]:
+        """Ids of the vehicles with a stream."""
         return [vehicle_id for vehicle_id, stream in self._streams.items() if stream.machine.streaming]
 
     def state(self, vehicle_id: str) -> StreamState:
+        """State of a vehicle's stream."""
         stream = self._streams[vehicle_id]
         machine, cadence, now_s = stream.machine, stream.machine.cadence, self._clock.monotonic_s()
         return StreamState(
@@ -188,6 +215,11 @@ class StreamScheduler:
         )
 
     def begin(self, vehicle_id: str, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> int:
+        """Starts a stream and returns its number; 0: the vehicle already has a stream.
+
+        Raises:
+            ValueError: the setpoint cannot be flown.
+        """
         stream, now_s = self._streams[vehicle_id], self._clock.monotonic_s()
         if stream.machine.streaming:
             return 0
@@ -202,11 +234,9 @@ class StreamScheduler:
             raise
         return stream.number
 
-    def starting(self, vehicle_id: str, number: int) -> bool:
-        stream = self._streams[vehicle_id]
-        return stream.number == number and stream.machine.phase == "starting"
-
     def engage(self, vehicle_id: str, snapshot: Snapshot, number: int | None = None) -> bool:
+        """Starts the validity of the setpoint, because the vehicle reports Offboard; returns False if this
+        stream has ended."""
         stream = self._streams[vehicle_id]
         if number not in (None, stream.number):
             return False
@@ -214,37 +244,51 @@ class StreamScheduler:
         return stream.machine.engage(self._clock.monotonic_s())
 
     def cancel_start(self, vehicle_id: str, snapshot: Snapshot, number: int) -> None:
+        """Puts the vehicle into Hold if it still switches to Offboard; called when the start of this stream
+        has failed after Offboard was requested."""
         stream = self._streams[vehicle_id]
         if stream.number == number:
             stream.snapshot = snapshot.plausible()
             stream.machine.cancel_start(self._clock.monotonic_s(), stream.snapshot)
 
     def change(self, vehicle_id: str, request: StreamRequest, snapshot: Snapshot) -> bool:
+        """Sets a new setpoint and sends it immediately; returns False if there is no stream.
+
+        Raises:
+            ValueError: the setpoint cannot be flown; the previous setpoint continues.
+        """
         stream = self._streams[vehicle_id]
         stream.snapshot = snapshot.plausible()
         return stream.machine.change(self._clock.monotonic_s(), request, stream.snapshot)
 
     def change_script(self, vehicle_id: str, change: ScriptChange) -> None:
+        """Updates the offboard mission that is being flown, and renews it."""
         self._streams[vehicle_id].machine.change_script(self._clock.monotonic_s(), change)
 
     def request_stop(self, vehicle_id: str, snapshot: Snapshot) -> None:
+        """Keeps the position by setpoints until Hold is confirmed."""
         stream = self._streams[vehicle_id]
         stream.snapshot = snapshot.plausible()
         stream.machine.request_stop(self._clock.monotonic_s(), stream.snapshot)
 
     def inhibit_mode_requests(self, vehicle_id: str) -> None:
+        """Prevents mode requests of the stream for some seconds; called when a client commands a mode."""
         self._streams[vehicle_id].machine.inhibit_mode_requests(self._clock.monotonic_s())
 
     def force_hold(self, vehicle_id: str, why: str) -> None:
+        """Stops a vehicle at its position and requests Hold, without waiting for the event loop."""
         stream = self._streams[vehicle_id]
         stream.machine.force_hold(self._clock.monotonic_s(), stream.snapshot, "group", why)
 
     def end(self, vehicle_id: str, code: str, text: str, number: int | None = None) -> None:
+        """Ends the stream immediately; with `number`, only the stream with this number. The caller reports
+        the end."""
         stream = self._streams[vehicle_id]
         if number in (None, stream.number):
             stream.machine.end(code, text, report=False)
 
     def take_reports(self) -> list[tuple[str, StreamEvent]]:
+        """Returns the stream events since the last call."""
         reports: list[tuple[str, StreamEvent]] = []
         for vehicle_id, stream in self._streams.items():
             while stream.machine.reports:
@@ -254,23 +298,13 @@ class StreamScheduler:
     # --- modes registered with PX4 ----------------------------------------------------------------
 
     def register_mode(self, vehicle_id: str, address: DdsAddress, declaration: ModeDeclaration) -> None:
+        """Begins to register a mode with PX4; see `ExternalModes.register`."""
         self._record_loop_message(self._clock.monotonic_s())
-        self._modes.register(vehicle_id, address, declaration)
-
-    def unregister_mode(self, vehicle_id: str, name: str) -> None:
-        self._modes.unregister(vehicle_id, name)
-
-    def set_mode_ready(self, vehicle_id: str, name: str, ready: bool) -> None:
-        self._modes.set_ready(vehicle_id, name, ready=ready)
-
-    def complete_mode(self, vehicle_id: str, mode: str, success: bool) -> None:
-        self._modes.complete(vehicle_id, mode, success=success)
-
-    def execute_command(self, vehicle_id: str, mode: str, command: ExecutorCommand) -> None:
-        self._modes.execute(vehicle_id, mode, command)
+        self.external_modes.register(vehicle_id, address, declaration)
 
     def modes(self) -> dict[str, tuple[Registration, ...]]:
-        return self._modes.states()
+        """The modes of this server in PX4, by vehicle."""
+        return self.external_modes.states()
 
     def _flies_mode(self, vehicle_id: str) -> bool:
         """Whether a stream flies the vehicle in a registered mode, and ROS 2 carries its setpoints."""
@@ -282,24 +316,21 @@ class StreamScheduler:
     # --- groups -----------------------------------------------------------------------------------
 
     def watch(self, guard: GroupGuard) -> None:
+        """Adds a guard, which keeps a group's vehicles apart and starts them together."""
         self._guards[guard.name] = guard
 
     def unwatch(self, name: str) -> None:
+        """Removes the guard of a group that has ended."""
         self._guards.pop(name, None)
 
     def disable_guard(self, name: str) -> None:
+        """Disables the guard of a group that is being stopped."""
         guard = self._guards.get(name)
         if guard is not None:
             guard.disable_guard()
 
-    def guard(self, name: str) -> GuardState | None:
-        guard = self._guards.get(name)
-        return None if guard is None else guard.state()
-
-    def watched(self) -> dict[str, StreamRequest | None]:
-        return {v: guard.pending_request(v) for guard in self._guards.values() for v in guard.members}
-
     def take_findings(self) -> list[tuple[str, Finding]]:
+        """Returns the findings of groups since the last call."""
         findings: list[tuple[str, Finding]] = []
         for name, guard in self._guards.items():
             while guard.findings:
@@ -313,6 +344,8 @@ class StreamScheduler:
         snapshots: Mapping[str, Snapshot],
         until_s: float,
     ) -> bool:
+        """Sets new setpoints for members of a group. The setpoints are sent immediately and expire together;
+        the other members' are renewed. Returns False if no setpoint was accepted."""
         guard, now_s = self._guards.get(name), self._clock.monotonic_s()
         if guard is None:
             return False

@@ -3,13 +3,84 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
-from gcs_server.streamer.transport.mavlink_transport import MavlinkTransport
+from gcs_server.links.base import Peer
+from gcs_server.mavlink.connection import Connection
+from gcs_server.streamer.transport.mavlink import (
+    MAVLINK_KINDS,
+    MSG_COMMAND_LONG,
+    Packed,
+    encode,
+    mode_command,
+    with_time,
+)
 from gcs_server.streamer.transport.ros2 import Ros2Transport, TopicSender
-from gcs_server.streamer.transport.sender import PayloadSender
-from gcs_server.streamer.values.outgoing import Outgoing, SetpointDue
+from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointDue
 from gcs_server.streamer.values.stream_request import OFFBOARD
 from missions.setpoints import DirectSetpoint
+
+
+class SendPath(Protocol):
+    """Link and peer of a vehicle."""
+
+    @property
+    def connection(self) -> Connection: ...
+
+    @property
+    def peer(self) -> Peer: ...
+
+
+class PayloadSender(Protocol):
+    """Sends payloads to one vehicle; may be called from any thread."""
+
+    def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
+        """Sends a payload; returns False if nothing was sent. `created_s` is the monotonic time at which
+        the payload was created; a payload that is too old is not sent."""
+        ...
+
+    def send_path(self) -> SendPath | None:
+        """Current link and peer; None: the vehicle has no link."""
+        ...
+
+
+class NoSender(PayloadSender):
+    """The sender of a removed vehicle, which sends nothing."""
+
+    def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
+        return False
+
+    def send_path(self) -> None:
+        return None
+
+
+class MavlinkTransport:
+    """Sends to one vehicle.
+
+    Args:
+        sender: sends payloads to the vehicle.
+        target: the vehicle's system id and its autopilot's component id.
+    """
+
+    def __init__(self, sender: PayloadSender, target: tuple[int, int]) -> None:
+        self.sender = sender
+        self._target = target
+        self._packed: Packed = (0, b"")
+
+    def load(self, setpoint: DirectSetpoint) -> None:
+        """See `SetpointLoader`."""
+        if setpoint.type not in MAVLINK_KINDS:
+            raise ValueError(f"no MAVLink message carries {setpoint.type}")
+        self._packed = encode(setpoint, self._target)
+
+    def send(self, outgoing: Outgoing) -> bool:
+        """Sends a setpoint or mode request; returns False if nothing was sent."""
+        if isinstance(outgoing, ModeRequest):
+            payload = mode_command(outgoing.mode, self._target, outgoing.attempt)
+            return self.sender.send_payload(MSG_COMMAND_LONG, payload)
+        msg_id, payload = self._packed
+        return self.sender.send_payload(msg_id, with_time(payload, outgoing.now_s))
+
 
 Topics = Callable[[], TopicSender | None]
 """The vehicle's ROS 2 topics; None while the vehicle is reached over MAVLink."""

@@ -31,7 +31,7 @@ from gcs_server.mavlink.signing import (
     SecretKey,
     SigningClock,
 )
-from gcs_server.streamer.process.messages import Route, Routes, RouteSigning
+from gcs_server.streamer.process.messages import Call, Route, RouteSigning
 
 NOW_S = EPOCH_UNIX_S + 400_000_000.0
 NOW_TICKS = int((NOW_S - EPOCH_UNIX_S) * TICKS_PER_S)
@@ -294,6 +294,7 @@ def test_a_key_is_never_printed(tmp_path):
         "one", SigningOptions("mine", required=True)
     )
     hexadecimal = key.reveal().hex()
+    route = Route(1, ("h", 1), RouteSigning(key.reveal(), 0, 0))
     for text in (
         repr(key),
         str(key),
@@ -302,7 +303,7 @@ def test_a_key_is_never_printed(tmp_path):
         repr(link.signer),
         str(link.report()),
         repr([key]),
-        repr(Routes({"1": Route(1, ("h", 1), RouteSigning(key.reveal(), 0, 0))})),
+        repr(Call(1, "WorkerMethods.set_routes", ({"1": route},), {}, None)),
     ):
         assert hexadecimal not in text
         assert repr(key.reveal())[2:-1] not in text

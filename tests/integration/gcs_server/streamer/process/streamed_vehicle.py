@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 from gcs_server.clock import SystemClock
 from gcs_server.links.base import Peer
-from gcs_server.streamer.process.stream_process import StreamProcess
+from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.setpoints import Position
@@ -79,7 +79,7 @@ def with_stream_process(scenario):
     def test(**parameters):
         async def run():
             process, vehicle = (
-                StreamProcess(SystemClock(), OWN_IDS, server_silent_limit_s=0.5),
+                Streams(SystemClock(), OWN_IDS, server_silent_limit_s=0.5),
                 StreamedVehicle(),
             )
             process.start()

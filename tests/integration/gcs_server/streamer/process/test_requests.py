@@ -154,11 +154,11 @@ async def test_the_event_loop_continues_while_the_process_starts(streams, vehicl
     os.kill(pid, signal.SIGKILL)
     await until(lambda: streams.update_snapshots({}) or streams.pid not in (None, pid))
     os.kill(streams.pid, signal.SIGSTOP)
-    monkeypatch.setattr("gcs_server.streamer.process.stream_process.START_TIMEOUT_S", 0.1)
+    monkeypatch.setattr("gcs_server.streamer.process.streams.START_TIMEOUT_S", 0.1)
     with pytest.raises(Refused, match="restarted"):
         await streams.ready()
     os.kill(streams.pid, signal.SIGCONT)
-    monkeypatch.setattr("gcs_server.streamer.process.stream_process.START_TIMEOUT_S", 10.0)
+    monkeypatch.setattr("gcs_server.streamer.process.streams.START_TIMEOUT_S", 10.0)
     await streams.ready()
     assert await start_stream(streams, "1", vehicle, attach=False)
     counting.cancel()

@@ -8,8 +8,8 @@ from re import compile as pattern
 import pytest
 
 from gcs_server.streamer.process.message_pipe import READ_BYTES, MessagePipe, PipeFull, pickled
-from gcs_server.streamer.process.messages import Answer, ChangeSetpoint, Numbered, SnapshotUpdate, Update
-from gcs_server.streamer.schedule.streams import StreamState
+from gcs_server.streamer.process.messages import Answer, Call, Update
+from gcs_server.streamer.schedule.scheduler import StreamState
 from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
@@ -59,8 +59,8 @@ class Changing:
 @pytest.mark.parametrize(
     "value",
     [
-        Numbered(7, ChangeSetpoint("1", REQUEST, SNAPSHOT)),
-        SnapshotUpdate({"1": pickled(SNAPSHOT)}),
+        Call(7, "StreamScheduler.change", ("1", REQUEST, SNAPSHOT), {}, ("1",)),
+        {"1": pickled(SNAPSHOT)},
         (
             Update(7, 2.0, {"1": StreamState("streaming", REQUEST)}, frozenset({"1"}), {}),
             Answer(7, True, None),

@@ -209,14 +209,14 @@ def test_a_fault_of_a_group_member_does_not_prevent_other_members_from_holding(m
 
     update_snapshots()
     update_snapshots()
-    assert setup.scheduler.guard("g").phase == "flying"
+    assert setup.scheduler.guard_states()["g"].phase == "flying"
 
     def fail(*_):
         raise ValueError("broken")
 
     monkeypatch.setattr(setup.scheduler._streams["bad"].machine, "force_hold", fail)
     update_snapshots(position_ned_m=None)
-    assert setup.scheduler.guard("g").held == {"bad", "1"}
+    assert setup.scheduler.guard_states()["g"].held == {"bad", "1"}
     assert setup.scheduler.state("bad").phase == "idle"
     assert setup.scheduler.state("1").phase in ("to_hold", "landing")
 

@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from gcs_server.streamer.schedule.stream import MAX_MODE_REQUESTS, VehicleStream
-from gcs_server.streamer.transport.mavlink_transport import MavlinkTransport
+from gcs_server.streamer.transport.vehicle_transport import MavlinkTransport
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE

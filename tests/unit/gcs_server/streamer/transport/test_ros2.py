@@ -14,8 +14,7 @@ from gcs_server.ros2.topics import COMMAND
 from gcs_server.streamer.frames.resolve import ResolvedSetpoint
 from gcs_server.streamer.limits.limiter import apply_limits
 from gcs_server.streamer.transport.ros2 import CONTROL_MODE, TOPIC_TYPES, Ros2Transport, encode, topics_of
-from gcs_server.streamer.transport.sender import NoSender
-from gcs_server.streamer.transport.vehicle_transport import VehicleTransport
+from gcs_server.streamer.transport.vehicle_transport import NoSender, VehicleTransport
 from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.outgoing import ModeRequest, SetpointDue
 from gcs_server.streamer.values.snapshot import Snapshot
