@@ -11,6 +11,7 @@ from msgspec import Raw
 from gcs_server.api import mission_models as m
 from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_reporter
+from gcs_server.api.command_routes import run_command, run_flight_command
 from gcs_server.api.documents import DocumentRoute, UnreadDocument
 from gcs_server.api.mission_start import checked_start, is_still_on_vehicle
 from gcs_server.api.mission_upload import flies_mission, require_accepted, require_unchanged, upload_check
@@ -21,7 +22,6 @@ from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
-from gcs_server.api.vehicle_routes import run_command, run_flight_command
 from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import Operation, ReportProgress

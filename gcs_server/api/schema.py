@@ -12,11 +12,10 @@ from fastapi import Depends, FastAPI, Response
 from starlette.routing import BaseRoute
 
 from gcs_server.api import (
-    camera_routes,
+    command_routes,
     control_routes,
     dry_run_routes,
     elevation_routes,
-    gimbal_routes,
     group_routes,
     hold_routes,
     joint_mission_routes,
@@ -47,11 +46,10 @@ PARTS = (
     offboard_routes,
     station_routes,
     vehicle_routes,
+    command_routes,
     hold_routes,
     control_routes,
     group_routes,
-    gimbal_routes,
-    camera_routes,
     param_routes,
     readiness_routes,
     ros2_routes,

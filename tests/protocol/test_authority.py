@@ -5,7 +5,7 @@ import contextlib
 import pytest
 from starlette.requests import HTTPConnection
 
-from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
+from gcs_server.api import command_routes, control_models, control_routes, models, offboard_routes
 from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.api.station import renew_control
 from gcs_server.control.principal import Principal
@@ -42,12 +42,12 @@ def control_changes(vehicle):
 
 def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client_in_control(run_simulated):
     async def scenario(rig):
-        await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
+        await command_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
         count = len(rig.autopilot.received_commands(DO_SET_MODE))
         for send_command in (
-            lambda: vehicle_routes.rtl("1", rig.station, BOB),
-            lambda: vehicle_routes.disarm("1", rig.station, BOB),
-            lambda: vehicle_routes.land("1", rig.station, BOB),
+            lambda: command_routes.rtl("1", rig.station, BOB),
+            lambda: command_routes.disarm("1", rig.station, BOB),
+            lambda: command_routes.land("1", rig.station, BOB),
             lambda: offboard_routes.start("1", START_REQUEST, rig.station, BOB),
             lambda: offboard_routes.stop("1", rig.station, BOB),
         ):
@@ -68,13 +68,13 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
     async def scenario(rig):
         await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
         if command == "hold":
-            await vehicle_routes.hold("1", rig.station, BOB)
+            await command_routes.hold("1", rig.station, BOB)
         elif command == "land_now":
             body = control_models.LandNowRequest(confirm="vehicle 1 lands now")
-            await vehicle_routes.land_now("1", body, rig.station, BOB)
+            await command_routes.land_now("1", body, rig.station, BOB)
         else:
             body = models.KillRequest(confirm="motors stop, vehicle 1 falls")
-            await vehicle_routes.kill("1", body, rig.station, BOB)
+            await command_routes.kill("1", body, rig.station, BOB)
         await assert_nothing_sent(rig.autopilot, None, settle_s=0.2)
         assert (
             rig.autopilot.mode == {"hold": HOLD_MODE, "land_now": LAND_MODE, "kill": OFFBOARD_MODE}[command]
@@ -95,7 +95,7 @@ def test_land_now_without_confirmation_sends_nothing(run_simulated):
     async def scenario(rig):
         for confirm in ("yes", "vehicle 2 lands now", ""):
             with pytest.raises(InvalidRequest, match="is not the required text"):
-                await vehicle_routes.land_now(
+                await command_routes.land_now(
                     "1", control_models.LandNowRequest(confirm=confirm), rig.station, BOB
                 )
         assert not mode_requests(rig.autopilot, LAND_MODE)
@@ -293,7 +293,7 @@ def test_another_stations_command_is_detected_by_its_acknowledgement(run_simulat
 
 def test_the_servers_commands_and_the_vehicles_mode_changes_are_not_external_control(run_simulated):
     async def scenario(rig):
-        await vehicle_routes.rtl("1", rig.station, ANNA)
+        await command_routes.rtl("1", rig.station, ANNA)
         await sleep(1)
         assert mode_changes(rig.vehicle)[-1] == ("Mode Return", 5, "command")
         await sleep(15)
@@ -374,7 +374,7 @@ def test_a_recording_has_no_control_lease(run_simulated):
             with pytest.raises(Refused, match="recording"):
                 await control_routes.take(vehicle.id, station, ANNA)
             with contextlib.suppress(Refused):
-                await vehicle_routes.arm(vehicle.id, station, ANNA)
+                await command_routes.arm(vehicle.id, station, ANNA)
             assert vehicle.control.status().holder is None
         finally:
             await testbed.close()

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gcs_server.api import camera_routes, gimbal_routes, models, vehicle_routes
+from gcs_server.api import command_routes, models, vehicle_routes
 from gcs_server.errors import InvalidRequest, NoReply
 from gcs_server.vehicle.components import LOST_AFTER_S, MAX_COMPONENTS
 from tests.protocol.api_calls import ANNA, journal_entries, json_of, new_station
@@ -221,19 +221,19 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
             finally:
                 sending.cancel()
 
-        await call(gimbal_routes.take("1", station, ANNA, (171, None)))
+        await call(command_routes.take_gimbal("1", station, ANNA, 171, None))
         assert autopilot.gimbal_control == (0, 0), "control of the autopilot's gimbal was taken"
         assert second_gimbal.control_by_device[171] == (255, 190)
         angles = models.GimbalAngles(pitch_deg=-20, yaw_deg=5, wait=False)
-        await call(gimbal_routes.angles("1", angles, station, ANNA, (171, 171)))
+        await call(command_routes.gimbal_angles("1", angles, station, ANNA, 171, 171))
         (command,) = second_gimbal.received_commands(GIMBAL_PITCHYAW)
         assert (command.param1, command.param7) == (-20, 171)
         assert {m.target_component for m in autopilot.received_commands(GIMBAL_PITCHYAW)} == {171}
-        gimbal_view = await call(gimbal_routes.show(vehicle, station, (171, None)))
+        gimbal_view = await call(command_routes.show(vehicle, station, 171, None))
         assert (gimbal_view["in_control"], gimbal_view["gimbal"]["component_id"]) == (True, 171)
-        assert not (await call(gimbal_routes.show(vehicle, station, (None, None))))["in_control"]
+        assert not (await call(command_routes.show(vehicle, station, None, None)))["in_control"]
         with pytest.raises(InvalidRequest, match="no gimbal with component 7") as refused:
-            await gimbal_routes.take("1", station, ANNA, (7, None))
+            await command_routes.take_gimbal("1", station, ANNA, 7, None)
         assert "component 1, device 1; component 171, device 171" in refused.value.remedy
         assert [line[1] for line in journal_entries(station)][-1] == "gimbal/take"
 
@@ -328,15 +328,15 @@ def test_a_request_chooses_the_camera_by_its_component(run_simulated):
         )
         await call_repeatedly(1, first_camera.send_heartbeat, second_camera.send_heartbeat)
         station = new_station(testbed)
-        assert json_of(await camera_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
-        await camera_routes.picture("1", station, ANNA)
+        assert json_of(await command_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
+        await command_routes.picture("1", station, ANNA)
         assert picture_counts(first_camera, second_camera) == (1, 1)
         for wrong_id in (101, 1):  # no component has this id; the autopilot
             with pytest.raises(InvalidRequest, match=f"no connected camera with component id {wrong_id}"):
-                await camera_routes.picture("1", station, ANNA, wrong_id)
+                await command_routes.picture("1", station, ANNA, wrong_id)
         await call_repeatedly(LOST_AFTER_S + 1, first_camera.send_heartbeat)
         with pytest.raises(InvalidRequest, match="no connected camera with component id 102"):
-            await camera_routes.picture("1", station, ANNA, 102)
+            await command_routes.picture("1", station, ANNA, 102)
         assert picture_counts(first_camera, second_camera) == (1, 1)
 
     run_with_vehicle(run_simulated, scenario, OffboardTestbed)

@@ -6,7 +6,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from gcs_server.api import control_models, hold_routes, models, offboard_routes, vehicle_routes
+from gcs_server.api import command_routes, control_models, hold_routes, models, offboard_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
@@ -61,7 +61,7 @@ def run_with_equal_system_ids(run_simulated, scenario):
 def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id, confirm):
     async def scenario(testbed, station, first_autopilot, second_autopilot):
         with pytest.raises(InvalidRequest, match="nothing was sent"):
-            await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
+            await command_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         await sleep(1)
         for autopilot in (first_autopilot, second_autopilot):
             assert autopilot.armed
@@ -75,7 +75,7 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id,
 def test_kill_is_sent_only_to_the_named_vehicle(run_simulated, vehicle_id):
     async def scenario(testbed, station, first_autopilot, second_autopilot):
         confirm = f"motors stop, vehicle {vehicle_id} falls"
-        await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
+        await command_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
         named_autopilot, other_autopilot = (
             (first_autopilot, second_autopilot) if vehicle_id == "1" else (second_autopilot, first_autopilot)
         )
@@ -91,10 +91,10 @@ def test_kill_is_sent_to_a_vehicle_without_connection(run_simulated):
         first_autopilot.send_raw = lambda raw: None
         await sleep(4)
         with pytest.raises(Disconnected):
-            await vehicle_routes.land("1", station, ME)
+            await command_routes.land("1", station, ME)
         with pytest.raises((NoReply, Disconnected)):
             confirm = "motors stop, vehicle 1 falls"
-            await vehicle_routes.kill("1", models.KillRequest(confirm=confirm), station, ME)
+            await command_routes.kill("1", models.KillRequest(confirm=confirm), station, ME)
         assert not first_autopilot.armed
         assert second_autopilot.armed
 
@@ -107,7 +107,7 @@ def test_hold_and_land_now_are_sent_to_a_vehicle_that_is_received_no_more(run_si
         first_autopilot.mode = POSITION_MODE
         first_autopilot.send_raw = lambda raw: None
         await sleep(4)
-        for other_action in (vehicle_routes.land, vehicle_routes.rtl):
+        for other_action in (command_routes.land, command_routes.rtl):
             with pytest.raises(Disconnected, match="not connected"):
                 await other_action("1", station, ME)
         assert first_autopilot.mode == POSITION_MODE
@@ -121,10 +121,10 @@ def test_hold_and_land_now_are_sent_to_a_vehicle_that_is_received_no_more(run_si
         else:
             with pytest.raises(NoReply, match="did not answer the request to switch to"):
                 if action == "hold":
-                    await vehicle_routes.hold("1", station, ANNA)
+                    await command_routes.hold("1", station, ANNA)
                 else:
                     body = control_models.LandNowRequest(confirm="vehicle 1 lands now")
-                    await vehicle_routes.land_now("1", body, station, ANNA)
+                    await command_routes.land_now("1", body, station, ANNA)
         assert first_autopilot.mode == (LAND_MODE if action == "land_now" else HOLD_MODE)
         assert action == "hold_several" or second_autopilot.received_commands(DO_SET_MODE) == []
 
@@ -135,7 +135,7 @@ def test_kill_of_an_unknown_vehicle_is_refused_and_journaled(run_simulated):
     async def scenario(testbed, station, first_autopilot, second_autopilot):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
-            await vehicle_routes.kill("3", body, station, ME)
+            await command_routes.kill("3", body, station, ME)
         assert journal_entries(station) == [("me", "kill", "3", "unknown_vehicle")]
 
     run_with_equal_system_ids(run_simulated, scenario)
@@ -185,7 +185,7 @@ def test_hold_by_another_client_ends_the_stream(run_simulated):
         body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         assert first_autopilot.mode == OFFBOARD_MODE
-        await vehicle_routes.hold("1", station, BERT)
+        await command_routes.hold("1", station, BERT)
         await sleep(0.15)
         count = len(first_autopilot.setpoints)
         await sleep(3)

@@ -3,7 +3,7 @@ vehicle's final mode."""
 
 import pytest
 
-from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
+from gcs_server.api import command_routes, control_models, control_routes, models, offboard_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import NotInControl, Refused
 from tests.protocol.api_calls import ANNA, BOB, FORCED_CONTROL_REQUEST, MISSION_MODE, run_with_routes
@@ -61,7 +61,7 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(run_sim
             "control expired",
         ]
         assert rig.autopilot.failsafe_count == 0
-        await vehicle_routes.rtl("1", rig.station, BOB)  # control is free again
+        await command_routes.rtl("1", rig.station, BOB)  # control is free again
 
     run_with_routes(run_simulated, scenario, loss=loss, seed=seed)
 
@@ -96,7 +96,7 @@ def test_when_control_expires_the_server_executes_the_action_that_the_client_cho
     async def scenario(rig):
         with rig.station.authority.connected(ANNA):
             await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry=on_expiry))
-            await vehicle_routes.mode(
+            await command_routes.mode(
                 "1", models.ModeRequest(mode="mission", despite=["plan_not_known"]), rig.station, ANNA
             )
             await sleep(100)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from gcs_server.api import group_routes, offboard_routes, vehicle_routes
+from gcs_server.api import command_routes, group_routes, offboard_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, Refused, UnknownGroup, UnknownVehicle
 from gcs_server.streamer.values.limit_values import OperatorLimits
@@ -175,7 +175,7 @@ def test_a_vehicle_that_already_has_a_stream_or_a_group_is_refused_and_continues
 
 def test_a_group_is_refused_if_another_client_has_control_of_a_member(run_simulated):
     async def scenario(rig):
-        await vehicle_routes.hold("2", rig.station, BOB)  # Hold needs no control, and takes no control
+        await command_routes.hold("2", rig.station, BOB)  # Hold needs no control, and takes no control
         rig.station.authority.control("2").lease.take(BOB)
         with pytest.raises(NotInControl, match="bob has control of vehicle 2, not you"):
             await start_group(rig, SETPOINTS_NORTH)

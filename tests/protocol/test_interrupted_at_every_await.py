@@ -11,6 +11,7 @@ import pytest
 
 from gcs_server.api import (
     authorized,
+    command_routes,
     control_models,
     control_routes,
     group_routes,
@@ -23,7 +24,6 @@ from gcs_server.api import (
     offboard_mission_routes,
     offboard_routes,
     operation_routes,
-    vehicle_routes,
 )
 from gcs_server.control.commands import ALL
 from gcs_server.errors import GcsError
@@ -110,16 +110,16 @@ async def in_interrupted_mission(rig):
 
 # Each command: whether the vehicles fly, what is done before, and the call.
 COMMANDS = {
-    "arm": (False, None, lambda rig: vehicle_routes.arm("1", rig.station, ANNA)),
+    "arm": (False, None, lambda rig: command_routes.arm("1", rig.station, ANNA)),
     "takeoff": (
         False,
         None,
-        lambda rig: vehicle_routes.takeoff("1", models.TakeoffRequest(alt_home_m=10), rig.station, ANNA),
+        lambda rig: command_routes.takeoff("1", models.TakeoffRequest(alt_home_m=10), rig.station, ANNA),
     ),
     "goto": (
         True,
         None,
-        lambda rig: vehicle_routes.goto(
+        lambda rig: command_routes.goto(
             "1",
             models.GotoRequest(lat_deg=LAT + 1e-4, lon_deg=LON, alt_home_m=20),
             rig.station,
@@ -129,7 +129,7 @@ COMMANDS = {
     "mode": (
         True,
         in_interrupted_mission,
-        lambda rig: vehicle_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA),
+        lambda rig: command_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA),
     ),
     "mission/start": (False, upload, lambda rig: mission_routes.start("1", rig.station, ANNA)),
     "mission/resume": (
@@ -201,20 +201,20 @@ async def remove_vehicle(rig):
 
 
 INTERRUPTIONS = {
-    "hold": lambda rig: vehicle_routes.hold("1", rig.station, BOB),
+    "hold": lambda rig: command_routes.hold("1", rig.station, BOB),
     "hold all": lambda rig: hold_routes.hold_several(
         hold_routes.HoldRequest(vehicles=("1", "2")), rig.station, BOB
     ),
-    "land now": lambda rig: vehicle_routes.land_now(
+    "land now": lambda rig: command_routes.land_now(
         "1", control_models.LandNowRequest(confirm="vehicle 1 lands now"), rig.station, BOB
     ),
-    "kill": lambda rig: vehicle_routes.kill(
+    "kill": lambda rig: command_routes.kill(
         "1", models.KillRequest(confirm="motors stop, vehicle 1 falls"), rig.station, BOB
     ),
-    "disarm": lambda rig: vehicle_routes.disarm("1", rig.station, ANNA),
-    "land": lambda rig: vehicle_routes.land("1", rig.station, ANNA),
-    "rtl": lambda rig: vehicle_routes.rtl("1", rig.station, ANNA),
-    "mode position": lambda rig: vehicle_routes.mode(
+    "disarm": lambda rig: command_routes.disarm("1", rig.station, ANNA),
+    "land": lambda rig: command_routes.land("1", rig.station, ANNA),
+    "rtl": lambda rig: command_routes.rtl("1", rig.station, ANNA),
+    "mode position": lambda rig: command_routes.mode(
         "1", models.ModeRequest(mode="position"), rig.station, ANNA
     ),
     "offboard/stop": lambda rig: offboard_routes.stop("1", rig.station, ANNA),

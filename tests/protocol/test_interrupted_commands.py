@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gcs_server.api import authorized, models, offboard_mission_routes, vehicle_routes
+from gcs_server.api import authorized, command_routes, models, offboard_mission_routes
 from gcs_server.api import offboard_mission_models as mission_models
 from gcs_server.errors import Interrupted, PlanFindings
 from tests.protocol.api_calls import ANNA, BOB, InlinePlanWork, json_of, run_with_routes
@@ -29,12 +29,12 @@ def test_after_stop_motors_interrupts_a_start_the_vehicle_is_in_hold_until_armed
     async def scenario(rig):
         rig.autopilot.silent_commands.add(ARM_DISARM)
         take_off = asyncio.ensure_future(
-            vehicle_routes.takeoff("1", models.TakeoffRequest(alt_home_m=10), rig.station, ANNA)
+            command_routes.takeoff("1", models.TakeoffRequest(alt_home_m=10), rig.station, ANNA)
         )
         await sleep(1.0)
         assert rig.autopilot.mode == TAKEOFF_MODE
         rig.autopilot.silent_commands.clear()
-        await vehicle_routes.kill("1", KILL, rig.station, BOB)
+        await command_routes.kill("1", KILL, rig.station, BOB)
         with pytest.raises(Interrupted, match="Stop motors") as interrupted:
             await take_off
         assert interrupted.value.code == "interrupted"
@@ -42,7 +42,7 @@ def test_after_stop_motors_interrupts_a_start_the_vehicle_is_in_hold_until_armed
         assert (rig.autopilot.mode, rig.autopilot.armed) == (HOLD_MODE, False)
         texts = [event.text for event in rig.vehicle.events.since()]
         assert any("the server has put it into Hold" in text for text in texts)
-        await vehicle_routes.arm("1", rig.station, ANNA)
+        await command_routes.arm("1", rig.station, ANNA)
         await sleep(5.0)
         assert rig.vehicle.status.landed_state == "on_ground"
 
@@ -54,22 +54,22 @@ def test_arming_in_a_mode_that_flies_is_refused_unless_accepted(run_simulated):
         rig.autopilot.mode = TAKEOFF_MODE
         await sleep(2.5)
         with pytest.raises(PlanFindings, match="arming it would start the flight") as refused:
-            await vehicle_routes.arm("1", rig.station, ANNA)
+            await command_routes.arm("1", rig.station, ANNA)
         assert refused.value.codes == ("arming_starts_flight",)
         assert not arming_commands(rig.autopilot)
         rig.autopilot.mode = HOLD_MODE
         await sleep(2.5)
         rig.autopilot.silent_commands.add(TAKEOFF_COMMAND)  # requested, and not reported yet
         take_off = asyncio.ensure_future(
-            vehicle_routes.takeoff("1", models.TakeoffRequest(alt_home_m=10), rig.station, ANNA)
+            command_routes.takeoff("1", models.TakeoffRequest(alt_home_m=10), rig.station, ANNA)
         )
         await sleep(0.2)
         with pytest.raises(PlanFindings, match="was just commanded to Take off"):
-            await vehicle_routes.arm("1", rig.station, ANNA)
+            await command_routes.arm("1", rig.station, ANNA)
         await asyncio.gather(take_off, return_exceptions=True)
         rig.autopilot.mode = TAKEOFF_MODE
         await sleep(2.5)
-        await vehicle_routes.arm("1", rig.station, ANNA, models.ArmRequest(despite=["arming_starts_flight"]))
+        await command_routes.arm("1", rig.station, ANNA, models.ArmRequest(despite=["arming_starts_flight"]))
         assert rig.autopilot.armed
 
     run_with_routes(run_simulated, scenario, flying=False)
@@ -88,16 +88,16 @@ def test_the_end_of_the_caller_ends_only_commands_that_move(run_simulated):
         authorized._caller.set(ClosingCaller())
         rig.autopilot.silent_commands.add(DO_SET_MODE)
         with pytest.raises(Interrupted, match="closed its connection"):
-            await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
+            await command_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
         requests = len(rig.autopilot.received_commands(DO_SET_MODE))
         await sleep(3.0)
         assert len(rig.autopilot.received_commands(DO_SET_MODE)) == requests
         rig.testbed.loop.call_later(1.0, rig.autopilot.silent_commands.clear)
-        await vehicle_routes.rtl("1", rig.station, ANNA)
+        await command_routes.rtl("1", rig.station, ANNA)
         assert rig.autopilot.mode == RTL_MODE
         rig.autopilot.silent_commands.add(DO_SET_MODE)
         rig.testbed.loop.call_later(1.0, rig.autopilot.silent_commands.clear)
-        await vehicle_routes.mode("1", models.ModeRequest(mode="hold"), rig.station, ANNA)
+        await command_routes.mode("1", models.ModeRequest(mode="hold"), rig.station, ANNA)
         assert rig.autopilot.mode == HOLD_MODE
 
     run_with_routes(run_simulated, scenario)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gcs_server.api import joint_mission_routes, vehicle_routes
+from gcs_server.api import command_routes, joint_mission_routes
 from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused
@@ -167,7 +167,7 @@ def test_two_vehicles_that_come_too_near_are_put_into_hold_by_the_guard_and_thei
 def test_hold_of_one_vehicle_puts_the_other_into_hold_and_ends_the_mission(run_simulated):
     async def scenario(rig):
         await start_crossing(rig)
-        await vehicle_routes.hold("2", rig.station, BOB)
+        await command_routes.hold("2", rig.station, BOB)
         await reach(rig, "stopped", "stopped", within_s=3)
         await sleep(3)
         assert [vehicle.status.mode for vehicle in rig.vehicles] == ["hold", "hold"]

@@ -3,12 +3,12 @@
 import pytest
 
 from gcs_server.api import (
+    command_routes,
     control_models,
     control_routes,
     models,
     offboard_routes,
     station_routes,
-    vehicle_routes,
 )
 from gcs_server.errors import NotInControl, Refused, UnknownLink
 from tests.protocol.api_calls import (
@@ -53,7 +53,7 @@ def test_the_last_link_in_flight_is_closed_only_with_confirmation(run_simulated,
         if situation == "streaming":
             await offboard_routes.start("1", START_REQUEST, rig.station, ANNA)
         elif situation == "armed":
-            await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
+            await command_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
         for confirm in (None, "", "yes", CONFIRMATION.replace("1", "2"), CONFIRMATION.upper()):
             with pytest.raises(Refused, match="Vehicle 1 is armed or flown by setpoints") as refused:
                 await close_link(rig, ANNA, confirm)
@@ -116,7 +116,7 @@ def test_the_link_of_a_vehicle_lost_in_flight_stays_open(run_simulated):
 def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(run_simulated):
     async def scenario(rig):
         request = models.LinkRequest(url="udpin://127.0.0.1:0?forward=1", name="station")
-        await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
+        await command_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
         with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
             await station_routes.add_link(request, rig.station, BOB)
         assert link_names(rig) == ["memory"]

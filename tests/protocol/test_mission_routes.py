@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_server.api import (
+    command_routes,
     control_routes,
     mission_models,
     mission_routes,
     models,
     operation_routes,
-    vehicle_routes,
 )
 from gcs_server.errors import Interrupted, InvalidRequest, NotInControl, PlanFindings, Refused, Rejected
 from gcs_server.plans.store import PlanStore
@@ -499,7 +499,7 @@ def test_every_way_into_the_mission_makes_the_same_checks(run_simulated, tmp_pat
         await upload(rig, PLAN_OUTSIDE_THE_FENCE)
         ways = {
             "start": lambda despite: start(rig, despite=despite),
-            "mode": lambda despite: vehicle_routes.mode(
+            "mode": lambda despite: command_routes.mode(
                 "1", models.ModeRequest(mode="mission", despite=despite), rig.station, ANNA
             ),
         }
@@ -514,9 +514,9 @@ def test_every_way_into_the_mission_makes_the_same_checks(run_simulated, tmp_pat
         await ways["mode"](codes)
         body = models.ArmRequest(despite=["arming_starts_flight"])
         with pytest.raises(PlanFindings) as refused:
-            await vehicle_routes.arm("1", rig.station, ANNA, body)
+            await command_routes.arm("1", rig.station, ANNA, body)
         assert list(refused.value.codes) == codes
-        await vehicle_routes.arm(
+        await command_routes.arm(
             "1", rig.station, ANNA, models.ArmRequest(despite=["arming_starts_flight", *codes])
         )
         assert rig.autopilot.armed
@@ -544,7 +544,7 @@ def test_a_plan_that_changes_during_the_checks_or_the_start_is_not_flown(run_sim
         await upload(rig, long_plan, wait=False)
         for request in (
             start(rig),
-            vehicle_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA),
+            command_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA),
         ):
             with pytest.raises(Refused, match="is busy with"):
                 await request

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from gcs_server.api import gimbal_routes, models
+from gcs_server.api import command_routes, models
 from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.gimbal import Roi
@@ -191,7 +191,7 @@ def test_rates_without_a_yaw_lock_keep_the_active_lock(run_simulated):
         await rig.vehicle.gimbal.take_control()
         for lock in (True, False):
             await rig.vehicle.gimbal.set_angles(-30, 60, yaw_lock=lock, wait=False)
-            await gimbal_routes.rates("1", body, rig.station, ANNA, gimbal)
+            await command_routes.gimbal_rates("1", body, rig.station, ANNA, *gimbal)
             flags = d.GIMBAL_MANAGER_FLAGS_YAW_LOCK if lock else 0
             assert rig.autopilot.received_commands(GIMBAL_PITCHYAW)[-1].param5 == flags
 

@@ -5,7 +5,7 @@ kind, in every frame, for one vehicle, a group, a mission and a follower. Script
 import numpy as np
 import pytest
 
-from gcs_server.api import group_routes, vehicle_routes
+from gcs_server.api import command_routes, group_routes
 from gcs_server.api.models import GotoRequest
 from gcs_server.errors import NotTogether, Refused
 from gcs_server.streamer.values.stream_request import StreamRequest
@@ -55,11 +55,11 @@ def test_go_to_refuses_a_target_below_home_and_sends_nothing(run_simulated, alti
     async def scenario(rig):
         below_m = HOME_AMSL_M - (altitude.get("alt_amsl_m") or HOME_AMSL_M + altitude["alt_home_m"])
         with pytest.raises(Refused, match=f"The target is {below_m:.1f} m below home") as refused:
-            await vehicle_routes.goto("1", GotoRequest(**AT, **altitude), rig.station, ANNA)
+            await command_routes.goto("1", GotoRequest(**AT, **altitude), rig.station, ANNA)
         assert "at least 489 m AMSL, which is 0 m above home" in refused.value.remedy
         assert not rig.autopilot.received_commands(DO_REPOSITION)
         for accepted in ({"alt_home_m": -0.9}, {"alt_amsl_m": 488.1}, {"alt_home_m": 0.0}):
-            await vehicle_routes.goto("1", GotoRequest(**AT, **accepted), rig.station, ANNA)
+            await command_routes.goto("1", GotoRequest(**AT, **accepted), rig.station, ANNA)
 
     run_with_routes(run_simulated, scenario)
 
@@ -68,12 +68,12 @@ def test_go_to_follows_the_known_ground_on_a_slope(run_simulated):
     async def scenario(rig):
         north = {"lat_deg": HOME_LAT_DEG + 0.005, "lon_deg": HOME_LON_DEG}
         rig.vehicle.command.floor.grounds = (slope(HOME_AMSL_M - 40),)
-        await vehicle_routes.goto("1", GotoRequest(**north, alt_home_m=-15), rig.station, ANNA)
+        await command_routes.goto("1", GotoRequest(**north, alt_home_m=-15), rig.station, ANNA)
         with pytest.raises(Refused, match=r"2\.0 m below the ground there, according to the elevation data"):
-            await vehicle_routes.goto("1", GotoRequest(**north, alt_home_m=-22), rig.station, ANNA)
+            await command_routes.goto("1", GotoRequest(**north, alt_home_m=-22), rig.station, ANNA)
         rig.vehicle.command.floor.grounds = (slope(HOME_AMSL_M + 40),)
         with pytest.raises(Refused, match=r"10\.0 m below the ground there"):
-            await vehicle_routes.goto("1", GotoRequest(**north, alt_home_m=10), rig.station, ANNA)
+            await command_routes.goto("1", GotoRequest(**north, alt_home_m=10), rig.station, ANNA)
 
     run_with_routes(run_simulated, scenario)
 

@@ -5,22 +5,20 @@ repeated message requests a state or names a target, so a second copy has no eff
 ticket (`tickets.py`), which a later command cancels; its messages are then no longer sent. Only Stop motors
 (`stop_motors.py`) cannot be ended.
 
-In the modes of `FLIES_WHEN_ARMED`, arming starts a flight. A command that selects such a mode and ends before
-the vehicle is armed is followed by Hold, and so is a disarming in such a mode; and `arm` alone is refused
-there unless the caller accepts the flight.
+Where arming would start a flight (`hold_disarmed.py`), `arm` alone is refused unless the caller accepts the
+flight.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import AsyncGenerator, Callable, Generator
-from contextlib import asynccontextmanager, contextmanager, suppress
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import TypedDict, Unpack
 
 from gcs_server.errors import (
     Disconnected,
-    GcsError,
-    Interrupted,
     InvalidRequest,
     NoReply,
     PlanFindings,
@@ -33,6 +31,7 @@ from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services import checks
 from gcs_server.vehicle.services.floor import VehicleFloor
+from gcs_server.vehicle.services.hold_disarmed import HoldDisarmed
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors
 from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Request, Transaction
@@ -50,15 +49,10 @@ NAN = math.nan
 REPOSITION_CHANGES_MODE = 1.0
 AIRBORNE = ("in_air", "taking_off", "landing")
 SAME_POSITION_M = 3.0
-FLIES_WHEN_ARMED = frozenset({"takeoff", "mission"})
-"""Modes in which PX4 takes off by itself once it is armed."""
 ARMING_STARTS_FLIGHT = "arming_starts_flight"
 """Code of the finding that arming starts a flight, which `arm` must accept."""
 MISSION_REFUSED_WITHIN_S = 2.0
 """A refusal of Mission within this time after an upload, and the wait that follows it, is not final [s]."""
-OTHER_COMMAND_PERIOD_S = 0.2
-"""Period at which the end of another command is awaited [s]."""
-WARNING, NOTICE = d.MAV_SEVERITY_WARNING, d.MAV_SEVERITY_NOTICE
 _target = LAYOUTS[d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT].unpacker
 
 
@@ -77,17 +71,26 @@ class ModeCommand:
     """Monotonic time of the command."""
 
 
+class CommandOptions(TypedDict, total=False):
+    """What every command takes, all of it optional."""
+
+    by: str | None
+    """The client."""
+    progress: ReportProgress | None
+    """Called with each step."""
+    ticket: Ticket | None
+    """The ticket of the accepted command; None: the method opens and claims its own."""
+    on_lost_link: bool
+    """For Hold, Land and RTL: the command is also sent, and sent again until its deadline, while nothing is
+    received from the vehicle: a radio can fail in one direction only."""
+
+
 class CommandService:
     """Arm, modes, take-off, go-to.
 
     Every method may raise Refused or NotVerified (nothing was sent), InvalidRequest (an invalid value),
     Rejected (with the vehicle's reasons), NoReply (at the deadline), Disconnected (the vehicle or its link
     was lost), or Interrupted (its ticket was cancelled).
-
-    `ticket` is the ticket of the accepted command; None: the method opens and claims its own.
-
-    With `on_lost_link` a command is also sent, and sent again until its deadline, while nothing is received
-    from the vehicle: a radio can fail in one direction only.
     """
 
     def __init__(
@@ -108,6 +111,9 @@ class CommandService:
         """Called before a mode other than Offboard is requested, so that the setpoint stream requests no mode
         meanwhile."""
         self._stop_motors = StopMotors(vehicle)
+        self._disarmed = HoldDisarmed(
+            vehicle, self._commanded_mode, lambda: self._stop_motors.pending, lambda: self.hold()
+        )
         self._running_commands: list[int] = []
         """MAV_CMD of each running request."""
 
@@ -118,6 +124,11 @@ class CommandService:
             return None
         return newest if self._vehicle.clock.monotonic_s() - newest.since_s <= MAX_MODE_DELAY_S else None
 
+    def _commanded_mode(self) -> str | None:
+        """The mode that this server has just requested; None: no recent request."""
+        newest = self._newest_command
+        return newest.mode if newest is not None and self.recent_command(newest.mode) is not None else None
+
     def record_executor_request(self, label: str, mode: str, by: str) -> None:
         """Records that the executor of an external mode requests this mode; raises Refused during Stop
         motors."""
@@ -125,36 +136,29 @@ class CommandService:
         self._newest_command = ModeCommand(label, mode, by, self._vehicle.clock.monotonic_s())
         self.on_mode_command()
 
-    async def arm(
-        self,
-        *,
-        starts_flight: bool = False,
-        progress: ReportProgress | None = None,
-        ticket: Ticket | None = None,
-    ) -> None:
+    async def arm(self, *, starts_flight: bool = False, **options: Unpack[CommandOptions]) -> None:
         """Arms; returns once the vehicle reports that it is armed.
 
         Args:
             starts_flight: the caller accepts that arming starts a flight.
-            progress: called with each step.
-            ticket: see `CommandService`.
+            options: see `CommandOptions`.
 
         Raises:
             PlanFindings: arming would start a flight, which the caller does not accept.
         """
         self._vehicle.require_commandable()
-        if not starts_flight and (text := self._flight_when_armed()) is not None:
+        if not starts_flight and (text := self._disarmed.flight_when_armed()) is not None:
             raise PlanFindings(
                 text,
                 codes=(ARMING_STARTS_FLIGHT,),
                 remedy="Select Hold first; or accept the flight by naming arming_starts_flight in `despite`.",
             )
-        with self._begin("arm", ticket) as ticket:
+        with self._begin("arm", options) as ticket:
             if not starts_flight:
-                ticket.add_condition(self._flight_when_armed)
-            await self._arm(ticket, progress)
+                ticket.add_condition(self._disarmed.flight_when_armed)
+            await self._arm(ticket, options)
 
-    async def disarm(self, *, progress: ReportProgress | None = None, ticket: Ticket | None = None) -> None:
+    async def disarm(self, **options: Unpack[CommandOptions]) -> None:
         """Disarms (on the ground); returns once the vehicle reports that it is disarmed."""
         self._vehicle.require_commandable()
         goal = Goal(
@@ -163,17 +167,14 @@ class CommandService:
             STATE_DEADLINE_S,
             requested_ids=REQUEST_HEARTBEAT,
         )
-        with self._begin("disarm", ticket) as ticket:
-            await self._run(ticket, _arm_disarm(0.0, 0.0), goal, progress)
-        self._hold_after_disarming()
+        with self._begin("disarm", options) as ticket:
+            await self._run(ticket, _arm_disarm(0.0, 0.0), goal, options)
+        self._disarmed.hold_after_disarming()
 
     async def set_mode(
         self,
         name: str,
-        *,
-        by: str | None = None,
-        progress: ReportProgress | None = None,
-        ticket: Ticket | None = None,
+        **options: Unpack[CommandOptions],
     ) -> None:
         """Changes to the mode `name` (as in `Status.mode`); returns once the vehicle reports the mode."""
         mode = BY_NAME.get(name)
@@ -182,16 +183,13 @@ class CommandService:
             raise InvalidRequest("mode", f"There is no mode {name!r} to set.", remedy=f"Modes: {names}.")
         self._vehicle.require_commandable()
         label = f"mode {self._vehicle.mode_names.label(mode)}"
-        with self._begin(label, ticket, mode, by) as ticket:
-            await self._set_mode(ticket, mode, progress)
+        with self._begin(label, options, mode) as ticket:
+            await self._set_mode(ticket, mode, options)
 
     async def takeoff(
         self,
         alt_home_m: float,
-        *,
-        by: str | None = None,
-        progress: ReportProgress | None = None,
-        ticket: Ticket | None = None,
+        **options: Unpack[CommandOptions],
     ) -> None:
         """Arms if needed and takes off; returns once the vehicle is taking off, before it reaches the
         altitude."""
@@ -203,14 +201,14 @@ class CommandService:
                 f"Vehicle {vehicle.id} is already flying.", remedy="Use go-to for another altitude."
             )
         checks.position_of(vehicle)
-        with self._begin("take off", ticket, BY_NAME["takeoff"], by) as ticket:
+        with self._begin("take off", options, BY_NAME["takeoff"]) as ticket:
             alt_amsl_m = checks.require_climb(vehicle, alt_home_m, await self._home_alt_amsl_m(ticket))
             request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
-            async with self._hold_unless_armed(ticket, BY_NAME["takeoff"]):
+            async with self._disarmed.hold_unless_armed(ticket, BY_NAME["takeoff"]):
                 in_takeoff = Goal("take off", _in_mode(BY_NAME["takeoff"]), STATE_DEADLINE_S)
-                await self._run(ticket, request, in_takeoff, progress)
+                await self._run(ticket, request, in_takeoff, options)
                 if not vehicle.flight_state.armed:
-                    await self._arm(ticket, progress)
+                    await self._arm(ticket, options)
                     # sent again, because a disarmed PX4 may drop the altitude
                     again = Goal(
                         "take off to that altitude",
@@ -219,23 +217,20 @@ class CommandService:
                         requested_ids=(),
                         ack_is_enough=True,
                     )
-                    await self._run(ticket, request, again, progress)
+                    await self._run(ticket, request, again, options)
             lifted = Goal(
                 "take off",
                 lambda f, _: f.armed and f.landed_state in ("taking_off", "in_air"),
                 LIFT_OFF_DEADLINE_S,
                 requested_ids=(d.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,),
             )
-            if progress is not None:
+            if (progress := options.get("progress")) is not None:
                 progress("Armed, waiting for lift-off", None)
-            await self._run(ticket, None, lifted, progress)
+            await self._run(ticket, None, lifted, options)
 
     async def start_mission(
         self,
-        *,
-        by: str | None = None,
-        progress: ReportProgress | None = None,
-        ticket: Ticket | None = None,
+        **options: Unpack[CommandOptions],
     ) -> None:
         """Starts the vehicle's mission at its current item; arms if needed.
 
@@ -243,52 +238,26 @@ class CommandService:
         """
         mission = BY_NAME["mission"]
         self._vehicle.require_commandable()
-        with self._begin("start the mission", ticket, mission, by) as ticket:
-            async with self._hold_unless_armed(ticket, mission):
-                await self._set_mode(ticket, mission, progress)
+        with self._begin("start the mission", options, mission) as ticket:
+            async with self._disarmed.hold_unless_armed(ticket, mission):
+                await self._set_mode(ticket, mission, options)
                 if not self._vehicle.flight_state.armed:
-                    await self._arm(ticket, progress)
+                    await self._arm(ticket, options)
 
     async def land(
         self,
-        *,
-        by: str | None = None,
-        progress: ReportProgress | None = None,
-        on_lost_link: bool = False,
-        ticket: Ticket | None = None,
+        **options: Unpack[CommandOptions],
     ) -> None:
         """Lands at the current position; returns once the vehicle is landing, or has landed and disarmed."""
-        self._vehicle.require_commandable(on_lost_link=on_lost_link)
-        land = BY_NAME["land"]
-        with self._begin(land.label, ticket, land, by) as ticket:
-            await self._set_mode(ticket, land, progress, on_lost_link=on_lost_link, or_disarmed=True)
+        await self._switch(BY_NAME["land"].label, "land", options, or_disarmed=True)
 
-    async def rtl(
-        self,
-        *,
-        by: str | None = None,
-        progress: ReportProgress | None = None,
-        ticket: Ticket | None = None,
-    ) -> None:
+    async def rtl(self, **options: Unpack[CommandOptions]) -> None:
         """Returns to the launch position and lands, as the vehicle's own RTL does."""
-        self._vehicle.require_commandable()
-        rtl = BY_NAME["rtl"]
-        with self._begin(rtl.label, ticket, rtl, by) as ticket:
-            await self._set_mode(ticket, rtl, progress, or_disarmed=True)
+        await self._switch(BY_NAME["rtl"].label, "rtl", options, or_disarmed=True)
 
-    async def hold(
-        self,
-        *,
-        by: str | None = None,
-        progress: ReportProgress | None = None,
-        on_lost_link: bool = False,
-        ticket: Ticket | None = None,
-    ) -> None:
+    async def hold(self, **options: Unpack[CommandOptions]) -> None:
         """Switches to Hold: the vehicle stops and keeps its position."""
-        self._vehicle.require_commandable(on_lost_link=on_lost_link)
-        hold = BY_NAME["hold"]
-        with self._begin("hold", ticket, hold, by) as ticket:
-            await self._set_mode(ticket, hold, progress, on_lost_link=on_lost_link)
+        await self._switch("hold", "hold", options)
 
     async def goto(
         self,
@@ -299,9 +268,7 @@ class CommandService:
         alt_home_m: float | None = None,
         yaw_ned_deg: float | None = None,
         max_distance_m: float = GOTO_MAX_DISTANCE_M,
-        by: str | None = None,
-        progress: ReportProgress | None = None,
-        ticket: Ticket | None = None,
+        **options: Unpack[CommandOptions],
     ) -> None:
         """Flies to a position in Hold mode, at exactly one of the two altitudes. Returns once the vehicle has
         the target, before it arrives."""
@@ -321,7 +288,7 @@ class CommandService:
         vehicle.require_commandable()
         if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
             raise Refused(f"Vehicle {vehicle.id} is not flying.", remedy="Take off first.")
-        with self._begin("go to", ticket, BY_NAME["hold"], by) as ticket:
+        with self._begin("go to", options, BY_NAME["hold"]) as ticket:
             if alt_amsl_m is None:
                 assert alt_home_m is not None
                 alt_amsl_m = await self._home_alt_amsl_m(ticket) + alt_home_m
@@ -342,14 +309,11 @@ class CommandService:
                 (-1.0, REPOSITION_CHANGES_MODE, 0.0, yaw_rad, lat_deg, lon_deg, alt_amsl_m),
                 frame=d.MAV_FRAME_GLOBAL,
             )
-            await self._run(ticket, request, goal, progress)
+            await self._run(ticket, request, goal, options)
 
     async def kill(
         self,
-        *,
-        by: str | None = None,
-        progress: ReportProgress | None = None,
-        ticket: Ticket | None = None,
+        **options: Unpack[CommandOptions],
     ) -> None:
         """Stops the motors immediately, even in flight: the vehicle falls. Ends every waiting command, and
         refuses all other commands until it has ended. Returns once the vehicle reports that it is disarmed.
@@ -358,12 +322,15 @@ class CommandService:
         with suppress(Disconnected):  # also sent on a lost link
             self._vehicle.require_commandable()
         arming = d.MAV_CMD_COMPONENT_ARM_DISARM in self._running_commands
-        own = ticket or self._vehicle.tickets.open("stop motors")
+        own = options.get("ticket") or self._vehicle.tickets.open("stop motors")
         own.claim()
         own.close()  # from now on, `require_no_kill` refuses other commands
         self.on_mode_command()
         await self._stop_motors.run(
-            by=by, arming=arming, progress=progress, on_disarmed=self._hold_after_disarming
+            by=options.get("by"),
+            arming=arming,
+            progress=options.get("progress"),
+            on_disarmed=self._disarmed.hold_after_disarming,
         )
 
     def require_no_kill(self, label: str) -> None:
@@ -376,7 +343,15 @@ class CommandService:
 
     # --- internal -------------------------------------------------------------------------------
 
-    async def _arm(self, ticket: Ticket, progress: ReportProgress | None) -> None:
+    async def _switch(
+        self, label: str, mode_name: str, options: CommandOptions, *, or_disarmed: bool = False
+    ) -> None:
+        self._vehicle.require_commandable(on_lost_link=options.get("on_lost_link", False))
+        mode = BY_NAME[mode_name]
+        with self._begin(label, options, mode) as ticket:
+            await self._set_mode(ticket, mode, options, or_disarmed=or_disarmed)
+
+    async def _arm(self, ticket: Ticket, options: CommandOptions) -> None:
         goal = Goal(
             "arm",
             lambda f, s: f.heartbeat_s > s and f.armed,
@@ -384,15 +359,14 @@ class CommandService:
             requested_ids=REQUEST_HEARTBEAT,
             present_problems=self._arming_problems,
         )
-        await self._run(ticket, _arm_disarm(1.0, 0.0), goal, progress)
+        await self._run(ticket, _arm_disarm(1.0, 0.0), goal, options)
 
     async def _set_mode(
         self,
         ticket: Ticket,
         mode: Mode,
-        progress: ReportProgress | None,
+        options: CommandOptions,
         *,
-        on_lost_link: bool = False,
         or_disarmed: bool = False,
     ) -> None:
         """Changes to a mode. With `or_disarmed`, an armed vehicle that disarms has reached the goal too."""
@@ -407,14 +381,15 @@ class CommandService:
             (float(d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode.main), float(mode.sub), 0, 0, 0, 0),
         )
         label = f"switch to {self._vehicle.mode_names.label(mode)}"
+        on_lost_link = options.get("on_lost_link", False)
         goal = Goal(label, reached, STATE_DEADLINE_S, on_lost_link=on_lost_link)
         if mode.name == "mission":
-            await self._run_once_startable(ticket, request, goal, progress)
+            await self._run_once_startable(ticket, request, goal, options)
         else:
-            await self._run(ticket, request, goal, progress)
+            await self._run(ticket, request, goal, options)
 
     async def _run_once_startable(
-        self, ticket: Ticket, request: Request, goal: Goal, progress: ReportProgress | None
+        self, ticket: Ticket, request: Request, goal: Goal, options: CommandOptions
     ) -> None:
         """Requests Mission once PX4 starts the last uploaded mission. PX4 may need longer when it is busy:
         then a refusal is requested again."""
@@ -423,7 +398,7 @@ class CommandService:
             startable_s = self._mission_startable_s()
             await clock.sleep(max(0.0, startable_s - clock.monotonic_s()))
             try:
-                await self._run(ticket, request, goal, progress)
+                await self._run(ticket, request, goal, options)
                 return
             except Rejected:
                 if clock.monotonic_s() >= startable_s + MISSION_REFUSED_WITHIN_S:
@@ -447,66 +422,7 @@ class CommandService:
                 listen=home,
             )
             with suppress(NoReply):
-                await self._run(ticket, None, goal, None)
-
-    def _flight_when_armed(self) -> str | None:
-        """The flight that arming would start now, as a sentence; None: no flight. A mode that this server
-        has just requested counts, too, because the vehicle may not have reported it yet."""
-        vehicle, newest = self._vehicle, self._newest_command
-        modes = {vehicle.status.mode}
-        if newest is not None and self.recent_command(newest.mode) is not None:
-            modes.add(newest.mode)
-        mode = next(iter(sorted(modes & FLIES_WHEN_ARMED)), None)
-        if mode is None or vehicle.flight_state.armed:
-            return None
-        state = "is in" if mode == vehicle.status.mode else "was just commanded to"
-        return f"Vehicle {vehicle.id} {state} {BY_NAME[mode].label}: arming it would start the flight."
-
-    @asynccontextmanager
-    async def _hold_unless_armed(self, ticket: Ticket, mode: Mode) -> AsyncGenerator[None]:
-        """For a command that selects a mode of `FLIES_WHEN_ARMED`: if it ends before the vehicle is armed,
-        the vehicle is put into Hold; otherwise the next arming would start the flight."""
-        try:
-            yield
-        except BaseException as error:
-            if not self._vehicle.flight_state.armed:
-                hold = self._hold_disarmed(f"The command to switch to {mode.label} was not completed")
-                if isinstance(error, GcsError) and ticket.reason is None:
-                    ticket.close()
-                    await hold
-                else:
-                    self._vehicle.in_background("Hold after an interrupted command", hold)
-            raise
-
-    def _hold_after_disarming(self) -> None:
-        """Puts a vehicle that was disarmed in a mode of `FLIES_WHEN_ARMED` into Hold, in the background."""
-        mode = self._vehicle.status.mode
-        if mode in FLIES_WHEN_ARMED:
-            why = f"The vehicle was disarmed in {BY_NAME[mode].label}"
-            self._vehicle.in_background("Hold after disarming", self._hold_disarmed(why))
-
-    async def _hold_disarmed(self, why: str) -> None:
-        """Puts a disarmed vehicle into Hold, once no other command is being executed; reports it."""
-        vehicle, clock, again = self._vehicle, self._vehicle.clock, False
-        while True:
-            while vehicle.tickets.commanding() is not None or self._stop_motors.pending:
-                again = True
-                await clock.sleep(OTHER_COMMAND_PERIOD_S)
-            if vehicle.flight_state.armed or (again and self._flight_when_armed() is None):
-                return
-            text, severity, kind = f"{why}; the server has put it into Hold.", NOTICE, "command"
-            try:
-                with self._begin("hold", None, BY_NAME["hold"]) as ticket:
-                    await self._set_mode(ticket, BY_NAME["hold"], None)
-            except Interrupted:
-                again = True
-                continue
-            except GcsError as error:
-                text = f"{why}, and it is not in Hold: {error} Select Hold before you arm, or it takes off."
-                severity, kind = WARNING, "warning"
-            data = {"source": "command", "code": "held_disarmed"}
-            vehicle.events.add(kind, clock.unix_s(), text, severity=severity, data=data)
-            return
+                await self._run(ticket, None, goal, {})
 
     def _target_is(
         self, lat_deg: float, lon_deg: float, alt_amsl_m: float
@@ -530,16 +446,16 @@ class CommandService:
         return self._vehicle.health.arming_problems(mode.nav_state if mode else None)
 
     @contextmanager
-    def _begin(
-        self, label: str, ticket: Ticket | None, mode: Mode | None = None, by: str | None = None
-    ) -> Generator[Ticket]:
+    def _begin(self, label: str, options: CommandOptions, mode: Mode | None = None) -> Generator[Ticket]:
         """The block of a command: its ticket, which has cancelled those of earlier commands."""
         self.require_no_kill(label)
+        ticket = options.get("ticket")
         own = ticket or self._vehicle.tickets.open(label)
         try:
             own.claim()
             if mode is not None:
-                self._newest_command = ModeCommand(label, mode.name, by, self._vehicle.clock.monotonic_s())
+                now_s = self._vehicle.clock.monotonic_s()
+                self._newest_command = ModeCommand(label, mode.name, options.get("by"), now_s)
                 if mode.name != "offboard":
                     self.on_mode_command()
             yield own
@@ -548,8 +464,9 @@ class CommandService:
                 own.close()
 
     async def _run(
-        self, ticket: Ticket, request: Request | None, goal: Goal, progress: ReportProgress | None
+        self, ticket: Ticket, request: Request | None, goal: Goal, options: CommandOptions
     ) -> None:
+        progress = options.get("progress")
         if request is None:
             await Transaction(self._vehicle, None, goal, progress, ticket).run()
             return

@@ -5,6 +5,7 @@ import inspect
 import textwrap
 
 from gcs_server.api import offboard_stream
+from gcs_server.api.command_routes import COMMAND_OF
 from gcs_server.api.permission import calls_of
 from gcs_server.api.schema import bare_app
 from gcs_server.control.commands import BY_CALL
@@ -24,6 +25,8 @@ FURTHER_COMMANDS = {"POST /api/v1/vehicles/{v}/mission/upload": {"hold"}}
 
 def commands_of(function):
     """Names that a function passes to `authorized_command`."""
+    if function in COMMAND_OF:
+        return {COMMAND_OF[function]}
     nodes = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))
     calls = [node for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
     if any(call.func.id == "apply_setpoint" for call in calls):
