@@ -45,6 +45,7 @@ from gcs_server.operations.operations import Operation, Operations
 from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanChange, PlanStore
 from gcs_server.plans.work import PlanWork
+from gcs_server.replay.link import replay_link
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.ros2.url import ros2_link
@@ -102,7 +103,8 @@ def _router(settings: Settings, clock: Clock, supervisor: Supervisor, folder: Da
         signing_dir=folder.signing,
         recording_dir=folder.recordings if settings.record else None,
     )
-    return Router(clock, supervisor, own, {"ros2": partial(ros2_link, own_system_id=settings.system_id)})
+    other_kinds = {"tlog": replay_link, "ros2": partial(ros2_link, own_system_id=settings.system_id)}
+    return Router(clock, supervisor, own, other_kinds)
 
 
 def _stored_limits(stored: object) -> OperatorLimits:

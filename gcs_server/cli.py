@@ -19,7 +19,7 @@ from gcs_server.api.connections import Connections
 from gcs_server.app import create_app
 from gcs_server.clock import SystemClock
 from gcs_server.errors import GcsError
-from gcs_server.http_server import descriptors
+from gcs_server.http_server.acceptor import raise_descriptor_limit
 from gcs_server.http_server.server import HttpServer
 from gcs_server.log_limit import LogLimit
 from gcs_server.settings import Settings, load, split_arguments, token_of
@@ -219,7 +219,7 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
     clock = SystemClock()
     app = create_app(settings, clock, more_links=more_links)
     connections: Connections = app.state.connections
-    connections.limits = connections.limits.reduced_to(descriptors.raise_descriptor_limit())
+    connections.limits = connections.limits.reduced_to(raise_descriptor_limit())
     server = HttpServer(
         app, connections, clock, page_urls(settings.host, port, token), settings.trusted_proxies
     )

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import errno
 import logging
-import os
+import resource
 import socket
 from collections.abc import Callable
 
@@ -27,6 +27,11 @@ CHECK_PERIOD_S = 0.5
 NO_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 """Errors without a free file descriptor or memory."""
 NO_RESOURCES_PAUSE_S = 0.2
+WANTED_LIMIT = 4096
+"""Limit of open files that is sufficient for all clients."""
+RESERVED = 256
+"""Descriptors reserved for MAVLink links, recordings, the stream process, the journal and the page's
+files."""
 
 
 class Acceptor:
@@ -52,12 +57,9 @@ class Acceptor:
         self._clock = clock
         self._supervisor = Supervisor(clock)
         self._accepting: asyncio.Task[None] | None = None
-        self._spare_descriptor: int | None = None
-        """Closed to accept and refuse one connection when no other file descriptor is free."""
 
     def start(self) -> None:
         """Starts accepting connections."""
-        self._open_spare_descriptor()
         self._accepting = self._supervisor.start("acceptor", self._accept_loop)
         self._supervisor.start("deadlines of connections", self._deadline_loop)
 
@@ -65,9 +67,6 @@ class Acceptor:
         """Stops accepting; deadlines stay in force until the event loop ends."""
         if self._accepting is not None:
             self._accepting.cancel()
-        if self._spare_descriptor is not None:
-            os.close(self._spare_descriptor)
-            self._spare_descriptor = None
 
     async def wait_closed(self) -> None:
         """Does nothing; uvicorn calls this method."""
@@ -100,25 +99,12 @@ class Acceptor:
             accepted.close()
 
     async def _handle_failure(self, error: OSError) -> None:
-        """Handles a failure to accept. Without a free file descriptor, refuses one waiting connection and
-        retries later."""
+        """Handles a failure to accept. Without a free file descriptor, clients wait in the socket's queue."""
         if error.errno not in NO_RESOURCES:
             return  # the client disconnected before it was accepted
         log.warning("no connection can be accepted: %s", error.strerror)
         self._connections.count_refusal()
-        if self._spare_descriptor is not None:
-            os.close(self._spare_descriptor)
-            self._spare_descriptor = None
-            with contextlib.suppress(OSError):
-                accepted, _ = self._listener.accept()
-                _refuse(accepted)
-        self._open_spare_descriptor()
         await self._clock.sleep(NO_RESOURCES_PAUSE_S)
-
-    def _open_spare_descriptor(self) -> None:
-        if self._spare_descriptor is None:
-            with contextlib.suppress(OSError):
-                self._spare_descriptor = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
 
     async def _deadline_loop(self) -> None:
         while True:
@@ -132,3 +118,27 @@ def _refuse(accepted: socket.socket) -> None:
         accepted.setblocking(False)
         accepted.send(raw_response(SERVER_FULL))
         accepted.shutdown(socket.SHUT_WR)
+
+
+def raise_descriptor_limit() -> int:
+    """Raises the process's soft limit to `WANTED_LIMIT`, or to a lower hard limit. Returns the number of
+    client connections that leave `RESERVED` descriptors free.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    limit = soft
+    if soft != resource.RLIM_INFINITY and soft < WANTED_LIMIT:
+        limit = WANTED_LIMIT if hard == resource.RLIM_INFINITY else min(WANTED_LIMIT, hard)
+        try:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
+        except (OSError, ValueError):
+            limit = soft
+    if limit == resource.RLIM_INFINITY:
+        return WANTED_LIMIT
+    if limit < WANTED_LIMIT:
+        log.warning(
+            "This process may open %d files only (ulimit -n): fewer clients can connect at once. "
+            "%d or more are better.",
+            limit,
+            WANTED_LIMIT,
+        )
+    return max(limit - RESERVED, limit // 2)

@@ -14,8 +14,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 
 from gcs_server.api import refusals as r
 from gcs_server.api.connections import SCOPE_KEY
-from gcs_server.http_server.context import ConnectionContext
-from gcs_server.http_server.stall import StallDetector
+from gcs_server.http_server.context import ConnectionContext, StallDetector
 from gcs_server.http_server.websocket_protocol import BoundedWebSocket
 
 OVERHEAD_BYTES = 131_072

@@ -17,8 +17,7 @@ from websockets.http11 import Request
 
 from gcs_server.api.connections import SCOPE_KEY
 from gcs_server.api.refusals import UNREAD_DEADLINE_S
-from gcs_server.http_server.context import ConnectionContext
-from gcs_server.http_server.stall import StallDetector
+from gcs_server.http_server.context import ConnectionContext, StallDetector
 
 PIECE_BYTES = 2048
 MAX_FRAMES = 1024

@@ -22,18 +22,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
-from gcs_server.errors import InvalidRequest, LinkError
+from gcs_server.errors import InvalidRequest
 from gcs_server.links.base import Link, SigningOptions
 from gcs_server.links.names import checked_host, checked_key_name, checked_name, checked_path, derived_name
 from gcs_server.links.serial import DEFAULT_BAUD, SerialLink
 from gcs_server.links.tcp import TcpLink, TcpServerLink
-from gcs_server.links.tlog import TlogLink
 from gcs_server.links.udp import UdpLink
 
 LOOPBACK = "127.0.0.1"
 LIVE_OPTIONS = frozenset({"forward", "key", "signing"})
 """Options of all links except recordings."""
-KINDS = ("udpin", "udpout", "tcp", "tcpin", "serial", "tlog")
+KINDS = ("udpin", "udpout", "tcp", "tcpin", "serial")
 LinkMaker = Callable[[str, str | None, SplitResult, dict[str, str]], Link]
 """(URL, name of the link, parts of the URL, options of the URL) → link. Raises the errors of `make_link`."""
 NO_OTHER_KINDS: Mapping[str, LinkMaker] = {}
@@ -48,11 +47,11 @@ def make_link(
     Args:
         url: a link URL.
         name: name of the link; None: derived from the URL.
-        other_kinds: functions that create further kinds of links, by URL scheme.
+        other_kinds: functions that create further kinds of links (recordings, ROS 2), by URL scheme.
 
     Raises:
         InvalidRequest: the URL or the name is not valid.
-        LinkError: the recording does not exist, or software that the link needs is missing.
+        LinkError: a file that the link reads does not exist, or software that it needs is missing.
     """
     for key_name in re.findall(r"[?&]key=([^&#]*)", url, re.IGNORECASE):
         # Checked first: the other errors contain the whole URL, and a secret key that was given instead of
@@ -80,7 +79,7 @@ def _link(url: str, name: str | None, other_kinds: Mapping[str, LinkMaker]) -> L
         raise InvalidRequest(
             "url", f"{url!r} is not a link: it must begin with one of {kinds}.", remedy=REMEDY
         )
-    allowed = {"serial": {"baud", *LIVE_OPTIONS}, "tlog": {"speed"}}.get(kind, LIVE_OPTIONS)
+    allowed = {"baud", *LIVE_OPTIONS} if kind == "serial" else LIVE_OPTIONS
     for key in options.keys() - allowed:
         raise InvalidRequest("url", f"{url!r}: {kind} links have no option {key!r}.", remedy=REMEDY)
     forward = _parse_flag(url, options.get("forward", "0"))
@@ -91,13 +90,11 @@ def _link(url: str, name: str | None, other_kinds: Mapping[str, LinkMaker]) -> L
         after_colon = re.fullmatch(r"(.+):(\d{4,})", device)
         if after_colon is not None:
             device, baud_text = after_colon.groups()
-        baud = _parse_number(url, "baud", options.get("baud", baud_text))
+        baud = parsed_number(url, "baud", options.get("baud", baud_text))
         if not 1200 <= baud <= 12_000_000 or baud != int(baud):
             raise InvalidRequest("url", f"{url!r}: baud must be a whole number from 1200 to 12000000.")
         name = name or derived_name(f"serial-{Path(device).name}")
         return SerialLink(name, url, device, int(baud), forward=forward)
-    if kind == "tlog":
-        return _tlog(url, name, checked_path(url, unquote(parts.path)), options)
     listens = kind in ("udpin", "tcpin")
     host = parts.hostname or (LOOPBACK if listens else "")
     if not host:
@@ -133,25 +130,14 @@ def _signing(url: str) -> SigningOptions | None:
     return SigningOptions(checked_key_name(options["key"]), mode == "required")
 
 
-def _tlog(url: str, name: str | None, path_text: str, options: dict[str, str]) -> TlogLink:
-    path = Path(path_text)
-    if not path_text or not path.is_file():
-        raise LinkError(
-            f"There is no recording {path_text or url!r}.", remedy="Give the path of a .tlog file."
-        )
-    speed = _parse_number(url, "speed", options.get("speed", "1"))
-    if not 0 <= speed <= 1000:
-        raise InvalidRequest("url", f"{url!r}: speed must be from 0 (as fast as possible) to 1000.")
-    return TlogLink(name or derived_name(f"replay-{path.name}"), url, path, speed)
-
-
 def _parse_flag(url: str, text: str) -> bool:
     if text not in ("0", "1"):
         raise InvalidRequest("url", f"{url!r}: forward must be 0 or 1.")
     return text == "1"
 
 
-def _parse_number(url: str, key: str, text: str) -> float:
+def parsed_number(url: str, key: str, text: str) -> float:
+    """Value of an option. Raises InvalidRequest if it is not a finite number."""
     try:
         value = float(text)
     except ValueError:

@@ -17,6 +17,7 @@ from typing import TextIO
 from gcs_server.errors import GcsError, InvalidRequest
 from gcs_server.links.names import checked_key_name
 from gcs_server.mavlink.signing import KEY_BYTES, SecretKey
+from gcs_server.storage.files import replace_file
 
 SUFFIX = ".key"
 MAX_FILE_LENGTH = 4096
@@ -127,10 +128,7 @@ class KeyStore:
 
     def store_timestamp(self, timestamp: int) -> None:
         """Stores the newest timestamp. Raises OSError."""
-        path = self._folder / "timestamp"
-        temporary = path.with_name(f".{path.name}.{os.getpid()}")
-        temporary.write_text(f"{timestamp}\n")
-        temporary.replace(path)
+        replace_file(self._folder / "timestamp", f"{timestamp}\n".encode(), sync=False)
 
     def _path(self, name: str) -> Path:
         return self._folder / f"{checked_key_name(name)}{SUFFIX}"

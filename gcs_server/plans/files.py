@@ -8,15 +8,12 @@ call them in the event loop.
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import stat
-import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, cast, get_args
 
+from gcs_server.storage.files import open_file, read_limited, replace_file, sync_folder, typed
 from missions.documents import PlanKind
 
 MAX_FILE_BYTES = 16 * 1024 * 1024
@@ -99,21 +96,10 @@ class PlanFiles:
         Raises:
             OSError: writing failed; nothing has changed.
         """
-        folder = self.folder / head.id
-        folder.mkdir(parents=True, exist_ok=True)
+        path = self._path(head.id, head.version)
         content = json.dumps(asdict(head)).encode() + b"\n" + plan
-        descriptor, temporary_path = tempfile.mkstemp(dir=folder, prefix=".")
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            Path(temporary_path).replace(self._path(head.id, head.version))
-        except OSError:
-            Path(temporary_path).unlink(missing_ok=True)
-            raise
-        _sync(folder)
-        _sync(self.folder)
+        replace_file(path, content)
+        sync_folder(self.folder)
         return len(content)
 
     def remove_versions(self, plan_id: str, versions: list[int]) -> int:
@@ -134,48 +120,17 @@ class PlanFiles:
         removed = self.folder / f".removed-{plan_id}"
         shutil.rmtree(removed, ignore_errors=True)
         (self.folder / plan_id).rename(removed)
-        _sync(self.folder)
+        sync_folder(self.folder)
         shutil.rmtree(removed, ignore_errors=True)
 
     def _path(self, plan_id: str, version: int) -> Path:
         return self.folder / plan_id / f"{version:08d}.plan"
 
     def _read(self, plan_id: str, version: int, *, with_plan: bool) -> tuple[PlanVersion, bytes]:
-        descriptor = os.open(self._path(plan_id, version), os.O_RDONLY | os.O_NONBLOCK)
-        with os.fdopen(descriptor, "rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise ValueError("it is not a file")
+        with open_file(self._path(plan_id, version)) as file:
             line = file.readline(MAX_HEAD_BYTES)
-            plan = file.read(MAX_FILE_BYTES + 1) if with_plan else b""
-        if len(plan) > MAX_FILE_BYTES:
-            raise ValueError(f"it is longer than {MAX_FILE_BYTES} bytes")
-        head = _parse_head(json.loads(line))
+            plan = read_limited(file, MAX_FILE_BYTES) if with_plan else b""
+        head = typed(PlanVersion, json.loads(line))
         if (head.id, head.version) != (plan_id, version):
             raise ValueError("its first line names another plan or version")
         return head, plan
-
-
-def _parse_head(value: Any) -> PlanVersion:
-    if not isinstance(value, dict):
-        raise ValueError("its first line is not a JSON object")
-    fields: dict[str, Any] = {
-        "kind": "waypoint_plan",  # files of older versions do not have this field
-        **cast(dict[str, Any], value),
-    }
-    types = {"id": str, "name": str, "version": int, "changed_by": str, "item_count": int, "kind": str}
-    time = fields.get("changed_unix_s")
-    if set(fields) != {*types, "changed_unix_s"} or not isinstance(time, int | float):
-        raise ValueError("its first line does not have the expected fields")
-    if any(type(fields[name]) is not expected_type for name, expected_type in types.items()):
-        raise ValueError("its first line has a value of another type")
-    if fields["kind"] not in get_args(PlanKind):
-        raise ValueError("its first line names a kind of plan that this server does not know")
-    return PlanVersion(**fields)
-
-
-def _sync(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -13,11 +13,11 @@ from typing import TypeVar
 from urllib.parse import quote
 
 from gcs_server.errors import RecordingUnusable, Refused, UnknownRecording
-from gcs_server.links.tlog import TlogLink
 from gcs_server.mavlink.router import Router
 from gcs_server.replay.catalogue import Catalogue, FileVersion, RecordingInfo, file_version
 from gcs_server.replay.index import Index, UnreadableRecording, explain
 from gcs_server.replay.index_process import IndexProcess
+from gcs_server.replay.link import TlogLink
 from gcs_server.replay.marks import VehicleMarks, make_marks
 from gcs_server.vehicle.fleet import Fleet
 

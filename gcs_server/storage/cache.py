@@ -6,8 +6,9 @@ from __future__ import annotations
 import contextlib
 import logging
 import re
-import tempfile
 from pathlib import Path
+
+from gcs_server.storage.files import replace_file
 
 log = logging.getLogger(__name__)
 
@@ -41,10 +42,7 @@ class Cache:
         if len(content) > MAX_BYTES:
             return
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=self._folder, prefix=".", delete=False) as file:
-                file.write(content)
-            Path(file.name).replace(self._path(name))
+            replace_file(self._path(name), content, sync=False)
             self._prune()
         except OSError as error:
             log.warning("cache %s: %s", self._folder, error)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import stat
-import tempfile
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+
+from gcs_server.storage.files import open_file, read_limited, replace_file, sync_folder
 
 MAX_RECORDS = 2000
 MAX_BYTES = 64_000
@@ -67,48 +66,21 @@ class Records:
         if record is None:
             return self._writer.submit(self._remove, path)
         content = json.dumps(record, allow_nan=False, indent=1).encode()
-        return self._writer.submit(self._replace, path, content)
+        return self._writer.submit(replace_file, path, content + b"\n")
 
     def close(self) -> None:
         """Waits for pending writes."""
         self._writer.shutdown()
 
-    def _replace(self, path: Path, content: bytes) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(dir=self.folder, prefix=".")
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content + b"\n")
-                file.flush()
-                os.fsync(file.fileno())
-            Path(temporary).replace(path)
-        except OSError:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-        self._sync_folder()
-
     def _remove(self, path: Path) -> None:
         path.unlink(missing_ok=True)
         if self.folder.is_dir():
-            self._sync_folder()
-
-    def _sync_folder(self) -> None:
-        descriptor = os.open(self.folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+            sync_folder(self.folder)
 
 
 def _read(path: Path) -> dict[str, object]:
-    # Non-blocking, because a named pipe must not block the start of the server.
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    with os.fdopen(descriptor, "rb") as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise ValueError("it is not a file")
-        content = file.read(MAX_BYTES + 1)
-    if len(content) > MAX_BYTES:
-        raise ValueError(f"it is longer than {MAX_BYTES} bytes")
+    with open_file(path) as file:
+        content = read_limited(file, MAX_BYTES)
     record = json.loads(content)
     if not isinstance(record, dict):
         raise ValueError("it is not a JSON object")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
 import secrets
 from pathlib import Path
 
+from gcs_server.storage.files import replace_file
 from gcs_server.storage.folder import StorageError
 
 TOKEN_PATTERN = re.compile(r"[A-Za-z0-9._~-]{16,256}")
@@ -42,13 +42,7 @@ def load_or_create_token(file: Path) -> str:
 def _create(file: Path) -> str:
     token = secrets.token_urlsafe(32)
     try:
-        # Written to a temporary file and then moved, so that the file is never incomplete or readable by
-        # others.
-        temporary = file.with_name(f".{file.name}.{os.getpid()}")
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(token + "\n")
-        temporary.replace(file)
+        replace_file(file, f"{token}\n".encode())
     except OSError as error:
         raise _unusable_file(file, f"cannot be created: {error.strerror or error}") from error
     return token

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import cast
+from typing import Annotated
 
+from pydantic import Field
+
+from gcs_server.storage.files import StoredTime, typed
 from gcs_server.storage.records import MAX_RECORDS, Records, Unreadable
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.vehicle.identity import PX4_SITL_UID, Identity
@@ -21,7 +23,6 @@ log = logging.getLogger(__name__)
 
 FORMAT = 1
 MAX_NAME_LENGTH = 200
-MAX_UNIX_S = 1e11
 _SHARED_UID = f"{PX4_SITL_UID:016x}"
 
 
@@ -51,6 +52,17 @@ class LimitRecord:
     limits: OperatorLimits
     set_unix_s: float
     set_by: str
+
+
+@dataclass(frozen=True, slots=True)
+class StoredLimits:
+    """The content of a file, besides its format."""
+
+    system_id: Annotated[int, Field(gt=0, lt=256)]
+    uid: str | None
+    set_unix_s: StoredTime
+    set_by: Annotated[str, Field(max_length=MAX_NAME_LENGTH)]
+    limits: dict[str, object]
 
 
 def key_of(identity: Identity) -> VehicleKey | None:
@@ -190,20 +202,9 @@ def _read(
 ) -> tuple[VehicleKey, LimitRecord]:
     if content.get("format") != FORMAT:
         raise ValueError(f"format {content.get('format')!r} is not known")
-    system_id, uid = content["system_id"], content["uid"]
-    set_unix_s, set_by, limits = content["set_unix_s"], content["set_by"], content["limits"]
-    if not isinstance(system_id, int) or not 0 < system_id < 256:
-        raise ValueError("system_id")
-    if uid is not None and not isinstance(uid, str):
-        raise ValueError("uid")
-    if isinstance(set_unix_s, bool) or not isinstance(set_unix_s, int | float):
-        raise ValueError("set_unix_s")
-    if not math.isfinite(set_unix_s) or not 0 <= set_unix_s <= MAX_UNIX_S:
-        raise ValueError("set_unix_s")
-    if not isinstance(set_by, str) or len(set_by) > MAX_NAME_LENGTH or not isinstance(limits, dict):
-        raise ValueError("set_by or limits")
-    record = LimitRecord(parse(cast(dict[str, object], limits)), float(set_unix_s), set_by)
-    return VehicleKey(system_id, uid), record
+    stored = typed(StoredLimits, {name: value for name, value in content.items() if name != "format"})
+    record = LimitRecord(parse(stored.limits), stored.set_unix_s, stored.set_by)
+    return VehicleKey(stored.system_id, stored.uid), record
 
 
 def limits_text(limits: OperatorLimits) -> str:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
+
+from gcs_server.storage.files import StoredTime, typed
 from gcs_server.storage.records import MAX_RECORDS, Records, Unreadable
 from gcs_server.streamer.offboard.limit_store import VehicleKey
 from missions.values import HomePosition
@@ -21,24 +23,24 @@ from missions.values import HomePosition
 log = logging.getLogger(__name__)
 
 FORMAT = 1
-MAX_TEXT, MAX_ITEM, MAX_UNIX_S = 300, 100_000, 1e11
+MAX_TEXT, MAX_ITEM = 300, 100_000
 
 
 @dataclass(frozen=True, slots=True)
 class FlightProgress:
     """How far a vehicle has flown its plan."""
 
-    mission_id: int
+    mission_id: Annotated[int, Field(ge=0, lt=2**32)]
     """The vehicle's checksum of the mission."""
-    name: str | None
+    name: Annotated[str, Field(max_length=MAX_TEXT)] | None
     """Name of the stored plan."""
-    item: int
+    item: Annotated[int, Field(ge=0, le=MAX_ITEM)]
     """Index of the item to which the vehicle was flying."""
-    leg_start: int
+    leg_start: Annotated[int, Field(ge=0, le=MAX_ITEM)]
     """Index of the item at which that leg begins."""
     finished: bool
     """Whether the vehicle has flown the plan to its end."""
-    unix_s: float
+    unix_s: StoredTime
     """Time at which the flight was interrupted, or at which this leg began [s since 1970]."""
     home: HomePosition | None
     """Where the flight took off."""
@@ -141,19 +143,4 @@ def _record_of(progress: FlightProgress) -> dict[str, object]:
 def _progress_of(content: Mapping[str, Any]) -> FlightProgress:
     if content.get("format") != FORMAT:
         raise ValueError(f"format {content.get('format')!r} is not known")
-    integers = {name: content[name] for name in ("mission_id", "item", "leg_start")}
-    for name, value in integers.items():
-        max_value = 2**32 - 1 if name == "mission_id" else MAX_ITEM
-        if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= max_value:
-            raise ValueError(name)
-    name, finished, unix_s, home = (content[each] for each in ("name", "finished", "unix_s", "home"))
-    if name is not None and (not isinstance(name, str) or len(name) > MAX_TEXT):
-        raise ValueError("name")
-    if not isinstance(finished, bool):
-        raise ValueError("finished")
-    if isinstance(unix_s, bool) or not isinstance(unix_s, int | float):
-        raise ValueError("unix_s")
-    if not math.isfinite(unix_s) or not 0 <= unix_s <= MAX_UNIX_S:
-        raise ValueError("unix_s")
-    home_position = None if home is None else HomePosition.model_validate(home)
-    return FlightProgress(**integers, name=name, finished=finished, unix_s=float(unix_s), home=home_position)
+    return typed(FlightProgress, {name: value for name, value in content.items() if name != "format"})

@@ -392,6 +392,70 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/mode": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Mode
+         * @description Changes the flight mode; answers once the vehicle reports the new mode. The mode Mission is checked as
+         *     `mission/start`: 409 `plan_findings`, unless `despite` names the codes.
+         */
+        readonly post: operations["mode_api_v1_vehicles__v__mode_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/goto": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Goto
+         * @description In Hold mode, flies to a position; answers once the vehicle has accepted the target.
+         *
+         *     A target below home, or where elevation data show the ground, below that ground, by more than the
+         *     vehicle's landing height (MPC_LAND_ALT3) is refused.
+         */
+        readonly post: operations["goto_api_v1_vehicles__v__goto_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show
+         * @description State and limits of the gimbal, and the component that controls it.
+         */
+        readonly get: operations["show_api_v1_vehicles__v__gimbal_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/disarm": {
         readonly parameters: {
             readonly query?: never;
@@ -423,8 +487,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Hold
-         * @description Switches to Hold, even if another client has control; ends a setpoint stream. While the connection to
-         *     the vehicle is lost, the command is sent for 6 s, because the vehicle may still receive it.
+         * @description Switches to Hold, even if another client has control; ends a setpoint stream. While the connection
+         *     to the vehicle is lost, the command is sent for 6 s, because the vehicle may still receive it.
          */
         readonly post: operations["hold_api_v1_vehicles__v__hold_post"];
         readonly delete?: never;
@@ -493,50 +557,6 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
-    readonly "/api/v1/vehicles/{v}/mode": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Mode
-         * @description Changes the flight mode; answers once the vehicle reports the new mode. The mode Mission is checked as
-         *     `mission/start`: 409 `plan_findings`, unless `despite` names the codes.
-         */
-        readonly post: operations["mode_api_v1_vehicles__v__mode_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/goto": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Goto
-         * @description In Hold mode, flies to a position; answers once the vehicle has accepted the target.
-         *
-         *     A target below home, or where elevation data show the ground, below that ground, by more than the
-         *     vehicle's landing height (MPC_LAND_ALT3) is refused.
-         */
-        readonly post: operations["goto_api_v1_vehicles__v__goto_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
     readonly "/api/v1/vehicles/{v}/land_now": {
         readonly parameters: {
             readonly query?: never;
@@ -548,9 +568,9 @@ export interface paths {
         readonly put?: never;
         /**
          * Land Now
-         * @description Lands at the current position, even if another client has control; answers once the vehicle is landing.
-         *     Control does not change. While the connection to the vehicle is lost, the command is sent for 6 s, because
-         *     the vehicle may still receive it.
+         * @description Lands at the current position, even if another client has control; answers once the vehicle is
+         *     landing. Control does not change. While the connection to the vehicle is lost, the command is sent for
+         *     6 s, because the vehicle may still receive it.
          */
         readonly post: operations["land_now_api_v1_vehicles__v__land_now_post"];
         readonly delete?: never;
@@ -570,11 +590,154 @@ export interface paths {
         readonly put?: never;
         /**
          * Kill
-         * @description Stops the motors immediately, even in flight and even if another client has control: the vehicle falls.
-         *     The command is repeated until the vehicle reports that it is disarmed, for at most 6 s. All other commands
-         *     are refused during this time.
+         * @description Stops the motors immediately, even in flight and even if another client has control: the vehicle
+         *     falls. The command is repeated until the vehicle reports that it is disarmed, for at most 6 s. All
+         *     other commands are refused during this time.
          */
         readonly post: operations["kill_api_v1_vehicles__v__kill_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal/take": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Take
+         * @description Takes primary control of the gimbal.
+         */
+        readonly post: operations["take_api_v1_vehicles__v__gimbal_take_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal/release": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Release
+         * @description Releases gimbal control if this server has it.
+         */
+        readonly post: operations["release_api_v1_vehicles__v__gimbal_release_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal/angles": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Angles
+         * @description Points the camera. Answers once the gimbal has reached the angles or stopped; `limited` is the
+         *     angle at which a limit stopped the gimbal.
+         *
+         *     Without `wait`, answers once the vehicle has acknowledged.
+         */
+        readonly post: operations["angles_api_v1_vehicles__v__gimbal_angles_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal/rates": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Rates
+         * @description Turns the camera at constant rates; zero stops both axes.
+         */
+        readonly post: operations["rates_api_v1_vehicles__v__gimbal_rates_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal/roi": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Roi
+         * @description Keeps the camera pointed at a location (ROI).
+         */
+        readonly post: operations["roi_api_v1_vehicles__v__gimbal_roi_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal/roi/clear": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Clear Roi
+         * @description Clears the location (ROI) at which the camera is pointed.
+         */
+        readonly post: operations["clear_roi_api_v1_vehicles__v__gimbal_roi_clear_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/camera/picture": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Picture
+         * @description Takes one photo; answers once the camera has acknowledged it.
+         */
+        readonly post: operations["picture_api_v1_vehicles__v__camera_picture_post"];
         readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
@@ -875,169 +1038,6 @@ export interface paths {
          *     not affected.
          */
         readonly post: operations["hold_api_v1_groups__g__hold_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/gimbal": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        /**
-         * Show
-         * @description State and limits of the gimbal, and the component that controls it.
-         */
-        readonly get: operations["show_api_v1_vehicles__v__gimbal_get"];
-        readonly put?: never;
-        readonly post?: never;
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/gimbal/take": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Take
-         * @description Takes primary control of the gimbal.
-         */
-        readonly post: operations["take_api_v1_vehicles__v__gimbal_take_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/gimbal/release": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Release
-         * @description Releases gimbal control if this server has it.
-         */
-        readonly post: operations["release_api_v1_vehicles__v__gimbal_release_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/gimbal/angles": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Angles
-         * @description Points the camera. Answers once the gimbal has reached the angles or stopped; `limited` is the angle at
-         *     which a limit stopped the gimbal.
-         *
-         *     Without `wait`, answers once the vehicle has acknowledged.
-         */
-        readonly post: operations["angles_api_v1_vehicles__v__gimbal_angles_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/gimbal/rates": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Rates
-         * @description Turns the camera at constant rates; zero stops both axes.
-         */
-        readonly post: operations["rates_api_v1_vehicles__v__gimbal_rates_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/gimbal/roi": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Roi
-         * @description Keeps the camera pointed at a location (ROI).
-         */
-        readonly post: operations["roi_api_v1_vehicles__v__gimbal_roi_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/gimbal/roi/clear": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Clear Roi
-         * @description Clears the location (ROI) at which the camera is pointed.
-         */
-        readonly post: operations["clear_roi_api_v1_vehicles__v__gimbal_roi_clear_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/camera/picture": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Picture
-         * @description Takes one photo; answers once the camera has acknowledged it.
-         */
-        readonly post: operations["picture_api_v1_vehicles__v__camera_picture_post"];
         readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
@@ -15286,6 +15286,196 @@ export interface operations {
             };
         };
     };
+    readonly mode_api_v1_vehicles__v__mode_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ModeRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly goto_api_v1_vehicles__v__goto_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["GotoRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_api_v1_vehicles__v__gimbal_get: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
+                readonly component?: number | null;
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
+                readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["GimbalView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     readonly disarm_api_v1_vehicles__v__disarm_post: {
         readonly parameters: {
             readonly query?: never;
@@ -15585,132 +15775,6 @@ export interface operations {
             };
         };
     };
-    readonly mode_api_v1_vehicles__v__mode_post: {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody: {
-            readonly content: {
-                readonly "application/json": components["schemas"]["ModeRequest"];
-            };
-        };
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["CommandDone"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly goto_api_v1_vehicles__v__goto_post: {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody: {
-            readonly content: {
-                readonly "application/json": components["schemas"]["GotoRequest"];
-            };
-        };
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["CommandDone"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
     readonly land_now_api_v1_vehicles__v__land_now_post: {
         readonly parameters: {
             readonly query?: never;
@@ -15788,6 +15852,464 @@ export interface operations {
                 readonly "application/json": components["schemas"]["KillRequest"];
             };
         };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly take_api_v1_vehicles__v__gimbal_take_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
+                readonly component?: number | null;
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
+                readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly release_api_v1_vehicles__v__gimbal_release_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
+                readonly component?: number | null;
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
+                readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly angles_api_v1_vehicles__v__gimbal_angles_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
+                readonly component?: number | null;
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
+                readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["GimbalAngles"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["GimbalPointed"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly rates_api_v1_vehicles__v__gimbal_rates_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
+                readonly component?: number | null;
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
+                readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["GimbalRates"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly roi_api_v1_vehicles__v__gimbal_roi_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
+                readonly component?: number | null;
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
+                readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["GimbalRoi"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly clear_roi_api_v1_vehicles__v__gimbal_roi_clear_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
+                readonly component?: number | null;
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
+                readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly picture_api_v1_vehicles__v__camera_picture_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the camera; default: the lowest that is connected. */
+                readonly component?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
         readonly responses: {
             /** @description Successful Response */
             readonly 200: {
@@ -16699,528 +17221,6 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["Group"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly show_api_v1_vehicles__v__gimbal_get: {
-        readonly parameters: {
-            readonly query?: {
-                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
-                readonly component?: number | null;
-                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
-                readonly device?: number | null;
-            };
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody?: never;
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["GimbalView"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly take_api_v1_vehicles__v__gimbal_take_post: {
-        readonly parameters: {
-            readonly query?: {
-                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
-                readonly component?: number | null;
-                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
-                readonly device?: number | null;
-            };
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody?: never;
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["CommandDone"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly release_api_v1_vehicles__v__gimbal_release_post: {
-        readonly parameters: {
-            readonly query?: {
-                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
-                readonly component?: number | null;
-                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
-                readonly device?: number | null;
-            };
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody?: never;
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["CommandDone"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly angles_api_v1_vehicles__v__gimbal_angles_post: {
-        readonly parameters: {
-            readonly query?: {
-                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
-                readonly component?: number | null;
-                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
-                readonly device?: number | null;
-            };
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody: {
-            readonly content: {
-                readonly "application/json": components["schemas"]["GimbalAngles"];
-            };
-        };
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["GimbalPointed"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly rates_api_v1_vehicles__v__gimbal_rates_post: {
-        readonly parameters: {
-            readonly query?: {
-                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
-                readonly component?: number | null;
-                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
-                readonly device?: number | null;
-            };
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody: {
-            readonly content: {
-                readonly "application/json": components["schemas"]["GimbalRates"];
-            };
-        };
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["CommandDone"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly roi_api_v1_vehicles__v__gimbal_roi_post: {
-        readonly parameters: {
-            readonly query?: {
-                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
-                readonly component?: number | null;
-                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
-                readonly device?: number | null;
-            };
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody: {
-            readonly content: {
-                readonly "application/json": components["schemas"]["GimbalRoi"];
-            };
-        };
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["CommandDone"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly clear_roi_api_v1_vehicles__v__gimbal_roi_clear_post: {
-        readonly parameters: {
-            readonly query?: {
-                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
-                readonly component?: number | null;
-                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
-                readonly device?: number | null;
-            };
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody?: never;
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["CommandDone"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly picture_api_v1_vehicles__v__camera_picture_post: {
-        readonly parameters: {
-            readonly query?: {
-                /** @description MAVLink component id of the camera; default: the lowest that is connected. */
-                readonly component?: number | null;
-            };
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody?: never;
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["CommandDone"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

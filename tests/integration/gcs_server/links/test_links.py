@@ -15,12 +15,14 @@ from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.send_queue import Packet
 from gcs_server.links.serial import SerialLink
 from gcs_server.links.tcp import TcpLink, TcpServerLink
-from gcs_server.links.tlog import TlogLink
 from gcs_server.links.udp import UdpLink
 from gcs_server.links.url import make_link
+from gcs_server.replay.link import TlogLink, replay_link
 from gcs_server.replay.records import read_tlog
 from tests.station import free_port
 from tests.support.link_recorder import LinkRecorder, run_in_real_time
+
+TLOG = {"tlog": replay_link}
 
 
 def test_a_udpin_link_receives_and_sends_also_from_another_thread():
@@ -257,7 +259,7 @@ def test_a_recording_plays_at_the_requested_speed_and_ends(tmp_path, compressed)
     path.write_bytes(gzip.compress(data) if compressed else data)
 
     async def scenario():
-        recorder = LinkRecorder(make_link(f"tlog://{path}?speed=2")).start()
+        recorder = LinkRecorder(make_link(f"tlog://{path}?speed=2", None, TLOG)).start()
         began_s = time.monotonic()
         await recorder.until(lambda: recorder.link.info().state == "ended")
         assert recorder.data == frames
@@ -265,7 +267,7 @@ def test_a_recording_plays_at_the_requested_speed_and_ends(tmp_path, compressed)
         assert recorder.link.replay
         assert not recorder.link.send(b"x", recorder.peers[0])
         await recorder.link.close()
-        fast_recorder = LinkRecorder(make_link(f"tlog://{path}?speed=0")).start()
+        fast_recorder = LinkRecorder(make_link(f"tlog://{path}?speed=0", None, TLOG)).start()
         await fast_recorder.until(lambda: fast_recorder.link.info().state == "ended")
         assert fast_recorder.data == frames
         await fast_recorder.link.close()
@@ -325,6 +327,6 @@ def test_a_url_determines_name_host_and_options_of_its_link(tmp_path):
     assert make_link("serial:///dev/ttyACM0").name == "serial-ttyACM0"
     assert make_link("tcpin://:5790", "mine").name == "mine"
     with pytest.raises(LinkError, match="no recording"):
-        make_link(f"tlog://{tmp_path}/y.tlog")
+        make_link(f"tlog://{tmp_path}/y.tlog", None, TLOG)
     with pytest.raises(InvalidRequest):
-        make_link(f"tlog://{tmp_path}/x.tlog?speed=-1")
+        make_link(f"tlog://{tmp_path}/x.tlog?speed=-1", None, TLOG)

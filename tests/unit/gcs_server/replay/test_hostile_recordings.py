@@ -10,13 +10,13 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_server.errors import UnknownRecording
-from gcs_server.links import tlog
-from gcs_server.links.tlog import TlogLink
 from gcs_server.replay import index as index_module
 from gcs_server.replay import index_process, records
+from gcs_server.replay import link as tlog
 from gcs_server.replay.catalogue import Catalogue
 from gcs_server.replay.index import make_index
 from gcs_server.replay.index_process import from_bytes, to_bytes
+from gcs_server.replay.link import TlogLink
 from gcs_server.replay.playback import state_at
 from gcs_server.replay.records import open_log
 from tests.unit.gcs_server.replay.generated_logs import (

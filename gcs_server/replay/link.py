@@ -9,8 +9,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, TypeVar
+from urllib.parse import SplitResult, unquote
 
+from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.base import Link, Peer
+from gcs_server.links.names import checked_path, derived_name
+from gcs_server.links.url import REMEDY, parsed_number
 from gcs_server.replay.index import Index, UnreadableRecording, explain
 from gcs_server.replay.index_process import IndexProcess
 from gcs_server.replay.playback import PlaybackPosition, ReplayClock, RestoredState, condense, state_at
@@ -343,3 +347,24 @@ class TlogLink(Link):
             if file is not None:
                 reader.submit(file.close)
             reader.shutdown(wait=False)
+
+
+def replay_link(url: str, name: str | None, parts: SplitResult, options: dict[str, str]) -> TlogLink:
+    """The link of a URL `tlog:…`: a `LinkMaker`.
+
+    Raises:
+        InvalidRequest: the URL is not valid.
+        LinkError: the recording does not exist.
+    """
+    for key in options.keys() - {"speed"}:
+        raise InvalidRequest("url", f"{url!r}: tlog links have no option {key!r}.", remedy=REMEDY)
+    path_text = checked_path(url, unquote(parts.path))
+    path = Path(path_text)
+    if not path_text or not path.is_file():
+        raise LinkError(
+            f"There is no recording {path_text or url!r}.", remedy="Give the path of a .tlog file."
+        )
+    speed = parsed_number(url, "speed", options.get("speed", "1"))
+    if not 0 <= speed <= 1000:
+        raise InvalidRequest("url", f"{url!r}: speed must be from 0 (as fast as possible) to 1000.")
+    return TlogLink(name or derived_name(f"replay-{path.name}"), url, path, speed)
