@@ -1,6 +1,7 @@
 """`docs/architecture.md` answers questions of new developers, each with a file that exists."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -31,3 +32,13 @@ def test_every_file_named_in_the_document_exists() -> None:
     existing = [f"/{path.as_posix()}" for root in ROOTS for path in (REPOSITORY / root).rglob("*.*")]
     missing = {name for name in FILE.findall(TEXT) if not any(path.endswith(f"/{name}") for path in existing)}
     assert not missing
+
+
+def test_the_packages_of_the_server_are_those_of_the_import_contract() -> None:
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = project["tool"]["importlinter"]["contracts"]
+    (layers,) = (each["layers"] for each in contracts if each.get("layers", [""])[0] == "gcs_server.cli")
+    (drawn,) = re.findall(r"^gcs_server +(cli .+)$", TEXT, re.MULTILINE)
+    assert drawn.split(" ─► ") == [
+        re.sub(r"gcs_server\.", "", layer).replace(" | ", ", ") for layer in layers
+    ]
