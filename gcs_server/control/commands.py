@@ -31,12 +31,13 @@ cancellation ends. `stops`: it ends a flight or a command that moves; the end of
 not end it. `no`: it neither moves nor stops."""
 
 CONTROL_TEXT: dict[Control, str] = {
-    "none": "none",
-    "lease": "required; taken if nobody has it",
-    "open": "not required; the holder is informed",
-    "not_anothers": "refused while another client has it; not taken",
-    "changes": "by the rules of [safety.md](safety.md)",
+    "none": "–",
+    "lease": "required",
+    "open": "open",
+    "not_anothers": "free",
+    "changes": "changes",
 }
+"""The words of the table in `docs/authority.md`, which explains them."""
 
 
 @dataclass(frozen=True, slots=True)
