@@ -34,6 +34,19 @@ def test_every_file_named_in_the_document_exists() -> None:
     assert not missing
 
 
+def test_every_folder_named_in_the_document_exists() -> None:
+    existing = [
+        f"/{path.relative_to(REPOSITORY).as_posix()}/"
+        for root in ROOTS
+        for path in (REPOSITORY / root).rglob("*")
+        if path.is_dir()
+    ]
+    existing += [f"/{root}/" for root in ROOTS]
+    named = set(re.findall(r"`(\w[\w/]*/)`", TEXT))
+    assert len(named) > 30
+    assert not {name for name in named if not any(path.endswith(f"/{name}") for path in existing)}
+
+
 def test_the_packages_of_the_server_are_those_of_the_import_contract() -> None:
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = project["tool"]["importlinter"]["contracts"]
