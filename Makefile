@@ -20,7 +20,7 @@ help:
 	@echo "make lint          style, imports and types alone"
 	@echo "make bench         print the table of measurements"
 	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only offboard,connection_lost\")"
-	@echo "make web           build the page;  make types: generate its API types, and the blocking Python client"
+	@echo "make web           build the page;  make types: generate its API types"
 	@echo "make wheel         an installable wheel in dist/, with the page in it"
 	@echo "make clean         remove what the other targets made"
 
@@ -43,9 +43,10 @@ $(VENV)/bin/python:
 	@echo "making the environment in $(VENV) …"
 	@$(PYTHON) -m venv $(VENV)
 
-DIALECT_SOURCES := gcs_server/mavlink/px4.xml vehicle_sim/mavlink/px4.xml tools/build_dialect.py
+GENERATED_FROM := gcs_server/mavlink/px4.xml vehicle_sim/mavlink/px4.xml tools/build_dialect.py \
+  tools/build_sync_client.py $(filter-out %/blocking.py,$(wildcard gcs_server/client/*.py))
 
-$(VENV)/.installed: $(VENV)/bin/python pyproject.toml hatch_build.py $(DIALECT_SOURCES)
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml hatch_build.py $(GENERATED_FROM)
 	@echo "installing the Python packages (the first time takes a minute) …"
 	@$(BIN)/pip install --quiet --disable-pip-version-check -e '.[ros2]' || \
 	  { echo "no Cyclone DDS for this machine: everything but ROS 2 topics works without it"; \
@@ -85,7 +86,6 @@ web: $(VENV)/.node
 
 types: $(VENV)/.tested $(VENV)/.node
 	@$(BIN)/python -m tools.build_page npm run types
-	@$(BIN)/python -m tools.build_sync_client
 
 # --- checks ------------------------------------------------------------------------------------
 

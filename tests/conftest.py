@@ -7,8 +7,12 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tools import build_sync_client
+
 REPOSITORY = Path(__file__).resolve().parent.parent
 SHARED = REPOSITORY.parent / "shared"
+
+build_sync_client.build()  # before a test imports it: it may be older than the asynchronous client
 
 for profile, derandomize in (("steady", True), ("search", False)):
     settings.register_profile(

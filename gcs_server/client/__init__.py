@@ -10,20 +10,23 @@
 """
 
 from gcs_server.client import setpoints
-from gcs_server.client.aio import Gcs, Vehicle
-from gcs_server.client.blocking import SyncGcs, SyncVehicle
-from gcs_server.client.blocking_parts import (
+from gcs_server.client.aio import Gcs, Group, Vehicle
+from gcs_server.client.blocking import (
     SyncControl,
+    SyncDryRuns,
+    SyncGcs,
     SyncGimbal,
     SyncGroup,
     SyncLiveOffboard,
     SyncMission,
+    SyncMissionModes,
     SyncOffboard,
     SyncOffboardMission,
+    SyncOperations,
+    SyncPlans,
+    SyncVehicle,
 )
-from gcs_server.client.blocking_work import SyncDryRuns, SyncMissionModes, SyncOperations, SyncPlans
 from gcs_server.client.control import Control
-from gcs_server.client.dry_runs import DryRuns
 from gcs_server.client.errors import (
     ApiError,
     Invalid,
@@ -35,14 +38,10 @@ from gcs_server.client.errors import (
     Unknown,
     Unreachable,
 )
-from gcs_server.client.gimbal import Gimbal
-from gcs_server.client.group import Group
-from gcs_server.client.mission import Mission
-from gcs_server.client.mission_modes import MissionModes
+from gcs_server.client.mission import Mission, MissionModes, OffboardMission
 from gcs_server.client.offboard import LiveOffboard, Offboard
-from gcs_server.client.offboard_mission import OffboardMission
-from gcs_server.client.operations import Operations
-from gcs_server.client.plans import Plans
+from gcs_server.client.plans import DryRuns, Operations, Plans
+from gcs_server.client.vehicle import Gimbal
 
 __all__ = [
     "ApiError",

@@ -10,21 +10,84 @@ import os
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from typing import Any
+from urllib.parse import parse_qs, urlsplit, urlunsplit
 from uuid import uuid4
 
 import httpx
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 
-from gcs_server.client.address import address_and_token
-from gcs_server.client.dry_runs import DryRuns
 from gcs_server.client.errors import Unreachable, raise_for
-from gcs_server.client.group import Group, Setpoints, members_of
-from gcs_server.client.offboard_mission import start_body
-from gcs_server.client.operations import Operations
-from gcs_server.client.plans import Plan, Plans
+from gcs_server.client.mission import start_body
+from gcs_server.client.plans import DryRuns, Operations, Plan, Plans
 from gcs_server.client.setpoints import Body, ExpiryAction, validity_fields
 from gcs_server.client.vehicle import Vehicle, hold_at_end, poll_until_found
+
+
+def address_and_token(
+    url: str, token: str | None, environment: Mapping[str, str] | None = None
+) -> tuple[str, str | None]:
+    """The server's address without the token, and the token: `token`, or else the token in `url`, or else
+    `GCS_TOKEN`.
+    """
+    parts = urlsplit(url)
+    if token is None:
+        environment = os.environ if environment is None else environment
+        url_tokens = parse_qs(parts.query).get("token")
+        token = url_tokens[0] if url_tokens else environment.get("GCS_TOKEN")
+    return urlunsplit((parts.scheme, parts.netloc, parts.path.rstrip("/"), "", "")), token or None
+
+
+Setpoints = Mapping[str, Body]
+"""Setpoint bodies (`gcs_server.client.setpoints`) by vehicle id."""
+
+
+class Group:
+    """A flying group.
+
+    Args:
+        gcs: the client.
+        started: the server's response to the start.
+        validity: validity of the setpoints, and the action on expiry.
+    """
+
+    def __init__(self, gcs: Gcs, started: dict[str, Any], validity: Body) -> None:
+        self._gcs = gcs
+        self._validity = validity
+        self.id: str = started["id"]
+        self.started = started
+        """The server's response to the start, in the form of `status`; `start_unix_s` is the time of the
+        common start."""
+
+    async def send(self, setpoints: Setpoints) -> dict[str, Any]:
+        """Sends new setpoints to some or all members at the same time, and renews the setpoints of the other
+        members.
+
+        Raises:
+            Invalid: a value is invalid, or a vehicle is not in the group.
+            Refused: a setpoint cannot be flown, two vehicles would come too close, or the group has ended.
+        """
+        return await self._gcs.request(
+            "POST", f"/groups/{self.id}/setpoints", {"setpoints": members_of(setpoints), **self._validity}
+        )
+
+    async def renew(self) -> dict[str, Any]:
+        """Renews all setpoints for another `valid_for_s`; raises the same errors as `send`."""
+        return await self.send({})
+
+    async def status(self) -> dict[str, Any]:
+        """State, members, the two closest members, findings, and the reason for the end."""
+        return await self._gcs.request("GET", f"/groups/{self.id}")
+
+    async def hold(self) -> dict[str, Any]:
+        """Puts all current members into Hold; does nothing if the group has ended."""
+        return await self._gcs.request("POST", f"/groups/{self.id}/hold")
+
+
+def members_of(setpoints: Setpoints) -> list[Body]:
+    """The members in the format of the API."""
+    return [{"vehicle": vehicle, "setpoint": dict(setpoint)} for vehicle, setpoint in setpoints.items()]
+
 
 LEAVE_TIMEOUT_S = 2.0
 """Maximum wait for the server at the end of the block [s]."""

@@ -1,16 +1,17 @@
-"""Waypoint plans and offboard missions on the server: versions, checks, import and export of files."""
+"""The server's operations, plans (versions, checks, import and export of files) and dry runs."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 from urllib.parse import quote, urlencode
 
+from gcs_server.client.errors import Timeout, raise_problem
 from gcs_server.client.setpoints import Body
 
-Plan = Mapping[str, Any]
-"""The document of a waypoint plan or of an offboard mission (docs/missions.md)."""
+POLL_S = 0.25
 
 
 class GcsApi(Protocol):
@@ -20,6 +21,49 @@ class GcsApi(Protocol):
     async def raw(
         self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None
     ) -> bytes: ...
+
+
+class Operations:
+    """The server's operations, running or recently ended, each in the form of `GET /operations/{o}`."""
+
+    def __init__(self, gcs: GcsApi) -> None:
+        self._gcs = gcs
+
+    async def all(self, vehicle_id: str | None = None) -> list[dict[str, Any]]:
+        """The operations of one vehicle, or all; oldest first."""
+        operations = (await self._gcs.request("GET", "/operations"))["operations"]
+        return [operation for operation in operations if vehicle_id in (None, operation["vehicle"])]
+
+    async def get(self, operation_id: str) -> dict[str, Any]:
+        """One operation: `state`, `progress`, `text`, and at the end `result` or `error`."""
+        return await self._gcs.request("GET", f"/operations/{operation_id}")
+
+    async def wait(self, operation_id: str, *, timeout_s: float = 60.0) -> dict[str, Any]:
+        """Waits for the end and returns the operation; its `state` is `succeeded` or `cancelled`.
+
+        Raises:
+            ApiError: the operation failed; the error contains the reason.
+            Timeout: the operation is still running, and continues without this program.
+        """
+        loop = asyncio.get_running_loop()
+        end_s = loop.time() + timeout_s
+        while (operation := await self.get(operation_id))["state"] == "running":
+            if loop.time() > end_s:
+                raise Timeout(
+                    f"Operation {operation_id} is still running after {timeout_s:g} s: {operation['text']}"
+                )
+            await asyncio.sleep(POLL_S)
+        if operation["error"] is not None:
+            raise_problem(operation["error"])
+        return operation
+
+    async def cancel(self, operation_id: str) -> dict[str, Any]:
+        """Cancels an operation and returns its final state; an ended operation is not changed."""
+        return await self._gcs.request("DELETE", f"/operations/{operation_id}")
+
+
+Plan = Mapping[str, Any]
+"""The document of a waypoint plan or of an offboard mission (docs/missions.md)."""
 
 
 class Plans:
@@ -167,3 +211,68 @@ class Plans:
         options = {"document": document, "vehicle": vehicle_id, "tolerance_m": tolerance_m}
         query = urlencode({name: value for name, value in options.items() if value is not None})
         return await self._gcs.request("POST", f"/plans/pattern?{query}", {"kind": kind, **fields})
+
+
+RUN_TIMEOUT_S = 900.0
+
+
+class DryRuns:
+    """Dry runs of the server; they command no vehicle."""
+
+    def __init__(self, gcs: GcsApi) -> None:
+        self._gcs = gcs
+
+    async def start(
+        self,
+        plan: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        vehicle_id: str | None = None,
+        flights: int | None = None,
+        settings: Body | None = None,
+    ) -> dict[str, Any]:
+        """Starts a dry run and returns its operation.
+
+        Args:
+            plan: the document of a waypoint plan or an offboard mission.
+            plan_id: id of a stored plan, instead of `plan`.
+            version: version of the stored plan; default: the newest.
+            vehicle_id: the vehicle whose parameters, position and battery charge are used.
+            flights: number of additional flights in varied conditions (Monte Carlo).
+            settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`;
+                `vehicles` by role, for a mission of several vehicles.
+        """
+        options = {
+            "plan": None if plan is None else dict(plan), "plan_id": plan_id, "version": version,
+            "vehicle": vehicle_id, "flights": flights,
+        }  # fmt: skip
+        body = {**(settings or {}), **{name: value for name, value in options.items() if value is not None}}
+        return await self._gcs.request("POST", "/dry_runs", body)
+
+    async def get(self, dry_run_id: str) -> dict[str, Any]:
+        """The result of a dry run: `nominal` (path, steps, findings, …) and `monte_carlo`."""
+        return await self._gcs.request("GET", f"/dry_runs/{dry_run_id}")
+
+    async def run(
+        self,
+        plan: Plan | None = None,
+        *,
+        plan_id: str | None = None,
+        version: int | None = None,
+        vehicle_id: str | None = None,
+        flights: int | None = None,
+        settings: Body | None = None,
+        timeout_s: float = RUN_TIMEOUT_S,
+    ) -> dict[str, Any]:
+        """Starts a dry run as `start` does, waits for its end, and returns the result.
+
+        Raises:
+            ApiError: the dry run failed; the error contains the reason.
+            Timeout: the dry run is still running, and continues without this program.
+        """
+        operation = await self.start(
+            plan, plan_id=plan_id, version=version, vehicle_id=vehicle_id, flights=flights, settings=settings
+        )
+        operation = await Operations(self._gcs).wait(operation["id"], timeout_s=timeout_s)
+        return await self.get(operation["result"]["dry_run"])

@@ -98,6 +98,7 @@ class PlanFiles:
         """
         path = self._path(head.id, head.version)
         content = json.dumps(asdict(head)).encode() + b"\n" + plan
+        path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, content)
         sync_folder(self.folder)
         return len(content)

@@ -42,6 +42,7 @@ class Cache:
         if len(content) > MAX_BYTES:
             return
         try:
+            self._folder.mkdir(parents=True, exist_ok=True)
             replace_file(self._path(name), content, sync=False)
             self._prune()
         except OSError as error:

@@ -21,14 +21,13 @@ def replace_file(path: Path, content: bytes, *, sync: bool = True) -> None:
     """Writes a file, readable by its owner only, in place of an earlier one.
 
     Args:
-        path: the file; its folder is created.
+        path: the file, in an existing folder.
         content: the whole content.
         sync: whether the file must survive a power failure.
 
     Raises:
         OSError: writing failed; the earlier file is unchanged.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=".")
     try:
         with os.fdopen(descriptor, "wb") as file:

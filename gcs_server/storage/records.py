@@ -66,11 +66,15 @@ class Records:
         if record is None:
             return self._writer.submit(self._remove, path)
         content = json.dumps(record, allow_nan=False, indent=1).encode()
-        return self._writer.submit(replace_file, path, content + b"\n")
+        return self._writer.submit(self._replace, path, content + b"\n")
 
     def close(self) -> None:
         """Waits for pending writes."""
         self._writer.shutdown()
+
+    def _replace(self, path: Path, content: bytes) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        replace_file(path, content)
 
     def _remove(self, path: Path) -> None:
         path.unlink(missing_ok=True)

@@ -11,7 +11,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from gcs_server.addresses import page_urls
 from gcs_server.app import create_app
-from gcs_server.client.address import address_and_token
+from gcs_server.client.aio import address_and_token
 from gcs_server.errors import GcsError, InvalidRequest
 from gcs_server.settings import Settings, load, token_of
 from gcs_server.storage.folder import StorageError

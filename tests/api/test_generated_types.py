@@ -1,4 +1,4 @@
-"""Generated files (the page's types, the blocking client) match their source."""
+"""The page's generated types match the server."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from tools import build_page
-from tools.build_sync_client import FILES, build, path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TYPES = REPOSITORY / "web" / "src" / "api" / "schema.d.ts"
@@ -32,8 +31,3 @@ def test_the_pages_types_match_the_server(tmp_path: Path) -> None:
         assert generated.read_text("utf-8") == stored.read_text("utf-8"), (
             f"{stored.name} does not match the API: run `python -m tools.build_page npm run types`"
         )
-
-
-def test_the_blocking_client_is_generated_from_the_asynchronous_client() -> None:
-    for file in FILES:
-        assert path(file).read_text("utf-8") == build(file), "run `make types`"

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from gcs_server.client.gimbal import Gimbal
+from gcs_server.client.vehicle import Gimbal
 
 REACHED_LIMIT = {"pitch_deg": -45.0, "asked_pitch_deg": -90.0, "text": "The gimbal stopped at its own limit."}
 
