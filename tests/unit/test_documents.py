@@ -14,6 +14,7 @@ DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 CODE = re.compile(r"^ *```.*?^ *```", re.MULTILINE | re.DOTALL)
 IMPORT = re.compile(r"^\s*import (?:type )?\{ ([\w, ]+) \} from '(\.\.?/[^']+)';$", re.MULTILINE)
+PATH = re.compile(r"`((?:docs|gcs_server|missions|tests|tools|vehicle_sim|web)/[\w./-]+)`")
 PAGE = ROOT / "web" / "src"
 
 
@@ -53,6 +54,17 @@ def test_the_index_names_every_document() -> None:
     named = set(LINK.findall(text_of(ROOT / "docs" / "README.md")))
     missing = {path.name for path in (ROOT / "docs").glob("*.md")} - {name.split("#")[0] for name in named}
     assert missing <= {"README.md"}
+
+
+def test_every_path_that_a_document_names_exists() -> None:
+    missing = [
+        f"{document.name}: {path}"
+        for document in DOCUMENTS
+        if not document.name.startswith("how-to-add")  # they name the files that a reader makes
+        for path in PATH.findall(text_of(document))
+        if not (ROOT / path).exists()
+    ]
+    assert not missing
 
 
 def test_the_buttons_of_the_tutorial_exist_on_the_page() -> None:
