@@ -2,6 +2,7 @@
 download and export."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -68,9 +69,11 @@ async def export_file(rig, stored):
 
 
 def items_on(rig):
-    """Items, ids and reference of the plan on the vehicle; the items as text, in which NaN equals NaN."""
+    """Items, ids and reference of the plan on the vehicle; the items as text, in which NaN equals NaN, and
+    without the mark of the item that PX4 flies at the moment."""
     mission = rig.vehicle.mission.items_on_vehicle
-    return {part: [repr(item) for item in mission.items[part]] for part in PARTS}, mission.ids, mission.plan
+    items = {part: [repr(replace(item, current=False)) for item in mission.items[part]] for part in PARTS}
+    return items, mission.ids, mission.plan
 
 
 async def compare_with_vehicle(rig, plan):
