@@ -3,6 +3,7 @@ can occur before its route runs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, cast
 
 from gcs_server.api import refusals
@@ -76,6 +77,30 @@ def flatten_unions(openapi: dict[str, Any]) -> None:
                 walk(part)
 
     walk(openapi)
+
+
+def rename_schemas(openapi: dict[str, Any], new_names: Mapping[str, str]) -> None:
+    """Renames schemas, also in all references to them."""
+    prefix = "#/components/schemas/"
+    references = {prefix + old: prefix + new for old, new in new_names.items()}
+
+    def renamed(node: Any) -> Any:
+        if isinstance(node, list):
+            return [renamed(part) for part in cast("list[Any]", node)]
+        if isinstance(node, dict):
+            return {key: renamed(part) for key, part in cast("dict[str, Any]", node).items()}
+        return references.get(node, node) if isinstance(node, str) else node
+
+    openapi["paths"] = renamed(openapi["paths"])
+    schemas = {new_names.get(name, name): renamed(schema) for name, schema in _schemas(openapi).items()}
+    for name in new_names.values():
+        if name in schemas:
+            schemas[name]["title"] = name
+    openapi["components"]["schemas"] = dict(sorted(schemas.items()))
+
+
+def _schemas(openapi: dict[str, Any]) -> dict[str, Any]:
+    return openapi["components"]["schemas"]
 
 
 def describe_plans(openapi: dict[str, Any]) -> None:

@@ -7,12 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from gcs_server.api.offboard_views import LimitsModel
+from gcs_server.api.offboard_models import LimitsModel
 from gcs_server.api.reflect import model_of
-from gcs_server.api.setpoint_fields import example
-from gcs_server.api.setpoint_models import AnySetpoint
-from gcs_server.api.setpoint_request import Validity
-from gcs_server.api.strict_body import StrictBody
+from gcs_server.api.setpoints import AnySetpoint, Validity, setpoint_arguments
+from gcs_server.api.strict_body import StrictBody, example
 from gcs_server.control.principal import Principal
 from gcs_server.streamer.groups import status
 from gcs_server.streamer.groups.checks import GroupRequest
@@ -26,6 +24,10 @@ class MemberBody(StrictBody):
 
     vehicle: VehicleId
     setpoint: AnySetpoint
+
+    def arguments(self) -> dict[str, object]:
+        """The member for the journal."""
+        return {"vehicle": self.vehicle, "setpoint": setpoint_arguments(self.setpoint)}
 
 
 class _GroupValidity(Validity):
@@ -90,7 +92,7 @@ class StartGroup(_GroupValidity):
     def to_group_request(self, principal: Principal) -> GroupRequest:
         """Converts to the streamer's type."""
         return GroupRequest(
-            setpoints={member.vehicle: member.setpoint.to_setpoint() for member in self.members},
+            setpoints={member.vehicle: member.setpoint for member in self.members},
             minimum_separation_m=self.minimum_separation_m,
             valid_for_s=self.valid_for_s,
             on_expiry=self.expiry(),

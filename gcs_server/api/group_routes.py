@@ -10,7 +10,6 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import group_models as models
 from gcs_server.api.authorized import AcceptedCommand, as_operation, authorized_command
-from gcs_server.api.offboard_stream import arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import fields_of, json_response
@@ -32,7 +31,7 @@ async def start(body: models.StartGroup, station: StationDep, principal: Princip
     after a restart.
     """
     shared = body.model_dump(exclude={"members"}, exclude_none=True)
-    arguments = {member.vehicle: {**arguments_of(member), **shared} for member in body.members}
+    arguments = {member.vehicle: {**member.arguments(), **shared} for member in body.members}
     with authorized_commands(station, principal, "group/start", arguments) as accepted:
         tickets = tickets_of(accepted)
         status = await as_operation(
@@ -70,13 +69,13 @@ async def setpoints(
         if member.vehicle not in members:
             field = f"setpoints.{index}.vehicle"
             raise InvalidRequest(field, f"{field}: vehicle {member.vehicle} is not in group {g}.")
-    setpoint_arguments = {member.vehicle: arguments_of(member) for member in body.setpoints}
+    setpoint_arguments = {member.vehicle: member.arguments() for member in body.setpoints}
     arguments: dict[str, dict[str, Any]] = {
         vehicle: {"group": g, "valid_for_s": body.valid_for_s, **setpoint_arguments.get(vehicle, {})}
         for vehicle in members
     }
     with authorized_commands(station, principal, "offboard/setpoint", arguments):
-        setpoints_by_vehicle = {member.vehicle: member.setpoint.to_setpoint() for member in body.setpoints}
+        setpoints_by_vehicle = {member.vehicle: member.setpoint for member in body.setpoints}
         status = await station.groups.setpoints(
             g, setpoints_by_vehicle, body.valid_for_s, body.expiry(), principal.name, principal.key
         )

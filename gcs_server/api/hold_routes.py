@@ -12,9 +12,8 @@ from gcs_server.api.group_models import VehicleId
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES, Problem, problem_of
 from gcs_server.api.responses import json_response
-from gcs_server.api.setpoint_fields import example
 from gcs_server.api.station import StationDep
-from gcs_server.api.strict_body import StrictBody
+from gcs_server.api.strict_body import StrictBody, example
 from gcs_server.errors import GcsError
 
 MAX_VEHICLES = 1000

@@ -10,8 +10,7 @@ from gcs_server.api.documents import PlanBody
 from gcs_server.api.models import Despite
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import TOPIC_MODELS
-from gcs_server.api.setpoint_fields import example
-from gcs_server.api.strict_body import ResponseBody, StrictBody
+from gcs_server.api.strict_body import ResponseBody, StrictBody, example
 from gcs_server.streamer.waypoints.resume import ResumeOffer
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.services.mission_compare import Difference

@@ -6,8 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from gcs_server.api.setpoint_fields import Latitude, Longitude, example
-from gcs_server.api.strict_body import StrictBody
+from gcs_server.api.strict_body import Latitude, Longitude, StrictBody, example
 from gcs_server.links.names import MAX_NAME_LENGTH, NAME_RULE
 from gcs_server.replay.playback import MAX_SPEED, MIN_SPEED
 

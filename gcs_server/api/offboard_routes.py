@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Response
 
 from gcs_server.api import offboard_models as models
-from gcs_server.api import offboard_views as views
 from gcs_server.api.authorized import as_operation, authorized_command
-from gcs_server.api.offboard_stream import SetpointSocket, apply_setpoint, arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import fields_of, json_response
-from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
+from gcs_server.api.setpoints import SetpointRequest, StartRequest, apply_setpoint
 from gcs_server.api.station import OffboardDep, StationDep
 
 router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses=RESPONSES)
 
 
-@router.get("", response_model=views.OffboardView)
+@router.get("", response_model=models.OffboardView)
 async def show(offboard: OffboardDep) -> Response:
     """The stream and its health, available setpoint types, limits, and the vehicle's failsafe."""
     await offboard.ensure_parameters()
@@ -32,14 +30,14 @@ async def show(offboard: OffboardDep) -> Response:
     return json_response(view)
 
 
-@router.post("/start", response_model=views.OffboardStarted)
+@router.post("/start", response_model=models.OffboardStarted)
 async def start(v: str, body: StartRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
 
     In the response, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
     limits, and whether the operator's limits were restored after a restart.
     """
-    with authorized_command(station, principal, "offboard/start", v, arguments_of(body)) as accepted:
+    with authorized_command(station, principal, "offboard/start", v, body.arguments()) as accepted:
         offboard = station.offboard(v)
         ticket, request = accepted.ticket, body.to_stream_request(principal)
         status = await as_operation(
@@ -53,14 +51,14 @@ async def start(v: str, body: StartRequest, station: StationDep, principal: Prin
         return json_response(fields_of(status) | {"limits": offboard.limits()})
 
 
-@router.post("/setpoint", response_model=views.OffboardModel)
+@router.post("/setpoint", response_model=models.OffboardModel)
 async def setpoint(v: str, body: SetpointRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Replaces the setpoint of a running stream and sends the new one immediately; refused (409) if no stream
     is running."""
     return json_response(await apply_setpoint(station, principal, v, body))
 
 
-@router.post("/stop", response_model=views.OffboardModel)
+@router.post("/stop", response_model=models.OffboardModel)
 async def stop(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Puts the vehicle into Hold, waits for its confirmation, then stops the stream. Does nothing if no
     stream is running."""
@@ -68,14 +66,14 @@ async def stop(v: str, station: StationDep, principal: PrincipalDep) -> Response
         return json_response(await station.offboard(v).stop(accepted.ticket))
 
 
-@router.get("/limits", response_model=views.LimitsModel)
+@router.get("/limits", response_model=models.LimitsModel)
 async def show_limits(offboard: OffboardDep) -> Response:
     """Limits of setpoints: the vehicle's own, and the operator's."""
     await offboard.ensure_parameters()
     return json_response(offboard.limits())
 
 
-@router.put("/limits", response_model=views.LimitsModel)
+@router.put("/limits", response_model=models.LimitsModel)
 async def set_limits(
     v: str, body: models.LimitsRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
@@ -90,7 +88,7 @@ async def set_limits(
         return json_response(offboard.limits())
 
 
-@router.put("/avoidance", response_model=views.OffboardModel)
+@router.put("/avoidance", response_model=models.OffboardModel)
 async def set_avoidance(
     v: str, body: models.AvoidanceRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
@@ -108,7 +106,7 @@ async def set_avoidance(
         return json_response(offboard.status())
 
 
-@router.put("/failsafe", response_model=views.FailsafeModel)
+@router.put("/failsafe", response_model=models.FailsafeModel)
 async def set_failsafe(
     v: str, body: models.FailsafeRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
@@ -117,15 +115,3 @@ async def set_failsafe(
         offboard = station.offboard(v)
         offboard.vehicle.require_commandable()
         return json_response(await offboard.set_failsafe(body.action, body.after_s))
-
-
-@router.websocket("/stream")
-async def stream(socket: WebSocket, v: str, station: StationDep, principal: PrincipalDep) -> None:
-    """Receives setpoints on a WebSocket and responds to each with the applied setpoint; see "Offboard stream"
-    in docs/api.md."""
-    await socket.accept()
-    try:
-        with station.authority.connected(principal):
-            await SetpointSocket(station.clock, station, principal, v, socket).serve()
-    except* (WebSocketDisconnect, RuntimeError):
-        pass  # the client disconnected; sending to a closed socket raises RuntimeError

@@ -13,18 +13,18 @@ from collections import deque
 from typing import Any, Protocol, cast
 
 import msgspec
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.json_limits import json_fault
+from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import validation_errors
-from gcs_server.api.setpoint_request import SetpointRequest
-from gcs_server.api.station import Station
+from gcs_server.api.setpoints import SetpointRequest, apply_setpoint
+from gcs_server.api.station import Station, StationDep
 from gcs_server.clock import Clock
 from gcs_server.control.principal import Principal
 from gcs_server.errors import ClientHasTooMany, GcsError, ServerBusy
-from gcs_server.streamer.offboard.status import OffboardStatus
 from gcs_server.telemetry.wire import encode
 
 MAX_HZ = 100.0
@@ -40,6 +40,8 @@ MAX_BACKLOG = 200
 FLOOD_PER_S = 2000
 """Maximum number of messages per second; the server closes the socket of a client that sends more."""
 CLOSE_FLOOD = 1008
+
+router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"])
 
 JsonObject = dict[str, object]
 
@@ -179,23 +181,6 @@ class SetpointSocket:
         return {**seq_field, "applied": status.setpoint, "limited": status.limited}
 
 
-async def apply_setpoint(
-    station: Station, principal: Principal, vehicle_id: str, body: SetpointRequest
-) -> OffboardStatus:
-    """Applies one setpoint, from HTTP or WebSocket."""
-    with authorized_command(station, principal, "offboard/setpoint", vehicle_id, arguments_of(body)):
-        return await station.offboard(vehicle_id).setpoint(body.to_stream_request(principal))
-
-
-def arguments_of(body: BaseModel) -> dict[str, object]:
-    """Arguments for the journal; a path is replaced by its number of points."""
-    arguments: dict[str, Any] = body.model_dump(exclude_none=True)
-    setpoint = arguments["setpoint"]
-    if "points" in setpoint:
-        setpoint["points"] = f"{len(setpoint['points'])} points"
-    return arguments
-
-
 def _parse(text: str) -> tuple[int | None, dict[str, Any]]:
     fault = json_fault(text.encode())
     if fault is not None:
@@ -233,3 +218,15 @@ def _superseded_response(text: str) -> JsonObject:
 def _error_fields(error: GcsError) -> JsonObject:
     fields = {"code": error.code, "detail": error.message, "remedy": error.remedy, **error.details()}
     return {name: value for name, value in fields.items() if value is not None}
+
+
+@router.websocket("/stream")
+async def stream(socket: WebSocket, v: str, station: StationDep, principal: PrincipalDep) -> None:
+    """Receives setpoints on a WebSocket and responds to each with the applied setpoint; see "Offboard stream"
+    in docs/api.md."""
+    await socket.accept()
+    try:
+        with station.authority.connected(principal):
+            await SetpointSocket(station.clock, station, principal, v, socket).serve()
+    except* (WebSocketDisconnect, RuntimeError):
+        pass  # the client disconnected; sending to a closed socket raises RuntimeError

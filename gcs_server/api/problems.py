@@ -180,6 +180,8 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
             parts = parts[1:]
         parts = [part for part in parts if part not in UNION_TAGS]
         message = str(item["msg"]).removeprefix("Value error, ")
+        if item["type"] == "unexpected_keyword_argument":  # a setpoint is a dataclass
+            message = "Extra inputs are not permitted"
         if item["type"] == "json_invalid":
             parts, message = ["body"], f"not JSON: {item.get('ctx', {}).get('error', message)}"
         if item["type"] == "document_field":

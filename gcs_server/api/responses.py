@@ -11,7 +11,7 @@ from fastapi import Response
 from msgspec import Raw
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from gcs_server.api.offboard_views import OffboardModel
+from gcs_server.api.offboard_models import OffboardModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody
 from gcs_server.control.authority import ControlStatus

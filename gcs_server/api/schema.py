@@ -24,6 +24,7 @@ from gcs_server.api import (
     mission_routes,
     offboard_mission_routes,
     offboard_routes,
+    offboard_stream,
     operation_routes,
     param_routes,
     plan_routes,
@@ -36,14 +37,16 @@ from gcs_server.api import (
     vehicle_routes,
 )
 from gcs_server.api.authorized import note_caller
-from gcs_server.api.described import describe_plans, describe_refusals, flatten_unions
+from gcs_server.api.described import describe_plans, describe_refusals, flatten_unions, rename_schemas
 from gcs_server.api.permission import check_permission
+from gcs_server.api.setpoints import SCHEMA_NAMES
 from gcs_server.api.station import renew_control
 from gcs_server.control.commands import API, BY_CALL
 from gcs_server.version import __version__
 
 PARTS = (
     offboard_routes,
+    offboard_stream,
     station_routes,
     vehicle_routes,
     command_routes,
@@ -104,6 +107,7 @@ class _DocumentedApp(FastAPI):
                 for method, operation in operations.items():
                     operation["x-authority"] = BY_CALL[f"{method.upper()} {path}"].openapi_fields()
             describe_refusals(openapi)
+            rename_schemas(openapi, SCHEMA_NAMES)
             flatten_unions(openapi)
             describe_plans(openapi)
         assert self.openapi_schema is not None

@@ -7,27 +7,37 @@ NaN and infinity are refused.
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, JsonValue
 from pydantic_core import CoreSchema
 
 _SCALARS = ("float", "int", "bool", "str")
+Latitude = Annotated[float, Field(ge=-90, le=90, description="Degrees north, WGS 84.")]
+Longitude = Annotated[float, Field(ge=-180, le=180, description="Degrees east, WGS 84.")]
 
 
-def _make_strict(node: object) -> None:
-    """Marks every scalar below a node of a core schema."""
+def example(**fields: JsonValue) -> ConfigDict:
+    """An example of the body, for the API reference."""
+    examples: list[JsonValue] = [fields]
+    return ConfigDict(json_schema_extra={"examples": examples})
+
+
+def make_strict(node: object, handler: GetCoreSchemaHandler | None = None) -> None:
+    """Marks every scalar below a node of a core schema; with the schema's handler, also in other classes."""
     if isinstance(node, dict):
         schema = cast(dict[str, Any], node)
+        if handler is not None and schema.get("type") == "definition-ref":
+            schema = cast(dict[str, Any], handler.resolve_ref_schema(cast(CoreSchema, schema)))
         if schema.get("type") in _SCALARS:
             schema["strict"] = True
         if schema.get("type") == "float":
             schema["allow_inf_nan"] = False
         for part in schema.values():
-            _make_strict(part)
+            make_strict(part, handler)
     elif isinstance(node, list | tuple):
         for part in cast(list[object], node):
-            _make_strict(part)
+            make_strict(part, handler)
 
 
 class StrictBody(BaseModel):
@@ -39,7 +49,7 @@ class StrictBody(BaseModel):
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         # `strict=True` for the whole model would also refuse a JSON list for a tuple.
         schema = handler(source)
-        _make_strict(schema)
+        make_strict(schema)
         return schema
 
 

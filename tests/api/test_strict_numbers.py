@@ -8,7 +8,7 @@ import pytest
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from gcs_server.api.setpoint_request import SetpointRequest
+from gcs_server.api.setpoints import SetpointRequest
 from gcs_server.api.strict_body import StrictBody
 from missions.values import Model
 from tests.support.api_client import api_client

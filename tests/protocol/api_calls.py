@@ -8,7 +8,7 @@ import msgspec
 
 from gcs_server.api import control_models
 from gcs_server.api.mission_mode_routes import compile_inputs_of, prepare_mode
-from gcs_server.api.setpoint_request import StartRequest
+from gcs_server.api.setpoints import StartRequest
 from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal

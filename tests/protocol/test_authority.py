@@ -6,7 +6,7 @@ import pytest
 from starlette.requests import HTTPConnection
 
 from gcs_server.api import command_routes, control_models, control_routes, models, offboard_routes
-from gcs_server.api.setpoint_request import SetpointRequest
+from gcs_server.api.setpoints import SetpointRequest
 from gcs_server.api.station import renew_control
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle

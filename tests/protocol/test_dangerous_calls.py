@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from gcs_server.api import command_routes, control_models, hold_routes, models, offboard_routes
-from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
+from gcs_server.api.setpoints import SetpointRequest, StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import journal_entries, new_station

@@ -4,7 +4,7 @@ vehicle's final mode."""
 import pytest
 
 from gcs_server.api import command_routes, control_models, control_routes, models, offboard_routes
-from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
+from gcs_server.api.setpoints import SetpointRequest, StartRequest
 from gcs_server.errors import NotInControl, Refused
 from tests.protocol.api_calls import ANNA, BOB, FORCED_CONTROL_REQUEST, MISSION_MODE, run_with_routes
 from tests.protocol.fake_autopilot import HOLD_MODE, LAND_MODE, OFFBOARD_MODE, POSITION_MODE

@@ -6,7 +6,7 @@ import asyncio
 import pytest
 
 from gcs_server.api import group_routes, offboard_routes
-from gcs_server.api.setpoint_request import StartRequest
+from gcs_server.api.setpoints import StartRequest
 from gcs_server.errors import Interrupted, NotTogether, Refused
 from gcs_server.streamer.groups.checks import GroupChecks
 from tests.protocol.api_calls import json_of

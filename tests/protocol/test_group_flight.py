@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_server.api import group_routes
-from gcs_server.api.setpoint_request import SetpointRequest
+from gcs_server.api.setpoints import SetpointRequest
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from tests.protocol.api_calls import json_of, new_station
 from tests.protocol.fake_autopilot import HOLD_MODE, OFFBOARD_MODE, POSITION_MODE

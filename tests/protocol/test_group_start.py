@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from gcs_server.api import command_routes, group_routes, offboard_routes
-from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
+from gcs_server.api.setpoints import SetpointRequest, StartRequest
 from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, Refused, UnknownGroup, UnknownVehicle
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import journal_entries, json_of

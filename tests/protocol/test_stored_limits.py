@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gcs_server.api import offboard_routes
 from gcs_server.api.offboard_models import LimitsRequest
-from gcs_server.api.setpoint_request import StartRequest
+from gcs_server.api.setpoints import StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.storage.records import MAX_BYTES, Records
 from gcs_server.streamer.offboard.limit_store import LimitRecord, LimitStore, VehicleKey

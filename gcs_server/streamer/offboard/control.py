@@ -22,8 +22,7 @@ from gcs_server.streamer.offboard.status import (
     setpoint_view,
 )
 from gcs_server.streamer.process.streams import Streams
-from gcs_server.streamer.validation.availability import Availability, Available
-from gcs_server.streamer.validation.axes import problem_of
+from gcs_server.streamer.validation.availability import Availability, Available, problem_of
 from gcs_server.streamer.validation.targets import check_segments, check_target
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.snapshot import Snapshot
@@ -374,7 +373,7 @@ class OffboardControl:
             client_key=(request.client_key or None) if request else None,
             owner=request.owner if request else None,
             ordered_type=request.setpoint.type if request else None,
-            setpoint=setpoint_view(state.sent),
+            setpoint=None if state.sent is None else setpoint_view(state.sent),
             limited=state.limited,
             rate_hz=state.rate_hz,
             rate_achieved_hz=state.rate_achieved_hz,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
 from gcs_server.streamer.values.limit_values import OperatorLimits, VehicleLimits
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamOwner
 from missions.avoidance.values import AvoidanceState, AvoidanceWay
 from missions.frames import Quaternion, Vector3
-from missions.setpoints import DirectSetpoint, Partial3
+from missions.setpoints import Partial3, Setpoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +146,7 @@ def expiry_view(on_expiry: OnExpiry) -> dict[str, object]:
     return {"action": on_expiry.action}
 
 
-def setpoint_view(sent: DirectSetpoint | None) -> dict[str, object] | None:
+def setpoint_view(setpoint: Setpoint) -> dict[str, object]:
     """A setpoint in the format of the API, without uncontrolled fields."""
-    if sent is None:
-        return None
-    return {"type": sent.type, **{k: v for k, v in asdict(sent).items() if v is not None}}
+    values = {each.name: getattr(setpoint, each.name) for each in fields(setpoint)}
+    return {"type": setpoint.type, **{name: value for name, value in values.items() if value is not None}}

@@ -1,4 +1,9 @@
-"""Which setpoint types a vehicle can fly now over its link, and why it cannot fly other types."""
+"""Which setpoints a vehicle can fly: types that it can fly now over its link, and combinations of axes that
+PX4 can fly.
+
+With other combinations PX4 descends level, or stops. Its position controller needs both north and east of a
+quantity, or neither, and a value on every axis.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,18 @@ from gcs_server.ros2.versions import REMEDY as VERSION_REMEDY
 from gcs_server.streamer.frames.resolve import KINDS_TO_RESOLVE, NON_LOCAL_KINDS
 from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
 from gcs_server.streamer.transport.ros2 import ROS2_KINDS, topics_of
-from missions.setpoints import KINDS, Estimate, Setpoint, needs_of
+from missions.setpoints import (
+    KINDS,
+    UNCONTROLLED,
+    Acceleration,
+    Estimate,
+    Partial3,
+    Position,
+    Setpoint,
+    Trajectory,
+    Velocity,
+    needs_of,
+)
 
 TYPES_BY_PROTOCOL: dict[str, frozenset[str]] = {
     "MAVLink": MAVLINK_KINDS | KINDS_TO_RESOLVE,
@@ -138,3 +154,49 @@ class Availability:
             raise Refused(why_not, remedy="This type needs a ROS 2 link: add ros2://DOMAIN.")
         self.require_topics([setpoint.type], in_offboard=in_offboard)
         self.require_estimates(setpoint.type, needs_of(setpoint))
+
+
+_AXES = ("north", "east", "down")
+
+
+def axes_problem(
+    position: Partial3 = UNCONTROLLED,
+    velocity: Partial3 = UNCONTROLLED,
+    acceleration: Partial3 = UNCONTROLLED,
+) -> str | None:
+    """Why PX4 would not fly this combination of axes; None if PX4 would fly it."""
+    named = {
+        "position_ned_m": position,
+        "velocity_ned_m_s": velocity,
+        "acceleration_ned_m_s2": acceleration,
+    }
+    if all(value is None for vector in named.values() for value in vector):
+        return (
+            "Only yaw is controlled: PX4 refuses a setpoint without position, velocity or acceleration. "
+            "Give the current position to turn on the spot."
+        )
+    for name, (north, east, _) in named.items():
+        if (north is None) != (east is None):
+            return f"{name}: north and east are needed together; PX4 does not fly one without the other."
+    for axis, name in enumerate(_AXES):
+        if all(vector[axis] is None for vector in named.values()):
+            return (
+                f"{name} is not controlled: PX4 stops instead of flying the rest. Give a position, a "
+                "velocity or an acceleration on every axis (type trajectory mixes them)."
+            )
+    return None
+
+
+def problem_of(setpoint: Setpoint) -> str | None:
+    """Why PX4 would never fly this setpoint, in any state of the vehicle; None if PX4 can fly it."""
+    if isinstance(setpoint, Position):
+        return axes_problem(position=setpoint.position_ned_m)
+    if isinstance(setpoint, Velocity):
+        return axes_problem(velocity=setpoint.velocity_ned_m_s)
+    if isinstance(setpoint, Acceleration):
+        return axes_problem(acceleration=setpoint.acceleration_ned_m_s2)
+    if isinstance(setpoint, Trajectory):
+        return axes_problem(
+            setpoint.position_ned_m, setpoint.velocity_ned_m_s, setpoint.acceleration_ned_m_s2
+        )
+    return None

@@ -2256,16 +2256,6 @@ export interface components {
          */
         readonly AccelerationSetpoint: {
             /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
-             */
-            readonly yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            readonly yaw_rate_ned_rad_s?: number | null;
-            /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
@@ -2279,6 +2269,16 @@ export interface components {
                 number | null,
                 number | null
             ];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
+             */
+            readonly yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            readonly yaw_rate_ned_rad_s?: number | null;
         };
         /**
          * Actions
@@ -5242,7 +5242,7 @@ export interface components {
             ] | null;
             /**
              * Yaw
-             * @description keep: the present heading; same: the heading of the followed vehicle; face: towards the followed vehicle.
+             * @description keep: the present heading; same: the followed vehicle's heading; face: towards the followed vehicle.
              * @enum {string}
              */
             readonly yaw?: "keep" | "same" | "face";
@@ -10524,16 +10524,6 @@ export interface components {
          */
         readonly PositionGlobalSetpoint: {
             /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
-             */
-            readonly yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            readonly yaw_rate_ned_rad_s?: number | null;
-            /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
@@ -10558,6 +10548,16 @@ export interface components {
              * @description Above home [m].
              */
             readonly alt_home_m?: number | null;
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
+             */
+            readonly yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            readonly yaw_rate_ned_rad_s?: number | null;
         };
         /**
          * PositionSetpoint
@@ -10573,16 +10573,6 @@ export interface components {
          */
         readonly PositionSetpoint: {
             /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
-             */
-            readonly yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            readonly yaw_rate_ned_rad_s?: number | null;
-            /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
@@ -10596,6 +10586,16 @@ export interface components {
                 number | null,
                 number | null
             ];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
+             */
+            readonly yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            readonly yaw_rate_ned_rad_s?: number | null;
         };
         /**
          * Power
@@ -12745,23 +12745,13 @@ export interface components {
          */
         readonly TrajectorySetpoint: {
             /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
-             */
-            readonly yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            readonly yaw_rate_ned_rad_s?: number | null;
-            /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
             readonly type: "trajectory";
             /**
              * Position Ned M
-             * @description North, east, down of the vehicle's local origin [m]; down is negative above the origin. null: not controlled.
+             * @description North, east, down of the vehicle's local origin [m]; down is negative above it. null: uncontrolled.
              */
             readonly position_ned_m?: readonly [
                 number | null,
@@ -12786,6 +12776,16 @@ export interface components {
                 number | null,
                 number | null
             ];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
+             */
+            readonly yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            readonly yaw_rate_ned_rad_s?: number | null;
         };
         /**
          * TriggerControl
@@ -13197,16 +13197,6 @@ export interface components {
          */
         readonly VelocityBodySetpoint: {
             /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
-             */
-            readonly yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            readonly yaw_rate_ned_rad_s?: number | null;
-            /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
@@ -13220,6 +13210,16 @@ export interface components {
                 number,
                 number
             ];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
+             */
+            readonly yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            readonly yaw_rate_ned_rad_s?: number | null;
         };
         /**
          * VelocitySetpoint
@@ -13235,16 +13235,6 @@ export interface components {
          */
         readonly VelocitySetpoint: {
             /**
-             * Yaw Ned Rad
-             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
-             */
-            readonly yaw_ned_rad?: number | null;
-            /**
-             * Yaw Rate Ned Rad S
-             * @description Turning rate, clockwise [rad/s].
-             */
-            readonly yaw_rate_ned_rad_s?: number | null;
-            /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
              */
@@ -13258,6 +13248,16 @@ export interface components {
                 number | null,
                 number | null
             ];
+            /**
+             * Yaw Ned Rad
+             * @description Heading clockwise from north [rad]; without yaw and yaw rate, the vehicle keeps its heading.
+             */
+            readonly yaw_ned_rad?: number | null;
+            /**
+             * Yaw Rate Ned Rad S
+             * @description Turning rate, clockwise [rad/s].
+             */
+            readonly yaw_rate_ned_rad_s?: number | null;
         };
         /**
          * VelocityStep
@@ -13901,7 +13901,7 @@ export interface components {
          *       "valid_for_s": 10
          *     }
          */
-        readonly gcs_server__api__setpoint_request__StartRequest: {
+        readonly gcs_server__api__setpoints__StartRequest: {
             /**
              * Valid For S
              * @description Time until the setpoint expires if it is not renewed [s]; then `on_expiry` applies.
@@ -14228,7 +14228,7 @@ export interface operations {
         };
         readonly requestBody: {
             readonly content: {
-                readonly "application/json": components["schemas"]["gcs_server__api__setpoint_request__StartRequest"];
+                readonly "application/json": components["schemas"]["gcs_server__api__setpoints__StartRequest"];
             };
         };
         readonly responses: {

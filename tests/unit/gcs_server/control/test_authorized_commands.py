@@ -4,10 +4,10 @@ import ast
 import inspect
 import textwrap
 
-from gcs_server.api import offboard_stream
 from gcs_server.api.command_routes import COMMAND_OF
 from gcs_server.api.permission import calls_of
 from gcs_server.api.schema import bare_app
+from gcs_server.api.setpoints import apply_setpoint
 from gcs_server.control.commands import BY_CALL
 
 AUTHORIZING = {
@@ -30,7 +30,7 @@ def commands_of(function):
     nodes = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))
     calls = [node for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
     if any(call.func.id == "apply_setpoint" for call in calls):
-        return commands_of(offboard_stream.apply_setpoint)
+        return commands_of(apply_setpoint)
     constants = [
         arg
         for call in calls
