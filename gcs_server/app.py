@@ -25,7 +25,6 @@ from gcs_server.api.bodies import BodyReader
 from gcs_server.api.connections import Connections
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
-from gcs_server.api.mission_mode_routes import compile_inputs_of, prepare_mode
 from gcs_server.api.offboard_models import LimitsRequest
 from gcs_server.api.operation_routes import operation_view
 from gcs_server.api.permission import bind_commands, command_of
@@ -38,11 +37,12 @@ from gcs_server.control.journal import Journal
 from gcs_server.control.lease import LeaseTimes
 from gcs_server.encodings import SUFFIXES, accepted_encodings
 from gcs_server.errors import GcsError
+from gcs_server.flights.flights import Flights
+from gcs_server.flights.resume import ProgressStore
 from gcs_server.links.names import shown_url
-from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
+from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
-from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanChange, PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.link import replay_link
@@ -58,18 +58,10 @@ from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
 from gcs_server.storage.folder import DataFolder
 from gcs_server.storage.records import Records
-from gcs_server.streamer.groups.status import GroupStatus
-from gcs_server.streamer.missions.missions import OffboardMissions
-from gcs_server.streamer.missions.mode_status import MissionAsMode
-from gcs_server.streamer.missions.modes import MissionModes
-from gcs_server.streamer.missions.preparation import CompileInputs
-from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from gcs_server.streamer.waypoints.flights import WaypointFlights
-from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event
@@ -119,18 +111,12 @@ def _notices(kind: str, source: Callable[[], Sequence[str] | str | None]) -> lis
 
 
 class ClientEvents:
-    """Sends what happens in the server to the telemetry clients; only the events of groups are stored."""
+    """Sends what happens in the server to the telemetry clients; nothing of it is stored as an event."""
 
     def __init__(self, clock: Clock, fleet: Fleet, hub: Hub) -> None:
         self._clock = clock
         self._fleet = fleet
         self._hub = hub
-
-    def group(self, text: str, status: GroupStatus, is_warning: bool) -> None:
-        """A group of vehicles has changed."""
-        severity = MAV_SEVERITY_WARNING if is_warning else MAV_SEVERITY_INFO
-        unix_s = self._clock.unix_s()
-        self._fleet.events.add("group", unix_s, text, severity=severity, data={"group": asdict(status)})
 
     def operation(self, operation: Operation) -> None:
         """An operation has changed; GET /operations lists it."""
@@ -178,19 +164,24 @@ class Server:
         own_ids = (settings.system_id, STREAM_COMPONENT_ID)
         streams = Streams(clock, own_ids, server_silent_limit_s=settings.server_silent_limit_s)
         self.streamer = Streamer(clock, streams, LimitStore(Records(folder.limits), _stored_limits))
-        missions = OffboardMissions(clock, self.streamer, streams, self.supervisor)
-        mission_modes = MissionModes(
-            clock, self.streamer, streams, missions, self.supervisor, self._prepare_mode, self._compile_inputs
-        )
-        self._flight_progress = ProgressStore(Records(folder.flights))
-        waypoint_flights = WaypointFlights(clock, self.supervisor, self._flight_progress)
-        self._connect_vehicles(missions, mission_modes, waypoint_flights, Cache(folder.cache))
-        dry_runs = DryRuns()
-        self.scene = self._scene(clock, dry_runs) if settings.scene else None
         journal = Journal(clock, folder.journal)
         lease_times = LeaseTimes(settings.control_lease_s, settings.control_answer_s)
         replays = Replays(self.router, self.fleet, folder.recordings)
         authority = Authority(clock, self.fleet, journal, self.supervisor, lease_times)
+        operations = Operations(clock, self.supervisor, self._events.operation)
+        self.flights = Flights(
+            clock,
+            self.fleet,
+            self.streamer,
+            streams,
+            self.supervisor,
+            operations,
+            PlanStore(folder.plans, clock, self._events.plan_change),
+            PlanWork(folder.elevation, authority.controls_any),
+            ProgressStore(Records(folder.flights)),
+        )
+        self._connect_vehicles(Cache(folder.cache))
+        self.scene = self._scene(clock) if settings.scene else None
         self.station = Station(
             clock=clock,
             router=self.router,
@@ -199,14 +190,8 @@ class Server:
             journal=journal,
             authority=authority,
             replays=replays,
-            streamer=self.streamer,
-            missions=missions,
-            waypoint_flights=waypoint_flights,
-            mission_modes=mission_modes,
-            operations=Operations(clock, self.supervisor, self._events.operation),
-            plans=PlanStore(folder.plans, clock, self._events.plan_change),
-            plan_work=PlanWork(folder.elevation, authority.controls_any),
-            dry_runs=dry_runs,
+            operations=operations,
+            flights=self.flights,
             topic_inspectors=TopicInspectors(),
             started_s=clock.monotonic_s(),
             mavlink_ids=(settings.system_id, COMPONENT_ID),
@@ -216,26 +201,19 @@ class Server:
         )
         hub.set_replays_source(replays.all)
         hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)
-        self.streamer.groups.on_change = self._events.group
         self._collect_warnings()
 
-    def _scene(self, clock: Clock, dry_runs: DryRuns) -> SceneProcess:
-        events = self._events
+    def _scene(self, clock: Clock) -> SceneProcess:
+        events, result_of = self._events, self.flights.dry_runs.body
         return SceneProcess(
-            self.fleet, clock, self._offboard_target, events.scene_click, events.scene_drag, dry_runs.body
+            self.fleet, clock, self._offboard_target, events.scene_click, events.scene_drag, result_of
         )
 
-    def _connect_vehicles(
-        self,
-        missions: OffboardMissions,
-        mission_modes: MissionModes,
-        waypoint_flights: WaypointFlights,
-        cache: Cache,
-    ) -> None:
+    def _connect_vehicles(self, cache: Cache) -> None:
         """Lets the parts know of the vehicles that come and go."""
-        for part in (self.streamer, missions, waypoint_flights):
+        for part in (self.streamer, self.flights):  # flights use streams
             self.fleet.on_vehicle_added(part.attach)
-        for part in (waypoint_flights, missions, mission_modes, self.streamer):
+        for part in (self.flights, self.streamer):
             self.fleet.on_vehicle_removed(part.detach)
         plan_cache = ItemsCache(cache)
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.set_cache(cache))
@@ -247,8 +225,9 @@ class Server:
         texts: list[tuple[str, Callable[[], Sequence[str] | str | None]]] = [
             ("fault", self.streamer.faults),
             ("limits", self.streamer.limits.warnings),
-            ("plans", self.station.plans.warnings),
-            ("plans", self._flight_progress.warnings),
+            ("fault", self.flights.guards.faults),
+            ("plans", self.flights.plans.warnings),
+            ("plans", self.flights.progress.warnings),
         ]
         if self.scene is not None:
             texts += [("fault", self.scene.faults), ("scene", self.scene.warning)]
@@ -263,7 +242,7 @@ class Server:
         await self.station.journal.load()
         self.station.journal.start(self.supervisor)
         await self.streamer.limits.load()
-        await self._flight_progress.load()
+        await self.flights.load()
         self.router.start()
         self.fleet.start()
         for url in self._links:
@@ -275,11 +254,8 @@ class Server:
                 text = f"{displayed_url}: {error.message}" + (f" {error.remedy}" if error.remedy else "")
                 self._link_errors.append(Notice("link", text, link=displayed_url))
         self.streamer.start(self.supervisor)
-        self.station.missions.start()
-        self.station.waypoint_flights.start()
-        self.station.mission_modes.start()
+        self.flights.start()
         self.station.authority.start()
-        self.supervisor.start("known ground", self.station.known_ground.watch)
         if self.scene is not None:
             self.supervisor.start("scene", self.scene.run)
         if self._simulator is not None:
@@ -292,13 +268,12 @@ class Server:
         """Stops all parts: puts vehicles with a setpoint stream into Hold first, stops the simulator last."""
         await self._stop_streams()
         await self.station.operations.close()
-        self.station.plans.close()
-        self.station.plan_work.close()
+        self.flights.close()
         self.streamer.close()
         self.station.hub.close()
         await self.fleet.close()
         await self.supervisor.close()
-        self._flight_progress.close()
+        self.flights.progress.close()
         self.station.replays.stop()
         await asyncio.to_thread(self.station.topic_inspectors.close)
         await self.router.close()
@@ -307,7 +282,7 @@ class Server:
             await self._simulator.stop()
 
     async def _stop_streams(self) -> None:
-        for stopped in await self.streamer.stop_all():
+        for stopped in await self.flights.stop_streams():
             error = stopped.error
             detail = str(error) if error is not None else "The server was stopped."
             result = error.code if error is not None else "ok"
@@ -318,12 +293,6 @@ class Server:
                 log.info("vehicle %s was put into Hold: the server is stopping", stopped.vehicle)
             else:
                 log.warning("vehicle %s: %s", stopped.vehicle, error)
-
-    async def _prepare_mode(self, vehicle_id: str, mode: MissionAsMode) -> Start:
-        return await prepare_mode(self.station, vehicle_id, mode)
-
-    def _compile_inputs(self, vehicle_id: str) -> CompileInputs | None:
-        return compile_inputs_of(self.station, vehicle_id)
 
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
         target = self.streamer.target(vehicle_id)

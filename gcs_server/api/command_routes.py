@@ -15,8 +15,6 @@ from fastapi import APIRouter, Body, Query, Response
 
 from gcs_server.api import control_models, models, responses
 from gcs_server.api.authorized import AcceptedCommand, as_operation, authorized_command, progress_reporter
-from gcs_server.api.mission_models import StartRequest
-from gcs_server.api.mission_start import checked_start
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
@@ -24,6 +22,7 @@ from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
 from gcs_server.errors import UnknownVehicle
+from gcs_server.flights.waypoint_start import WaypointStart, checked_start
 from gcs_server.vehicle.services.command import ARMING_STARTS_FLIGHT, GOTO_MAX_DISTANCE_M, CommandOptions
 from gcs_server.vehicle.services.gimbal import GimbalService
 from gcs_server.vehicle.tickets import Ticket
@@ -122,8 +121,8 @@ async def arm(
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         starts_flight = ARMING_STARTS_FLIGHT in despite
         in_mission = starts_flight and not vehicle.status.armed and vehicle.status.mode == "mission"
-        request = StartRequest(despite=[code for code in despite if code != ARMING_STARTS_FLIGHT])
-        check = checked_start(station, vehicle, request, ticket, principal.name)
+        choice = WaypointStart(despite=[code for code in despite if code != ARMING_STARTS_FLIGHT])
+        check = checked_start(station.flights, vehicle, choice, ticket, principal.name)
         async with check if in_mission else nullcontext():
             await vehicle.command.arm(
                 starts_flight=starts_flight, **command_options(vehicle, principal, "arm", ticket)
@@ -139,8 +138,8 @@ async def mode(v: str, body: models.ModeRequest, station: StationDep, principal:
     `mission/start`: 409 `plan_findings`, unless `despite` names the codes."""
 
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
-        request = StartRequest(despite=body.despite)
-        check = checked_start(station, vehicle, request, ticket, principal.name)
+        choice = WaypointStart(despite=body.despite)
+        check = checked_start(station.flights, vehicle, choice, ticket, principal.name)
         async with check if body.mode == "mission" else nullcontext():
             await vehicle.command.set_mode(body.mode, **command_options(vehicle, principal, "mode", ticket))
 
@@ -159,7 +158,7 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, principal:
     vehicle's landing height (MPC_LAND_ALT3) is refused.
     """
     with suppress(UnknownVehicle):  # reported by the command
-        await station.known_ground.read_around(station.fleet.get(v), body.lat_deg, body.lon_deg)
+        await station.flights.known_ground.read_around(station.fleet.get(v), body.lat_deg, body.lon_deg)
 
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         await vehicle.command.goto(

@@ -9,20 +9,20 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 import msgspec
 from fastapi import Request, Response
 from fastapi.routing import APIRoute
-from pydantic import Field, GetCoreSchemaHandler
+from pydantic import Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema, core_schema
 from starlette.types import Receive, Scope
 
 from gcs_server.api.json_limits import REFUSED_REMEDY, json_fault
+from gcs_server.api.strict_body import StrictBody
 from gcs_server.errors import InvalidRequest
-from gcs_server.plans.tasks import ReadDocument
-from gcs_server.plans.work import SMALL_BYTES, PlanWork
+from gcs_server.flights.chosen import PlanSource
+from gcs_server.plans.work import UnreadDocument
 from missions import documents
 from missions.documents import Document, PlanKind
 from missions.offboard.document import OffboardMission
@@ -33,36 +33,6 @@ FIELDS = frozenset({"plan", "mission"})
 """Names of the fields with a document."""
 MAX_OTHER_BYTES = 65_536
 """Maximum size of the other fields of such a body."""
-
-
-@dataclass(frozen=True, slots=True)
-class UnreadDocument:
-    """A document as JSON text. It may be anything: it has not been read."""
-
-    text: bytes
-    kind: PlanKind | None = None
-    """The kind that the document must have; None: any."""
-
-    @property
-    def small(self) -> bool:
-        """Whether the document is read in milliseconds."""
-        return len(self.text) <= SMALL_BYTES
-
-    async def read(self, work: PlanWork, name: str | None = None, *, field: str = "plan") -> ReadDocument:
-        """Reads the document.
-
-        Args:
-            work: reads the document.
-            name: name that an offboard mission gets; None: its own.
-            field: the field of the request, for errors.
-
-        Raises:
-            InvalidRequest: the document cannot be used.
-            Refused: reading it takes too much memory or time, or too many tasks are waiting.
-        """
-        arguments = {"plan": self.text, "name": name, "kind": self.kind}
-        answer = await work.run("read", arguments, small=self.small, field=field)
-        return ReadDocument.from_answer(answer)
 
 
 class _UnreadAs:
@@ -103,6 +73,28 @@ DocumentBody = Annotated[
 
 PatternBody = Annotated[UnreadDocument, _UnreadAs(PatternDocument, None)]
 """A whole body that is a pattern."""
+
+
+class SourceBody(StrictBody):
+    """A request with a plan that is stored on the server, or a document in its field `DOCUMENT`."""
+
+    DOCUMENT: ClassVar[str] = "plan"
+
+    plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored plan.")
+    version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
+
+    @model_validator(mode="after")
+    def _check_one_plan(self) -> Self:
+        if (self.plan_id is None) == (getattr(self, self.DOCUMENT) is None):
+            raise ValueError(f"give exactly one of plan_id and {self.DOCUMENT}")
+        if self.version is not None and self.plan_id is None:
+            raise ValueError("version belongs to plan_id")
+        return self
+
+    @property
+    def source(self) -> PlanSource:
+        """Where the plan comes from."""
+        return PlanSource(self.plan_id, self.version, getattr(self, self.DOCUMENT), self.DOCUMENT)
 
 
 class _DocumentRequest(Request):

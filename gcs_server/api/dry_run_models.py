@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from gcs_server.api.documents import DocumentBody
+from gcs_server.api.documents import DocumentBody, SourceBody
 from gcs_server.api.group_models import VehicleId
 from gcs_server.api.offboard_mission_models import Role
 from gcs_server.api.plan_models import OriginModel
@@ -73,11 +73,9 @@ class DryRunObstacle(StrictBody):
     )
 
 
-class DryRunRequest(StrictBody):
+class DryRunRequest(SourceBody):
     """A plan to fly in simulation: vehicle, conditions and number of flights."""
 
-    plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored plan.")
-    version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
     plan: DocumentBody | None = Field(default=None, description="A plan that is not stored on the server.")
     vehicle: str | None = Field(
         default=None,
@@ -117,11 +115,7 @@ class DryRunRequest(StrictBody):
     )
 
     @model_validator(mode="after")
-    def _check_one_plan(self) -> DryRunRequest:
-        if (self.plan_id is None) == (self.plan is None):
-            raise ValueError("give exactly one of plan_id and plan")
-        if self.version is not None and self.plan_id is None:
-            raise ValueError("version belongs to plan_id")
+    def _check_vehicles(self) -> DryRunRequest:
         if self.vehicles is not None and self.vehicle is not None:
             raise ValueError("give vehicle, or vehicles for a mission with roles, and not both")
         return self

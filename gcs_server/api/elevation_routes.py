@@ -16,5 +16,5 @@ router = APIRouter(prefix="/elevation", tags=["plans"], responses=RESPONSES)
 async def list_elevation_files(station: StationDep) -> Response:
     """The elevation files in the data folder, from the finest grid to the coarsest, and the files that cannot
     be read."""
-    files = await station.plan_work.run("elevation_files", {}, small=False)
-    return json_response({"folder": str(station.plan_work.elevation_folder), **files.values})
+    files = await station.flights.plan_work.run("elevation_files", {}, small=False)
+    return json_response({"folder": str(station.flights.plan_work.elevation_folder), **files.values})

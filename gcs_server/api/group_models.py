@@ -12,8 +12,8 @@ from gcs_server.api.reflect import model_of
 from gcs_server.api.setpoints import AnySetpoint, Validity, setpoint_arguments
 from gcs_server.api.strict_body import StrictBody, example
 from gcs_server.control.principal import Principal
-from gcs_server.streamer.groups import status
-from gcs_server.streamer.groups.checks import GroupRequest
+from gcs_server.flights import group as status
+from gcs_server.flights.group_checks import GroupRequest
 
 MAX_MEMBERS = 10
 VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]

@@ -39,7 +39,7 @@ async def start(body: models.StartGroup, station: StationDep, principal: Princip
             principal,
             "group/start",
             tuple(tickets.values()),
-            lambda: station.groups.start(body.to_group_request(principal), tickets),
+            lambda: station.flights.groups.start(body.to_group_request(principal), tickets),
             vehicle_id=None,
         )
         limits = {vehicle: station.offboard(vehicle).limits() for vehicle in arguments}
@@ -49,13 +49,13 @@ async def start(body: models.StartGroup, station: StationDep, principal: Princip
 @router.get("", response_model=models.GroupList)
 async def show_all(station: StationDep) -> Response:
     """All groups, including groups that ended recently."""
-    return json_response({"groups": station.groups.all()})
+    return json_response({"groups": station.flights.groups.all()})
 
 
 @router.get("/{g}", response_model=models.GroupModel)
 async def show(g: str, station: StationDep) -> Response:
     """State of a group: its members, the closest pair, and its findings."""
-    return json_response(station.groups.get(g))
+    return json_response(station.flights.groups.get(g))
 
 
 @router.post("/{g}/setpoints", response_model=models.GroupModel)
@@ -64,7 +64,7 @@ async def setpoints(
 ) -> Response:
     """Sends new setpoints to some or all members at the same time; refused if two members would come too
     close."""
-    members = station.groups.members(g)
+    members = station.flights.groups.members(g)
     for index, member in enumerate(body.setpoints):
         if member.vehicle not in members:
             field = f"setpoints.{index}.vehicle"
@@ -76,7 +76,7 @@ async def setpoints(
     }
     with authorized_commands(station, principal, "offboard/setpoint", arguments):
         setpoints_by_vehicle = {member.vehicle: member.setpoint for member in body.setpoints}
-        status = await station.groups.setpoints(
+        status = await station.flights.groups.setpoints(
             g, setpoints_by_vehicle, body.valid_for_s, body.expiry(), principal.name, principal.key
         )
         return json_response(status)
@@ -87,9 +87,9 @@ async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response
     """Puts all members into Hold immediately; does not require control. A vehicle that has left the group is
     not affected."""
     with authorized_commands(
-        station, principal, "hold", {v: {"group": g} for v in station.groups.members(g)}
+        station, principal, "hold", {v: {"group": g} for v in station.flights.groups.members(g)}
     ) as accepted:
-        return json_response(await station.groups.hold(g, principal.name, tickets_of(accepted)))
+        return json_response(await station.flights.groups.hold(g, principal.name, tickets_of(accepted)))
 
 
 def tickets_of(accepted: dict[str, AcceptedCommand]) -> dict[str, Ticket]:

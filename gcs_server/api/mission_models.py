@@ -4,34 +4,24 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from gcs_server.api.documents import PlanBody
+from gcs_server.api.documents import PlanBody, SourceBody
 from gcs_server.api.models import Despite
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import TOPIC_MODELS
 from gcs_server.api.strict_body import ResponseBody, StrictBody, example
-from gcs_server.streamer.waypoints.resume import ResumeOffer
-from gcs_server.streamer.waypoints.status import WaypointFlightStatus
+from gcs_server.flights.resume import ResumeOffer
+from gcs_server.flights.waypoint_flight import WaypointFlightStatus
 from gcs_server.vehicle.services.mission_compare import Difference
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.plan import Plan
 
 
-class WhichPlan(StrictBody):
+class WhichPlan(SourceBody):
     """A plan stored on the server, or one in the request."""
 
-    plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored plan.")
-    version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
     plan: PlanBody | None = Field(default=None, description="A plan that is not stored on the server.")
-
-    @model_validator(mode="after")
-    def _check_one_plan(self) -> WhichPlan:
-        if (self.plan_id is None) == (self.plan is None):
-            raise ValueError("give exactly one of plan_id and plan")
-        if self.version is not None and self.plan_id is None:
-            raise ValueError("version belongs to plan_id")
-        return self
 
 
 class UploadRequest(WhichPlan):

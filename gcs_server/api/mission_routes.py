@@ -12,22 +12,27 @@ from gcs_server.api import mission_models as m
 from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_reporter
 from gcs_server.api.command_routes import run_command, run_flight_command
-from gcs_server.api.documents import DocumentRoute, UnreadDocument
-from gcs_server.api.mission_start import checked_start, is_still_on_vehicle
-from gcs_server.api.mission_upload import flies_mission, require_accepted, require_unchanged, upload_check
+from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.offboard_mission_models import FlownMissionView
 from gcs_server.api.operation_routes import OperationModel, operation_view
-from gcs_server.api.plan_items import mavlink_items
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.commands import API, BY_NAME
-from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.errors import Refused
+from gcs_server.flights.upload import (
+    chosen_items,
+    flies_mission,
+    require_accepted,
+    require_unchanged,
+    upload_check,
+)
+from gcs_server.flights.waypoint_start import WaypointStart, checked_start, is_still_on_vehicle
 from gcs_server.operations.operations import Operation, ReportProgress
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS
-from gcs_server.vehicle.services.mission_on_vehicle import Items, ItemsOnVehicle, PlanReference
+from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
 from gcs_server.vehicle.services.vehicle_plan import plan_from_items
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
@@ -52,7 +57,7 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
     on_vehicle, plan_state, flights = (
         vehicle.mission.items_on_vehicle,
         vehicle.mission.plan_on_vehicle(),
-        station.waypoint_flights,
+        station.flights.waypoint_flights,
     )
     sample = vehicle.topic("mission")
     resume_offer = flights.resume_offer(vehicle.id)
@@ -80,7 +85,7 @@ async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
 
     `samples` are the flown positions, and the nearest points of the planned path.
     """
-    return json_response({"vehicle": vehicle.id, "flown": station.waypoint_flights.flown(vehicle.id)})
+    return json_response({"vehicle": vehicle.id, "flown": station.flights.waypoint_flights.flown(vehicle.id)})
 
 
 @router.post(
@@ -102,8 +107,8 @@ async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: 
     arguments = body.model_dump(exclude={"plan", "wait"}, exclude_none=True, exclude_defaults=True)
     with authorized_command(station, principal, "mission/upload", v, arguments):
         vehicle = station.fleet.get(v)
-        reference, items = await _chosen_items(station, body)
-        check = await upload_check(station, vehicle, items, body.despite)
+        reference, items = await chosen_items(station.flights, body.source)
+        check = await upload_check(station.flights, vehicle, items, body.despite)
         _require_no_transfer(station, vehicle)
         held = body.hold_first and flies_mission(vehicle)
         if held:
@@ -160,7 +165,7 @@ async def downloaded_plan(vehicle: VehicleDep, station: StationDep) -> Response:
         plan, notes = plan_from_items(on_vehicle)
         return plan_document.write(plan), notes
 
-    text, notes = await station.plan_work.in_thread(read)
+    text, notes = await station.flights.plan_work.in_thread(read)
     return json_response(
         {
             "vehicle": vehicle.id,
@@ -180,9 +185,9 @@ async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -
     If a stored plan is equal and the vehicle still has these items, the server regards that plan as the plan
     on the vehicle.
     """
-    reference, items = await _chosen_items(station, body)
+    reference, items = await chosen_items(station.flights, body.source)
     on_vehicle = _downloaded_items(vehicle)
-    all_differences = await station.plan_work.in_thread(
+    all_differences = await station.flights.plan_work.in_thread(
         lambda: [each for part in PARTS for each in differences(part, items[part], on_vehicle.items[part])]
     )
     equal = not any(each.essential for each in all_differences)
@@ -242,10 +247,11 @@ async def start(
     """
     request = body or m.StartRequest()
     arguments = request.model_dump(exclude_none=True)
+    choice = WaypointStart(**request.model_dump())
 
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         vehicle.require_commandable()
-        async with checked_start(station, vehicle, request, ticket, principal.name):
+        async with checked_start(station.flights, vehicle, choice, ticket, principal.name):
             if request.item is not None:
                 await vehicle.mission.set_current(request.item)
             progress = progress_reporter(vehicle, principal, "mission/start")
@@ -264,6 +270,7 @@ async def resume(
     """Resumes the mission of a flying vehicle at its current item, after the checks of `mission/start`. What
     was accepted when this flight started need not be accepted again, except `separation`."""
     despite = [] if body is None else body.despite
+    choice = WaypointStart(despite=despite)
 
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         vehicle.require_commandable()
@@ -273,7 +280,7 @@ async def resume(
                 remedy="Start the mission at the item where it should continue (`resume` of GET …/mission).",
             )
         progress = progress_reporter(vehicle, principal, "mission/resume")
-        async with checked_start(station, vehicle, m.StartRequest(despite=despite), ticket, principal.name):
+        async with checked_start(station.flights, vehicle, choice, ticket, principal.name):
             await vehicle.command.set_mode("mission", by=principal.name, progress=progress, ticket=ticket)
 
     arguments: dict[str, object] = {"despite": despite} if despite else {}
@@ -316,27 +323,6 @@ async def _operation_response(station: Station, operation: Operation, wait: bool
     response = json_response(operation_view(operation), 202)
     response.headers["Location"] = f"{API}/operations/{operation.id}"
     return response
-
-
-async def _chosen_items(station: Station, body: m.WhichPlan) -> tuple[PlanReference, Items]:
-    """The plan in the request, and its items.
-
-    Raises:
-        InvalidRequest: the plan cannot be used, or the MAVLink mission protocol cannot represent it.
-    """
-    if body.plan is not None:
-        items, _ = await mavlink_items(station, body.plan)
-        return PlanReference(None, None, None), items
-    assert body.plan_id is not None
-    stored, text = await station.plans.get(body.plan_id, body.version)
-    if stored.kind != "waypoint_plan":
-        raise InvalidRequest(
-            "plan_id",
-            f"{stored.name!r} is an offboard mission, which cannot be uploaded: the server flies it.",
-            remedy="Start it as an offboard mission, or name a waypoint plan.",
-        )
-    items, _ = await mavlink_items(station, UnreadDocument(text), f"Plan {stored.name!r}, ")
-    return PlanReference(stored.id, stored.version, stored.name), items
 
 
 def _downloaded_items(vehicle: Vehicle) -> ItemsOnVehicle:

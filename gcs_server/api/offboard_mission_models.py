@@ -6,12 +6,12 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from gcs_server.api.documents import MissionBody
+from gcs_server.api.documents import MissionBody, SourceBody
 from gcs_server.api.group_models import VehicleId, require_unique
 from gcs_server.api.plan_models import LegModel, OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody, StrictBody
-from gcs_server.streamer.missions.status import OffboardMissionStatus
+from gcs_server.flights.mission_values import MissionModeStatus, OffboardMissionStatus
 from missions.offboard.document import MAX_ROLES, OffboardMission
 from missions.offboard.insertion_steps import Positions
 from missions.runner.flown import FlownMission, FlownSample
@@ -36,22 +36,14 @@ def _check_key(value: Any) -> Any:
 PlaceKey = Annotated[int | str, BeforeValidator(_check_key)]
 
 
-class MissionSource(StrictBody):
+class MissionSource(SourceBody):
     """A mission: stored on the server, or in the request."""
 
-    plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored offboard mission.")
-    version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
+    DOCUMENT = "mission"
+
     mission: MissionBody | None = Field(
         default=None, description="A mission that is not stored on the server."
     )
-
-    @model_validator(mode="after")
-    def _check_one_plan(self) -> Self:
-        if (self.plan_id is None) == (self.mission is None):
-            raise ValueError("give exactly one of plan_id and mission")
-        if self.version is not None and self.plan_id is None:
-            raise ValueError("version belongs to plan_id")
-        return self
 
 
 class WhichMission(MissionSource):
@@ -159,3 +151,46 @@ class FlownMissionView(BaseModel):
 
     vehicle: str = Field(description="The vehicle's id.")
     flown: FlownMissionModel = Field(description="The flight so far.")  # type: ignore[valid-type]
+
+
+MAX_DEFERRAL_S = 120
+MODE_NAME_PATTERN = r"^[!-~]([ -~]{0,22}[!-~])?$"
+
+
+class RegisterMode(WhichMission):
+    """The mission to register, and the name of its mode."""
+
+    name: str = Field(
+        pattern=MODE_NAME_PATTERN,
+        max_length=24,
+        description="Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, "
+        "without a space at either end.",
+    )
+    defer_failsafes_s: int = Field(
+        default=0,
+        ge=0,
+        le=MAX_DEFERRAL_S,
+        description="How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. "
+        "PX4 defers its reaction to a lost ground station connection, lost manual control or a low battery.",
+    )
+
+
+class UnregisterMode(StrictBody):
+    """The mode to remove."""
+
+    name: str = Field(max_length=24, description="Name of the mode.")
+
+
+MissionModeModel = model_of(MissionModeStatus)
+
+
+class MissionModesView(BaseModel):
+    """The missions of this server that are registered with a vehicle as flight modes."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    vehicle: str = Field(description="The vehicle's id.")
+    possible: bool = Field(
+        description="Whether modes can be registered: the server has a ROS 2 connection to the vehicle."
+    )
+    modes: list[MissionModeModel] = Field(description="The registered modes.")  # type: ignore[valid-type]

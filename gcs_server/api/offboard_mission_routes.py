@@ -1,62 +1,50 @@
-"""Routes of offboard missions, which the server flies by setpoints: start, pause, resume, skip, answer,
-abort."""
+"""Routes of offboard missions, which the server flies by setpoints: start (with one or several vehicles),
+pause, resume, skip, answer, abort; and of missions that are registered with PX4 as flight modes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Body, Response
 
 from gcs_server.api import offboard_mission_models as m
 from gcs_server.api.authorized import as_operation, authorized_command
 from gcs_server.api.documents import DocumentRoute
-from gcs_server.api.group_routes import authorized_commands
-from gcs_server.api.plan_checks import plan_context_of
-from gcs_server.api.plan_traffic import mission_separation_findings
+from gcs_server.api.group_routes import authorized_commands, tickets_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.principal import Principal
-from gcs_server.errors import InvalidRequest, PlanFindings, Refused
-from gcs_server.plans.compiled import compiled_mission
-from gcs_server.plans.dry_run_corridor import corridor_of
-from gcs_server.plans.dry_runs import DryRunResult
-from gcs_server.streamer.missions.flight import MissionFlight
-from gcs_server.streamer.missions.missions import low_battery_share
-from gcs_server.streamer.missions.start import Start
-from gcs_server.streamer.missions.status import MissionName
-from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.vehicle.vehicle import Vehicle
-from missions.runner.corridor import Corridor
+from gcs_server.flights.mission_flight import MissionFlight
+from gcs_server.flights.mission_modes import dds_address
+from gcs_server.flights.mission_start import begin_mission, mission_as_mode
+from gcs_server.vehicle.tickets import Ticket
 
-router = APIRouter(
-    prefix="/vehicles/{v}/offboard_mission",
-    tags=["offboard mission"],
-    responses=RESPONSES,
-    route_class=DocumentRoute,
-)
+router = APIRouter(tags=["offboard mission"], responses=RESPONSES, route_class=DocumentRoute)
+MISSION, MODES = "/vehicles/{v}/offboard_mission", "/vehicles/{v}/mission_modes"
 
 
-@router.get("", response_model=m.OffboardMissionView)
+@router.get(MISSION, response_model=m.OffboardMissionView)
 async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
     """Status of the newest mission, running or ended."""
     return _view(station, vehicle.id)
 
 
-@router.get("/flown", response_model=m.FlownMissionView)
+@router.get(MISSION + "/flown", response_model=m.FlownMissionView)
 async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
     """The flight of the newest mission, running or ended, compared with its plan.
 
     `samples` are the flown positions, and the positions that were sent at the same times.
     """
-    return json_response({"vehicle": vehicle.id, "flown": station.missions.flight(vehicle.id).flown()})
+    return json_response(
+        {"vehicle": vehicle.id, "flown": station.flights.missions.flight(vehicle.id).flown()}
+    )
 
 
-@router.post("/start", response_model=m.OffboardMissionView)
+@router.post(MISSION + "/start", response_model=m.OffboardMissionView)
 async def start(v: str, body: m.StartMission, station: StationDep, principal: PrincipalDep) -> Response:
     """Compiles the mission from the vehicle's position, checks it, and starts it.
 
@@ -66,26 +54,39 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
     """
     arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
     with authorized_command(station, principal, "offboard_mission/start", v, arguments) as accepted:
-        ticket, vehicle = accepted.ticket, station.fleet.get(v)
-        station.missions.require_free(v)
+        ticket = accepted.ticket
+        station.flights.missions.require_free(v)
         ticket.claim()
 
-        async def work() -> None:
-            mission_name, text = await chosen_mission(station, body)
-            prepared, findings = await _compiled_start(station, v, mission_name, text, principal.name)
-            corridor = corridor_for(vehicle, await dry_run_result(station, body.dry_run))
-            async with station.waypoint_flights.comparison_lock:
-                findings += await mission_separation_findings(station, vehicle, prepared.timeline)
-                check_findings(mission_name.name, findings, body.despite)
-                await _wait_for_sensor(station, v, prepared)
-                prepared = replace(prepared, corridor=corridor, dry_run=body.dry_run)
-                station.missions.begin(v, prepared, ticket)
-
-        await as_operation(station, principal, "offboard_mission/start", (ticket,), work, vehicle_id=v)
+        await _start(station, principal, body, {None: v}, {v: ticket}, vehicle_id=v)
         return _view(station, v)
 
 
-@router.post("/pause", response_model=m.OffboardMissionView)
+@router.post("/offboard_missions/start", response_model=m.JointMissionView)
+async def start_joint_mission(
+    body: m.StartJointMission, station: StationDep, principal: PrincipalDep
+) -> Response:
+    """Starts a mission with one vehicle for each role. All vehicles are checked first; if a check fails, none
+    starts.
+
+    Answers 409 `plan_findings` if a role or the separation of two vehicles has error findings, unless
+    `despite` lists their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume`
+    and `abort` of one vehicle act on all.
+    """
+    shared = body.model_dump(exclude={"mission"}, exclude_none=True)
+    with authorized_commands(
+        station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}
+    ) as accepted:
+        tickets = tickets_of(accepted)
+        for vehicle_id, ticket in tickets.items():
+            station.flights.missions.require_free(vehicle_id)
+            ticket.claim()
+        vehicle_ids = await _start(station, principal, body, {**body.vehicles}, tickets, vehicle_id=None)
+        views = [{"vehicle": each, "mission": station.flights.missions.status(each)} for each in vehicle_ids]
+        return json_response({"vehicles": views})
+
+
+@router.post(MISSION + "/pause", response_model=m.OffboardMissionView)
 async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Pauses on the path in Offboard, or in Hold during take-off and landing. A start that has not begun the
     mission is cancelled.
@@ -102,7 +103,7 @@ async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Respons
     )
 
 
-@router.post("/resume", response_model=m.OffboardMissionView)
+@router.post(MISSION + "/resume", response_model=m.OffboardMissionView)
 async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Resumes the mission; the vehicle first flies straight back to the path."""
     return command_mission(
@@ -110,7 +111,7 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
     )
 
 
-@router.post("/skip", response_model=m.OffboardMissionView)
+@router.post(MISSION + "/skip", response_model=m.OffboardMissionView)
 async def skip(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Skips the current step; a suspended mission resumes at the next step."""
     return command_mission(
@@ -118,7 +119,7 @@ async def skip(v: str, station: StationDep, principal: PrincipalDep) -> Response
     )
 
 
-@router.post("/go_on", response_model=m.OffboardMissionView)
+@router.post(MISSION + "/go_on", response_model=m.OffboardMissionView)
 async def go_on(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Continues after a step that waits for the operator."""
     return command_mission(
@@ -126,7 +127,7 @@ async def go_on(v: str, station: StationDep, principal: PrincipalDep) -> Respons
     )
 
 
-@router.post("/abort", response_model=m.OffboardMissionView)
+@router.post(MISSION + "/abort", response_model=m.OffboardMissionView)
 async def abort(
     v: str,
     station: StationDep,
@@ -145,6 +146,45 @@ async def abort(
         {"then": then},
         ends_start=True,
     )
+
+
+@router.get(MODES, response_model=m.MissionModesView)
+async def show_modes(vehicle: VehicleDep, station: StationDep) -> Response:
+    """The missions of this server that are registered with PX4 as flight modes."""
+    return _modes_view(station, vehicle.id)
+
+
+@router.post(MODES + "/register", response_model=m.MissionModesView)
+async def register(v: str, body: m.RegisterMode, station: StationDep, principal: PrincipalDep) -> Response:
+    """Registers a mission with PX4 as a flight mode; answers when PX4 has accepted the mode.
+
+    A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
+    when the mode is selected in the air. At registration, the mission is compiled and checked from the
+    vehicle's present position: 409 `plan_findings` if it has error findings that `despite` does not list. A
+    mission without a take-off is compiled again when it begins. A mission with a take-off is compiled again
+    while the vehicle is disarmed, whenever its position or a setting has changed; PX4 arms in the mode only
+    while `ready` is true.
+    """
+    arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
+    with authorized_command(station, principal, "mission_modes/register", v, arguments):
+        vehicle = station.fleet.get(v)
+        vehicle.require_commandable()
+        mode = await mission_as_mode(
+            station.flights, body.source, body.name, principal.name,
+            despite=body.despite, defer_failsafes_s=body.defer_failsafes_s,
+        )  # fmt: skip
+        await station.flights.mission_modes.register(v, mode)
+        return _modes_view(station, v)
+
+
+@router.post(MODES + "/unregister", response_model=m.MissionModesView)
+async def unregister(
+    v: str, body: m.UnregisterMode, station: StationDep, principal: PrincipalDep
+) -> Response:
+    """Removes a mode from PX4; refused while the vehicle flies in it."""
+    with authorized_command(station, principal, "mission_modes/unregister", v, body.model_dump()):
+        station.flights.mission_modes.unregister(v, body.name)
+        return _modes_view(station, v)
 
 
 # --- helpers ------------------------------------------------------------------------------------------
@@ -172,13 +212,13 @@ def command_mission(
         ends_start: whether the command cancels a start that has not begun the mission, which then is its
             whole effect.
     """
-    vehicles = (vehicle_id, *station.missions.others_on_mission(vehicle_id))
+    vehicles = (vehicle_id, *station.flights.missions.others_on_mission(vehicle_id))
     with authorized_commands(station, principal, command, {v: arguments or {} for v in vehicles}) as accepted:
         station.fleet.get(vehicle_id).require_commandable()
-        flight = station.missions.find_flight(vehicle_id)
+        flight = station.flights.missions.find_flight(vehicle_id)
         if ends_start and (flight is None or flight.over) and accepted[vehicle_id].ticket.claim():
             return _view(station, vehicle_id)
-        flight = station.missions.flight(vehicle_id)
+        flight = station.flights.missions.flight(vehicle_id)
         with ExitStack() as stack:
             for each in (flight, *(() if flight.joint is None else flight.joint.flights.values())):
                 if each.vehicle_id in accepted and (each is flight or each.vehicle_id != vehicle_id):
@@ -187,144 +227,33 @@ def command_mission(
         return _view(station, vehicle_id)
 
 
+async def _start(
+    station: Station,
+    principal: Principal,
+    body: m.StartMission | m.StartJointMission,
+    vehicle_ids: Mapping[str | None, str],
+    tickets: Mapping[str, Ticket],
+    vehicle_id: str | None,
+) -> list[str]:
+    return await as_operation(
+        station,
+        principal,
+        "offboard_mission/start",
+        tuple(tickets.values()),
+        lambda: begin_mission(
+            station.flights, body.source, vehicle_ids, tickets, principal.name,
+            despite=body.despite, dry_run_id=body.dry_run,
+        ),
+        vehicle_id=vehicle_id,
+    )  # fmt: skip
+
+
 def _view(station: Station, vehicle_id: str) -> Response:
-    return json_response({"vehicle": vehicle_id, "mission": station.missions.status(vehicle_id)})
+    return json_response({"vehicle": vehicle_id, "mission": station.flights.missions.status(vehicle_id)})
 
 
-async def prepared_start(
-    station: Station,
-    vehicle_id: str,
-    mission_name: MissionName,
-    text: bytes,
-    despite: Sequence[str],
-    client: str,
-    overrides: Mapping[str, Any] | None = None,
-) -> Start:
-    """Compiles a mission from the vehicle's present position, and checks it.
-
-    Args:
-        station: the running server.
-        vehicle_id: the vehicle.
-        mission_name: name, id and version of the mission.
-        text: the mission as JSON.
-        despite: codes of the error findings that the client accepts.
-        client: name of the client that starts the mission.
-        overrides: values of `start_conditions` that will be different when the mission begins.
-
-    Raises:
-        PlanFindings: the mission has error findings whose codes are not in `despite`.
-        Refused: the vehicle's position is unknown, or a needed sensor is missing.
-    """
-    prepared, findings = await _compiled_start(station, vehicle_id, mission_name, text, client, overrides)
-    check_findings(mission_name.name, findings, despite)
-    await _wait_for_sensor(station, vehicle_id, prepared)
-    return prepared
-
-
-async def _compiled_start(
-    station: Station,
-    vehicle_id: str,
-    mission_name: MissionName,
-    text: bytes,
-    client: str,
-    overrides: Mapping[str, Any] | None = None,
-) -> tuple[Start, list[dict[str, Any]]]:
-    """Compiles a mission; returns it with its findings."""
+def _modes_view(station: Station, vehicle_id: str) -> Response:
     vehicle = station.fleet.get(vehicle_id)
-    await station.offboard(vehicle_id).ensure_parameters()
-    context = plan_context_of(station, vehicle)
-    compiled = await station.plan_work.run(
-        "compile",
-        {
-            "plan": text,
-            "parameters": context.parameters,
-            "reported": context.reported,
-            "operator": context.operator.to_json(),
-            "start": {**start_conditions(vehicle), **(overrides or {})},
-        },
-        small=False,
-        field="mission",
-    )
-    timeline, motion = await compiled_mission(compiled)
-    start = Start(mission_name, timeline, motion, client, low_battery_share(vehicle))
-    return start, list(compiled.values["findings"])
-
-
-async def _wait_for_sensor(station: Station, vehicle_id: str, prepared: Start) -> None:
-    """Waits for the distance sensor that obstacle avoidance needs; raises Refused if there is none."""
-    if prepared.timeline.avoidance:
-        await station.offboard(vehicle_id).avoidance.wait_for_sensor()
-
-
-async def chosen_mission(station: Station, body: m.MissionSource) -> tuple[MissionName, bytes]:
-    """Name, id and version of the mission in the request, and the mission as JSON."""
-    if body.mission is not None:
-        mission = await body.mission.read(station.plan_work, field="mission")
-        return MissionName(mission.head.name or "", None, None), mission.text
-    assert body.plan_id is not None
-    stored, document = await station.plans.get(body.plan_id, body.version)
-    if stored.kind != "offboard_mission":
-        raise InvalidRequest(
-            "plan_id",
-            f"{stored.name!r} is a waypoint plan, which the vehicle flies itself.",
-            remedy="Upload it and start it (…/mission/start), or convert it to an offboard mission "
-            "(POST /plans/convert).",
-        )
-    return MissionName(stored.name, stored.id, stored.version), document
-
-
-def start_conditions(vehicle: Vehicle) -> dict[str, Any]:
-    """Conditions for a mission that starts now: the vehicle's position and yaw, its local origin, the
-    altitude of home, and whether the vehicle is in the air.
-
-    Raises:
-        Refused: the position is unknown.
-    """
-    estimates = VehicleEstimates(vehicle)
-    local, attitude, home = estimates.local(), estimates.attitude(), estimates.home()
-    if local is None or attitude is None or not estimates.has_position():
-        raise Refused(
-            f"Vehicle {vehicle.id} has no valid position estimate, which a mission needs.",
-            remedy="Wait for GPS and the estimator (see the vehicle's messages), then try again.",
-        )
-    origin = estimates.origin()
-    return {
-        "position_ned_m": local.position_ned_m,
-        "yaw_ned_rad": attitude.yaw_ned_rad,
-        "origin": None if origin is None else asdict(origin),
-        "home_alt_amsl_m": None if home is None else home.alt_amsl_m,
-        "in_air": vehicle.status.armed and vehicle.status.landed_state not in ("on_ground", "unknown"),
-    }
-
-
-async def dry_run_result(station: Station, dry_run_id: str | None) -> DryRunResult | None:
-    """The result of a dry run; None: no dry run is named. Raises UnknownDryRun."""
-    return None if dry_run_id is None else await station.dry_runs.result(dry_run_id)
-
-
-def corridor_for(vehicle: Vehicle, dry_run: DryRunResult | None, role: str | None = None) -> Corridor | None:
-    """The corridor of a dry run for a vehicle that flies the mission, or one role of it; None: no dry run is
-    named.
-
-    Raises:
-        Refused: the dry run has no corridor for this vehicle.
-    """
-    if dry_run is None:
-        return None
-    estimates = VehicleEstimates(vehicle)
-    local = estimates.local()
-    position = (0.0, 0.0, 0.0) if local is None else local.position_ned_m
-    return corridor_of(dry_run, position, estimates.origin(), role)
-
-
-def check_findings(name: str, findings: list[dict[str, Any]], despite: Sequence[str]) -> None:
-    """Raises PlanFindings if the mission has error findings whose codes are not in `despite`."""
-    unaccepted = [each for each in findings if each["severity"] == "error" and each["code"] not in despite]
-    if unaccepted:
-        reasons = tuple(f"{each['step'] or 'The mission'}: {each['text']}" for each in unaccepted)
-        raise PlanFindings(
-            f"The mission {name!r} has errors. {reasons[0]}",
-            codes=tuple(dict.fromkeys(each["code"] for each in unaccepted)),
-            reasons=reasons,
-            remedy="Correct the mission, or name the codes in `despite` if you accept them.",
-        )
+    possible = dds_address(vehicle) is not None
+    modes = station.flights.mission_modes.all(vehicle_id)
+    return json_response({"vehicle": vehicle_id, "possible": possible, "modes": modes})

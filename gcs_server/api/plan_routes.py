@@ -12,14 +12,14 @@ from gcs_server.api import plan_models as m
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.documents import DocumentRoute, PatternBody
 from gcs_server.api.offboard_mission_models import MissionToInsert, MissionWithInserted
-from gcs_server.api.offboard_mission_routes import chosen_mission
-from gcs_server.api.plan_checks import check_document, is_small_pattern, plan_context_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.refusals import MAX_BODY_BYTES
 from gcs_server.api.responses import fields_of, json_bytes, json_response
 from gcs_server.api.station import StationDep
 from gcs_server.errors import InvalidRequest
+from gcs_server.flights.chosen import choose
+from gcs_server.flights.plan_checks import check_document, is_small_pattern, plan_context_of
 from gcs_server.plans.files import PlanVersion
 from gcs_server.plans.work import SMALL_BYTES
 from missions import documents
@@ -57,15 +57,15 @@ MEDIA_TYPES: dict[FormatName, str] = {
 @router.get("", response_model=m.PlanList)
 async def list_plans(station: StationDep) -> Response:
     """The newest version of each plan, without the documents."""
-    return json_response({"plans": await station.plans.all()})
+    return json_response({"plans": await station.flights.plans.all()})
 
 
 @router.post("", response_model=m.KeptPlan, status_code=201)
 async def create_plan(body: m.NewPlan, station: StationDep, principal: PrincipalDep) -> Response:
     """Stores a new plan as version 1."""
     with authorized_command(station, principal, "plans/create", None, {"name": body.name}):
-        document = await body.plan.read(station.plan_work, body.name)
-        stored = await station.plans.create(body.name, document, by=(principal.name, principal.key))
+        document = await body.plan.read(station.flights.plan_work, body.name)
+        stored = await station.flights.plans.create(body.name, document, by=(principal.name, principal.key))
         return _plan_response(stored, document.text, 201)
 
 
@@ -82,7 +82,7 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     power = None if body.power is None else body.power.model_dump()
-    check = await check_document(station, body.plan.text, vehicle, power, compare_with_others=True)
+    check = await check_document(station.flights, body.plan.text, vehicle, power, compare_with_others=True)
     return json_bytes(check.body)
 
 
@@ -93,14 +93,14 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     With `vehicle`, the vehicle's parameters are used, and its home if the plan has no home.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-    context = plan_context_of(station, vehicle)
+    context = plan_context_of(station.flights, vehicle)
     arguments = {
         "plan": body.plan.text,
         "name": body.name,
         "parameters": context.parameters,
         "home": context.home,
     }
-    answer = await station.plan_work.run("convert", arguments, small=body.plan.small)
+    answer = await station.flights.plan_work.run("convert", arguments, small=body.plan.small)
     return json_bytes(answer.body)
 
 
@@ -113,17 +113,16 @@ async def insert_mission(body: MissionToInsert, station: StationDep) -> Response
     limit and avoidance become fields of its steps; its other limits, its geofence and its obstacles apply to
     the whole mission.
     """
-    mission_name, inserted = await chosen_mission(station, body)
+    added = await choose(station.flights.plans, body.source, "offboard_mission")
     arguments = {
         **body.model_dump(include={"at", "in_air", "positions"}),
         "plan": body.plan.text,
-        "added": inserted,
-        "name": mission_name.name,
+        "added": added.document.text,
+        "name": added.reference.name,
         "max_bytes": MAX_MISSION_BYTES,
     }
-    small = body.plan.small and len(inserted) <= SMALL_BYTES
-    field = "mission" if body.plan_id is None else "plan_id"
-    answer = await station.plan_work.run("insert", arguments, small=small, field=field)
+    small = body.plan.small and added.document.small
+    answer = await station.flights.plan_work.run("insert", arguments, small=small, field=added.field)
     return json_bytes(answer.body)
 
 
@@ -136,7 +135,7 @@ async def follow_ground(body: m.PlanToFollowGround, station: StationDep) -> Resp
     the ground.
     """
     arguments = {"plan": body.plan.text, "tolerance_m": body.tolerance_m}
-    answer = await station.plan_work.run("follow_ground", arguments, small=False)
+    answer = await station.flights.plan_work.run("follow_ground", arguments, small=False)
     return json_bytes(answer.body)
 
 
@@ -184,7 +183,7 @@ async def import_plan(
         altitude = Altitude(value_m=altitude_m, reference=altitude_reference or "home").model_dump()
     arguments = {"file": data, "filename": filename, "altitude": altitude, "reference": altitude_reference}
     small = len(data) <= SMALL_BYTES and not data.startswith(b"PK")  # PK: a ZIP archive (KMZ)
-    answer = await station.plan_work.run("import", arguments, small=small, field="body")
+    answer = await station.flights.plan_work.run("import", arguments, small=small, field="body")
     return json_bytes(answer.body)
 
 
@@ -205,7 +204,7 @@ async def import_table(
     data = await _file_content(request)
     arguments = {"file": data, "filename": filename}
     small = len(data) <= SMALL_BYTES
-    answer = await station.plan_work.run("table", arguments, small=small, field="body")
+    answer = await station.flights.plan_work.run("table", arguments, small=small, field="body")
     return json_bytes(answer.body)
 
 
@@ -241,7 +240,7 @@ async def export_plan(
     """The plan as a file. The header `X-Plan-Notes` is a JSON list of content that the format cannot
     represent."""
     arguments = {"plan": body.plan.text, "format": format}
-    answer = await station.plan_work.run("export", arguments, small=body.plan.small)
+    answer = await station.flights.plan_work.run("export", arguments, small=body.plan.small)
     notes = [note for note in answer.values["notes"] if len(note) < MAX_NOTES_LENGTH // 4][:4]
     return Response(
         answer.body,
@@ -278,7 +277,7 @@ async def make_pattern(
 ) -> Response:
     """Generates items or steps from an area, a line or a point: survey, corridor, perimeter, orbit or
     structure scan. Saves nothing."""
-    context = plan_context_of(station, None if vehicle is None else station.fleet.get(vehicle))
+    context = plan_context_of(station.flights, None if vehicle is None else station.fleet.get(vehicle))
     arguments = {
         "pattern": pattern.text,
         "kind": document,
@@ -287,7 +286,7 @@ async def make_pattern(
     }
     task = "pattern" if tolerance_m is None else "pattern_on_ground"
     small = tolerance_m is None and pattern.small and is_small_pattern(pattern.text)
-    answer = await station.plan_work.run(task, arguments, small=small, field="body")
+    answer = await station.flights.plan_work.run(task, arguments, small=small, field="body")
     return json_bytes(answer.body)
 
 
@@ -298,13 +297,13 @@ async def get_plan(
     version: Annotated[int | None, Query(ge=1, description="Default: the newest.")] = None,
 ) -> Response:
     """A plan with its document."""
-    return _plan_response(*await station.plans.get(plan, version))
+    return _plan_response(*await station.flights.plans.get(plan, version))
 
 
 @router.get("/{plan}/versions", response_model=m.PlanVersions)
 async def list_versions(plan: str, station: StationDep) -> Response:
     """The stored versions of a plan, newest first."""
-    return json_response({"versions": await station.plans.versions(plan)})
+    return json_response({"versions": await station.flights.plans.versions(plan)})
 
 
 @router.put("/{plan}", response_model=m.KeptPlan)
@@ -313,8 +312,8 @@ async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, princip
     the client of the newest version."""
     arguments: dict[str, object] = {"plan": plan, "name": body.name, "base_version": body.base_version}
     with authorized_command(station, principal, "plans/save", None, arguments):
-        document = await body.plan.read(station.plan_work, body.name)
-        stored = await station.plans.save(
+        document = await body.plan.read(station.flights.plan_work, body.name)
+        stored = await station.flights.plans.save(
             plan,
             body.name,
             document,
@@ -336,7 +335,9 @@ async def delete_plan(
     """Deletes a plan with all its versions."""
     arguments: dict[str, object] = {"plan": plan, "base_version": base_version}
     with authorized_command(station, principal, "plans/delete", None, arguments):
-        await station.plans.delete(plan, base_version=base_version, by=(principal.name, principal.key))
+        await station.flights.plans.delete(
+            plan, base_version=base_version, by=(principal.name, principal.key)
+        )
     return Response(status_code=204)
 
 

@@ -18,9 +18,7 @@ from gcs_server.api import (
     elevation_routes,
     group_routes,
     hold_routes,
-    joint_mission_routes,
     map_routes,
-    mission_mode_routes,
     mission_routes,
     offboard_mission_routes,
     offboard_routes,
@@ -63,9 +61,7 @@ PARTS = (
     elevation_routes,
     dry_run_routes,
     mission_routes,
-    mission_mode_routes,
     offboard_mission_routes,
-    joint_mission_routes,
 )
 """The modules with the routes under /api/v1. FastAPI compares a request with all routes in this order, so the
 setpoints, which are the most frequent requests, come first."""

@@ -16,20 +16,12 @@ from gcs_server.api.request_queue import RequestQueue
 from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
+from gcs_server.flights.flights import Flights
 from gcs_server.mavlink.router import Router
 from gcs_server.operations.operations import Operations
-from gcs_server.plans.dry_runs import DryRuns
-from gcs_server.plans.known_ground import KnownGround
-from gcs_server.plans.store import PlanStore
-from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
-from gcs_server.streamer.groups.groups import Groups
-from gcs_server.streamer.missions.missions import OffboardMissions
-from gcs_server.streamer.missions.modes import MissionModes
 from gcs_server.streamer.offboard.control import OffboardControl
-from gcs_server.streamer.offboard.streamer import Streamer
-from gcs_server.streamer.waypoints.flights import WaypointFlights
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.fleet import Fleet, Notice
 from gcs_server.vehicle.vehicle import Vehicle
@@ -46,14 +38,8 @@ class Station:
     journal: Journal
     authority: Authority
     replays: Replays
-    streamer: Streamer
-    missions: OffboardMissions
-    waypoint_flights: WaypointFlights
-    mission_modes: MissionModes
     operations: Operations
-    plans: PlanStore
-    plan_work: PlanWork
-    dry_runs: DryRuns
+    flights: Flights
     topic_inspectors: TopicInspectors
     started_s: float
     """Time of the server's start, monotonic [s]."""
@@ -63,7 +49,6 @@ class Station:
     """Folder of the operator's offline maps; need not exist."""
     request_queue: RequestQueue = field(init=False)
     large_setpoints: LargeSetpoints = field(init=False)
-    known_ground: KnownGround = field(init=False)
     has_scene: bool = False
     simulator: bool = False
     """Whether this server started or found a simulated vehicle."""
@@ -78,16 +63,10 @@ class Station:
     def __post_init__(self) -> None:
         self.request_queue = RequestQueue(self.authority.controls_any)
         self.large_setpoints = LargeSetpoints(self.authority.controls_any)
-        self.known_ground = KnownGround(self.clock, self.fleet, self.plan_work)
-
-    @property
-    def groups(self) -> Groups:
-        """The groups of vehicles."""
-        return self.streamer.groups
 
     def offboard(self, vehicle_id: str) -> OffboardControl:
         """A vehicle's setpoint stream. Raises UnknownVehicle."""
-        return self.streamer.offboard(self.fleet.get(vehicle_id).id)
+        return self.flights.offboard(vehicle_id)
 
     def warnings(self) -> list[Notice]:
         """All current warnings."""

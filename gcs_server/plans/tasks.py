@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 Values = dict[str, Any]
 """A JSON object."""
 AnyFinding = TypeVar("AnyFinding", Finding, MissionFinding)
+T = TypeVar("T")
 PLACE_FIELDS = ("row", "zone", "rally_point", "obstacle", "step")
 """Fields of the place of a finding. A finding of a waypoint plan has no `step`; a finding of an offboard
 mission has only `obstacle` and `step`."""
@@ -406,57 +407,72 @@ def _convert(arguments: Mapping[str, Any]) -> Answer:
 
 
 def _insert(arguments: Mapping[str, Any]) -> Answer:
-    from gcs_server.plans import mission_tasks
+    """Inserts the mission `added` into `plan`. Arguments: `plan` and `added` (JSON texts); `name` of the
+    inserted mission (null: its own); `at`, `in_air`, `positions` (as for `insert`); `max_bytes`: maximum size
+    of the result."""
+    from missions.offboard.insertion import insert
 
-    return _document_response(mission_tasks.insert_mission(arguments))
+    added = _mission_of(arguments["added"])
+    if arguments["name"] is not None:
+        added = added.model_copy(update={"name": arguments["name"]})
+    try:
+        mission = _mission_of(arguments["plan"])
+    except PlanError as error:  # the error names its field of the request
+        raise PlanError(error.place, error.reason, error.fix, field="plan") from None
+    result = insert(
+        mission, added, arguments["at"], in_air=arguments["in_air"], positions=arguments["positions"]
+    )
+    text = documents.write(result.mission)
+    size, max_bytes = len(msgspec.json.format(text, indent=-1)), arguments["max_bytes"]
+    if size > max_bytes:
+        reason = f"with {added.name!r} it would have {size} bytes, and only {max_bytes} can be stored"
+        raise PlanError("the mission", reason, "Give its trajectories (`tables`) fewer rows.")
+    return _response({"called": result.called, "notes": list(result.notes)}, plan=text)
 
 
 def _table(arguments: Mapping[str, Any]) -> Answer:
-    from gcs_server.plans import mission_tasks
+    """Imports a trajectory. Arguments: `file` (bytes), `filename`."""
+    from missions.offboard import tables
 
-    return _response(mission_tasks.import_table(arguments))
+    return _response(dataclasses.asdict(tables.import_file(arguments["file"], arguments["filename"])))
 
 
 def _compile(arguments: Mapping[str, Any]) -> Answer:
-    """Compiles an offboard mission. Arguments: `plan` (JSON text), `parameters`, `reported`, `operator` (as
-    `OperatorArea`), `start` (as `Start`, `origin` as a mapping or null), `elevation`: paths of elevation
-    files.
+    """Compiles an offboard mission. Arguments: `plan` (JSON text); `vehicles`: pairs of a role (null: the
+    mission of one vehicle) and the vehicle's `parameters`, `reported`, `operator` (as `OperatorArea`) and
+    `start` (as `Start`, `origin` as a mapping or null); `elevation`: paths of elevation files.
 
-    The body is a `CompiledMission`.
+    The body has the `CompiledMission` of each role, in the mission's order. It has none if the roles are not
+    those of the mission, whose `head` has them.
     """
-    from missions.offboard.compiler import compile_mission
+    from missions.offboard import compiler, roles
 
     mission = _mission_of(arguments["plan"])
-    vehicle = _vehicle_of(arguments)
-    start = _start_of(arguments["start"])
-    timeline = compile_mission(mission, vehicle, start)
-    ground_findings, ground = _timeline_ground(timeline, start, arguments["elevation"])
-    known_findings = (_on_ground(each, ground) for each in timeline.findings)
-    findings = [_short_finding(each) for each in (*known_findings, *ground_findings)]
-    return Answer({"findings": findings}, typed_values.to_bytes((timeline, _motion_of(mission, vehicle))))
-
-
-def _compile_roles(arguments: Mapping[str, Any]) -> Answer:
-    """Compiles a mission of several vehicles. Arguments: `plan` (JSON text), `vehicles`: for each role the
-    arguments of `compile`; `elevation`.
-
-    The body is the `CompiledMission` of each role.
-    """
-    from missions.offboard.roles import compile_roles
-
-    mission = _mission_of(arguments["plan"])
-    by_role: Mapping[str, Values] = arguments["vehicles"]
+    by_role: dict[str | None, Values] = dict(arguments["vehicles"])
     vehicles = {role: _vehicle_of(each) for role, each in by_role.items()}
     starts = {role: _start_of(each["start"]) for role, each in by_role.items()}
-    compiled = compile_roles(mission, vehicles, starts)
-    findings = list(compiled.findings)
-    for role, timeline in compiled.timelines.items():
+    timelines: dict[str | None, Timeline] = {}
+    findings: list[MissionFinding] = []
+    if None in by_role:
+        timelines = {None: compiler.compile_mission(mission, vehicles[None], starts[None])}
+        findings = list(timelines[None].findings)
+    elif set(by_role) == set(mission.roles):
+        compiled = roles.compile_roles(mission, _named(vehicles), _named(starts))
+        timelines.update(compiled.timelines)
+        findings = list(compiled.findings)
+    for role, timeline in timelines.items():
         ground_findings, ground = _timeline_ground(timeline, starts[role], arguments["elevation"])
         findings = [*(_on_ground(each, ground) for each in findings), *ground_findings]
-    timelines = {
-        role: (each, _motion_of(mission, vehicles[role])) for role, each in compiled.timelines.items()
+    results = {role: (each, _motion_of(mission, vehicles[role])) for role, each in timelines.items()}
+    values = {
+        "head": msgspec.to_builtins(head_of(mission)),
+        "findings": [_short_finding(each) for each in findings],
     }
-    return Answer({"findings": [_short_finding(each) for each in findings]}, typed_values.to_bytes(timelines))
+    return Answer(values, typed_values.to_bytes(results))
+
+
+def _named(by_role: Mapping[str | None, T]) -> dict[str, T]:
+    return {role: each for role, each in by_role.items() if role is not None}
 
 
 def _timeline_ground(
@@ -536,7 +552,7 @@ def _known_ground(arguments: Mapping[str, Any]) -> Answer:
 
 WITH_ELEVATION = frozenset(
     {
-        "check", "compile", "compile_roles", "elevation_files", "follow_ground", "known_ground",
+        "check", "compile", "elevation_files", "follow_ground", "known_ground",
         "pattern_on_ground",
     }
 )  # fmt: skip
@@ -545,7 +561,6 @@ files."""
 TASKS: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
     "check": _check,
     "compile": _compile,
-    "compile_roles": _compile_roles,
     "convert": _convert,
     "elevation_files": _elevation_files,
     "follow_ground": _follow_ground,

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,7 +20,11 @@ from gcs_server.operations.fork_server import ForkServer
 from gcs_server.operations.process import WorkerFailed
 from gcs_server.operations.turns import TurnLimits, Turns
 from gcs_server.plans import tasks
-from gcs_server.plans.tasks import Answer
+from gcs_server.plans.tasks import Answer, ReadDocument
+from gcs_server.vehicle.services.mission_dialogue import Part
+from gcs_server.vehicle.services.mission_on_vehicle import Items
+from missions.documents import PlanKind
+from missions.formats.mavlink_items import WireItem
 
 T = TypeVar("T")
 SMALL_BYTES = 8_192
@@ -113,6 +118,53 @@ class PlanWork:
                 f"The task {task!r} took more memory or time than allowed, or failed: {error}",
                 remedy="Make the plan, file or area smaller.",
             ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class UnreadDocument:
+    """A document as JSON text. It may be anything: it has not been read."""
+
+    text: bytes
+    kind: PlanKind | None = None
+    """The kind that the document must have; None: any."""
+
+    @property
+    def small(self) -> bool:
+        """Whether the document is read in milliseconds."""
+        return len(self.text) <= SMALL_BYTES
+
+    async def read(self, work: PlanWork, name: str | None = None, *, field: str = "plan") -> ReadDocument:
+        """Reads the document.
+
+        Args:
+            work: reads the document.
+            name: name that an offboard mission gets; None: its own.
+            field: the field of the request, for errors.
+
+        Raises:
+            InvalidRequest: the document cannot be used.
+            Refused: reading it takes too much memory or time, or too many tasks are waiting.
+        """
+        arguments = {"plan": self.text, "name": name, "kind": self.kind}
+        answer = await work.run("read", arguments, small=self.small, field=field)
+        return ReadDocument.from_answer(answer)
+
+    async def items(self, work: PlanWork, subject: str = "") -> tuple[Items, Sequence[int]]:
+        """The MAVLink items of a waypoint plan, and the index in the plan's `items` of each mission item.
+
+        Args:
+            work: reads the document.
+            subject: begin of an error's text, for a plan that is not in the request.
+
+        Raises:
+            InvalidRequest: the plan cannot be used, or the MAVLink mission protocol cannot represent it.
+            Refused: this takes too much memory or time, or too many tasks are waiting.
+        """
+        answer = await work.run("items", {"plan": self.text}, small=self.small, subject=subject)
+        return _items_decoder.decode(answer.body), answer.values["rows"]
+
+
+_items_decoder = msgspec.msgpack.Decoder(dict[Part, tuple[WireItem, ...]])
 
 
 def elevation_files(folder: Path) -> list[str]:

@@ -9,7 +9,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from gcs_server.api import responses
 from gcs_server.api.schema import description
-from gcs_server.streamer.groups.status import GroupStatus
+from gcs_server.flights.group import GroupStatus
 from tests.support.api_client import api_client
 
 
@@ -140,7 +140,7 @@ def test_a_group_of_unknown_vehicles_gets_status_404_and_each_vehicle_is_journal
 
 
 def test_changes_of_a_group_are_sent_as_events(client):
-    groups = client.app.state.station.groups
+    groups = client.app.state.station.flights.groups
     status = GroupStatus(
         id="4", state="flying", client="anna", client_key="key", minimum_separation_m=5.0, margin_m=1.6,
         others_go_on=False, created_unix_s=1.0, start_unix_s=2.0, valid_left_s=3.0, members=(), nearest=None,

@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
-from gcs_server.api.dry_run_aircraft import merged_assumptions
 from gcs_server.errors import GcsError
+from gcs_server.flights.dry_runs import merged_assumptions
 from gcs_server.plans import dry_runs
 from tests.support.api_client import api_client
 

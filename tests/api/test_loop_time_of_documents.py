@@ -74,8 +74,8 @@ def read_s():
 )
 def test_the_loop_does_not_read_documents(tmp_path, read_s, path, body):
     app = create_app(settings_for(tmp_path), static=tmp_path / "none")
-    app.state.station.plan_work = NoWork()
-    app.state.station.dry_runs.next_id = lambda: (_ for _ in ()).throw(ValueError("no dry run"))
+    app.state.station.flights.plan_work = NoWork()
+    app.state.station.flights.dry_runs.next_id = lambda: (_ for _ in ()).throw(ValueError("no dry run"))
 
     async def request():
         transport = httpx.ASGITransport(app, raise_app_exceptions=False)

@@ -45,8 +45,8 @@ def run_scenario(tmp_path, scenario):
             await server.fleet.close()
             await server.supervisor.close()
             await server.router.close()
-            server.station.plans.close()
-            server.station.plan_work.close()
+            server.station.flights.plans.close()
+            server.station.flights.plan_work.close()
 
     run_on_simulated_time(run_application)
 

@@ -73,7 +73,7 @@ async def run_with_vehicle(data, scenario):
     clock = LoopClock(asyncio.get_running_loop())
     app = create_app(settings_for(data), clock, static=data / "none")
     server = app.state.server
-    server.station.plan_work = WorkInThread(data / "elevation")
+    server.station.flights.plan_work = WorkInThread(data / "elevation")
     server.router.start()
     server.fleet.start()
     link = MemoryLink("memory", outgoing=lambda datagram, _: autopilot.receive(datagram))

@@ -7,23 +7,18 @@ from types import SimpleNamespace
 import msgspec
 
 from gcs_server.api import control_models
-from gcs_server.api.mission_mode_routes import compile_inputs_of, prepare_mode
 from gcs_server.api.setpoints import StartRequest
 from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest
+from gcs_server.flights.flights import Flights
 from gcs_server.operations.operations import Operations
 from gcs_server.plans import tasks
-from gcs_server.plans.dry_runs import DryRuns
 from gcs_server.plans.store import PlanStore
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
-from gcs_server.streamer.missions.missions import OffboardMissions
-from gcs_server.streamer.missions.modes import MissionModes
-from gcs_server.streamer.waypoints.flights import WaypointFlights
-from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
@@ -58,37 +53,33 @@ def new_station(testbed, progress=None):
     """A `Station` for the routes. `progress`: the store of interrupted flights; None: a new store without
     files."""
     journal = Journal(testbed.clock, None)
-    streams = testbed.streamer._streams
-    missions = OffboardMissions(testbed.clock, testbed.streamer, streams, testbed.supervisor)
-
-    async def prepare(vehicle_id, mode):
-        return await prepare_mode(station, vehicle_id, mode)
-
-    def compile_inputs(vehicle_id):
-        return compile_inputs_of(station, vehicle_id)
-
-    waypoint_flights = WaypointFlights(testbed.clock, testbed.supervisor, progress or ProgressStore())
+    authority = Authority(testbed.clock, testbed.fleet, journal, testbed.supervisor)
+    operations = Operations(testbed.clock, testbed.supervisor, lambda _: None)
+    flights = Flights(
+        testbed.clock,
+        testbed.fleet,
+        testbed.streamer,
+        testbed.streamer._streams,
+        testbed.supervisor,
+        operations,
+        PlanStore(Path("no plans"), testbed.clock),
+        InlinePlanWork(),
+        progress,
+    )
+    flights.groups.start_updates(testbed.supervisor)
     for vehicle in testbed.fleet.all():
-        waypoint_flights.attach(vehicle)
+        flights.waypoint_flights.attach(vehicle)
     station = Station(
         clock=testbed.clock,
         router=testbed.router,
         fleet=testbed.fleet,
         hub=None,
         journal=journal,
-        authority=Authority(testbed.clock, testbed.fleet, journal, testbed.supervisor),
+        authority=authority,
         started_s=0.0,
         replays=Replays(testbed.router, testbed.fleet, Path("no recordings")),
-        streamer=testbed.streamer,
-        missions=missions,
-        waypoint_flights=waypoint_flights,
-        mission_modes=MissionModes(
-            testbed.clock, testbed.streamer, streams, missions, testbed.supervisor, prepare, compile_inputs
-        ),
-        operations=Operations(testbed.clock, testbed.supervisor, lambda _: None),
-        plans=PlanStore(Path("no plans"), testbed.clock),
-        plan_work=InlinePlanWork(),
-        dry_runs=DryRuns(),
+        operations=operations,
+        flights=flights,
         mavlink_ids=(255, 190),
         topic_inspectors=TopicInspectors(),
         maps=Path("no maps"),

@@ -31,10 +31,6 @@ def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
             autopilot.position = list(autopilot.home)
             autopilot.set_hovering()
             autopilots[str(index + 1)] = autopilot
-        group_changes = []
-        testbed.streamer.groups.on_change = lambda text, status, warning: group_changes.append(
-            (text, status.state, warning)
-        )
         try:
             for vehicle_id in autopilots:
                 await testbed.wait_for_vehicle(vehicle_id)
@@ -47,13 +43,18 @@ def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
                     station=station,
                     autopilots=autopilots,
                     vehicles=vehicles,
-                    group_changes=group_changes,
                 )
             )
         finally:
             await testbed.close()
 
     run_simulated(run)
+
+
+def group_changes(rig):
+    """Text, state and whether it is a warning of each event about a group."""
+    events = [event for event in rig.testbed.fleet.events.since() if event.kind == "group"]
+    return [(each.text, each.data["group"]["state"], each.severity <= 4) for each in events]
 
 
 def position_setpoint(north_m=0.0, east_m=0.0, down_m=-5.0):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gcs_server.streamer.missions.flight import MissionFlight
+from gcs_server.flights.mission_flight import MissionFlight
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.document import OffboardMission
 from tests.protocol.mission_flights import MissionsTestbed

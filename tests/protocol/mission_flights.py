@@ -9,10 +9,10 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.lease import LeaseTimes
 from gcs_server.control.principal import Principal
-from gcs_server.streamer.missions.flight import MissionFlight
-from gcs_server.streamer.missions.missions import UPDATE_PERIOD_S, OffboardMissions
-from gcs_server.streamer.missions.start import Start
-from gcs_server.streamer.missions.status import MissionName
+from gcs_server.flights.guards import Guards
+from gcs_server.flights.mission_flight import MissionFlight
+from gcs_server.flights.mission_values import MissionName, Start
+from gcs_server.flights.missions import UPDATE_PERIOD_S, OffboardMissions
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard import positions
@@ -37,7 +37,9 @@ class MissionsTestbed:
     def __init__(self, testbed: OffboardTestbed, folder: Path) -> None:
         self.testbed = testbed
         streams = testbed.streamer._streams
-        self.offboard = OffboardMissions(testbed.clock, testbed.streamer, streams, testbed.supervisor)
+        self.offboard = OffboardMissions(
+            testbed.clock, testbed.streamer, streams, Guards(testbed.clock, streams), testbed.supervisor
+        )
         testbed.fleet.on_vehicle_added(self.offboard.attach)
         journal = Journal(testbed.clock, folder / "journal.jsonl")
         self.authority = Authority(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from gcs_server.api import mission_mode_models, mission_mode_routes
+from gcs_server.api import offboard_mission_models, offboard_mission_routes
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
 from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, new_station
@@ -60,29 +60,29 @@ class MissionModesTestbed:
     def __init__(self, testbed: Ros2Testbed, vehicle: Any) -> None:
         self.testbed, self.vehicle, self.other_station = testbed, vehicle, OtherStation(testbed)
         self.station = new_station(testbed)
-        self.station.plan_work = InlinePlanWork()
-        self.station.missions.attach(vehicle)
-        self.station.missions.start()
-        self.station.mission_modes.start()
+        self.station.flights.plan_work = InlinePlanWork()
+        self.station.flights.missions.attach(vehicle)
+        self.station.flights.missions.start()
+        self.station.flights.mission_modes.start()
         self.station.authority.start()
 
     async def register(self, *, by: Principal = ANNA, **body: Any) -> dict[str, Any]:
-        request = mission_mode_models.RegisterMode.model_validate(
+        request = offboard_mission_models.RegisterMode.model_validate(
             {"mission": MISSION, "name": MODE_NAME, **body}
         )
-        return json_of(await mission_mode_routes.register("1", request, self.station, by))["modes"][-1]
+        return json_of(await offboard_mission_routes.register("1", request, self.station, by))["modes"][-1]
 
     async def unregister(self, name: str = MODE_NAME, *, by: Principal = ANNA) -> list[dict[str, Any]]:
-        request = mission_mode_models.UnregisterMode(name=name)
-        return json_of(await mission_mode_routes.unregister("1", request, self.station, by))["modes"]
+        request = offboard_mission_models.UnregisterMode(name=name)
+        return json_of(await offboard_mission_routes.unregister("1", request, self.station, by))["modes"]
 
     async def list_modes(self) -> dict[str, Any]:
-        return json_of(await mission_mode_routes.show_modes(self.vehicle, self.station))
+        return json_of(await offboard_mission_routes.show_modes(self.vehicle, self.station))
 
     @property
     def mission_state(self) -> str | None:
         """State of the vehicle's mission; None: no mission."""
-        status = self.station.missions.status("1")
+        status = self.station.flights.missions.status("1")
         return None if status is None else status.state
 
     def warning_texts(self) -> list[str]:

@@ -31,11 +31,11 @@ class DryRunRecorder:
 
 
 async def request_dry_run(rig, client=ANNA, **fields):
-    rig.station.dry_runs = DryRunRecorder()
+    rig.station.flights.dry_runs = DryRunRecorder()
     body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **fields})
     operation = json_of(await dry_run_routes.start_dry_run(body, rig.station, client))
     await rig.station.operations.wait(operation["id"])
-    return rig.station.dry_runs.requests[-1]
+    return rig.station.flights.dry_runs.requests[-1]
 
 
 def commands_with_effect(autopilot):

@@ -21,6 +21,7 @@ from tests.protocol.group_testbed import (
     STREAM_PERIOD_S,
     autopilot_modes,
     first_setpoint_s,
+    group_changes,
     path_setpoint,
     position_setpoint,
     run_with_vehicles,
@@ -110,7 +111,7 @@ def test_a_member_that_leaves_offboard_puts_the_others_into_hold_unless_others_g
         assert (
             "Vehicle 2 no longer follows the group's setpoints: The vehicle left Offboard" in finding["text"]
         )
-        assert [text for text, _, warning in rig.group_changes if warning]
+        assert [text for text, _, warning in group_changes(rig) if warning]
         if others_go_on:
             with pytest.raises(Refused, match="Vehicle 2 is held and no longer follows group 1"):
                 await group_routes.setpoints(
@@ -161,7 +162,7 @@ def test_a_server_shutdown_puts_a_group_into_hold_without_findings(run_simulated
     async def scenario(rig):
         await start_group(rig, SETPOINTS_NORTH)
         await sleep(1)
-        stopped = await rig.testbed.streamer.stop_all()
+        stopped = await rig.station.flights.stop_streams()
         assert [s.error for s in stopped] == [None] * 3
         assert set(autopilot_modes(rig).values()) == {HOLD_MODE}
         await sleep(0.3)

@@ -19,6 +19,7 @@ from tests.protocol.group_testbed import (
     assert_no_vehicle_moved,
     autopilot_modes,
     first_setpoint_s,
+    group_changes,
     path_setpoint,
     position_setpoint,
     run_with_vehicles,
@@ -47,7 +48,7 @@ def test_all_vehicles_are_switched_to_offboard_first_and_start_within_one_period
         assert (group["state"], [m["mode"] for m in group["members"]]) == ("flying", ["offboard"] * 3)
         assert group["nearest"]["distance_m"] == pytest.approx(10.0, abs=0.1)
         assert 57 < group["valid_left_s"] < 60
-        assert [state for _, state, _ in rig.group_changes] == ["starting", "waiting", "flying"]
+        assert [state for _, state, _ in group_changes(rig)] == ["starting", "waiting", "flying"]
         assert journal_entries(rig.station)[-3:] == [("anna", "group/start", v, "ok") for v in "321"]
 
     run_with_vehicles(run_simulated, scenario)

@@ -16,7 +16,6 @@ from gcs_server.api import (
     control_routes,
     group_routes,
     hold_routes,
-    joint_mission_routes,
     mission_models,
     mission_routes,
     models,
@@ -155,7 +154,7 @@ COMMANDS = {
     "offboard_missions/start": (
         False,
         None,
-        lambda rig: joint_mission_routes.start_joint_mission(
+        lambda rig: offboard_mission_routes.start_joint_mission(
             offboard_mission_models.StartJointMission.model_validate(
                 {"mission": JOINT_MISSION, "vehicles": {"a": "1", "b": "2"}}
             ),
@@ -283,10 +282,10 @@ def run_case(command, interruption, step, seed):
                 await testbed.wait_for_vehicle(vehicle_id)
             await sleep(1.5)
             rig = SimpleNamespace(station=new_station(testbed), autopilots=autopilots, caller=Caller())
-            rig.station.plan_work = SlowPlanWork()
-            rig.station.missions.start()
+            rig.station.flights.plan_work = SlowPlanWork()
+            rig.station.flights.missions.start()
             for vehicle in testbed.fleet.all():
-                rig.station.missions.attach(vehicle)
+                rig.station.flights.missions.attach(vehicle)
             if prepare is not None:
                 await prepare(rig)
             await control_routes.take("1", rig.station, ANNA)

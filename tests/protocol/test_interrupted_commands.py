@@ -111,9 +111,9 @@ def test_abort_and_pause_cancel_a_start(run_simulated, call):
             return await super().run(task, arguments, **options)
 
     async def scenario(rig):
-        rig.station.plan_work = SlowPlanWork()
-        rig.station.missions.attach(rig.vehicle)
-        rig.station.missions.start()
+        rig.station.flights.plan_work = SlowPlanWork()
+        rig.station.flights.missions.attach(rig.vehicle)
+        rig.station.flights.missions.start()
         body = mission_models.StartMission.model_validate({"mission": MISSION})
         start = asyncio.ensure_future(offboard_mission_routes.start("1", body, rig.station, ANNA))
         await sleep(2.0)

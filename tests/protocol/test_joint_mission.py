@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gcs_server.api import command_routes, joint_mission_routes
+from gcs_server.api import command_routes, offboard_mission_routes
 from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused
@@ -50,7 +50,7 @@ async def start(rig, mission, by=ANNA, **fields):
     mission_fields = json.loads(document.write(mission))
     request = {"mission": mission_fields, "vehicles": {"lead": "1", "left": "2"}, **fields}
     body = models.StartJointMission.model_validate(request)
-    return json_of(await joint_mission_routes.start_joint_mission(body, rig.station, by))["vehicles"]
+    return json_of(await offboard_mission_routes.start_joint_mission(body, rig.station, by))["vehicles"]
 
 
 def states(rig):
@@ -82,8 +82,8 @@ def test_two_vehicles_cross_at_different_altitudes_and_each_lands_at_the_start_o
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
         east_m = rig.testbed.sim.simulation.truth.position_ned_m[:, 1]
         assert east_m == pytest.approx([APART_M, 0.0], abs=4)
-        assert rig.station.groups.all() == []
-        assert rig.station.missions.others_on_mission("1") == ()
+        assert rig.station.flights.groups.all() == []
+        assert rig.station.flights.missions.others_on_mission("1") == ()
 
     run_with_two_vehicles(run_simulated, scenario)
 
@@ -113,7 +113,7 @@ def set_dry_run(rig, **start_east_m):
     async def result(_):
         return dry_run_of(rig, **start_east_m)
 
-    rig.station.dry_runs = SimpleNamespace(result=result)
+    rig.station.flights.dry_runs = SimpleNamespace(result=result)
 
 
 def outside_corridor_m(rig):
@@ -139,7 +139,7 @@ def test_no_vehicle_starts_if_the_dry_run_has_no_corridor_of_a_role(run_simulate
         with pytest.raises(Refused, match="has no corridor of the role 'left'"):
             await start(rig, crossing_mission(), dry_run="7")
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
-        assert rig.station.missions.others_on_mission("1") == ()
+        assert rig.station.flights.missions.others_on_mission("1") == ()
 
     run_with_two_vehicles(run_simulated, scenario)
 
@@ -248,7 +248,7 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(run_simulated):
 def test_a_mission_for_several_vehicles_cannot_be_started_on_one_vehicle(run_simulated):
     async def scenario(rig):
         body = models.StartMission.model_validate({"mission": json.loads(document.write(crossing_mission()))})
-        rig.station.plan_work = PlanWork(Path("no elevation"))
+        rig.station.flights.plan_work = PlanWork(Path("no elevation"))
         with pytest.raises(InvalidRequest, match="it is for 2 vehicles"):
             await routes.start("1", body, rig.station, ANNA)
         assert rig.vehicles[0].offboard_mission.status() is None

@@ -87,9 +87,9 @@ def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(r
         await arm(rig)
         await rig.until_mode("takeoff")
         assert rig.mission_state == "taking_off"
-        assert rig.station.missions.status("1").mode == MISSION_MODE
-        assert rig.station.missions.status("1").executor_in_charge is True
-        assert "holds after a take-off" in rig.station.missions.status("1").if_stream_stops
+        assert rig.station.flights.missions.status("1").mode == MISSION_MODE
+        assert rig.station.flights.missions.status("1").executor_in_charge is True
+        assert "holds after a take-off" in rig.station.flights.missions.status("1").if_stream_stops
         await rig.until_mode(MISSION_MODE, 30)
         assert altitude_m(rig) - ground_m == pytest.approx(6, abs=1)
         await until(lambda: rig.north_m() > start_north_m + 7, 20)
@@ -138,7 +138,7 @@ def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(run_s
         await until(lambda: rig.mission_state == "done", 90)
         await rig.until_mode("hold")
         assert rig.vehicle.status.armed
-        await until(lambda: not rig.station.missions.flight("1")._executor.in_charge, 2)
+        await until(lambda: not rig.station.flights.missions.flight("1")._executor.in_charge, 2)
         assert executor_commands(rig) == [NAV_TAKEOFF, SET_NAV_STATE]
 
     run_with_mission_modes(run_simulated, scenario, in_air=False)
@@ -159,7 +159,7 @@ def test_after_a_takeover_the_executor_sends_no_commands(run_simulated: Any, pha
         rig.other_station.command(*SELECT_HOLD)
         await rig.until_mode("hold")
         await until(lambda: rig.mission_state == "suspended", 2)
-        assert rig.station.missions.status("1").executor_in_charge is False
+        assert rig.station.flights.missions.status("1").executor_in_charge is False
         before = len(rig.testbed.topics[0].sent_messages)
         await sleep(8)
         sent = rig.testbed.topics[0].sent_messages[before:]
@@ -184,7 +184,7 @@ def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(run_simul
         await sleep(1)
         rig.other_station.command(sim.MAV_CMD_NAV_TAKEOFF, -1, 0, 0, *(float("nan"),) * 4)
         await until(lambda: rig.mission_state == "suspended", 5)
-        assert "Another party commands the vehicle" in rig.station.missions.status("1").reason
+        assert "Another party commands the vehicle" in rig.station.flights.missions.status("1").reason
         assert executor_commands(rig) == [NAV_TAKEOFF]
         await rig.until_mode("hold", 30)
         await sleep(3)
@@ -263,7 +263,7 @@ async def until_ready(rig: MissionModesTestbed, ready: bool) -> dict[str, Any]:
 def test_slow_plan_work_does_not_delay_the_take_off_after_arming(run_simulated: Any) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         await register_and_select(rig)
-        rig.station.plan_work = SlowPlanWork(12.0)
+        rig.station.flights.plan_work = SlowPlanWork(12.0)
         await arm(rig)
         await rig.until_mode("takeoff", 1.5)
         assert rig.warning_texts() == []
@@ -277,7 +277,7 @@ def test_a_mission_that_px4_arms_while_it_is_compiled_again_takes_off_after_the_
     async def scenario(rig: MissionModesTestbed) -> None:
         await register_and_select(rig)
         await until_ready(rig, True)
-        rig.station.plan_work = SlowPlanWork(2.0)
+        rig.station.flights.plan_work = SlowPlanWork(2.0)
         await set_altitude_limit(rig)
         await sleep(0.15)
         assert not (await rig.list_modes())["modes"][0]["ready"]
@@ -291,14 +291,14 @@ def test_a_mission_that_px4_arms_while_it_is_compiled_again_takes_off_after_the_
 def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(run_simulated: Any) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         await register_and_select(rig)
-        rig.station.plan_work, plan_work = UnavailablePlanWork(), rig.station.plan_work
+        rig.station.flights.plan_work, plan_work = UnavailablePlanWork(), rig.station.flights.plan_work
         await set_altitude_limit(rig)
         await until_ready(rig, False)
         await until(lambda: any("PX4 does not arm in this mode" in text for text in rig.warning_texts()), 10)
         assert "No worker." in (await rig.list_modes())["modes"][0]["reason"]
         with pytest.raises(GcsError):
             await rig.vehicle.command.arm()
-        rig.station.plan_work = plan_work
+        rig.station.flights.plan_work = plan_work
         assert (await until_ready(rig, True))["reason"] == ""
         await arm(rig)
         await rig.until_mode("takeoff", 1.5)
@@ -336,7 +336,7 @@ def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(run
         await arm(rig)
         await until(lambda: rig.mission_state == "suspended", 8)
         assert len(lost_commands) == 3
-        assert "The take-off failed" in rig.station.missions.status("1").reason
+        assert "The take-off failed" in rig.station.flights.missions.status("1").reason
         assert rig.vehicle.status.landed_state == "on_ground"
         topics.send = send  # type: ignore[method-assign]
         await until(lambda: not rig.vehicle.status.armed, 20)

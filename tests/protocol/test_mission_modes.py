@@ -55,10 +55,10 @@ def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: A
     async def scenario(rig: MissionModesTestbed) -> None:
         mode = await rig.start_in_flight()
         assert rig.vehicle.status.mode_label == MODE_NAME
-        assert rig.station.missions.status("1").mode == mode
-        assert rig.station.missions.status("1").executor_in_charge is None
+        assert rig.station.flights.missions.status("1").mode == mode
+        assert rig.station.flights.missions.status("1").executor_in_charge is None
         assert (await rig.list_modes())["modes"][0]["takes_off"] is False
-        assert "RTL" in rig.station.missions.status("1").if_stream_stops
+        assert "RTL" in rig.station.flights.missions.status("1").if_stream_stops
         await until(lambda: rig.mission_state == "done", 20)
         await rig.until_mode("hold")
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent_messages(COMPLETED)]
@@ -108,7 +108,7 @@ def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(run_
         mode = (await rig.register())["mode"]
         await rig.vehicle.command.set_mode(mode)
         await until(lambda: rig.mission_state == "flying", 5)
-        flight = rig.station.missions.flight("1")
+        flight = rig.station.flights.missions.flight("1")
         assert flight.runner.flight.actions.control_lost == "hold"
         rig.station.authority.control("1").lease.release(ANNA)
         await rig.until_mode("hold")
@@ -154,8 +154,8 @@ def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(r
         await until(lambda: rig.mission_state == "suspended", 2)
         assert rig.vehicle.status.mode != mode
         await until(lambda: any("is no longer registered" in text for text in rig.warning_texts()), 5)
-        assert rig.station.mission_modes.all("1")[0].state == "lost"
-        assert rig.station.missions.status("1").reason == "The vehicle's failsafe switched to Rtl"
+        assert rig.station.flights.mission_modes.all("1")[0].state == "lost"
+        assert rig.station.flights.missions.status("1").reason == "The vehicle's failsafe switched to Rtl"
 
     run_with_mission_modes(run_simulated, scenario)
 
@@ -165,7 +165,7 @@ def test_a_stalled_event_loop_makes_px4_return(run_simulated: Any) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         await rig.start_in_flight()
         streams = rig.testbed.streamer._streams
-        flight = rig.station.missions.flight("1")
+        flight = rig.station.flights.missions.flight("1")
         record_loop_message, update = streams._record_loop_message, flight.update
         streams._record_loop_message, flight.update = lambda _: None, lambda: None
         began_s = rig.testbed.loop.time()
@@ -180,7 +180,7 @@ def test_a_stalled_event_loop_makes_px4_return(run_simulated: Any) -> None:
 def test_a_server_shutdown_puts_the_vehicle_into_hold_and_removes_the_mode(run_simulated: Any) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         await rig.start_in_flight()
-        (stopped,) = await rig.station.streamer.stop_all()
+        (stopped,) = await rig.station.flights.stop_streams()
         assert stopped.error is None
         await rig.until_mode("hold")
         rig.testbed.streamer._streams.close()
@@ -208,7 +208,7 @@ def test_a_mission_without_a_take_off_does_not_start_on_the_ground(run_simulated
 def test_a_mode_that_cannot_start_switches_to_hold_and_reports_the_reason(run_simulated: Any) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         mode = (await rig.register())["mode"]
-        rig.station.plan_work = UnavailablePlanWork()
+        rig.station.flights.plan_work = UnavailablePlanWork()
         rig.other_station.select_mode(mode)
         await until(lambda: any("cannot be flown" in text for text in rig.warning_texts()), 5)
         await rig.until_mode("hold")
@@ -303,14 +303,14 @@ def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed
         assert rig.vehicle.status.mode == mode
         warning = "defers a failsafe for up to 6 s"
         if deferral_s:
-            await until(lambda: rig.station.mission_modes.all("1")[0].failsafe_deferred, 12)
+            await until(lambda: rig.station.flights.mission_modes.all("1")[0].failsafe_deferred, 12)
             assert rig.vehicle.status.mode == mode
         began_s = rig.testbed.loop.time()
         await until(lambda: rig.vehicle.status.mode == "hold", 12)
         assert not deferral_s or rig.testbed.loop.time() - began_s == pytest.approx(deferral_s, abs=1)
         await rig.until_mode("land", 12)
         assert any(warning in text for text in rig.warning_texts()) == bool(deferral_s)
-        assert not rig.station.mission_modes.all("1")[0].failsafe_deferred
+        assert not rig.station.flights.mission_modes.all("1")[0].failsafe_deferred
         await until(lambda: rig.mission_state == "suspended", 1)
 
     run_with_mission_modes(run_simulated, scenario)

@@ -65,11 +65,11 @@ def run_with_rig(run_simulated, tmp_path, scenario, **autopilot_options):
             vehicle = await testbed.wait_for_vehicle()
             await sleep(1.5)
             station = new_station(testbed)
-            station.plans = PlanStore(tmp_path / "plans", testbed.clock)
+            station.flights.plans = PlanStore(tmp_path / "plans", testbed.clock)
             await scenario(
                 SimpleNamespace(testbed=testbed, vehicle=vehicle, autopilot=autopilot, station=station)
             )
-            station.plans.close()
+            station.flights.plans.close()
         finally:
             autopilot.alive = False
             await testbed.close()
@@ -92,7 +92,7 @@ def start(rig, by=ANNA, **body):
 
 def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simulated, tmp_path):
     async def scenario(rig):
-        stored = await rig.station.plans.create("Tower", read_document(PLAN), by=("anna", "key"))
+        stored = await rig.station.flights.plans.create("Tower", read_document(PLAN), by=("anna", "key"))
         body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
         started = await mission_routes.upload("1", body, rig.station, ANNA)
         assert started.status_code == 202
@@ -351,12 +351,12 @@ def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated
 
     async def scenario(rig):
         plan = read_document({**PLAN, "obstacles": [tower]})
-        stored = await rig.station.plans.create("Tower", plan, by=("anna", "key"))
+        stored = await rig.station.flights.plans.create("Tower", plan, by=("anna", "key"))
         await upload(rig, None, plan_id=stored.id)
         with pytest.raises(PlanFindings, match="passes through Tower") as raised:
             await start(rig)
         assert "obstacle_hit" in raised.value.codes
-        await rig.station.plans.delete(stored.id, base_version=1, by=("anna", "key"))
+        await rig.station.flights.plans.delete(stored.id, base_version=1, by=("anna", "key"))
         other_codes = set(raised.value.codes) - {"obstacle_hit"}
         response = json_of(await start(rig, despite=sorted(other_codes)))
         assert response["status"]["armed"], "the obstacles of a deleted plan prevented the start"
@@ -429,8 +429,8 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(run_simulated
     async def scenario(rig):
         await upload(rig)  # a plan without a name on this server
         which_plan = mission_models.WhichPlan.model_validate
-        stored = await rig.station.plans.create("Tower", read_document(PLAN), by=("anna", "key"))
-        other = await rig.station.plans.create(
+        stored = await rig.station.flights.plans.create("Tower", read_document(PLAN), by=("anna", "key"))
+        other = await rig.station.flights.plans.create(
             "Other", read_document(PLAN_OUTSIDE_THE_FENCE), by=("anna", "key")
         )
         for plan, plan_id in ((other, None), (stored, stored.id)):
@@ -485,7 +485,7 @@ def test_an_upload_to_a_vehicle_that_is_lost_fails_with_a_reason(run_simulated, 
 def test_an_offboard_mission_cannot_be_uploaded(run_simulated, tmp_path):
     async def scenario(rig):
         mission = ReadDocument.of(OffboardMission(name="Mast", steps=(Land(),), missions={}))
-        stored = await rig.station.plans.create("Mast", mission, by=("anna", "key"))
+        stored = await rig.station.flights.plans.create("Mast", mission, by=("anna", "key"))
         body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
         with pytest.raises(InvalidRequest, match="the server flies it"):
             await mission_routes.upload("1", body, rig.station, ANNA)
@@ -495,7 +495,7 @@ def test_an_offboard_mission_cannot_be_uploaded(run_simulated, tmp_path):
 
 def test_every_way_into_the_mission_makes_the_same_checks(run_simulated, tmp_path):
     async def scenario(rig):
-        rig.station.plan_work = InlinePlanWork()
+        rig.station.flights.plan_work = InlinePlanWork()
         await upload(rig, PLAN_OUTSIDE_THE_FENCE)
         ways = {
             "start": lambda despite: start(rig, despite=despite),
@@ -538,7 +538,7 @@ def test_every_way_into_the_mission_makes_the_same_checks(run_simulated, tmp_pat
 @pytest.mark.parametrize("changed_by", ["download", "another station"])
 def test_a_plan_that_changes_during_the_checks_or_the_start_is_not_flown(run_simulated, tmp_path, changed_by):
     async def scenario(rig):
-        rig.station.plan_work = InlinePlanWork()
+        rig.station.flights.plan_work = InlinePlanWork()
         await upload(rig)
         long_plan = {**PLAN, "items": PLAN["items"][:2] * 20}
         await upload(rig, long_plan, wait=False)
@@ -573,7 +573,7 @@ def test_a_start_on_the_ground_without_an_item_names_the_later_item_at_which_px4
     run_simulated, tmp_path
 ):
     async def scenario(rig):
-        rig.station.plan_work = InlinePlanWork()
+        rig.station.flights.plan_work = InlinePlanWork()
         await upload(rig)
         await rig.vehicle.mission.set_current(1)
         await sleep(1.5)

@@ -8,7 +8,7 @@ import pytest
 from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
-from gcs_server.streamer.missions.readings import reported_values
+from gcs_server.flights.readings import reported_values
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import ANNA, InlinePlanWork, journal_entries, json_of, run_with_routes
 from tests.protocol.api_calls import BOB as ROUTE_BOB
@@ -302,9 +302,9 @@ def run_with_missions(run_simulated, scenario):
     """Runs a test with a scripted vehicle in flight and the routes for offboard missions."""
 
     async def with_missions(rig):
-        rig.station.plan_work = InlinePlanWork()
-        rig.station.missions.attach(rig.vehicle)
-        rig.station.missions.start()
+        rig.station.flights.plan_work = InlinePlanWork()
+        rig.station.flights.missions.attach(rig.vehicle)
+        rig.station.flights.missions.start()
         await scenario(rig)
 
     run_with_routes(run_simulated, with_missions)

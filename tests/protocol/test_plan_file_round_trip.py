@@ -38,10 +38,13 @@ def run_with_rig(run_simulated, tmp_path, scenario):
         try:
             vehicle = await testbed.wait_for_vehicle_ready_to_arm()
             station = new_station(testbed)
-            station.plans, station.plan_work = PlanStore(tmp_path / "plans", testbed.clock), InlinePlanWork()
-            station.waypoint_flights.start()
+            station.flights.plans, station.flights.plan_work = (
+                PlanStore(tmp_path / "plans", testbed.clock),
+                InlinePlanWork(),
+            )
+            station.flights.waypoint_flights.start()
             await scenario(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
-            station.plans.close()
+            station.flights.plans.close()
         finally:
             await testbed.close()
 
@@ -56,12 +59,14 @@ async def import_file(rig):
 
     response = json_of(await plan_routes.import_plan(SimpleNamespace(body=body), rig.station, FILE.name))
     assert response["notes"] == []
-    return await rig.station.plans.create("Survey", read_document(response["plan"]), by=("anna", "key"))
+    return await rig.station.flights.plans.create(
+        "Survey", read_document(response["plan"]), by=("anna", "key")
+    )
 
 
 async def export_file(rig, stored):
     """Exports the stored plan; returns the content of the .plan file."""
-    _, document = await rig.station.plans.get(stored.id, None)
+    _, document = await rig.station.flights.plans.get(stored.id, None)
     body = plan_models.PlanToExport.model_validate({"plan": json.loads(document)})
     response = await plan_routes.export_plan(body, rig.station, "plan")
     assert json.loads(response.headers["X-Plan-Notes"]) == []
@@ -108,7 +113,7 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
 ):
     async def scenario(rig):
         stored = await import_file(rig)
-        _, document = await rig.station.plans.get(stored.id, None)
+        _, document = await rig.station.flights.plans.get(stored.id, None)
         plan = documents.read(document)
         rig.testbed.loss = loss
         upload_body = mission_models.UploadRequest.model_validate({"plan_id": stored.id, "wait": True})

@@ -6,9 +6,9 @@ import pytest
 
 from gcs_server.api import control_routes, mission_models, mission_routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
+from gcs_server.flights.resume import ProgressStore
 from gcs_server.plans.store import PlanStore
 from gcs_server.storage.records import Records
-from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, json_of, new_station
 from tests.protocol.command_numbers import DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST
 from tests.protocol.fake_autopilot import HOLD_MODE, IN_AIR, ON_GROUND, RTL_MODE
@@ -72,8 +72,8 @@ async def start_server(rig):
     rig.progress = ProgressStore(Records(rig.folder / "flights"))
     await rig.progress.load()
     rig.station = new_station(rig.testbed, rig.progress)
-    rig.station.plans = PlanStore(rig.folder / "plans", rig.testbed.clock)
-    rig.flights = rig.station.waypoint_flights
+    rig.station.flights.plans = PlanStore(rig.folder / "plans", rig.testbed.clock)
+    rig.flights = rig.station.flights.waypoint_flights
 
 
 async def monitor_for(rig, duration_s):
@@ -175,7 +175,7 @@ def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is
         view = await mission_view(rig)
         assert view["resume"] is None
         assert view["no_resume"].startswith("Vehicle 1 has flown the plan up to item 4. Read the plan back")
-        stored = await rig.station.plans.create("Field", read_document(PLAN), by=("anna", "key"))
+        stored = await rig.station.flights.plans.create("Field", read_document(PLAN), by=("anna", "key"))
         body = mission_models.DownloadRequest(wait=True)
         await mission_routes.download(rig.vehicle, rig.station, ANNA, body)
         body = mission_models.WhichPlan(plan_id=stored.id)
@@ -300,7 +300,7 @@ def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_sim
         polygon = [{"lat_deg": LAT + n * DEG_PER_M, "lon_deg": LON + e * DEG_PER_M} for n, e in corners]
         mast = {"name": "Mast", "top": {"value_m": 25, "reference": "home"}, "polygon": polygon}
         plan = read_document({**PLAN, "obstacles": [mast]})
-        stored = await rig.station.plans.create("Field", plan, by=("anna", "key"))
+        stored = await rig.station.flights.plans.create("Field", plan, by=("anna", "key"))
         body = mission_models.UploadRequest(plan_id=stored.id, wait=True)
         await mission_routes.upload("1", body, rig.station, ANNA)
         await sleep(1.5)

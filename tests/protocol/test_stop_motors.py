@@ -140,7 +140,7 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(run_simula
         kill = asyncio.ensure_future(rig.vehicles["1"].command.kill())
         await sleep(0.3)
         rig.testbed.streamer._streams.force_hold("1", "the guard's finding")
-        await rig.testbed.streamer.groups.hold("1", ANNA)
+        await rig.station.flights.groups.hold("1", ANNA)
         await kill
         assert not rig.autopilots["1"].armed
         assert all(b - a < 0.3 for a, b in itertools.pairwise(kill_times_s))

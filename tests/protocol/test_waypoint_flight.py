@@ -7,9 +7,9 @@ import pytest
 
 from gcs_server.api import dry_run_models, dry_run_routes, mission_models, mission_routes
 from gcs_server.errors import Refused, Rejected, UnknownDryRun
+from gcs_server.flights.link_loss import PARAMETERS
 from gcs_server.plans import dry_run_worker, dry_runs
 from gcs_server.storage.cache import Cache
-from gcs_server.streamer.waypoints.link_loss import PARAMETERS
 from gcs_server.vehicle.services.items_cache import ItemsCache
 from tests.protocol.api_calls import ANNA, MISSION_MODE, json_of, new_station
 from tests.protocol.command_numbers import (
@@ -91,7 +91,7 @@ def run_with_simulated_vehicle(run_simulated, monkeypatch, scenario):
         try:
             vehicle = await testbed.wait_for_vehicle_ready_to_arm()
             station = new_station(testbed)
-            station.waypoint_flights.start()
+            station.flights.waypoint_flights.start()
             await scenario(SimpleNamespace(testbed=testbed, vehicle=vehicle, station=station))
         finally:
             await testbed.close()
@@ -173,7 +173,7 @@ def run_with_scripted_vehicle(run_simulated, scenario):
             rig.vehicle = await testbed.wait_for_vehicle()
             await sleep(1.5)
             rig.station = new_station(testbed)
-            rig.station.waypoint_flights.start()
+            rig.station.flights.waypoint_flights.start()
             await scenario(rig)
         finally:
             autopilot.alive = False
@@ -223,8 +223,8 @@ def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_t
         await upload(rig)
         fly_in_mode(rig, MISSION_MODE)
         await sleep(2.5)
-        rig.station.waypoint_flights.detach(rig.vehicle)  # as after a restart of the server
-        rig.station.waypoint_flights.attach(rig.vehicle)
+        rig.station.flights.waypoint_flights.detach(rig.vehicle)  # as after a restart of the server
+        rig.station.flights.waypoint_flights.attach(rig.vehicle)
         await sleep(1)
         flight = await flight_view(rig)
         assert (flight["state"], flight["planned_by"], flight["place"]) == ("flying", "plan", "item 1")
@@ -255,7 +255,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         rig.testbed.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(cache))
         rig.vehicle = await rig.testbed.wait_for_vehicle()
         rig.station = new_station(rig.testbed)
-        rig.station.waypoint_flights.start()
+        rig.station.flights.waypoint_flights.start()
         rig.autopilot.received_messages.clear()
         await sleep(4)
 
@@ -365,7 +365,7 @@ def store_dry_run(rig, plan=PLAN, north_m=0.0):
     path = {"t_s": [0.0, 4.0, 8.0, 12.0], "position_ned_m": [[0, 0, 0], [0, 0, -6], [35, 0, -6], [35, 0, 0]]}
     nominal = {"origin": origin, "finished": True, "duration_s": 12.0, "path": path, "steps": steps}
     result = {"id": "1", "kind": "waypoint_plan", "nominal": nominal, "monte_carlo": None, "together": None}
-    rig.station.dry_runs._store("1", json.dumps(result).encode(), json.dumps(plan).encode())
+    rig.station.flights.dry_runs._store("1", json.dumps(result).encode(), json.dumps(plan).encode())
     return "1"
 
 

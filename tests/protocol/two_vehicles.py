@@ -19,11 +19,11 @@ def run_with_two_vehicles(run_simulated, scenario, apart_m):
         try:
             vehicles = [await testbed.wait_for_vehicle_ready_to_arm(vehicle_id) for vehicle_id in ("1", "2")]
             station = new_station(testbed)
-            station.plan_work = InlinePlanWork()
+            station.flights.plan_work = InlinePlanWork()
             for vehicle in vehicles:
-                station.missions.attach(vehicle)
-            station.waypoint_flights.start()
-            station.missions.start()
+                station.flights.missions.attach(vehicle)
+            station.flights.waypoint_flights.start()
+            station.flights.missions.start()
             station.authority.start()
             first, second = vehicles
             await scenario(

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, UnknownVehicle
 from gcs_server.isolation import Isolation
-from gcs_server.streamer.groups.groups import Groups
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
@@ -57,7 +56,6 @@ class Streamer:
         self._isolation = Isolation(clock, log, "The setpoint streams")
         self.limits = limits or LimitStore()
         self._limit_owners: dict[str, str] = {}
-        self.groups = Groups(clock, self._streams, self.offboard)
 
     def attach(self, vehicle: Vehicle) -> None:
         """Creates a vehicle's offboard control."""
@@ -85,10 +83,6 @@ class Streamer:
         """Stops all streams; the vehicles' failsafes take over."""
         self._streams.close()
         self.limits.close()
-
-    def collect_findings(self) -> None:
-        """Passes the findings of the separation guards on to groups and missions."""
-        self._isolation.run("the findings of the groups", self.groups.collect)
 
     def links_changed(self) -> None:
         """Releases the sockets of closed links; called when a link was opened or closed."""
@@ -123,7 +117,6 @@ class Streamer:
         not in Hold within `STOP_ALL_S`, its stream ends and its failsafe takes over. An unconfirmed Stop
         motors command is repeated for the same time.
         """
-        self.groups.disable_guards()
         async with asyncio.TaskGroup() as group:
             stops = [group.create_task(self._stop_one(vehicle_id)) for vehicle_id in self._streams.active()]
             group.create_task(self._wait_for_kills())
@@ -166,7 +159,6 @@ class Streamer:
         self._streams.update_snapshots(
             {vid: s for vid in controlled if (s := self._snapshot(vid, requests[vid])) is not None}
         )
-        self._isolation.run("the check of the groups", self.groups.update)
         for vehicle_id in controlled:
             control = self._controls[vehicle_id]
             control.vehicle.isolation.run(

@@ -1963,73 +1963,6 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
-    readonly "/api/v1/vehicles/{v}/mission_modes": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        /**
-         * Show Modes
-         * @description The missions of this server that are registered with PX4 as flight modes.
-         */
-        readonly get: operations["show_modes_api_v1_vehicles__v__mission_modes_get"];
-        readonly put?: never;
-        readonly post?: never;
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/mission_modes/register": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Register
-         * @description Registers a mission with PX4 as a flight mode; answers when PX4 has accepted the mode.
-         *
-         *     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
-         *     when the mode is selected in the air. At registration, the mission is compiled and checked from the
-         *     vehicle's present position: 409 `plan_findings` if it has error findings that `despite` does not list. A
-         *     mission without a take-off is compiled again when it begins. A mission with a take-off is compiled again
-         *     while the vehicle is disarmed, whenever its position or a setting has changed; PX4 arms in the mode only
-         *     while `ready` is true.
-         */
-        readonly post: operations["register_api_v1_vehicles__v__mission_modes_register_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
-    readonly "/api/v1/vehicles/{v}/mission_modes/unregister": {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path?: never;
-            readonly cookie?: never;
-        };
-        readonly get?: never;
-        readonly put?: never;
-        /**
-         * Unregister
-         * @description Removes a mode from PX4; refused while the vehicle flies in it.
-         */
-        readonly post: operations["unregister_api_v1_vehicles__v__mission_modes_unregister_post"];
-        readonly delete?: never;
-        readonly options?: never;
-        readonly head?: never;
-        readonly patch?: never;
-        readonly trace?: never;
-    };
     readonly "/api/v1/vehicles/{v}/offboard_mission": {
         readonly parameters: {
             readonly query?: never;
@@ -2090,6 +2023,31 @@ export interface paths {
          *     `if_stream_stops` is the vehicle's own action if the server fails.
          */
         readonly post: operations["start_api_v1_vehicles__v__offboard_mission_start_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/offboard_missions/start": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Start Joint Mission
+         * @description Starts a mission with one vehicle for each role. All vehicles are checked first; if a check fails, none
+         *     starts.
+         *
+         *     Answers 409 `plan_findings` if a role or the separation of two vehicles has error findings, unless
+         *     `despite` lists their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume`
+         *     and `abort` of one vehicle act on all.
+         */
+        readonly post: operations["start_joint_mission_api_v1_offboard_missions_start_post"];
         readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
@@ -2200,7 +2158,27 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
-    readonly "/api/v1/offboard_missions/start": {
+    readonly "/api/v1/vehicles/{v}/mission_modes": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Modes
+         * @description The missions of this server that are registered with PX4 as flight modes.
+         */
+        readonly get: operations["show_modes_api_v1_vehicles__v__mission_modes_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/mission_modes/register": {
         readonly parameters: {
             readonly query?: never;
             readonly header?: never;
@@ -2210,15 +2188,37 @@ export interface paths {
         readonly get?: never;
         readonly put?: never;
         /**
-         * Start Joint Mission
-         * @description Starts a mission with one vehicle for each role. All vehicles are checked first; if a check fails, none
-         *     starts.
+         * Register
+         * @description Registers a mission with PX4 as a flight mode; answers when PX4 has accepted the mode.
          *
-         *     Answers 409 `plan_findings` if a role or the separation of two vehicles has error findings, unless
-         *     `despite` lists their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume`
-         *     and `abort` of one vehicle act on all.
+         *     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
+         *     when the mode is selected in the air. At registration, the mission is compiled and checked from the
+         *     vehicle's present position: 409 `plan_findings` if it has error findings that `despite` does not list. A
+         *     mission without a take-off is compiled again when it begins. A mission with a take-off is compiled again
+         *     while the vehicle is disarmed, whenever its position or a setting has changed; PX4 arms in the mode only
+         *     while `ready` is true.
          */
-        readonly post: operations["start_joint_mission_api_v1_offboard_missions_start_post"];
+        readonly post: operations["register_api_v1_vehicles__v__mission_modes_register_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/mission_modes/unregister": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Unregister
+         * @description Removes a mode from PX4; refused while the vehicle flies in it.
+         */
+        readonly post: operations["unregister_api_v1_vehicles__v__mission_modes_unregister_post"];
         readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
@@ -8017,7 +8017,7 @@ export interface components {
         readonly MissionToInsert: {
             /**
              * Plan Id
-             * @description Id of a stored offboard mission.
+             * @description Id of a stored plan.
              */
             readonly plan_id?: string | null;
             /**
@@ -11037,7 +11037,7 @@ export interface components {
         readonly RegisterMode: {
             /**
              * Plan Id
-             * @description Id of a stored offboard mission.
+             * @description Id of a stored plan.
              */
             readonly plan_id?: string | null;
             /**
@@ -12010,7 +12010,7 @@ export interface components {
         readonly StartJointMission: {
             /**
              * Plan Id
-             * @description Id of a stored offboard mission.
+             * @description Id of a stored plan.
              */
             readonly plan_id?: string | null;
             /**
@@ -12049,7 +12049,7 @@ export interface components {
         readonly StartMission: {
             /**
              * Plan Id
-             * @description Id of a stored offboard mission.
+             * @description Id of a stored plan.
              */
             readonly plan_id?: string | null;
             /**
@@ -20186,191 +20186,6 @@ export interface operations {
             };
         };
     };
-    readonly show_modes_api_v1_vehicles__v__mission_modes_get: {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody?: never;
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["MissionModesView"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly register_api_v1_vehicles__v__mission_modes_register_post: {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody: {
-            readonly content: {
-                readonly "application/json": components["schemas"]["RegisterMode"];
-            };
-        };
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["MissionModesView"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
-    readonly unregister_api_v1_vehicles__v__mission_modes_unregister_post: {
-        readonly parameters: {
-            readonly query?: never;
-            readonly header?: never;
-            readonly path: {
-                readonly v: string;
-            };
-            readonly cookie?: never;
-        };
-        readonly requestBody: {
-            readonly content: {
-                readonly "application/json": components["schemas"]["UnregisterMode"];
-            };
-        };
-        readonly responses: {
-            /** @description Successful Response */
-            readonly 200: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/json": components["schemas"]["MissionModesView"];
-                };
-            };
-            readonly 400: components["responses"]["Refused400"];
-            readonly 401: components["responses"]["Refused401"];
-            readonly 403: components["responses"]["Refused403"];
-            /** @description No such vehicle, group, link, plan, recording or operation. */
-            readonly 404: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 408: components["responses"]["Refused408"];
-            /** @description Refused by this server or by the vehicle, with the reason. */
-            readonly 409: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            readonly 413: components["responses"]["Refused413"];
-            readonly 414: components["responses"]["Refused414"];
-            readonly 422: components["responses"]["Refused422"];
-            readonly 429: components["responses"]["Refused429"];
-            readonly 431: components["responses"]["Refused431"];
-            readonly 503: components["responses"]["Refused503"];
-            /** @description The vehicle did not answer. */
-            readonly 504: {
-                headers: {
-                    readonly [name: string]: unknown;
-                };
-                content: {
-                    readonly "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-        };
-    };
     readonly show_mission_api_v1_vehicles__v__offboard_mission_get: {
         readonly parameters: {
             readonly query?: never;
@@ -20511,6 +20326,67 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["OffboardMissionView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly start_joint_mission_api_v1_offboard_missions_start_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["StartJointMission"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["JointMissionView"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];
@@ -20851,16 +20727,77 @@ export interface operations {
             };
         };
     };
-    readonly start_joint_mission_api_v1_offboard_missions_start_post: {
+    readonly show_modes_api_v1_vehicles__v__mission_modes_get: {
         readonly parameters: {
             readonly query?: never;
             readonly header?: never;
-            readonly path?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MissionModesView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly register_api_v1_vehicles__v__mission_modes_register_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
             readonly cookie?: never;
         };
         readonly requestBody: {
             readonly content: {
-                readonly "application/json": components["schemas"]["StartJointMission"];
+                readonly "application/json": components["schemas"]["RegisterMode"];
             };
         };
         readonly responses: {
@@ -20870,7 +20807,70 @@ export interface operations {
                     readonly [name: string]: unknown;
                 };
                 content: {
-                    readonly "application/json": components["schemas"]["JointMissionView"];
+                    readonly "application/json": components["schemas"]["MissionModesView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly unregister_api_v1_vehicles__v__mission_modes_unregister_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["UnregisterMode"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MissionModesView"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -12,7 +12,7 @@ import pytest
 
 from gcs_server.errors import Refused
 from gcs_server.plans import tasks, typed_values
-from gcs_server.plans.compiled import CompiledMission, compiled_mission
+from gcs_server.plans.compiled import CompiledMission, compiled_missions
 from gcs_server.plans.tasks import Answer
 from missions.offboard.state import OperatorArea
 
@@ -28,8 +28,7 @@ MISSION = {"format": "offboard-gcs-mission", "name": "Mast", "steps": STEPS, "ta
 
 
 def compiled():
-    arguments = {
-        "plan": json.dumps(MISSION).encode(),
+    vehicle = {
         "parameters": {},
         "reported": None,
         "operator": OperatorArea().to_json(),
@@ -40,8 +39,8 @@ def compiled():
             "home_alt_amsl_m": 400.0,
             "in_air": False,
         },
-        "elevation": [],
     }
+    arguments = {"plan": json.dumps(MISSION).encode(), "vehicles": [[None, vehicle]], "elevation": []}
     return tasks.run("compile", arguments)
 
 
@@ -66,7 +65,7 @@ def assert_equal(first, second):
 def test_a_compiled_mission_is_equal_after_its_way_from_the_process():
     answer = compiled()
     assert answer.fault is None, answer.fault
-    first = asyncio.run(compiled_mission(answer))
+    first = asyncio.run(compiled_missions(answer))[None]
     again = typed_values.from_bytes(typed_values.to_bytes(first), CompiledMission)
     assert len(first[0].segments) >= 4
     assert_equal(first, again)
@@ -91,13 +90,13 @@ class Attack:
 )
 def test_other_bytes_are_refused(data):
     with pytest.raises(Refused, match="cannot be read"):
-        asyncio.run(compiled_mission(Answer({}, data)))
+        asyncio.run(compiled_missions(Answer({}, data)))
 
 
 def test_changed_values_are_refused_or_of_the_expected_types():
     """Replaces single values anywhere in the bytes by values of other types."""
     rng = random.Random(3)
-    value = msgspec.msgpack.decode(compiled().body)
+    [[_, value]] = msgspec.msgpack.decode(compiled().body)
     refused = 0
     for _ in range(300):
         changed = json_copy(value)

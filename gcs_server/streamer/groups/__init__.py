@@ -1,2 +1,0 @@
-"""Groups: several vehicles that start together, are checked against each other and are stopped in one
-call."""
