@@ -451,23 +451,27 @@ async function give(command: PageCommand, change: Change, order: readonly (typeo
 }
 
 describe.each(Object.entries(COMMANDS))('the command “%s”', (name, command) => {
-  it.each(CHANGES)('is sent once, to its vehicles only, when %s', async (change) => {
-    for (const order of ORDERS) {
-      await reset();
-      await give(command, change, order, () => false);
-    }
-    for (let seed = 1; seed <= SEEDS; seed++) {
-      const random = seeded(seed * 7919 + name.length * 31 + CHANGES.indexOf(change));
-      const order = STEPS.map((step) => [random(), step] as const).sort(([a], [b]) => a - b);
-      await reset();
-      await give(
-        command,
-        change,
-        order.map(([, step]) => step),
-        () => random() < 0.5,
-      );
-    }
-  });
+  it.each(CHANGES)(
+    'is sent once, to its vehicles only, when %s',
+    async (change) => {
+      for (const order of ORDERS) {
+        await reset();
+        await give(command, change, order, () => false);
+      }
+      for (let seed = 1; seed <= SEEDS; seed++) {
+        const random = seeded(seed * 7919 + name.length * 31 + CHANGES.indexOf(change));
+        const order = STEPS.map((step) => [random(), step] as const).sort(([a], [b]) => a - b);
+        await reset();
+        await give(
+          command,
+          change,
+          order.map(([, step]) => step),
+          () => random() < 0.5,
+        );
+      }
+    },
+    5000 * (1 + SEEDS),
+  );
 });
 
 describe('a stop without an answer', () => {
