@@ -348,6 +348,13 @@ def test_the_page_shows_the_end_of_a_killed_server_and_reconnects_to_the_next(
             notice.wait_for()
             expect(notice).to_contain_text("The values shown are old")
             expect(vehicle_button).to_contain_text("no connection to the server")
+            status = page.locator(".pill").filter(has_text="No connection to the server")
+            for width in (1000, 1150, 1280, 1440, 1600):
+                page.set_viewport_size({"width": width, "height": 800})
+                end = bounding_box(status)
+                gps = bounding_box(page.get_by_role("button", name=re.compile("GPS")))
+                assert end["x"] + end["width"] <= gps["x"], f"the status covers GPS at {width} px"
+            page.set_viewport_size({"width": 1280, "height": 720})
         with (
             page.expect_request(
                 lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=60_000

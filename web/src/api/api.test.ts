@@ -1,6 +1,7 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient, ofVehicle, pageName, type Outcome } from './client';
-import { furtherReasons, parseProblem } from './problems';
+import { furtherReasons, parseProblem, unreachableProblem } from './problems';
+import { Requested } from './requested.svelte';
 import { CommandQueue } from './command-queue';
 
 const headersOf = (init: RequestInit | undefined): object => Object.fromEntries(new Headers(init?.headers));
@@ -168,5 +169,32 @@ describe('requests to one vehicle', () => {
     const commandQueue = new CommandQueue();
     await expect(commandQueue.run(['1'], () => Promise.reject(new Error('gone')))).rejects.toThrow('gone');
     expect(await commandQueue.run(['1'], () => Promise.resolve({ ok: true, value: 'next' }))).toEqual({ ok: true, value: 'next' });
+  });
+});
+
+describe('a requested value', () => {
+  it('is requested once for each key, however often it is shown, and ignores the answer for an earlier key', async () => {
+    const answers: ((outcome: Outcome<string>) => void)[] = [];
+    const requested = new Requested<string>();
+    const show = (key: string | null): void => requested.show(key, () => new Promise((resolve) => answers.push(resolve)));
+    show('a');
+    show('a');
+    answers[0]?.({ ok: true, value: 'of a' });
+    await Promise.resolve();
+    show('a');
+    expect([answers.length, requested.value]).toEqual([1, 'of a']);
+    show('b');
+    show('c');
+    answers[1]?.({ ok: true, value: 'of b' });
+    await Promise.resolve();
+    expect(requested.value).toBeNull();
+    answers[2]?.({ ok: false, problem: unreachableProblem() });
+    await Promise.resolve();
+    requested.load();
+    answers[3]?.({ ok: true, value: 'of c' });
+    await Promise.resolve();
+    expect([requested.value, requested.problem]).toEqual(['of c', null]);
+    show(null);
+    expect(requested.value).toBeNull();
   });
 });

@@ -3,6 +3,7 @@
  * waits. A seed decides the order. `PAGE_SEEDS` sets the number of orders for each command and change.
  */
 
+import { render } from 'svelte/server';
 import { afterAll, describe, expect, it, vi } from 'vitest';
 import type { Outcome } from '../api/client';
 import type { VehicleFacts } from '../vehicle/facts';
@@ -22,6 +23,7 @@ vi.stubGlobal('fetch', server.fetch);
 const { page } = await import('../app/page.svelte');
 const { actions } = await import('../app/vehicle-actions.svelte');
 const { provide } = await import('../app/services');
+const { default: Refusal } = await import('../app/Refusal.svelte');
 const { offboard, groups } = await import('./offboard/controllers');
 const { editor: setpoints } = await import('./offboard/setpoints/editor.svelte');
 const { draft } = await import('./offboard/groups/draft.svelte');
@@ -169,6 +171,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   },
   'delete a plan': { vehicles: [], click: () => plans.delete({ id: 'p1', version: 1 } as never) },
   'dry run': { click: (facts) => dryRun.start(editor.document, { vehicle: facts.id }, DEFAULT_CONDITIONS) },
+  'hold and upload': { click: (facts) => vehicleMission.upload(facts.id, () => plans.savedVersion(), true) },
   upload: { click: (facts) => vehicleMission.upload(facts.id, () => plans.savedVersion()) },
   'read back': { click: (facts) => vehicleMission.readBack(facts.id, editor.plan, { plan_id: 'p1', version: 1 }) },
   'cancel a transfer': {
@@ -180,7 +183,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'fly the plan': {
     onGround: true,
     click: (facts) => {
-      const command = { plan: editor.plan, row: null, dryRun: null, progress: null, stateNow, ...inputs() };
+      const command = { plan: editor.plan, row: null, missionId: 7, dryRun: null, progress: null, stateNow, ...inputs() };
       actions.requestCommand(start.startPlanCommand(page.api, facts, command), 'actionBar');
     },
   },
@@ -520,6 +523,8 @@ describe('a command refused because of findings', () => {
     await give(clickOf(name));
     await refuse(['first']);
     expect([sent().length, actions.confirmation]).toEqual([1, null]);
+    const refusal = actions.refusals.actionBar;
+    expect(render(Refusal, { props: { refusal, onclose: () => undefined, onaccept: () => undefined } as never }).body).toContain('Accept and confirm again…');
     actions.acceptFindings('actionBar');
     await settle();
     expect(sent().length, 'nothing is sent before the confirmation').toBe(1);
@@ -548,7 +553,9 @@ describe('a command refused because of findings', () => {
     await give(clickOf('arm'));
     server.open.forEach((request) => request.answer(Response.json({ code: 'interrupted', detail: 'Hold was commanded.', codes: ['first'] }, { status: 409 })));
     await settle();
-    expect(actions.refusals.actionBar).toMatchObject({ acceptance: null, problem: { title: 'Interrupted', detail: 'Hold was commanded.' } });
+    const refusal = actions.refusals.actionBar;
+    expect(render(Refusal, { props: { refusal, onclose: () => undefined, onaccept: () => undefined } as never }).body).not.toContain('Accept and confirm');
+    expect(refusal).toMatchObject({ acceptance: null, problem: { title: 'Interrupted', detail: 'Hold was commanded.' } });
   });
 
   const CHANGES_OF_STATE: Readonly<Record<string, readonly [string, object]>> = {

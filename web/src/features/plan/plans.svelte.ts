@@ -34,6 +34,8 @@ export interface Notice {
   readonly question?: { readonly file: File; readonly missing: 'altitude_m' | 'altitude_reference' };
   /** Areas in an imported file whose use a person must choose. */
   readonly areas?: readonly Area[];
+  /** What stays of `text` when all areas have a use; empty: the notice then closes. */
+  readonly lastingText?: string;
 }
 
 /** The draft as it is stored in the browser for the next load of the page. */
@@ -387,14 +389,19 @@ export class Plans {
   /** Uses an imported area as the person has chosen, and asks no longer about this area. */
   useArea(area: Area, use: AreaUse): void {
     if (this.notice?.areas?.includes(area) !== true) return;
-    this.notice = { ...this.notice, areas: this.notice.areas.filter((other) => other !== area) };
+    const areas = this.notice.areas.filter((other) => other !== area);
+    const { lastingText = '' } = this.notice;
+    if (areas.length > 0) this.notice = { ...this.notice, areas };
+    else this.notice = lastingText === '' ? null : { tone: 'caution', text: lastingText };
     if (use.fence.length > 0) this.editor.addZones(use.fence);
   }
 
   /** Opens an imported plan. A file with nothing but areas replaces no plan: its areas are added to the edited one. */
   private openImported(name: string, { plan, notes, areas }: ImportedFile): void {
     if (!isNothing(plan)) this.editor.replace(isMission(plan) ? plan.name : name, isMission(plan) ? plan : { ...EMPTY_PLAN, ...plan });
-    this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text: notes.join(' ') || 'The file contains areas.', areas } : null;
+    const lastingText = notes.filter((note) => !note.includes('choose a use for each')).join(' ');
+    const text = notes.join(' ') || 'The file contains areas.';
+    this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text, areas, lastingText } : null;
   }
 
   private setSaved(documentId: number, saved: SavedPlan): void {

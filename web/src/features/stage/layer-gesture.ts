@@ -57,6 +57,16 @@ export function targetAt(view: LayerView, at: Pixel, points: readonly LayerPoint
   return point === null ? null : { point, part: 'point' };
 }
 
+/**
+ * What a click on the ground does: the edited layer uses it, or the page opens the menu for the position, or nothing.
+ * @param isRight a right click, or a long press on a touch screen: only for the menu, so that it changes no plan.
+ * @param editor the editor of the edited layer; null: no layer is edited.
+ */
+export function clickOnGround(at: GeoPosition, isRight: boolean, editor: LayerEditor | null): 'used' | 'menu' | 'nothing' {
+  if (editor === null) return 'menu';
+  return !isRight && editor.press(at) ? 'used' : 'nothing';
+}
+
 interface GrabbedPoint extends GrabTarget {
   /** Pixel at which the gesture started. */
   startPixel: Pixel;

@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
 import { fromPixel, mercator, pixelsPerMetre, positionAt, toPixel, type GeoPosition } from '../../vehicle/geo';
 import { iconName, toGeoJson } from './layer-draw';
-import { LayerGesture, viewFromAbove, targetAt } from './layer-gesture';
+import { clickOnGround, LayerGesture, viewFromAbove, targetAt } from './layer-gesture';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const unscaledMap = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
@@ -33,7 +33,10 @@ class RecordingEditor implements LayerEditor {
   drag = (id: string, to: GeoPosition): void => void this.calls.push(['drag', id, to]);
   raise = (by_m: number): void => void this.calls.push(['raise', by_m]);
   drop = (keep: boolean): void => void this.calls.push(['drop', keep]);
-  press = (): boolean => false;
+  press = (): boolean => {
+    this.calls.push(['press']);
+    return true;
+  };
   remove = (): boolean => false;
 }
 
@@ -47,6 +50,15 @@ describe('the point under a pointer', () => {
     const points = [point('a', 0), point('middle', 3, 'midpoint')];
     expect(targetAt(view, { x: 505, y: 400 }, points, 14)?.point.id).toBe('a');
     expect(targetAt(view, { x: 515, y: 400 }, points, 14)?.point.id).toBe('middle');
+  });
+});
+
+describe('a click on the ground', () => {
+  it('is used by the edited layer, but a right click changes no layer', () => {
+    const editor = new RecordingEditor();
+    expect([clickOnGround(HERE, true, editor), editor.calls]).toEqual(['nothing', []]);
+    expect([clickOnGround(HERE, false, editor), editor.calls]).toEqual(['used', [['press']]]);
+    expect([clickOnGround(HERE, false, null), clickOnGround(HERE, true, null)]).toEqual(['menu', 'menu']);
   });
 });
 

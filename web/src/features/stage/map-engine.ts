@@ -28,10 +28,8 @@ export interface EngineEvents {
   onDraw: () => void;
   /** A person moved the map. */
   onMove: () => void;
-  /** A person clicked or tapped. */
-  onPress: (at: Pixel) => void;
-  /** A person clicked with the right button, or pressed for a long time on a touch screen. */
-  onMenu: (at: Pixel) => void;
+  /** A person clicked or tapped. @param isRight with the right button, or a long press on a touch screen. */
+  onClick: (at: Pixel, isRight: boolean) => void;
 }
 
 export class MapEngine {
@@ -87,9 +85,8 @@ export class MapEngine {
         if (event.originalEvent !== undefined && (eventType !== 'zoomstart' || !this.zoomingAboutMiddle)) events.onMove();
       });
     }
-    this.map.on('click', ({ point }: MapMouseEvent) => events.onPress({ x: point.x, y: point.y }));
-    // A right click, or a long press on a touch screen: only for the menu, so that it changes no plan.
-    this.map.on('contextmenu', ({ point }: MapMouseEvent) => events.onMenu({ x: point.x, y: point.y }));
+    for (const type of ['click', 'contextmenu'] as const)
+      this.map.on(type, ({ point }: MapMouseEvent) => events.onClick({ x: point.x, y: point.y }, type === 'contextmenu'));
     // eslint-disable-next-line no-console -- a map tile that cannot be read is for developers to see
     this.map.on('error', (event) => console.warn(`map: ${event.error.message}`));
   }

@@ -92,12 +92,15 @@ describe('the editor', () => {
 
   it('are not replaced by a file of areas alone', async () => {
     const areas = [{ name: 'field', outer: [], holes: [], uses: [], likely_use: null }];
-    const { api } = fakeServer([200, { plan: EMPTY_PLAN, notes: ['The KML file has 1 area: choose a use for it.'], areas }]);
+    const notes = ['The KML file has 1 area: choose a use for each.', 'Left out: 2 styles.'];
+    const { api } = fakeServer([200, { plan: EMPTY_PLAN, notes, areas }]);
     const editor = editorWithWaypoints();
     const plans = new Plans(api, editor, memoryStorage());
     expect(await plans.import(new File(['x'], 'field.kml'))).toBe(true);
     expect(editor.plan.items).toHaveLength(3);
     expect(plans.notice?.areas).toEqual(areas);
+    plans.useArea(plans.notice?.areas?.[0] as never, { fence: [] } as never);
+    expect(plans.notice).toEqual({ tone: 'caution', text: 'Left out: 2 styles.' });
     editor.pick('middle:2', false);
     expect(north_m(editor, 'item:2')).toBe(25);
   });
@@ -290,6 +293,7 @@ describe('plans on the server', () => {
     expect(editor.plan.fence).toEqual([zone(false)]);
     expect(plans.notice?.areas).toEqual([field]);
     if (field !== undefined) plans.useArea(field, uses[0] as never);
+    expect(plans.notice, 'nothing is left to choose').toBeNull();
     expect(editor.plan.fence).toEqual([zone(false), zone(true), zone(false)]);
     editor.undo();
     expect(editor.plan.fence).toEqual([zone(false)]);

@@ -24,8 +24,30 @@ function currentItemText(progress: MissionProgress | null): string {
 }
 
 /** Text of the button that continues the mission in the air. */
-export function continueButtonText(progress: MissionProgress | null): string {
+function continueButtonText(progress: MissionProgress | null): string {
   return progress === null ? 'Resume…' : `Resume at item ${progress.current + 1}${progress.count === null ? '' : ` of ${progress.count}`}…`;
+}
+
+/** What decides the main button of the bar of a plan on the vehicle. */
+export interface BarState {
+  /** The vehicle is armed in Mission mode. */
+  readonly flies: boolean;
+  readonly inAir: boolean;
+  /** Exactly the saved plan is on the vehicle. */
+  readonly isOnVehicle: boolean;
+  readonly hasItems: boolean;
+  readonly isSaved: boolean;
+  /** An interrupted flight can be resumed. */
+  readonly resumes: boolean;
+  readonly progress: MissionProgress | null;
+}
+
+/** The main button; null while the vehicle flies a mission: there is nothing to start, to resume or to upload. */
+export function mainButton(state: BarState): { readonly does: 'fly' | 'upload'; readonly text: string } | null {
+  const { flies, inAir, isOnVehicle, hasItems, isSaved, resumes, progress } = state;
+  if (flies && (inAir || !isOnVehicle)) return null;
+  if (isOnVehicle) return { does: 'fly', text: inAir ? continueButtonText(progress) : resumes ? 'Fly from the beginning…' : 'Fly…' };
+  return hasItems ? { does: 'upload', text: isSaved ? 'Upload' : 'Save and upload' } : null;
 }
 
 /** Text about a vehicle that is flying its mission. */
@@ -67,8 +89,17 @@ export function startTexts(
   };
 }
 
+/** The body of the request to start. The server refuses the start if the mission on the vehicle has another `mission_id`. */
+export interface StartBody {
+  readonly item?: number;
+  readonly despite: string[];
+  readonly dry_run?: string;
+  readonly mission_id?: number;
+}
+
 /**
  * @param acceptedCodes codes of the accepted errors.
+ * @param missionId the vehicle's checksum of the plan that the person saw on the vehicle; 0: the vehicle reports none.
  * @param dryRunId the dry run to compare the flight with; null: none.
  */
 export function startBody(
@@ -76,10 +107,16 @@ export function startBody(
   inAir: boolean,
   row: number | null,
   acceptedCodes: readonly string[],
+  missionId: number,
   dryRunId: string | null = null,
-): { item?: number; despite: string[]; dry_run?: string } {
+): StartBody {
   const item = row !== null ? itemOfRow(plan, row) : inAir ? null : 0;
-  return { ...(item === null ? {} : { item }), despite: [...acceptedCodes], ...(dryRunId === null ? {} : { dry_run: dryRunId }) };
+  return {
+    ...(item === null ? {} : { item }),
+    despite: [...acceptedCodes],
+    ...(dryRunId === null ? {} : { dry_run: dryRunId }),
+    ...(missionId === 0 ? {} : { mission_id: missionId }),
+  };
 }
 
 /** An interrupted flight of the plan on the vehicle. */
@@ -116,7 +153,7 @@ export function resumeTexts(vehicleName: string, offer: ResumeOffer, acceptedTex
   };
 }
 
-/** The body of the request to resume. The server refuses the start if the mission on the vehicle has another `mission_id`. */
-export function resumeBody({ item, mission_id }: ResumeOffer, acceptedCodes: readonly string[]): { item: number; mission_id: number; despite: string[] } {
+/** The body of the request to resume. */
+export function resumeBody({ item, mission_id }: ResumeOffer, acceptedCodes: readonly string[]): StartBody {
   return { item, mission_id, despite: [...acceptedCodes] };
 }

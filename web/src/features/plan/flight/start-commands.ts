@@ -40,6 +40,8 @@ export interface PlanStart extends Acceptance {
   readonly plan: Plan;
   /** Row at which the flight starts; null: the first item, or in the air the current item. */
   readonly row: number | null;
+  /** The vehicle's checksum of the plan, as the person saw it on the vehicle; 0: the vehicle reports none. */
+  readonly missionId: number;
   readonly dryRun: DryRunResult | null;
   readonly progress: MissionProgress | null;
   /** Whether the vehicle is in the air now, and its current item; read while the confirmation is open. */
@@ -51,7 +53,7 @@ export function startPlanCommand(api: ApiClient, { id, name, inAir, globalPositi
   const { plan, row, progress } = start;
   const { codes, texts } = accepted(start);
   const dryRunId = inAir ? null : dryRunIdFor(start.dryRun, id, globalPosition?.value ?? null);
-  const body = startBody(plan, inAir, row, codes, dryRunId);
+  const body = startBody(plan, inAir, row, codes, start.missionId, dryRunId);
   const confirmation = startTexts(name, inAir, row, texts, dryRunId, progress);
   const changed = (): string | null => {
     const now = start.stateNow();

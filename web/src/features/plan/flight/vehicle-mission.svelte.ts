@@ -15,6 +15,8 @@ export type DownloadedPlan = Readonly<Omit<components['schemas']['DownloadedPlan
 type PlanReference = Readonly<components['schemas']['WhichPlan']>;
 
 const TRANSFER_KINDS = ['mission/upload', 'mission/download'];
+/** The server's code for an upload that a vehicle in Mission would fly at once. */
+const FLIES_NEW_PLAN = 'flies_new_plan_at_once';
 
 export class VehicleMission {
   /** The server's view of the plan on the vehicle; null: not known. */
@@ -40,6 +42,9 @@ export class VehicleMission {
 
   /** Why the last request about the shown vehicle failed; null: it did not fail. */
   readonly problem: Problem | null = $derived.by(() => (this.lastProblem?.vehicle === this.vehicle ? (this.lastProblem?.problem ?? null) : null));
+
+  /** The last upload was refused, because the vehicle is in Mission and would fly the new plan at once. */
+  readonly wouldFlyNewPlan: boolean = $derived.by(() => this.problem?.codes?.includes(FLIES_NEW_PLAN) === true);
 
   readonly running: boolean = $derived.by(() => this.transfer?.state === 'running');
 
@@ -86,15 +91,19 @@ export class VehicleMission {
   /**
    * Uploads a saved version to the vehicle.
    * @param save saves the plan if necessary; null: it was not saved.
+   * @param holdFirst a vehicle in Mission is switched to Hold before; if it does not hold, nothing is uploaded.
    */
-  async upload(vehicle: string, save: () => Promise<{ readonly id: string; readonly version: number } | null>): Promise<void> {
+  async upload(vehicle: string, save: () => Promise<{ readonly id: string; readonly version: number } | null>, holdFirst = false): Promise<void> {
     this.lastComparison = null;
-    await this.startTransfer('Upload', vehicle, async (fixed) => {
+    await this.startTransfer(holdFirst ? 'Hold and upload' : 'Upload', vehicle, async (fixed) => {
       const saved = await save();
       if (saved === null) return null;
       const problem = fixed.problem();
       if (problem !== null) return { ok: false, problem };
-      return this.api.post('/vehicles/{v}/mission/upload', { ...ofVehicle(vehicle), body: { plan_id: saved.id, version: saved.version } });
+      return this.api.post('/vehicles/{v}/mission/upload', {
+        ...ofVehicle(vehicle),
+        body: { plan_id: saved.id, version: saved.version, ...(holdFirst ? { hold_first: true } : {}) },
+      });
     });
   }
 

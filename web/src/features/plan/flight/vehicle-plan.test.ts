@@ -7,7 +7,7 @@ import type { Finding } from '../document/fixes';
 import { comparisonText, differenceText, reportedState, vehiclePlanText, type Comparison } from './vehicle-plan';
 import { newItem } from '../document/items';
 import { VehicleMission } from './vehicle-mission.svelte';
-import { continueButtonText, interruptedText, resumeBody, resumeTexts, resumeButtonText, startBody, startTexts } from './mission-start';
+import { interruptedText, resumeBody, resumeTexts, resumeButtonText, mainButton, startBody, startTexts } from './mission-start';
 
 describe('the plan on the vehicle', () => {
   const operation = (more: object) => ({ id: 'o1', kind: 'mission/upload', vehicle: '1', state: 'running', progress: 0.5, text: 'Item 5 of 10.', ...more });
@@ -25,13 +25,15 @@ describe('the plan on the vehicle', () => {
   /** A page with a fake server, which gives these responses in order and records the requests. */
   function pageWith(...responses: readonly [number, unknown][]) {
     const requests: string[] = [];
+    const bodies: unknown[] = [];
     let responseCount = 0;
     const api = new ApiClient('p', undefined, (path, init) => {
       requests.push(`${init.method} ${path.replace('/api/v1', '')}`);
+      bodies.push(typeof init.body === 'string' ? JSON.parse(init.body) : null);
       const [status, body] = responses[responseCount++] ?? [500, {}];
       return Promise.resolve(new Response(JSON.stringify(body), { status }));
     });
-    return { requests, mission: new VehicleMission(api) };
+    return { requests, bodies, mission: new VehicleMission(api) };
   }
 
   it('matches the edited plan only in exactly the same version', async () => {
@@ -84,6 +86,21 @@ describe('the plan on the vehicle', () => {
     await mission.upload('1', async () => ({ id: 'abc', version: 2 }));
     expect(mission.problem?.detail).toBe('anna has control.');
     expect(mission.running).toBe(false);
+  });
+
+  it('that a vehicle in Mission would fly at once is uploaded after Hold, if a person says so', async () => {
+    const refusal = { code: 'plan_findings', codes: ['flies_new_plan_at_once'], detail: 'Vehicle 1 is flying its mission.' };
+    const { mission, bodies } = pageWith([200, missionView('another', null)], [409, refusal], [202, operation({})]);
+    mission.selectVehicle('1');
+    await settle();
+    await mission.upload('1', async () => ({ id: 'abc', version: 2 }));
+    expect(mission.wouldFlyNewPlan).toBe(true);
+    await mission.upload('1', async () => ({ id: 'abc', version: 2 }), true);
+    expect([mission.wouldFlyNewPlan, mission.problem, mission.running]).toEqual([false, null, true]);
+    expect(bodies.slice(1)).toEqual([
+      { plan_id: 'abc', version: 2 },
+      { plan_id: 'abc', version: 2, hold_first: true },
+    ]);
   });
 
   it('is requested again when the vehicle disarms or reaches an item, but not while it reports the same state', async () => {
@@ -200,15 +217,25 @@ describe('the start of the plan on the vehicle', () => {
     });
     expect(startTexts('Quad 1', true, null, [])).toMatchObject({ title: 'Resume the mission of Quad 1', verb: 'Resume' });
     expect(startTexts('Quad 1', true, null, [], null, { current: 2, count: 10 }).effect).toContain('The vehicle flies to item 3 of 10 (current)');
-    expect(continueButtonText({ current: 2, count: 10 })).toBe('Resume at item 3 of 10…');
+  });
+
+  it('is offered by the main button, but not while the vehicle flies a mission', () => {
+    const bar = { flies: false, inAir: false, isOnVehicle: true, hasItems: true, isSaved: true, resumes: false, progress: { current: 0, count: 10 } };
+    expect(mainButton(bar)).toEqual({ does: 'fly', text: 'Fly…' });
+    expect(mainButton({ ...bar, resumes: true })?.text).toBe('Fly from the beginning…');
+    expect(mainButton({ ...bar, inAir: true, progress: { current: 2, count: 10 } })?.text).toBe('Resume at item 3 of 10…');
+    expect(mainButton({ ...bar, isOnVehicle: false })).toEqual({ does: 'upload', text: 'Upload' });
+    expect(mainButton({ ...bar, isOnVehicle: false, isSaved: false })?.text).toBe('Save and upload');
+    expect(mainButton({ ...bar, isOnVehicle: false, hasItems: false })).toBeNull();
+    for (const isOnVehicle of [true, false]) expect(mainButton({ ...bar, isOnVehicle, inAir: true, flies: true })).toBeNull();
   });
 
   it('starts at the item of the chosen row, counted with all items of earlier patterns', () => {
     const items = [10, 20, 30].map((north_m) => newItem('waypoint', positionAt({ lat_deg: 47.4, lon_deg: 8.5 }, { north_m, east_m: 0 }), DEFAULT_ALTITUDE));
     const plan = { ...EMPTY_PLAN, items: [{ kind: 'complex', items: items.slice(0, 2) } as const, ...items] };
-    expect(startBody(plan, false, 2, [])).toEqual({ item: 3, despite: [] });
-    expect(startBody(plan, false, null, ['fence_crossed'])).toEqual({ item: 0, despite: ['fence_crossed'] });
-    expect(startBody(plan, true, null, [])).toEqual({ despite: [] });
+    expect(startBody(plan, false, 2, [], 77)).toEqual({ item: 3, despite: [], mission_id: 77 });
+    expect(startBody(plan, false, null, ['fence_crossed'], 0)).toEqual({ item: 0, despite: ['fence_crossed'] });
+    expect(startBody(plan, true, null, [], 0)).toEqual({ despite: [] });
   });
 });
 

@@ -65,6 +65,6 @@ describe('the dry run that a flight is compared with', () => {
   it('is mentioned in the confirmation and sent in the request', () => {
     expect(startTexts('Quad 1', false, null, [], '4').effect).toContain('The flight is compared with the dry run.');
     expect(startTexts('Quad 1', false, null, []).effect).not.toContain('dry run');
-    expect(startBody(EMPTY_PLAN, false, null, [], '4')).toEqual({ item: 0, despite: [], dry_run: '4' });
+    expect(startBody(EMPTY_PLAN, false, null, [], 0, '4')).toEqual({ item: 0, despite: [], dry_run: '4' });
   });
 });
