@@ -1,6 +1,8 @@
 """The page's files are sent compressed and cached; the 3D view is downloaded once."""
 
 import gzip
+import re
+from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
@@ -11,6 +13,8 @@ from gcs_server.scene.page import page
 from tests.station import wait_until
 from tests.support.api_client import settings_for
 
+BUILT_PAGE = Path(__file__).resolve().parents[2] / "gcs_server" / "static"
+FIRST_LOAD_BYTES = 185_000
 SCRIPT = b"console.log('page');" * 200
 
 
@@ -89,3 +93,31 @@ def test_whether_the_3d_view_runs_is_told_without_sending_it_and_the_page_is_sen
     assert len(sent) < 0.85 * len(page().plain)  # viser has compressed most of it already
     cached = client.get("/scene/", headers={"If-None-Match": response.headers["etag"]})
     assert (cached.status_code, cached.content) == (304, b"")
+
+
+def first_load(built: Path) -> set[Path]:
+    """The files that a browser needs to show the page: document, scripts with what they import at once,
+    styles, and the font of Latin letters."""
+    index = built / "index.html"
+    files = {index, built / "icon.svg", *built.glob("assets/inter-latin-wght-*.woff2")}
+    waiting = re.findall(r'(?:src|href)="/(assets/[^"]+)"', index.read_text())
+    while waiting:
+        file = built / waiting.pop()
+        if file in files:
+            continue
+        files.add(file)
+        if file.suffix == ".js":
+            static_import = r"""(?:import|from)\s*["']\./([^"']+)["']"""
+            waiting += [f"assets/{name}" for name in re.findall(static_import, file.read_text())]
+    return files
+
+
+@pytest.mark.skipif(not (BUILT_PAGE / "index.html").exists(), reason="the page is not built")
+def test_the_first_load_of_the_built_page_is_small():
+    files = first_load(BUILT_PAGE)
+    assert {file.suffix for file in files} == {".html", ".svg", ".js", ".css", ".woff2"}
+    compressed = [Path(f"{file}.br") for file in files]
+    sizes = [
+        (sent if sent.exists() else file).stat().st_size for file, sent in zip(files, compressed, strict=True)
+    ]
+    assert sum(sizes) < FIRST_LOAD_BYTES, {file.name: size for file, size in zip(files, sizes, strict=True)}

@@ -6,13 +6,14 @@ measured separately, and the page is measured again without the 3D view.
 
 from __future__ import annotations
 
-import gzip
+import math
 import sys
 import tempfile
 import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
@@ -29,7 +30,21 @@ FRAMES_WINDOW_S = 15.0
 SCENE_WINDOW_S = 180.0
 MAP_WINDOW_S = 60.0
 CHROMIUM_FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-PARTS: tuple[str, ...] = ("first load", "map", "3D view")
+PARTS: tuple[str, ...] = ("page", "answers of the API", "map", "3D view")
+"""`page` is what it needs to show the vehicle: document, scripts, styles, font."""
+NOTE_WHEN_SHOWN = """(() => {
+  const parts = ['.top button.chip', '.top .pill', 'section[aria-label="Map"]'];
+  const isShown = part => (document.querySelector(part)?.getClientRects().length ?? 0) > 0;
+  const look = () => {
+    const state = document.querySelector('.top .pill')?.textContent ?? 'No vehicle state';
+    if (parts.every(isShown) && !state.includes('No vehicle state')) window.shownAt_ms = Date.now();
+    else requestAnimationFrame(look);
+  };
+  if (window === top) requestAnimationFrame(look);
+})()"""
+"""Notes when the page shows the vehicle, its state and the frame of the map."""
+SETTLED_S = 12.0
+"""Time for map and 3D view to load after the page is shown."""
 
 _FRAMES = """ms => new Promise(done => {
   const intervals = [];
@@ -88,29 +103,86 @@ def _vehicle_ids(api: httpx.Client) -> list[str]:
     return [v["id"] for v in api.get("/vehicles").raise_for_status().json()]
 
 
-def _part_of_page(path: str) -> str | None:
-    """The part of the page that a file belongs to; None: not a file of the page."""
+class SentBytes:
+    """Bytes of a page's HTTP responses as they were sent: compressed, with their headers, without what the
+    browser had in its cache. WebSockets do not count."""
+
+    def __init__(self, page: Page) -> None:
+        self._urls: dict[str, str] = {}
+        self._unix_offset_s = 0.0
+        self._finished: list[tuple[float, str, int]] = []
+        """Time of the end [s since 1970], URL and size of each response."""
+        cdp = page.context.new_cdp_session(page)
+        cdp.send("Network.enable")
+        cdp.on("Network.requestWillBeSent", self._on_request)
+        cdp.on("Network.loadingFinished", self._on_end)
+
+    def _on_request(self, event: dict[str, Any]) -> None:
+        self._urls[event["requestId"]] = event["request"]["url"]
+        self._unix_offset_s = event["wallTime"] - event["timestamp"]
+
+    def _on_end(self, event: dict[str, Any]) -> None:
+        url = self._urls.get(event["requestId"], "")
+        if url.startswith("http"):  # otherwise data within a document
+            unix_s = event["timestamp"] + self._unix_offset_s
+            self._finished.append((unix_s, url, int(event["encodedDataLength"])))
+
+    def by_part(self, until_unix_s: float = math.inf) -> dict[str, int]:
+        """Bytes of the responses that ended until a time, by part of the page."""
+        sizes = dict.fromkeys(PARTS, 0)
+        for unix_s, url, size in self._finished:
+            if unix_s <= until_unix_s:
+                sizes[_part_of_page(urlsplit(url).path)] += size
+        return sizes
+
+
+def _part_of_page(path: str) -> str:
+    """The part of the page that a file belongs to."""
     if path.startswith("/api/"):
-        return None
+        return "answers of the API"
     if path.startswith("/scene/"):
         return "3D view"
-    return "map" if "map-engine" in path or "maplibre" in path else "first load"
+    return "map" if any(name in path for name in ("map-engine", "maplibre", "/views-")) else "page"
 
 
-def _gzipped_size(url: str) -> int:
-    """Size of a file after gzip; files that are already compressed keep their size."""
-    body = httpx.get(url).raise_for_status().content
-    return min(len(body), len(gzip.compress(body, 6)))
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Bytes that one load of the page receives, by part."""
+
+    until_shown: dict[str, int]
+    in_all: dict[str, int]
 
 
-def _sizes(url: str, requested_urls: set[str]) -> dict[str, int]:
-    """Bytes of the loaded files, by part of the page."""
-    sizes = dict.fromkeys(PARTS, 0)
-    for file in requested_urls:
-        part = _part_of_page(urlsplit(file).path)
-        if part is not None and file.startswith(f"{url}/"):
-            sizes[part] += _gzipped_size(file)
-    return sizes
+def measured_loads(browser: Browser, url: str, loads: int = 2) -> list[Load]:
+    """Loads the page and reloads it in the same browser."""
+    context = browser.new_context(viewport={"width": 1440, "height": 900})
+    page = context.new_page()
+    page.add_init_script(NOTE_WHEN_SHOWN)
+    measured: list[Load] = []
+    for load in range(loads):
+        sent = SentBytes(page)
+        page.goto(url) if load == 0 else page.reload()
+        shown_unix_s = page.wait_for_function("() => window.shownAt_ms").json_value() / 1000
+        page.locator("section[aria-label=Map] canvas").first.wait_for(state="visible", timeout=60_000)
+        page.wait_for_timeout(SETTLED_S * 1000)
+        measured.append(Load(sent.by_part(shown_unix_s), sent.by_part()))
+    context.close()
+    return measured
+
+
+def _load_rows(loads: list[Load]) -> Iterator[str]:
+    columns = (
+        "until vehicle, top bar and frame of the map are shown",
+        "with map and 3D view",
+        "after a reload",
+    )
+    yield f"| kB as sent | {' | '.join(columns)} |"
+    yield "|---|---|---|---|"
+    first, reload = loads[0], loads[-1]
+    measured = (first.until_shown, first.in_all, reload.in_all)
+    for part in PARTS:
+        yield f"| {part} | {' | '.join(f'{sizes[part] / 1000:.1f}' for sizes in measured)} |"
+    yield f"| **all** | {' | '.join(f'**{sum(sizes.values()) / 1000:.1f}**' for sizes in measured)} |"
 
 
 def _metrics(cdp: CDPSession) -> dict[str, float]:
@@ -179,9 +251,8 @@ def _row(measured: Measurement) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _open_page(browser: Browser, url: str, requested_urls: set[str]) -> Page:
+def _open_page(browser: Browser, url: str) -> Page:
     page = browser.new_page(viewport={"width": 1440, "height": 900})
-    page.on("request", lambda request: requested_urls.add(request.url) if request.method == "GET" else None)
     page.goto(url)
     page.locator("canvas").first.wait_for(state="visible", timeout=30_000)
     page.wait_for_timeout(5000)
@@ -190,7 +261,7 @@ def _open_page(browser: Browser, url: str, requested_urls: set[str]) -> Page:
 
 def table() -> Iterator[str]:
     """Rows of Markdown."""
-    sizes: dict[str, int] = {}
+    loads: list[Load] = []
     rows: list[Measurement] = []
     with sync_playwright() as playwright:
         for scene, title, window_s in (
@@ -202,15 +273,11 @@ def table() -> Iterator[str]:
                 executable_path=installed_chromium(), args=list(CHROMIUM_FLAGS)
             )
             with flying_vehicles(scene=scene) as (url, server_pid):
-                requested_urls: set[str] = set()
-                page = _open_page(browser, url, requested_urls)
-                sizes = _sizes(url, requested_urls) if scene else sizes
+                loads = loads or measured_loads(browser, url)
+                page = _open_page(browser, url)
                 rows.append(_measure(f"{title}, {window_s:.0f} s", browser, page, server_pid, window_s))
                 browser.close()
-    yield "| loaded | gzipped kB |"
-    yield "|---|---|"
-    for part in PARTS:
-        yield f"| {part} | {sizes[part] / 1000:.0f} |"
+    yield from _load_rows(loads)
     yield f"\n{VEHICLES} vehicles hovering, 1440 × 900; shares of one core.\n"
     yield (
         "| shown | load average | page's main thread (script) | renderer processes "

@@ -41,8 +41,8 @@ export interface RoomParts {
   cards: readonly Part[];
 }
 
-/** A panel that opens over the stage. */
-export interface Panel extends Part {
+/** A panel that opens over the stage. The page loads the panel's code when a person first opens it. */
+export interface Panel extends LazyPart {
   id: string;
   /** Escape closes the open panel with the lowest order first. */
   order: number;
@@ -54,9 +54,6 @@ export interface Panel extends Part {
   needs?: Feature;
   /** The panel is offered only while the selected vehicle is connected over this protocol. */
   protocol?: Protocol;
-  isOpen: () => boolean;
-  toggle: () => void;
-  close: () => void;
 }
 
 /** Whether a panel is offered for the selected vehicle. */
@@ -79,7 +76,14 @@ export interface Part {
   vehicleComponent?: Component<VehicleProps>;
 }
 
-export interface SlotPart extends Part {
+/** A part whose code the page loads when the part is first shown. */
+export interface LazyPart {
+  load: () => Promise<Part>;
+}
+
+export type SlotPart = (Part | LazyPart) & SlotOptions;
+
+interface SlotOptions {
   order: number;
   /** Whether the part applies now; missing: always. */
   applies?: () => boolean;
@@ -117,6 +121,8 @@ function insertByOrder<T extends { order: number }>(entries: readonly T[], entry
 class Registry {
   rooms: readonly Room[] = [];
   panels: readonly Panel[] = [];
+  /** Ids of the open panels. */
+  private openPanels = $state.raw<readonly string[]>([]);
   keys: readonly KeyLine[] = [];
   closers: readonly Closer[] = [];
   /** Functions that return warnings about the server for the operator. */
@@ -129,7 +135,7 @@ class Registry {
 
   addPanel(panel: Panel): void {
     this.panels = insertByOrder(this.panels, panel);
-    this.addCloser(panel);
+    this.addCloser({ order: panel.order, isOpen: () => this.isOpen(panel.id), close: () => this.close(panel.id) });
   }
 
   addKeys(lines: readonly KeyLine[]): void {
@@ -152,16 +158,24 @@ class Registry {
     return this.slots.get(name) ?? [];
   }
 
-  /** Opens or closes a panel after a press of its shortcut. @returns false if the panel is not offered for this vehicle. */
+  isOpen(id: string): boolean {
+    return this.openPanels.includes(id);
+  }
+
+  /** Whether a panel is registered and offered for this vehicle. */
+  offers(id: string, facts: VehicleFacts | null): boolean {
+    return this.panels.some((panel) => panel.id === id && isOffered(panel, facts));
+  }
+
+  /** Opens or closes a panel. @returns false if the panel is not offered for this vehicle. */
   toggle(id: string, facts: VehicleFacts | null): boolean {
-    const panel = this.panel(id);
-    if (panel === null || !isOffered(panel, facts)) return false;
-    panel.toggle();
+    if (!this.offers(id, facts)) return false;
+    this.openPanels = this.isOpen(id) ? this.openPanels.filter((open) => open !== id) : [...this.openPanels, id];
     return true;
   }
 
-  panel(id: string): Panel | null {
-    return this.panels.find((panel) => panel.id === id) ?? null;
+  close(id: string): void {
+    this.openPanels = this.openPanels.filter((open) => open !== id);
   }
 }
 

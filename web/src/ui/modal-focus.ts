@@ -24,6 +24,13 @@ export function restoresFocus(node: HTMLElement): { destroy: () => void } {
   };
 }
 
+/** For a panel below a button: its first control gets the focus, or the node; when the node is removed, the focus returns. */
+export function takesFocus(node: HTMLElement): { destroy: () => void } {
+  const focusReturn = restoresFocus(node);
+  (focusableIn(node)[0] ?? node).focus({ preventScroll: true });
+  return focusReturn;
+}
+
 /**
  * For a confirmation: takes the focus and keeps it inside the node while the node exists; Tab moves the focus inside the node. Pointers still
  * reach the rest of the page, for example Hold. When the node is removed, returns the focus.

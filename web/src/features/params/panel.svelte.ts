@@ -12,7 +12,6 @@ const POLL_MS = 500;
 const SET = 'Set parameter';
 
 export class ParamPanelState {
-  open = $state(false);
   filter = $state.raw<Filter>(NO_FILTER);
   /** The parameters that the server has read; null: not requested yet. */
   parametersView = $state.raw<Parameters | null>(null);
@@ -23,10 +22,6 @@ export class ParamPanelState {
   private latestShowNumber = 0;
 
   constructor(private readonly gate = new CommandGate()) {}
-
-  toggle(): void {
-    this.open = !this.open;
-  }
 
   /** Why the last request to this vehicle failed; null: it did not fail. */
   problemOf(vehicle: string): Problem | null {
@@ -42,9 +37,9 @@ export class ParamPanelState {
     return this.gate.isWaiting({ name: SET, vehicles: [vehicle], part: name });
   }
 
-  close(): void {
-    this.open = false;
-    this.latestShowNumber += 1; // the running call of `show` stops polling
+  /** The panel has closed: the running call of `show` stops polling. */
+  stop(): void {
+    this.latestShowNumber += 1;
   }
 
   /**

@@ -1,6 +1,5 @@
+import { page } from '../../app/page.svelte';
 import { registry, rooms } from '../../app/registry.svelte';
-import FlightCard from './flight/FlightCard.svelte';
-import OffboardFlightCard from './flight/OffboardFlightCard.svelte';
 
 const ROOM = 'plan';
 
@@ -14,8 +13,19 @@ registry.addRoom({
   toolbar: true,
   load: async () => (await import('./parts')).parts,
 });
-registry.addTo('cards', { order: 25, vehicleComponent: FlightCard });
-registry.addTo('cards', { order: 26, vehicleComponent: OffboardFlightCard });
+/** Whether the selected vehicle has reported a flight on this topic. */
+const hasFlight = (topic: string): boolean => page.eachRepaint(() => page.vehicle?.newestSample(topic) != null);
+const isInMission = (): boolean => page.facts?.status?.value.mode === 'mission';
+registry.addTo('cards', {
+  order: 25,
+  load: async () => ({ vehicleComponent: (await import('./flight/FlightCard.svelte')).default }),
+  applies: () => isInMission() || hasFlight('waypoint_flight'),
+});
+registry.addTo('cards', {
+  order: 26,
+  load: async () => ({ vehicleComponent: (await import('./flight/OffboardFlightCard.svelte')).default }),
+  applies: () => hasFlight('offboard_mission'),
+});
 registry.addKeys([
   { order: 138, keys: 'W', description: 'Plan view: waypoint plans and offboard missions', inScene: false, handlers: { w: () => rooms.toggle(ROOM) } },
 ]);

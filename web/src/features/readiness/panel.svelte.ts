@@ -8,18 +8,11 @@ const SWITCH = 'Switch mode';
 const CHECK = 'Run the checks';
 
 export class ReadinessPanel {
-  open = $state(false);
   private lastProblem = $state.raw<{ readonly vehicle: string; readonly problem: Problem } | null>(null);
 
   constructor(private readonly gate = new CommandGate()) {}
 
-  toggle(): void {
-    this.open = !this.open;
-    this.lastProblem = null;
-  }
-
-  close(): void {
-    this.open = false;
+  clearProblem(): void {
     this.lastProblem = null;
   }
 

@@ -1,16 +1,11 @@
 import { registry } from '../../app/registry.svelte';
-import { readinessPanel } from './controllers';
-import ReadinessPanel from './ReadinessPanel.svelte';
 
 registry.addPanel({
   id: 'readiness',
   order: 20,
   place: 'side',
-  vehicleComponent: ReadinessPanel,
+  load: async () => ({ vehicleComponent: (await import('./ReadinessPanel.svelte')).default }),
   needs: 'arming_report',
-  isOpen: () => readinessPanel.open,
-  toggle: () => readinessPanel.toggle(),
-  close: () => readinessPanel.close(),
 });
 registry.addKeys([
   {

@@ -1,6 +1,7 @@
 /** The page's only ReplayControl instance. */
 
 import { page } from '../../app/page.svelte';
+import { registry } from '../../app/registry.svelte';
 import { ReplayControl } from './replay.svelte';
 
 export const replay = new ReplayControl({
@@ -8,4 +9,5 @@ export const replay = new ReplayControl({
   replays: () => page.eachRepaint(() => page.store.replays),
   selectedId: () => page.selectedId,
   select: (id) => page.select(id),
+  onOpened: () => registry.close('recordings'),
 });

@@ -31,10 +31,11 @@ export interface ReplayDeps {
   replays: () => readonly Replay[];
   selectedId: () => string | null;
   select: (id: string) => void;
+  /** A person has opened a replay. */
+  onOpened: () => void;
 }
 
 export class ReplayControl {
-  listOpen = $state(false);
   /** A person has opened a replay: the time bar must take the keyboard focus. The time bar then resets this flag. */
   focusRequested = $state(false);
   recordings = $state.raw<readonly Recording[] | null>(null);
@@ -62,8 +63,7 @@ export class ReplayControl {
     return replayToShow(this.deps.replays(), this.deps.selectedId(), this.expectedName);
   }
 
-  async openList(): Promise<void> {
-    this.listOpen = true;
+  async loadList(): Promise<void> {
     const response = await this.deps.api.get('/recordings');
     if (response.ok) this.recordings = response.value.recordings;
     this.problem = response.ok ? null : response.problem;
@@ -81,7 +81,7 @@ export class ReplayControl {
     }
     this.expectedName = response.value.name;
     this.waitsForVehicle = true;
-    this.listOpen = false;
+    this.deps.onOpened();
     this.focusRequested = true;
     this.onTelemetry();
   }

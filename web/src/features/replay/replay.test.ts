@@ -148,7 +148,7 @@ describe('replay control', () => {
       return new Response(JSON.stringify(path.endsWith('/index') ? index : replays[0]), { status: 200 });
     });
     const select = vi.fn();
-    const control = new ReplayControl({ api, replays: () => replays, selectedId: () => '1', select });
+    const control = new ReplayControl({ api, replays: () => replays, selectedId: () => '1', select, onOpened: () => undefined });
     return { control, requests, select, respond: () => release?.() };
   }
 
@@ -206,7 +206,7 @@ describe('replay control', () => {
           status: 409,
         }),
     );
-    const control = new ReplayControl({ api, replays: () => [], selectedId: () => null, select: vi.fn() });
+    const control = new ReplayControl({ api, replays: () => [], selectedId: () => null, select: vi.fn(), onOpened: () => undefined });
     await control.open('b.tlog');
     expect(control.problem?.detail).toContain('empty');
     expect(control.openingName).toBeNull();

@@ -36,6 +36,17 @@ const RETRY_MS = 5000;
 /** Time after which a request to the 3D view counts as failed [ms]. */
 const SHOW_TIMEOUT_MS = 5000;
 const SCENE_URL = '/scene/';
+/** The page loads map and 3D view at the latest this time after its start [ms], also if no vehicle is connected. */
+const VIEWS_WAIT_MS = 1000;
+
+/** Waits until the browser has painted a frame in which `isShown` was true, but not longer than `VIEWS_WAIT_MS`. */
+export async function afterFirstPaint(isShown: () => boolean): Promise<void> {
+  const frame = (): Promise<unknown> => Promise.race([new Promise(requestAnimationFrame), new Promise((resolve) => setTimeout(resolve, VIEWS_WAIT_MS))]);
+  const end_ms = performance.now() + VIEWS_WAIT_MS;
+  while (!isShown() && performance.now() < end_ms) await frame();
+  await frame();
+  await new Promise((resolve) => setTimeout(resolve)); // a frame's callback runs before the frame is painted
+}
 
 class StageState {
   scene = $state.raw<SceneState>({ phase: 'requested' });

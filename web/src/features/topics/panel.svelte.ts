@@ -8,21 +8,12 @@ const TOPIC = 'ros2_topics';
 const RATE_HZ = 2;
 
 class TopicPanel {
-  open = $state(false);
   filter = $state.raw<Filter>(NO_FILTER);
   /** Name and type of the topic whose last message is shown; null: none. */
   expandedTopic = $state<string | null>(null);
   content = $state.raw<TopicList | null>(null);
   /** Time at which `content` was received, by `performance.now()`. */
   received_ms = $state(0);
-
-  toggle(): void {
-    this.open = !this.open;
-  }
-
-  close(): void {
-    this.open = false;
-  }
 
   /** Receives the topics of a vehicle until the returned function is called. @param start starts the socket; replaced in tests. */
   watch(vehicle: string, url: string, start = (socket: TelemetrySocket): void => socket.start()): () => void {

@@ -1,17 +1,12 @@
 import { registry } from '../../app/registry.svelte';
-import { topicPanel } from './panel.svelte';
-import TopicPanel from './TopicPanel.svelte';
 
 registry.addPanel({
   id: 'topics',
   order: 35,
   place: 'side',
-  vehicleComponent: TopicPanel,
+  load: async () => ({ vehicleComponent: (await import('./TopicPanel.svelte')).default }),
   protocol: 'ROS 2',
   rail: { title: 'Topics', icon: 'list', hint: 'ROS 2 topics (X)' },
-  isOpen: () => topicPanel.open,
-  toggle: () => topicPanel.toggle(),
-  close: () => topicPanel.close(),
 });
 registry.addKeys([
   {

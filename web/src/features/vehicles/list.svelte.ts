@@ -10,7 +10,6 @@ const problemText = (problem: Problem): string => [problem.detail, problem.remed
 const HOLD = 'Hold all flying';
 
 export class VehicleList {
-  open = $state(false);
   text = $state('');
   filter = $state<Filter>('all');
   /** Result of the last command; null before the first command. */
@@ -21,16 +20,6 @@ export class VehicleList {
   /** Whether the server has not answered Hold for these vehicles yet. */
   isHoldWaiting(vehicles: readonly { id: string }[]): boolean {
     return this.gate.isWaiting({ name: HOLD, vehicles: vehicles.map(({ id }) => id) });
-  }
-
-  toggle(): void {
-    this.open = !this.open;
-    if (!this.open) this.result = null;
-  }
-
-  close(): void {
-    this.open = false;
-    this.result = null;
   }
 
   /** Sends Hold to these vehicles in one request, without asking the person for confirmation. */

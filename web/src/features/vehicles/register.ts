@@ -1,8 +1,6 @@
 import { page } from '../../app/page.svelte';
 import { registry } from '../../app/registry.svelte';
-import { vehicleList } from './controllers';
 import VehicleBar from './VehicleBar.svelte';
-import VehiclePanel from './VehiclePanel.svelte';
 
 function selectByDigit(digit: number): boolean {
   const id = page.ids[(digit + 9) % 10];
@@ -14,10 +12,7 @@ registry.addPanel({
   id: 'vehicles',
   order: 15,
   place: 'side',
-  component: VehiclePanel,
-  isOpen: () => vehicleList.open,
-  toggle: () => vehicleList.toggle(),
-  close: () => vehicleList.close(),
+  load: async () => ({ component: (await import('./VehiclePanel.svelte')).default }),
 });
 registry.addTo('vehicles', { order: 10, component: VehicleBar });
 registry.addKeys([
@@ -26,7 +21,7 @@ registry.addKeys([
     keys: 'J',
     description: 'Vehicle list: find, select, switch all flying vehicles to Hold',
     inScene: true,
-    handlers: { j: () => vehicleList.toggle() },
+    handlers: { j: (facts) => registry.toggle('vehicles', facts) },
   },
   {
     order: 220,

@@ -1,2 +1,0 @@
-/** Whether the keyboard sheet is open. */
-export const sheet = $state({ open: false });
