@@ -1,6 +1,7 @@
 """The documents: their links lead somewhere, what they name of page and simulator exists."""
 
 import re
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -54,6 +55,12 @@ def test_the_index_names_every_document() -> None:
     named = set(LINK.findall(text_of(ROOT / "docs" / "README.md")))
     missing = {path.name for path in (ROOT / "docs").glob("*.md")} - {name.split("#")[0] for name in named}
     assert missing <= {"README.md"}
+
+
+def test_the_changelog_begins_with_the_version_of_the_package() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    (newest, *_) = re.findall(r"^## (\S+)", text_of(ROOT / "CHANGELOG.md"), re.MULTILINE)
+    assert newest == project["version"]
 
 
 def test_every_path_that_a_document_names_exists() -> None:
