@@ -11,6 +11,8 @@ class SimulatedTimeLoop(asyncio.SelectorEventLoop):
 
     def __init__(self) -> None:
         self.now_s = 1000.0
+        self.in_executor = False
+        """Whether a function runs that would run in another thread."""
         selector = selectors.DefaultSelector()
         real_select = selector.select
 
@@ -31,11 +33,28 @@ class SimulatedTimeLoop(asyncio.SelectorEventLoop):
         """Runs the function at once, because simulated time would advance while another thread works, by as
         much as the machine is busy."""
         future = self.create_future()
+        self.in_executor = True
         try:
             future.set_result(func(*args))
         except Exception as error:
             future.set_exception(error)
+        finally:
+            self.in_executor = False
         return future
+
+
+def record_calls(monkeypatch: Any, module: Any, name: str) -> list[bool]:
+    """Replaces a function of a module by one that also records whether each call is outside the loop."""
+    function, outside_loop = getattr(module, name), list[bool]()
+
+    def recorded(*args: Any, **keywords: Any) -> Any:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, SimulatedTimeLoop)
+        outside_loop.append(loop.in_executor)
+        return function(*args, **keywords)
+
+    monkeypatch.setattr(module, name, recorded)
+    return outside_loop
 
 
 def run_on_simulated_time(scenario: Callable[[], Coroutine[Any, Any, Any]]) -> Any:

@@ -27,7 +27,8 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
     """Flies a plan in simulation, once or many times; changes nothing and commands no vehicle.
 
     A dry run is an operation with progress; `DELETE /operations/{id}` cancels it. After success, `GET
-    /dry_runs/{d}` returns the result; `d` is `result.dry_run` of the operation. At most two run at a time.
+    /dry_runs/{d}` returns the result; `d` is `result.dry_run` of the operation. At most two run at a time,
+    of each client one.
     """
     journal_arguments = body.model_dump(
         include={"plan_id", "version", "vehicle", "flights"}, exclude_none=True

@@ -54,13 +54,13 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
     If the server knows the plan, it reads the parameters for `if_link_lost` in the background, and sends
     nothing else.
     """
+    resume_offer = await station.flights.waypoint_flights.resume_offer(vehicle.id)
     on_vehicle, plan_state, flights = (
         vehicle.mission.items_on_vehicle,
         vehicle.mission.plan_on_vehicle(),
         station.flights.waypoint_flights,
     )
     sample = vehicle.topic("mission")
-    resume_offer = flights.resume_offer(vehicle.id)
     return json_response(
         {
             "vehicle": vehicle.id,

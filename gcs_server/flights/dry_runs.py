@@ -50,7 +50,7 @@ async def begin_dry_run(
 
     Raises:
         InvalidRequest: the plan cannot be used, or does not fit the vehicles.
-        Refused: too many dry runs are running.
+        ClientHasTooMany, Refused: too many dry runs are running.
     """
     chosen = await choose(flights.plans, source)
     document = await chosen.document.read(flights.plan_work, field=chosen.field)
@@ -73,10 +73,10 @@ async def begin_dry_run(
         "kind": head.kind, "name": reference.name, "plan_id": reference.id, "version": reference.version,
         "vehicle": vehicle_id, "vehicles": vehicle_ids, "assumed": assumed,
     }  # fmt: skip
-    dry_run_id = flights.dry_runs.next_id()
+    dry_run_id = flights.dry_runs.next_id(by[1])
 
     async def work(report: ReportProgress) -> dict[str, object]:
-        return await flights.dry_runs.run(dry_run_id, document.text, request, details, report)
+        return await flights.dry_runs.run(dry_run_id, document.text, request, details, report, by[1])
 
     return flights.operations.start(
         "dry_run", work, text="The simulated vehicles start.", subject=dry_run_id, by=by

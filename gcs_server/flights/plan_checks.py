@@ -84,7 +84,9 @@ async def check_document(
         "reported": context.reported,
         "operator": context.operator.to_json(),
         "power": power,
-        "traffic": traffic_of(flights, vehicle) if vehicle is not None and compare_with_others else None,
+        "traffic": await traffic_of(flights, vehicle)
+        if vehicle is not None and compare_with_others
+        else None,
         "vehicle": None if vehicle is None else vehicle.id,
         "not_known": context.not_known,
     }

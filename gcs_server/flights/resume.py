@@ -72,7 +72,7 @@ class ResumeOffers:
         """Drops all data of a removed vehicle."""
         self._points.pop(vehicle_id, None)
 
-    def offer_for(self, vehicle: Vehicle) -> ResumeOffer | str | None:
+    async def offer_for(self, vehicle: Vehicle) -> ResumeOffer | str | None:
         """The offer, or the reason why the flight cannot be resumed, as a sentence; None: no flight was
         interrupted."""
         key = key_of(vehicle.identity)
@@ -98,17 +98,21 @@ class ResumeOffers:
             )
         if vehicle.status.armed:
             return f"Vehicle {vehicle.id} is armed. In flight, the mission continues at its current item."
-        plan, point = self._point(vehicle, on_vehicle, progress)
+        plan, point = await self._point(vehicle, on_vehicle, progress)
         return point if isinstance(point, str) else _offer(vehicle, progress, plan, point)
 
-    def _point(
+    async def _point(
         self, vehicle: Vehicle, on_vehicle: ItemsOnVehicle, progress: FlightProgress
     ) -> tuple[Plan, ResumePoint | str]:
         cached = self._points.get(vehicle.id)
         if cached is None or cached[0] is not on_vehicle or cached[1] is not progress:
-            plan, _ = plan_from_items(on_vehicle)
-            point = resume_after(plan, progress.leg_start, progress.item)
-            cached = self._points[vehicle.id] = (on_vehicle, progress, plan, point)
+
+            def find() -> tuple[Plan, ResumePoint | str]:
+                plan, _ = plan_from_items(on_vehicle)
+                return plan, resume_after(plan, progress.leg_start, progress.item)
+
+            found = await asyncio.to_thread(find)
+            cached = self._points[vehicle.id] = (on_vehicle, progress, *found)
         return cached[2], cached[3]
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from gcs_server.flights.readings import vehicle_reading
-from gcs_server.flights.waypoint_flight import NamedDryRun, vehicle_model
+from gcs_server.flights.waypoint_flight import NamedDryRun, Prediction, vehicle_model
 from gcs_server.plans import typed_values
 from gcs_server.plans.traffic_task import SEPARATION, PlanStart, Traffic, path_not_known, predicted_path
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
@@ -57,9 +59,10 @@ async def compare_with_others(
         dry_run: the path of a dry run of the plan; None: straight lines with estimated times.
     """
     start, planned = _plan_start(vehicle, item), None if dry_run is None else dry_run.planned
-    other_paths, not_compared = _other_paths(flights, vehicle)
+    others = _others(flights, vehicle)
 
     def compare() -> Comparison:
+        other_paths, not_compared = others()
         path = None if start is None else predicted_path(start, plan, planned)
         if path is None and other_paths:
             return Comparison(None, (), (path_not_known(vehicle.id),))
@@ -68,14 +71,18 @@ async def compare_with_others(
     return await asyncio.to_thread(compare)
 
 
-def traffic_of(flights: Flights, vehicle: Vehicle) -> bytes | None:
+async def traffic_of(flights: Flights, vehicle: Vehicle) -> bytes | None:
     """The start of a plan now and the other vehicles in flight, as `Traffic` for the task `check`; None: the
     vehicle is already flying."""
     if vehicle_reading(vehicle).in_air:
         return None
-    other_paths, not_compared = _other_paths(flights, vehicle)
-    start = _plan_start(vehicle, 0)
-    return typed_values.to_bytes(Traffic(start, vehicle.id, tuple(other_paths), tuple(not_compared)))
+    start, others = _plan_start(vehicle, 0), _others(flights, vehicle)
+
+    def predict() -> bytes:
+        other_paths, not_compared = others()
+        return typed_values.to_bytes(Traffic(start, vehicle.id, tuple(other_paths), tuple(not_compared)))
+
+    return await asyncio.to_thread(predict)
 
 
 async def mission_separation_findings(
@@ -86,11 +93,11 @@ async def mission_separation_findings(
     position_ned_m, origin = vehicle_reading(vehicle).position_ned_m, VehicleEstimates(vehicle).origin()
     if position_ned_m is None or origin is None:
         return []  # the mission is not started without a position
-    other_paths, _ = _other_paths(flights, vehicle)
+    others = _others(flights, vehicle)
 
     def compare() -> tuple[Conflict, ...]:
         path = predict_timeline(vehicle.id, origin, timeline, position_ned_m)
-        return () if path is None else conflicts(path, other_paths)
+        return () if path is None else conflicts(path, others()[0])
 
     found = await asyncio.to_thread(compare)
     return [
@@ -101,49 +108,45 @@ async def mission_separation_findings(
 # --- the other vehicles -----------------------------------------------------------------------------------
 
 
-def _other_paths(flights: Flights, vehicle: Vehicle) -> tuple[list[PredictedPath], list[str]]:
-    """The predicted paths of the other flying vehicles, and sentences about vehicles whose path is not
-    known."""
-    paths: list[PredictedPath] = []
-    not_compared: list[str] = []
-    for other in flights.fleet.all():
-        if other.id == vehicle.id or other.identity.replayed:
-            continue
-        path = _current_path(flights, other)
-        if path is not None:
-            paths.append(path)
-        elif vehicle_reading(other).in_air:
-            not_compared.append(
-                f"Vehicle {other.id} is flying, and its path is not known, so it is not compared."
-            )
-    return paths, not_compared
+def _others(flights: Flights, vehicle: Vehicle) -> Callable[[], tuple[list[PredictedPath], list[str]]]:
+    """Reads what the other vehicles fly now. The returned function predicts their paths, for a thread, and
+    makes sentences about flying vehicles whose path is not known."""
+    others = [
+        (other.id, vehicle_reading(other).in_air, _predictions(flights, other))
+        for other in flights.fleet.all()
+        if other.id != vehicle.id and not other.identity.replayed
+    ]
+
+    def predict() -> tuple[list[PredictedPath], list[str]]:
+        paths: list[PredictedPath] = []
+        not_compared: list[str] = []
+        for vehicle_id, in_air, predictions in others:
+            path = next((found for each in predictions if (found := each()) is not None), None)
+            if path is not None:
+                paths.append(path)
+            elif in_air:
+                not_compared.append(
+                    f"Vehicle {vehicle_id} is flying, and its path is not known, so it is not compared."
+                )
+        return paths, not_compared
+
+    return predict
 
 
-def _current_path(flights: Flights, other: Vehicle) -> PredictedPath | None:
-    """Predicted path of a vehicle that flies an offboard mission or a waypoint plan, or hovers; None: the
-    path is not known, or the vehicle is not flying."""
-    for path in (_mission_path(flights, other), flights.waypoint_flights.predicted(other.id)):
-        if path is not None:
-            return path
-    return _hover_path(other)
-
-
-def _mission_path(flights: Flights, other: Vehicle) -> PredictedPath | None:
-    mission, origin = flights.missions.find_flight(other.id), VehicleEstimates(other).origin()
-    position_ned_m = vehicle_reading(other).position_ned_m
-    if mission is None or not mission.runner.in_charge or origin is None or position_ned_m is None:
-        return None
-    return predict_mission(other.id, origin, mission.runner.flight, position_ned_m)
-
-
-def _hover_path(other: Vehicle) -> PredictedPath | None:
+def _predictions(flights: Flights, other: Vehicle) -> list[Prediction]:
+    """Functions that predict what the vehicle may be flying: its offboard mission, its waypoint plan, or a
+    hover; the first path counts."""
     reading, origin = vehicle_reading(other), VehicleEstimates(other).origin()
     position, velocity = reading.position_ned_m, reading.velocity_ned_m_s
-    if not reading.in_air or origin is None or position is None or velocity is None:
-        return None
-    if math.hypot(*velocity) > MAX_HOVER_SPEED_M_S:
-        return None
-    return stationary_path(other.id, origin, position, "hovering")
+    mission, found = flights.missions.find_flight(other.id), list[Prediction]()
+    if mission is not None and mission.runner.in_charge and origin is not None and position is not None:
+        found.append(predict_mission(other.id, origin, mission.runner.flight, position))
+    if (flown := flights.waypoint_flights.prediction(other.id)) is not None:
+        found.append(flown)
+    hovers = velocity is not None and math.hypot(*velocity) <= MAX_HOVER_SPEED_M_S
+    if reading.in_air and hovers and origin is not None and position is not None:
+        found.append(partial(stationary_path, other.id, origin, position, "hovering"))
+    return found
 
 
 # --- the vehicle's own path -------------------------------------------------------------------------------

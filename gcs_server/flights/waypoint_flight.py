@@ -3,7 +3,9 @@ commands it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from gcs_server.flights.readings import vehicle_reading
@@ -25,6 +27,8 @@ from missions.waypoints.monitor import WaypointMonitor
 from missions.waypoints.planned import MAX_PASSES, PlannedPasses, estimate_passes
 
 WARNING, NOTICE = 4, 5
+Prediction = Callable[[], PredictedPath | None]
+"""Predicts a path, in any thread; None: the path is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +50,25 @@ class ClientStart:
     """None: the client named no dry run."""
 
 
+@dataclass(frozen=True, slots=True)
+class PlannedFlight:
+    """The plan on a vehicle, and its planned flight."""
+
+    plan: Plan
+    lands: bool
+    """Whether the plan ends with a landing or a return."""
+    passes: PlannedPasses | None
+    """None: see `reason_not_compared`."""
+    reason_not_compared: str | None
+
+
 class WaypointFlight:
     """One flight.
 
     Args:
         vehicle: the vehicle, which flies its mission.
         on_vehicle: the items on the vehicle, of a known plan.
+        planned: the plan, and the planned flight.
         client_start: the start by a client; None: the pilot or another station selected Mission.
         saw_start: whether the server was connected when the vehicle entered Mission with this plan.
     """
@@ -60,6 +77,7 @@ class WaypointFlight:
         self,
         vehicle: Vehicle,
         on_vehicle: ItemsOnVehicle,
+        planned: PlannedFlight,
         client_start: ClientStart | None,
         *,
         saw_start: bool,
@@ -69,16 +87,12 @@ class WaypointFlight:
         """Whether the server was connected when the vehicle entered Mission with this plan."""
         self._client = None if client_start is None else client_start.client
         self._path = None if client_start is None else client_start.path
-        plan, _ = plan_from_items(on_vehicle)
-        self._count = len(plan.items)
-        self._lands = ends_with_landing(plan)
-        planned, reason_not_compared = _planned(vehicle, plan, self._path)
-        self._planned = planned
+        self._count, self._lands, self._planned = len(planned.plan.items), planned.lands, planned.passes
         reading = vehicle_reading(vehicle)
         self._monitor = WaypointMonitor(
-            plan,
-            planned,
-            reason_not_compared=reason_not_compared,
+            planned.plan,
+            planned.passes,
+            reason_not_compared=planned.reason_not_compared,
             corridor=None if self._path is None else self._path.corridor,
             from_start=saw_start and not reading.in_air,
         )
@@ -151,8 +165,9 @@ class WaypointFlight:
             reason=monitor.reason,
         )
 
-    def predicted(self) -> PredictedPath | None:
-        """The rest of the flight; None: the vehicle is not flying the plan, or the path is not known."""
+    def prediction(self) -> Prediction | None:
+        """Predicts the rest of the flight; None: the vehicle is not flying the plan, or the path is not
+        known."""
         progress, origin = self._monitor.progress_now(self._now_s), VehicleEstimates(self._vehicle).origin()
         if progress is None or origin is None or self._planned is None:
             return None
@@ -160,8 +175,9 @@ class WaypointFlight:
         position = vehicle_reading(self._vehicle).position_ned_m
         if not on_path and position is None:
             return None
-        return predict_plan(
-            self._vehicle.id, origin, self._planned, ends_in_air=not self._lands, index=index, t_s=t_s,
+        return partial(
+            predict_plan, self._vehicle.id, origin, self._planned,
+            ends_in_air=not self._lands, index=index, t_s=t_s,
             current_position_ned_m=None if on_path else position,
             speed_m_s=vehicle_model(self._vehicle).cruise_m_s,
         )  # fmt: skip
@@ -213,19 +229,26 @@ class WaypointFlight:
         self._vehicle.events.add(kind, unix_s, notice.text, severity=severity, data=data)
 
 
-def _planned(
-    vehicle: Vehicle, plan: Plan, path: NamedDryRun | None
-) -> tuple[PlannedPasses | None, str | None]:
-    """The planned flight and None, or None and the reason why there is no planned flight, as a sentence."""
-    if path is not None:
-        return path.planned, None
-    home, origin = _home(vehicle), VehicleEstimates(vehicle).origin()
-    if home is None or origin is None:
-        return None, "The home of the vehicle was not known when the monitoring began."
-    planned = estimate_passes(plan, vehicle_model(vehicle), home, origin)
-    if planned is None or not planned.passes:
-        return None, f"The plan has no path, or more than {MAX_PASSES} legs with its repeats."
-    return planned, None
+def plan_flight(
+    vehicle: Vehicle, on_vehicle: ItemsOnVehicle, path: NamedDryRun | None
+) -> Callable[[], PlannedFlight]:
+    """Reads the vehicle's data for a flight that begins now. The returned function reads the plan, for a
+    thread, because a plan can have thousands of items."""
+    home, origin, model = _home(vehicle), VehicleEstimates(vehicle).origin(), vehicle_model(vehicle)
+
+    def read() -> PlannedFlight:
+        plan, _ = plan_from_items(on_vehicle)
+        passes, reason = None if path is None else path.planned, None
+        if passes is None and (home is None or origin is None):
+            reason = "The home of the vehicle was not known when the monitoring began."
+        elif passes is None and home is not None and origin is not None:
+            passes = estimate_passes(plan, model, home, origin)
+            if passes is None or not passes.passes:
+                passes = None
+                reason = f"The plan has no path, or more than {MAX_PASSES} legs with its repeats."
+        return PlannedFlight(plan, ends_with_landing(plan), passes, reason)
+
+    return read
 
 
 def vehicle_model(vehicle: Vehicle) -> VehicleModel:

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.flights.link_loss import LinkLoss
 from gcs_server.flights.resume import ProgressStore, ResumeOffer, ResumeOffers
-from gcs_server.flights.waypoint_flight import ClientStart, WaypointFlight, WaypointFlightStatus
+from gcs_server.flights.waypoint_flight import (
+    ClientStart,
+    Prediction,
+    WaypointFlight,
+    WaypointFlightStatus,
+    plan_flight,
+)
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.limit_store import key_of
 from gcs_server.supervise import Supervisor
-from gcs_server.vehicle.services.mission_on_vehicle import Ids
+from gcs_server.vehicle.services.mission_on_vehicle import Ids, ItemsOnVehicle
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.runner.flown import FlownMission
 from missions.traffic.path import PredictedPath
@@ -44,6 +50,8 @@ class WaypointFlights:
         self._link_loss: dict[str, LinkLoss] = {}
         self._flights: dict[str, WaypointFlight] = {}
         self._client_starts: dict[str, ClientStart] = {}
+        self._beginning: dict[str, asyncio.Task[None]] = {}
+        """Tasks that read the plan of a flight that has begun, by vehicle."""
         self._in_mission: dict[str, bool] = {}
         """Whether the vehicle was flying its mission at the last update."""
         self._monitored: dict[str, None] = {}
@@ -78,8 +86,8 @@ class WaypointFlights:
         """Starts the periodic update."""
         self._supervisor.repeat("waypoint-flights", self.update, PERIOD_S)
 
-    @contextmanager
-    def started_by_client(self, vehicle_id: str, client_start: ClientStart) -> Generator[None]:
+    @asynccontextmanager
+    async def started_by_client(self, vehicle_id: str, client_start: ClientStart) -> AsyncGenerator[None]:
         """Context for a client's start of a mission: a flight that begins in the block was started by the
         client.
 
@@ -91,6 +99,8 @@ class WaypointFlights:
             yield
             if (vehicle := self._vehicles.get(vehicle_id)) is not None:
                 self._update_vehicle(vehicle)
+                if (beginning := self._beginning.get(vehicle_id)) is not None:
+                    await asyncio.wait([beginning])
         finally:
             self._client_starts.pop(vehicle_id, None)
             self._start_paths.pop(vehicle_id, None)
@@ -109,15 +119,15 @@ class WaypointFlights:
         `started_by_client`."""
         self._start_paths[vehicle_id] = path
 
-    def predicted(self, vehicle_id: str) -> PredictedPath | None:
-        """Predicted path of a vehicle from now to the end of its plan. None: the vehicle does not fly a plan
-        and is not being started, or its path is not known."""
-        if vehicle_id in self._start_paths:
-            return self._start_paths[vehicle_id]
+    def prediction(self, vehicle_id: str) -> Prediction | None:
+        """Predicts the path of a vehicle from now to the end of its plan. None: the vehicle does not fly a
+        plan and is not being started, or its path is not known."""
+        if (path := self._start_paths.get(vehicle_id)) is not None:
+            return lambda: path
         flight, vehicle = self._flights.get(vehicle_id), self._vehicles.get(vehicle_id)
         if flight is None or flight.over or vehicle is None or not vehicle.status.armed:
             return None  # a vehicle that has just disarmed has landed, also before the next update
-        return flight.predicted()
+        return flight.prediction()
 
     def status(self, vehicle_id: str) -> WaypointFlightStatus | None:
         """Status of a vehicle's newest flight; None: there was no flight."""
@@ -143,11 +153,11 @@ class WaypointFlights:
             )
         return flight.flown()
 
-    def resume_offer(self, vehicle_id: str) -> ResumeOffer | str | None:
+    async def resume_offer(self, vehicle_id: str) -> ResumeOffer | str | None:
         """Where a vehicle's interrupted flight can be resumed, or the reason why it cannot be resumed, as a
         sentence; None: no flight was interrupted."""
         vehicle = self._vehicles.get(vehicle_id)
-        return None if vehicle is None else self._resume_offers.offer_for(vehicle)
+        return None if vehicle is None else await self._resume_offers.offer_for(vehicle)
 
     def update(self) -> None:
         """Updates each flight. A fault in one flight affects only that vehicle."""
@@ -177,6 +187,8 @@ class WaypointFlights:
             self._begin_if_new(vehicle, flight, was_flying)
 
     def _begin_if_new(self, vehicle: Vehicle, flight: WaypointFlight | None, was_flying: bool) -> None:
+        if vehicle.id in self._beginning:
+            return
         client_start = self._client_starts.pop(vehicle.id, None)
         if flight is not None and not flight.over:
             if client_start is None or client_start.path is None:
@@ -191,9 +203,24 @@ class WaypointFlights:
         if not saw_start and self._waits_for_home(vehicle):
             return
         self._waiting_since_s.pop(vehicle.id, None)
-        new_flight = WaypointFlight(vehicle, on_vehicle, client_start, saw_start=saw_start)
-        self._flights[vehicle.id] = new_flight
-        new_flight.update()
+        work = self._begin(vehicle, on_vehicle, client_start, saw_start=saw_start)
+        self._beginning[vehicle.id] = self._supervisor.spawn(f"vehicle {vehicle.id}: waypoint flight", work)
+        self._beginning[vehicle.id].add_done_callback(lambda _: self._beginning.pop(vehicle.id, None))
+
+    async def _begin(
+        self,
+        vehicle: Vehicle,
+        on_vehicle: ItemsOnVehicle,
+        client_start: ClientStart | None,
+        *,
+        saw_start: bool,
+    ) -> None:
+        path = None if client_start is None else client_start.path
+        planned = await asyncio.to_thread(plan_flight(vehicle, on_vehicle, path))
+        if self._vehicles.get(vehicle.id) is vehicle:  # otherwise it was removed meanwhile
+            flight = WaypointFlight(vehicle, on_vehicle, planned, client_start, saw_start=saw_start)
+            self._flights[vehicle.id] = flight
+            flight.update()
 
     def _left_mission(self, vehicle: Vehicle) -> bool:
         """Whether an armed vehicle has left its mission while the server did not run: it is in the air in

@@ -103,7 +103,7 @@ async def checked_start(
     waypoint_flights = flights.waypoint_flights
     accepted = frozenset(request.despite) | waypoint_flights.accepted_codes(vehicle, ids)
     path = await check_start(flights, vehicle, replace(request, despite=accepted))
-    with waypoint_flights.started_by_client(vehicle.id, ClientStart(client, path)):
+    async with waypoint_flights.started_by_client(vehicle.id, ClientStart(client, path)):
         ticket.require()
         yield
         waypoint_flights.accept_codes(vehicle, ids, accepted - {SEPARATION})

@@ -13,7 +13,7 @@ from typing import Any, TypedDict
 
 import msgspec
 
-from gcs_server.errors import Refused, UnknownDryRun
+from gcs_server.errors import ClientHasTooMany, Refused, UnknownDryRun
 from gcs_server.operations.operations import ReportProgress
 from gcs_server.operations.process import WorkerFailed, run_process
 
@@ -95,16 +95,18 @@ class DryRuns:
 
     def __init__(self) -> None:
         self._count = 0
-        self._running = 0
+        self._running: list[str] = []
+        """Keys of the clients whose dry runs are running."""
         self._stored: OrderedDict[str, _Stored] = OrderedDict()
 
-    def next_id(self) -> str:
-        """Id of the next dry run.
+    def next_id(self, client_key: str) -> str:
+        """Id of the next dry run of a client.
 
         Raises:
+            ClientHasTooMany: a dry run of this client is running; the other process is for other clients.
             Refused: the limit of running dry runs is reached.
         """
-        self._require_room()
+        self._require_room(client_key)
         self._count += 1
         return str(self._count)
 
@@ -115,6 +117,7 @@ class DryRuns:
         request: Mapping[str, Any],
         details: Mapping[str, Any],
         report: ReportProgress,
+        client_key: str,
     ) -> dict[str, object]:
         """Runs a dry run and stores the result; cancelling this call ends the process.
 
@@ -126,16 +129,18 @@ class DryRuns:
             details: data to store with the result; the assumptions of the result are added to
                 `details["assumed"]`.
             report: receives progress.
+            client_key: identifies the client.
 
         Returns:
             A summary.
 
         Raises:
+            ClientHasTooMany: a dry run of this client is running.
             Refused: the plan cannot be flown, the simulation takes too long, or too many dry runs are
                 running.
         """
-        self._require_room()
-        self._running += 1
+        self._require_room(client_key)
+        self._running.append(client_key)
         line = msgspec.json.encode({**request, "plan": plan.decode(), "id": dry_run_id, "details": details})
         try:
             summary, body = await run_process(COMMAND, report, request=line, max_body_bytes=MAX_RESULT_BYTES)
@@ -146,7 +151,7 @@ class DryRuns:
                 "plan.",
             ) from error
         finally:
-            self._running -= 1
+            self._running.remove(client_key)
         self._store(dry_run_id, body, plan)
         return {"dry_run": dry_run_id, **summary}
 
@@ -176,9 +181,11 @@ class DryRuns:
             )
         return stored
 
-    def _require_room(self) -> None:
+    def _require_room(self, client_key: str) -> None:
         remedy = "Wait until one has ended, or cancel one (DELETE /operations/{id})."
-        if self._running >= MAX_RUNNING:
+        if client_key in self._running:
+            raise ClientHasTooMany("A dry run of this client is already running.", remedy=remedy)
+        if len(self._running) >= MAX_RUNNING:
             raise Refused(f"{MAX_RUNNING} dry runs are already running, which is the limit.", remedy=remedy)
 
     def _store(self, dry_run_id: str, body: bytes, plan: bytes) -> None:

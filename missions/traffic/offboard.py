@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from missions.frames import Vector3
@@ -19,8 +20,9 @@ OPEN_WAITS = ("person", "condition", "meet")
 
 def predict_mission(
     vehicle: str, origin: LocalOrigin, flight: Flight, position_ned_m: Vector3
-) -> PredictedPath | None:
-    """The remaining path of a mission, with both continuations of each branch; None: no segment remains.
+) -> Callable[[], PredictedPath | None]:
+    """Reads a mission in flight, and returns a function that predicts its remaining path, in any thread: with
+    both continuations of each branch; None: no segment remains.
 
     Args:
         vehicle: id of the vehicle.
@@ -28,11 +30,15 @@ def predict_mission(
         flight: the mission in flight.
         position_ned_m: the vehicle's current position, which counts as the start of the current segment.
     """
-    path = predict_timeline(
-        vehicle, origin, flight.course.remaining_timeline(flight.index), position_ned_m, flight.t_s
-    )
-    # a paused mission continues at an unknown time
-    return path.without_latest_times() if path is not None and flight.paused else path
+    remaining, flown_s = flight.course.remaining_timeline(flight.index), flight.t_s
+    paused = flight.paused
+
+    def predict() -> PredictedPath | None:
+        path = predict_timeline(vehicle, origin, remaining, position_ned_m, flown_s)
+        # a paused mission continues at an unknown time
+        return path.without_latest_times() if path is not None and paused else path
+
+    return predict
 
 
 def predict_timeline(

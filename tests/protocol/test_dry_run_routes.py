@@ -21,10 +21,10 @@ class DryRunRecorder:
     def __init__(self) -> None:
         self.requests = []
 
-    def next_id(self):
+    def next_id(self, client_key):
         return "1"
 
-    async def run(self, dry_run_id, plan, request, run_info, report):
+    async def run(self, dry_run_id, plan, request, run_info, report, client_key):
         self.requests.append((request, run_info))
         report("Half.", 0.5)
         return {"dry_run": dry_run_id}

@@ -15,13 +15,16 @@ from gcs_server.api import (
     plan_routes,
 )
 from gcs_server.errors import GcsError, PlanFindings
+from gcs_server.flights import traffic, waypoint_flight
 from missions.geodesy import LocalOrigin
 from missions.offboard import document
 from missions.offboard.reader import read
+from missions.traffic import offboard as missions_in_flight
 from tests.protocol import two_vehicles
 from tests.protocol.api_calls import ANNA, json_of
 from tests.protocol.offboard_testbed import sleep
 from tests.protocol.simulated_testbed import until
+from tests.simulated_time import record_calls
 
 ORIGIN = LocalOrigin(47.397742, 8.545594, 488.0)
 APART_M = 40.0
@@ -197,6 +200,21 @@ def test_the_second_of_two_offboard_missions_started_at_the_same_time_is_refused
         assert results[1].codes == ("separation",)
         await sleep(1.0)
         assert not rig.second.status.armed
+
+    run_with_two_vehicles(run_simulated, scenario)
+
+
+def test_the_paths_of_other_vehicles_are_predicted_outside_the_event_loop(run_simulated, monkeypatch):
+    outside_loop = record_calls(monkeypatch, traffic, "stationary_path")
+    flown_plans = record_calls(monkeypatch, waypoint_flight, "predict_plan")
+    flown_missions = record_calls(monkeypatch, missions_in_flight, "predict_timeline")
+
+    async def scenario(rig):
+        await start_mission(rig, "1", HOLD_STEP)
+        body = {"plan": {"items": ITEMS_OVER_VEHICLE_1}, "vehicle": "2"}
+        await plan_routes.check_plan(plan_models.PlanToCheck.model_validate(body), rig.station)
+        assert flown_missions
+        assert all(outside_loop + flown_plans + flown_missions)
 
     run_with_two_vehicles(run_simulated, scenario)
 

@@ -6,6 +6,7 @@ import pytest
 
 from gcs_server.api import control_routes, mission_models, mission_routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
+from gcs_server.flights import resume, waypoint_flight
 from gcs_server.flights.resume import ProgressStore
 from gcs_server.plans.store import PlanStore
 from gcs_server.storage.records import Records
@@ -15,6 +16,7 @@ from tests.protocol.fake_autopilot import HOLD_MODE, IN_AIR, ON_GROUND, RTL_MODE
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
+from tests.simulated_time import record_calls
 from tests.support.documents import read_document
 
 LAT, LON = 47.397742, 8.545594
@@ -120,6 +122,20 @@ async def interrupt_at_item_4(rig):
     await fly_to(rig, 1, 10)
     await fly_to(rig, 3, 90)
     await land(rig)
+
+
+def test_the_vehicles_plan_is_read_outside_the_event_loop(run_simulated, tmp_path, monkeypatch):
+    in_flight = record_calls(monkeypatch, waypoint_flight, "plan_from_items")
+    in_resume = record_calls(monkeypatch, resume, "plan_from_items")
+
+    async def scenario(rig):
+        await interrupt_at_item_4(rig)
+        assert (await mission_view(rig))["resume"] is not None
+        assert in_flight
+        assert in_resume
+        assert all(in_flight + in_resume)
+
+    run_with_rig(run_simulated, tmp_path, scenario)
 
 
 def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_simulated, tmp_path):

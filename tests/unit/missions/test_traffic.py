@@ -208,18 +208,18 @@ CROSSING = line_items(east_m=100.0, northward=True, hold_s=10)
 def test_an_offboard_mission_is_compared_along_its_timeline():
     flight = mission_flight(TAKE_OFF, FLY_EAST, LAND)
     path = predicted_path(CROSSING, "2")
-    conflict = first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0)))
+    conflict = first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))())
     assert (conflict.place, conflict.other_place) == ("item 3", "step 2")
     landing_index = next(index for index, each in enumerate(flight.course.segments) if each.place == "step 3")
     flight.move_to(landing_index)
-    assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 200.0, -20.0))) is None
+    assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 200.0, -20.0))()) is None
 
 
 def test_a_mission_that_waits_for_a_person_is_expected_at_any_later_time():
     path = predicted_path(line_items(east_m=100.0, northward=True, hold_s=600), "2")
     waiting_steps = (TAKE_OFF, "{step: wait, until: person, timeout_s: 900}", FLY_EAST)
     for steps, expected in (((TAKE_OFF, FLY_EAST, LAND), False), (waiting_steps, True)):
-        mission_path = predict_mission("1", ORIGIN, mission_flight(*steps), (0.0, 0.0, 0.0))
+        mission_path = predict_mission("1", ORIGIN, mission_flight(*steps), (0.0, 0.0, 0.0))()
         assert (first_conflict(path, mission_path) is not None) == expected
         assert math.isinf(mission_path.latest_s[-1]) == expected
 
@@ -228,4 +228,4 @@ def test_a_paused_mission_is_expected_at_any_later_time():
     flight = mission_flight(TAKE_OFF, FLY_EAST, LAND)
     flight.paused = True
     path = predicted_path(line_items(east_m=100.0, northward=True, hold_s=600), "2")
-    assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))) is not None
+    assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))()) is not None

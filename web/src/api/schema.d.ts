@@ -1740,7 +1740,8 @@ export interface paths {
          * @description Flies a plan in simulation, once or many times; changes nothing and commands no vehicle.
          *
          *     A dry run is an operation with progress; `DELETE /operations/{id}` cancels it. After success, `GET
-         *     /dry_runs/{d}` returns the result; `d` is `result.dry_run` of the operation. At most two run at a time.
+         *     /dry_runs/{d}` returns the result; `d` is `result.dry_run` of the operation. At most two run at a time,
+         *     of each client one.
          */
         readonly post: operations["start_dry_run_api_v1_dry_runs_post"];
         readonly delete?: never;

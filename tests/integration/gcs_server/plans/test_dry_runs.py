@@ -6,7 +6,7 @@ import json
 import pytest
 
 from gcs_server.api.dry_run_models import DryRunView
-from gcs_server.errors import Refused, UnknownDryRun
+from gcs_server.errors import ClientHasTooMany, Refused, UnknownDryRun
 from gcs_server.plans import dry_runs
 from gcs_server.plans.dry_runs import MAX_RESULTS, MAX_RUNNING, DryRuns
 from missions import plan as plan_document
@@ -55,6 +55,7 @@ def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_de
             run_request,
             RUN_INFO,
             lambda text, progress: reports.append((text, progress)),
+            "key",
         )
         compared = await runs.result("1")
         assert compared["nominal"]["finished"]
@@ -90,7 +91,7 @@ def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
     async def scenario():
         runs = DryRuns()
         info = {**RUN_INFO, "assumed": ["No wind."]}
-        await runs.run("1", plan_document.write(plan), run_request, info, lambda *_: None)
+        await runs.run("1", plan_document.write(plan), run_request, info, lambda *_: None, "key")
         return json.loads(runs.body("1"))
 
     result = asyncio.run(scenario())
@@ -134,7 +135,7 @@ def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_descript
     async def scenario():
         runs = DryRuns()
         plan = MISSION_FOR_TWO.encode()
-        await runs.run("1", plan, run_request, run_info, lambda text, _: reports.append(text))
+        await runs.run("1", plan, run_request, run_info, lambda text, _: reports.append(text), "key")
         return runs.body("1")
 
     view = DryRunView.model_validate_json(asyncio.run(scenario()))
@@ -155,7 +156,7 @@ def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_descript
 def test_an_empty_plan_is_refused():
     async def scenario():
         plan = short_plan().model_copy(update={"items": ()})
-        await DryRuns().run("1", plan_document.write(plan), request_for(), RUN_INFO, lambda *_: None)
+        await DryRuns().run("1", plan_document.write(plan), request_for(), RUN_INFO, lambda *_: None, "key")
 
     with pytest.raises(Refused, match="nothing to fly"):
         asyncio.run(scenario())
@@ -167,21 +168,42 @@ def test_running_dry_runs_are_limited_and_cancelled_dry_runs_do_not_count(monkey
     async def scenario():
         runs = DryRuns()
         tasks = [
-            asyncio.ensure_future(runs.run(str(n), PLAN, request_for(), RUN_INFO, lambda *_: None))
+            asyncio.ensure_future(
+                runs.run(str(n), PLAN, request_for(), RUN_INFO, lambda *_: None, f"key {n}")
+            )
             for n in range(MAX_RUNNING)
         ]
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already running"):
-            runs.next_id()
+            runs.next_id("another key")
         with pytest.raises(Refused):
-            await runs.run("more", PLAN, request_for(), RUN_INFO, lambda *_: None)
+            await runs.run("more", PLAN, request_for(), RUN_INFO, lambda *_: None, "another key")
         for task in tasks:
             task.cancel()
         results = await asyncio.gather(*tasks, return_exceptions=True)
         assert all(isinstance(each, asyncio.CancelledError) for each in results)
-        return runs.next_id()
+        return runs.next_id("key 0")
 
     assert asyncio.run(scenario()) == "1"
+
+
+def test_one_client_cannot_take_both_processes(monkeypatch):
+    monkeypatch.setattr(dry_runs, "COMMAND", ("sleep", "600"))
+
+    async def scenario():
+        runs = DryRuns()
+        work = runs.run("1", PLAN, request_for(), RUN_INFO, lambda *_: None, "anna")
+        task = asyncio.ensure_future(work)
+        await asyncio.sleep(0)
+        with pytest.raises(ClientHasTooMany):
+            runs.next_id("anna")
+        with pytest.raises(ClientHasTooMany):
+            await runs.run("2", PLAN, request_for(), RUN_INFO, lambda *_: None, "anna")
+        assert runs.next_id("bob") == "1"
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(scenario())
 
 
 def test_the_newest_results_are_kept_and_the_oldest_is_removed(monkeypatch):
@@ -190,7 +212,7 @@ def test_the_newest_results_are_kept_and_the_oldest_is_removed(monkeypatch):
     async def scenario():
         runs = DryRuns()
         for n in range(MAX_RESULTS + 1):
-            await runs.run(str(n), PLAN, request_for(), RUN_INFO, lambda *_: None)
+            await runs.run(str(n), PLAN, request_for(), RUN_INFO, lambda *_: None, "key")
         return runs
 
     runs = asyncio.run(scenario())
