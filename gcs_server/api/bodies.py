@@ -11,10 +11,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from gcs_server.api import refusals
 from gcs_server.api.admission import refusal_response
 from gcs_server.api.json_limits import REFUSED_REMEDY, json_fault
-from gcs_server.api.large_setpoints import LargeSetpoints
 from gcs_server.api.principals import principal_of
 from gcs_server.api.problems import problem
-from gcs_server.api.request_queue import RequestQueue
+from gcs_server.api.request_queue import LargeSetpoints, RequestQueue
 from gcs_server.control.principal import Principal
 from gcs_server.errors import ClientHasTooMany, ServerBusy
 from gcs_server.operations.turns import CALLER, Caller, TurnLimits, Turns

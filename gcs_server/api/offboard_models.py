@@ -12,7 +12,7 @@ from gcs_server.api.setpoints import HoldOnExpiry, LandOnExpiry, StopStreamOnExp
 from gcs_server.api.strict_body import Latitude, Longitude, ResponseBody, StrictBody, example
 from gcs_server.streamer.offboard import status
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
-from gcs_server.streamer.validation.availability import Available
+from gcs_server.streamer.validation import Available
 from gcs_server.streamer.values import limit_values
 from missions.fence import CircleFence, Fence, PolygonFence
 from missions.frames import Quaternion, Vector3

@@ -10,9 +10,8 @@ from typing import Annotated
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from gcs_server.api.large_setpoints import LargeSetpoints
 from gcs_server.api.principals import PrincipalDep
-from gcs_server.api.request_queue import RequestQueue
+from gcs_server.api.request_queue import LargeSetpoints, RequestQueue
 from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal

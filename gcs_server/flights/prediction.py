@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs_server.streamer.frames.resolve import ResolvedSetpoint
+from gcs_server.streamer.frames import ResolvedSetpoint
 from gcs_server.streamer.separation.guard import motion_of
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.curves import PathCurve

@@ -9,8 +9,7 @@ from time import monotonic
 
 from gcs_server.links.base import Peer
 from gcs_server.links.channel import MAX_READ_S, LinkReader
-from gcs_server.links.host import HostLink
-from gcs_server.links.resolve import Address
+from gcs_server.links.host import Address, HostLink
 from gcs_server.links.writer import LinkWriter
 
 FORGET_AFTER_S = 30.0

@@ -7,7 +7,7 @@ import numpy as np
 from gcs_server.scene.frames import enu_from_ned
 from gcs_server.scene.model import Points
 from gcs_server.scene.ports import SceneVehicle
-from gcs_server.streamer.offboard.obstacles import scans_of
+from gcs_server.streamer.offboard.estimates import scans_of
 from missions.avoidance.scans import LEVEL_MAX_SINE, recent_scans
 from missions.frames import Quaternion, Vector3
 

@@ -10,9 +10,9 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-from gcs_server.links.memory import MemoryLink
 from gcs_server.mavlink.codec import encode_frame
 from tests.protocol.command_numbers import FORCE
+from tests.support.memory_link import MemoryLink
 from vehicle_sim.mavlink import generated_dialect as sim
 
 HOLD_MODE, TAKEOFF_MODE, LAND_MODE, RTL_MODE = (4 << 16 | sub << 24 for sub in (3, 2, 6, 5))

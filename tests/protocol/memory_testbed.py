@@ -5,11 +5,11 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from gcs_server.clock import LoopClock
-from gcs_server.links.memory import MemoryLink
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.fleet import Fleet
 from tests.protocol.fake_autopilot import FakeAutopilot
+from tests.support.memory_link import MemoryLink
 
 
 class MemoryTestbed:

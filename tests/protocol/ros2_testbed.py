@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from gcs_server.links.base import DdsAddress, Peer
-from gcs_server.links.memory import MemoryLink
 from gcs_server.ros2.external_mode import Message
 from gcs_server.ros2.topics import SUBSCRIPTIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
@@ -19,6 +18,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Setpoint
 from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.simulated_testbed import TICK_S, SimulatedVehicles
+from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import VehicleSim
 
 NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}

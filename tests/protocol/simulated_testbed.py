@@ -6,10 +6,10 @@ import asyncio
 import random
 from typing import Any
 
-from gcs_server.links.memory import MemoryLink
 from gcs_server.vehicle.vehicle import Vehicle
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.offboard_testbed import OffboardTestbed
+from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import VehicleSim
 
 TICK_S = 0.02

@@ -10,7 +10,6 @@ import pytest
 
 from gcs_server.errors import InvalidRequest
 from gcs_server.links.base import SigningOptions
-from gcs_server.links.memory import MemoryLink
 from gcs_server.mavlink.codec import encode_frame
 from gcs_server.mavlink.key_store import KeyStore
 from gcs_server.mavlink.signing import (
@@ -24,6 +23,7 @@ from gcs_server.mavlink.signing import (
 from gcs_server.replay.records import read_tlog
 from tests.protocol.fake_autopilot import FakeAutopilot
 from tests.protocol.memory_testbed import MemoryTestbed
+from tests.support.memory_link import MemoryLink
 
 KEY = bytes(range(100, 132))
 OTHER_KEY = bytes(range(32))

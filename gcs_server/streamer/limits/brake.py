@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_server.streamer.limits.braking import (
+from gcs_server.streamer.limits.region import (
     BRAKE_DELAY_S,
     BRAKE_M_S2,
     BRAKE_VERTICAL_DELAY_S,
@@ -33,9 +33,9 @@ from gcs_server.streamer.limits.braking import (
     MAX_BACK_M_S,
     TAKEOVER_DELAY_S,
     TAKEOVER_M_S2,
-    braking_speed,
 )
 from missions.avoidance.scans import DEFAULT_HALF_ANGLE_RAD, LEVEL_MAX_SINE, Scan, recent_scans
+from missions.avoidance.stopping import braking_speed
 from missions.fence import NorthEast
 from missions.frames import Vector3
 

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from gcs_server.streamer.limits.brake import ObstacleBrake, Surroundings
 from gcs_server.streamer.limits.region import RegionLimiter, VehicleMotion
-from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.limit_values import Bounds
 from missions.fence import NorthEast
 from missions.frames import Vector3, limit_rotation, limit_tilt, ned_from_heading
 from missions.setpoints import (

@@ -8,22 +8,27 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gcs_server.streamer.limits.braking import (
-    BACK_PER_S,
-    BRAKE_DELAY_S,
-    BRAKE_M_S2,
-    BRAKE_VERTICAL_DELAY_S,
-    BRAKE_VERTICAL_M_S2,
-    MARGIN_M,
-    MARGIN_VERTICAL_M,
-    MAX_BACK_M_S,
-    TAKEOVER_DELAY_S,
-    TAKEOVER_M_S2,
-    braking_speed,
-)
-from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.limit_values import Bounds
+from missions.avoidance.stopping import braking_speed
 from missions.fence import NorthEast
 from missions.frames import Quaternion, Vector3
+
+# These values are more cautious than the braking that was measured with PX4.
+BRAKE_M_S2, BRAKE_DELAY_S = 1.2, 0.8
+"""PX4's deceleration [m/s²] and delay [s] when a velocity setpoint decreases. The deceleration is less than
+PX4's maximum of 5 m/s²: PX4's integrator compensates drag, and still moves the vehicle at about 0.5 m/s for
+seconds after the setpoint has become zero.
+"""
+BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S = 1.0, 0.6
+TAKEOVER_M_S2, TAKEOVER_DELAY_S = 2.0, 0.8
+"""Deceleration [m/s²] and delay [s] after the stream has replaced attitude or rate setpoints by position
+setpoints; the delay includes PX4's change of controllers."""
+BACK_PER_S, MAX_BACK_M_S = 1.0, 1.0
+"""Speed at which the vehicle is moved back from an edge nearer than the margin: speed per metre [1/s], and
+maximum speed [m/s]."""
+MARGIN_M = 1.0
+"""Distance from the edge or obstacle at which the vehicle is stopped [m]."""
+MARGIN_VERTICAL_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)

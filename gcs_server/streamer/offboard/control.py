@@ -8,10 +8,8 @@ from collections.abc import Awaitable, Callable, Sequence
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.streamer.offboard.avoidance import AvoidanceControl
-from gcs_server.streamer.offboard.configuration import OffboardConfiguration
+from gcs_server.streamer.offboard.configuration import ACTION_MODES, Failsafe, OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.offboard.failsafe import ACTION_MODES, Failsafe
-from gcs_server.streamer.offboard.health import health_of
 from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
 from gcs_server.streamer.offboard.snapshots import FindVehicle, VehicleSnapshots
 from gcs_server.streamer.offboard.status import (
@@ -19,11 +17,11 @@ from gcs_server.streamer.offboard.status import (
     OffboardLimits,
     OffboardStatus,
     expiry_view,
+    health_of,
     setpoint_view,
 )
 from gcs_server.streamer.process.streams import Streams
-from gcs_server.streamer.validation.availability import Availability, Available, problem_of
-from gcs_server.streamer.validation.targets import check_segments, check_target
+from gcs_server.streamer.validation import Availability, Available, check_segments, check_target, problem_of
 from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest

@@ -7,13 +7,12 @@ from dataclasses import replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError
-from gcs_server.streamer.frames.resolve import follow_offset_ned_m
+from gcs_server.streamer.frames import follow_offset_ned_m
 from gcs_server.streamer.offboard.avoidance import AvoidanceControl
 from gcs_server.streamer.offboard.configuration import OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
-from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds, bounds_of
-from gcs_server.streamer.values.limit_values import vehicle_limits
+from gcs_server.streamer.values.limit_values import UNBOUNDED, Bounds, bounds_of, vehicle_limits
 from gcs_server.streamer.values.snapshot import Leader, Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.vehicle.endpoint import ROS2, protocol_in_use

@@ -24,9 +24,8 @@ from gcs_server.streamer.schedule.external_modes import ExternalModes
 from gcs_server.streamer.schedule.scheduler import StreamScheduler, StreamState
 from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
 from gcs_server.streamer.transport.vehicle_transport import NoSender, PayloadSender
-from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
-from gcs_server.streamer.values.stream_request import StreamRequest
+from gcs_server.streamer.values.stream_request import NOTICE, WARNING, StreamEvent, StreamRequest
 
 log = logging.getLogger(__name__)
 P = ParamSpec("P")

@@ -1,6 +1,6 @@
 """The process that runs all setpoint streams, so that no work of the server can delay them.
 
-`handle.py` starts it with two sockets. The first carries the server's calls (`messages.py`), and the
+`calls.py` starts it with two sockets. The first carries the server's calls (`messages.py`), and the
 answers and updates back. The second carries the sockets of the server's links to the process, and reports of
 sent frames back (for the recordings). Setpoints for a link without datagrams go back to the server, where a
 thread sends them. Neither side ever waits until the other side reads.

@@ -24,9 +24,8 @@ from gcs_server.streamer.transport.vehicle_transport import (
     VehicleTransport,
     no_topics,
 )
-from gcs_server.streamer.values.events import WARNING, StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
-from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest
+from gcs_server.streamer.values.stream_request import OFFBOARD, WARNING, StreamEvent, StreamRequest
 from missions.avoidance.setpoints import AvoidanceStatus
 from missions.runner.script import ScriptChange, ScriptProgress
 from missions.setpoints import DirectSetpoint

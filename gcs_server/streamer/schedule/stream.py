@@ -23,10 +23,20 @@ from dataclasses import replace
 
 from gcs_server.streamer.schedule.cadence import Cadence
 from gcs_server.streamer.schedule.pipeline import SetpointPipeline
-from gcs_server.streamer.values.events import INFO, NOTICE, WARNING, StreamEvent
-from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointDue, SetpointLoader
 from gcs_server.streamer.values.snapshot import MAX_EXTRAPOLATION_S, Snapshot
-from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest, mode_label
+from gcs_server.streamer.values.stream_request import (
+    INFO,
+    NOTICE,
+    OFFBOARD,
+    WARNING,
+    ModeRequest,
+    Outgoing,
+    SetpointDue,
+    SetpointLoader,
+    StreamEvent,
+    StreamRequest,
+    mode_label,
+)
 from missions.avoidance.setpoints import AvoidanceStatus
 from missions.frames import Vector3
 from missions.runner.script import Script, ScriptChange, ScriptProgress

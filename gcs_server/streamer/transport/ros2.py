@@ -20,8 +20,7 @@ from gcs_server.streamer.transport.mavlink import (
     PX4_AUTO_SUB_MODES,
     PX4_MAIN_MODE_AUTO,
 )
-from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing
-from gcs_server.streamer.values.stream_request import OFFBOARD
+from gcs_server.streamer.values.stream_request import OFFBOARD, ModeRequest, Outgoing
 from gcs_server.vehicle.modes import BY_NAME
 from missions.frames import Vector3
 from missions.setpoints import (

@@ -16,8 +16,7 @@ from gcs_server.streamer.transport.mavlink import (
     with_time,
 )
 from gcs_server.streamer.transport.ros2 import Ros2Transport, TopicSender
-from gcs_server.streamer.values.outgoing import ModeRequest, Outgoing, SetpointDue
-from gcs_server.streamer.values.stream_request import OFFBOARD
+from gcs_server.streamer.values.stream_request import OFFBOARD, ModeRequest, Outgoing, SetpointDue
 from missions.setpoints import DirectSetpoint
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds
+from gcs_server.streamer.values.limit_values import UNBOUNDED, Bounds
 from missions.avoidance.scans import Scan
 from missions.avoidance.values import AvoidanceWay
 from missions.frames import Quaternion, Vector3

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_server.clock import SystemClock
-from gcs_server.links.first_bytes import (
+from gcs_server.links.tcp import (
     LOG_INTERVAL_S,
     SHOWN_FOR_S,
     ClosedConnections,

@@ -14,10 +14,9 @@ from gcs_server.api.bodies import (
 )
 from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.json_limits import MAX_DEPTH, MAX_KEYS, json_fault
-from gcs_server.api.large_setpoints import PAUSE_S_PER_BYTE, LargeSetpoints
 from gcs_server.api.problems import MAX_ERRORS, MAX_VALUE_LENGTH
 from gcs_server.api.refusals import BODY_DEADLINE_S, MAX_BODY_BYTES
-from gcs_server.api.request_queue import RequestQueue
+from gcs_server.api.request_queue import PAUSE_S_PER_BYTE, LargeSetpoints, RequestQueue
 from gcs_server.api.schema import PARTS
 from gcs_server.control.principal import Principal
 from gcs_server.errors import ServerBusy

@@ -18,7 +18,7 @@ from gcs_server.flights.prediction import (
     too_near_now,
 )
 from gcs_server.streamer.separation.guard import GroupGuard, MemberView, motion_of
-from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.geodesy import LocalOrigin

@@ -156,7 +156,7 @@ async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
 async def test_a_process_that_reads_nothing_is_killed_when_too_many_bytes_wait_for_it(
     streams, vehicle, monkeypatch
 ):
-    monkeypatch.setattr("gcs_server.streamer.process.handle.MAX_WAITING_BYTES", 2_000_000)
+    monkeypatch.setattr("gcs_server.streamer.process.calls.MAX_WAITING_BYTES", 2_000_000)
     await start_stream(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)

@@ -10,9 +10,8 @@ from dataclasses import replace
 import pytest
 
 from gcs_server.errors import Refused
-from gcs_server.streamer.separation.guard import GroupGuard
-from gcs_server.streamer.separation.mission_guard import MissionGuard
-from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.separation.guard import GroupGuard, MissionGuard
+from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.geodesy import LocalOrigin
 from missions.setpoints import Follow, Velocity

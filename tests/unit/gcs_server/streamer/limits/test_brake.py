@@ -8,10 +8,9 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from gcs_server.streamer.limits.brake import SCAN_VALID_S, BrakeMemory
-from gcs_server.streamer.limits.braking import MARGIN_M
 from gcs_server.streamer.limits.limiter import apply_limits
-from gcs_server.streamer.limits.region import VehicleMotion
-from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.limits.region import MARGIN_M, VehicleMotion
+from gcs_server.streamer.values.limit_values import Bounds
 from missions.avoidance.scans import Scan
 from missions.geodesy import LocalOrigin
 from missions.setpoints import (

@@ -6,10 +6,9 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from gcs_server.streamer.limits.braking import BRAKE_DELAY_S, BRAKE_M_S2, braking_speed
 from gcs_server.streamer.limits.limiter import apply_limits, is_finite
-from gcs_server.streamer.limits.region import VehicleMotion
-from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.limits.region import BRAKE_DELAY_S, BRAKE_M_S2, VehicleMotion, braking_speed
+from gcs_server.streamer.values.limit_values import Bounds
 from missions.fence import Circle, Polygon, Region
 from missions.frames import ned_from_heading, q_from_euler, tilt_from_q
 from missions.geodesy import LocalOrigin

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gcs_server.streamer.offboard.failsafe import Failsafe
+from gcs_server.streamer.offboard.configuration import Failsafe
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from gcs_server.streamer.process.message_pipe import READ_BYTES, MessagePipe, PipeFull, pickled
 from gcs_server.streamer.process.messages import Answer, Call, Update
 from gcs_server.streamer.schedule.scheduler import StreamState
-from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.avoidance.scans import Scan

@@ -3,7 +3,7 @@
 import pytest
 
 from gcs_server.streamer.schedule.pipeline import SetpointPipeline
-from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.scans import Scan
 from missions.fence import Region

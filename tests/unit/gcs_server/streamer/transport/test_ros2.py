@@ -11,13 +11,13 @@ import pytest
 from gcs_server.ros2.external_mode import CONTROLLERS, Message
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import COMMAND
-from gcs_server.streamer.frames.resolve import ResolvedSetpoint
+from gcs_server.streamer.frames import ResolvedSetpoint
 from gcs_server.streamer.limits.limiter import apply_limits
 from gcs_server.streamer.transport.ros2 import CONTROL_MODE, TOPIC_TYPES, Ros2Transport, encode, topics_of
 from gcs_server.streamer.transport.vehicle_transport import NoSender, VehicleTransport
-from gcs_server.streamer.values.bounds import Bounds
-from gcs_server.streamer.values.outgoing import ModeRequest, SetpointDue
+from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
+from gcs_server.streamer.values.stream_request import ModeRequest, SetpointDue
 from missions.fence import Circle, Region
 from missions.geodesy import LocalOrigin
 from missions.setpoints import (

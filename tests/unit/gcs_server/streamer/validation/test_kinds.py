@@ -7,10 +7,10 @@ from pydantic import TypeAdapter
 
 from gcs_server.api.offboard_models import SetpointType
 from gcs_server.api.setpoints import AnySetpoint
-from gcs_server.streamer.frames.resolve import KINDS_TO_RESOLVE, NON_LOCAL_KINDS
+from gcs_server.streamer.frames import KINDS_TO_RESOLVE, NON_LOCAL_KINDS
 from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
 from gcs_server.streamer.transport.ros2 import ROS2_KINDS
-from gcs_server.streamer.validation.availability import why_not_carried
+from gcs_server.streamer.validation import why_not_carried
 from missions.setpoints import KINDS
 
 

@@ -6,8 +6,8 @@ import time
 import pytest
 
 from gcs_server.errors import Refused
-from gcs_server.streamer.validation.targets import check_path
-from gcs_server.streamer.values.bounds import Bounds
+from gcs_server.streamer.validation import check_path
+from gcs_server.streamer.values.limit_values import Bounds
 from missions.fence import Polygon, Region
 from missions.setpoints import Path, PathPoint
 
