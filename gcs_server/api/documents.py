@@ -80,8 +80,10 @@ class SourceBody(StrictBody):
 
     DOCUMENT: ClassVar[str] = "plan"
 
-    plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored plan.")
-    version: int | None = Field(default=None, ge=1, description="Version of that plan; default: the newest.")
+    plan_id: str | None = Field(default=None, max_length=40)
+    """Id of a stored plan."""
+    version: int | None = Field(default=None, ge=1)
+    """Version of that plan; default: the newest."""
 
     @model_validator(mode="after")
     def _check_one_plan(self) -> Self:

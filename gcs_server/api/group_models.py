@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from gcs_server.api.offboard_models import LimitsModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.setpoints import AnySetpoint, Validity, setpoint_arguments
-from gcs_server.api.strict_body import StrictBody, example
+from gcs_server.api.strict_body import ResponseBody, StrictBody, example
 from gcs_server.control.principal import Principal
 from gcs_server.flights import group as status
 from gcs_server.flights.group_checks import GroupRequest
@@ -31,15 +31,10 @@ class MemberBody(StrictBody):
 
 
 class _GroupValidity(Validity):
-    valid_for_s: float = Field(
-        default=1.0,
-        allow_inf_nan=False,
-        ge=0.05,
-        le=600,
-        description="How long all setpoints are valid without being renewed [s]; then `on_expiry` applies to "
-        "all members at the same time. The time starts when the last member has finished its path setpoint, "
-        "or immediately if no member has one.",
-    )
+    valid_for_s: float = Field(default=1.0, allow_inf_nan=False, ge=0.05, le=600)
+    """How long all setpoints are valid without being renewed [s]; then `on_expiry` applies to all members at
+    the same time. The time starts when the last member has finished its path setpoint, or immediately if no
+    member has one."""
 
 
 class StartGroup(_GroupValidity):
@@ -54,35 +49,19 @@ class StartGroup(_GroupValidity):
         valid_for_s=5,
     )
 
-    members: Annotated[tuple[MemberBody, ...], Field(min_length=2, max_length=MAX_MEMBERS)] = Field(
-        description="Members of the group; each vehicle only once."
-    )
-    minimum_separation_m: float = Field(
-        default=5.0,
-        allow_inf_nan=False,
-        ge=1,
-        le=100,
-        description="Minimum distance of any two members, also while they brake to a stop [m].",
-    )
-    start_at_unix_s: float | None = Field(
-        default=None,
-        allow_inf_nan=False,
-        description="Time of the common start [s since 1970 UTC], 3 to 300 s from now; null: as soon as "
-        "all members are in Offboard.",
-    )
-    rate_hz: float = Field(
-        default=50.0,
-        allow_inf_nan=False,
-        ge=2,
-        le=100,
-        description="Setpoints per second to each member [Hz].",
-    )
-    others_go_on: bool = Field(
-        default=False,
-        description="Whether the other members continue if a member leaves Offboard, the position of a "
-        "member is not known for 1 s, or two members come too close to each other (only these two then "
-        "hold); false: all members hold.",
-    )
+    members: Annotated[tuple[MemberBody, ...], Field(min_length=2, max_length=MAX_MEMBERS)]
+    """Members of the group; each vehicle only once."""
+    minimum_separation_m: float = Field(default=5.0, allow_inf_nan=False, ge=1, le=100)
+    """Minimum distance of any two members, also while they brake to a stop [m]."""
+    start_at_unix_s: float | None = Field(default=None, allow_inf_nan=False)
+    """Time of the common start [s since 1970 UTC], 3 to 300 s from now; null: as soon as all members are in
+    Offboard."""
+    rate_hz: float = Field(default=50.0, allow_inf_nan=False, ge=2, le=100)
+    """Setpoints per second to each member [Hz]."""
+    others_go_on: bool = False
+    """Whether the other members continue if a member leaves Offboard, the position of a member is not known
+    for 1 s, or two members come too close to each other (only these two then hold); false: all members
+    hold."""
 
     @model_validator(mode="after")
     def _check_unique(self) -> StartGroup:
@@ -112,9 +91,8 @@ class GroupSetpoints(_GroupValidity):
         valid_for_s=5,
     )
 
-    setpoints: Annotated[tuple[MemberBody, ...], Field(max_length=MAX_MEMBERS)] = Field(
-        description="Each vehicle at most once; the other members continue with their current setpoints."
-    )
+    setpoints: Annotated[tuple[MemberBody, ...], Field(max_length=MAX_MEMBERS)]
+    """Each vehicle at most once; the other members continue with their current setpoints."""
 
     @model_validator(mode="after")
     def _check_unique(self) -> GroupSetpoints:
@@ -148,11 +126,8 @@ class GroupStarted(GroupModel):  # type: ignore[misc,valid-type]
     )
 
 
-class GroupList(BaseModel):
+class GroupList(ResponseBody):
     """All groups."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    groups: list[GroupModel] = Field(  # type: ignore[valid-type]
-        description="All groups, including groups that ended recently; oldest first."
-    )
+    groups: list[GroupModel]  # type: ignore[valid-type]
+    """All groups, including groups that ended recently; oldest first."""

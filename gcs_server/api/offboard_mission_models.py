@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from gcs_server.api.documents import MissionBody, SourceBody
 from gcs_server.api.group_models import VehicleId, require_unique
+from gcs_server.api.models import Despite
 from gcs_server.api.plan_models import LegModel, OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody, StrictBody
@@ -41,17 +42,15 @@ class MissionSource(SourceBody):
 
     DOCUMENT = "mission"
 
-    mission: MissionBody | None = Field(
-        default=None, description="A mission that is not stored on the server."
-    )
+    mission: MissionBody | None = None
+    """A mission that is not stored on the server."""
 
 
 class WhichMission(MissionSource):
     """A mission, and the findings that the caller accepts."""
 
-    despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
-        default=[], description="Codes of the mission's error findings that the caller accepts."
-    )
+    despite: Despite = Field(default=[])
+    """Codes of the mission's error findings that the caller accepts."""
 
 
 class MissionToInsert(MissionSource):
@@ -59,32 +58,27 @@ class MissionToInsert(MissionSource):
 
     plan: MissionBody = Field(description="The mission to change (docs/missions.md).")
     at: Annotated[list[PlaceKey], Field(min_length=2, max_length=50)] = Field(
-        description="Place of the new step in `plan`, as keys and indexes; the index of each later step "
-        "increases by one.",
-        examples=[["steps", 2], ["roles", "lead", "steps", 0], ["missions", "round", 1]],
+        examples=[["steps", 2], ["roles", "lead", "steps", 0], ["missions", "round", 1]]
     )
-    in_air: bool = Field(
-        default=False,
-        description="Leave out the inserted mission's take-off and last landing, because the vehicle is in "
-        "the air at the new step.",
-    )
-    positions: Positions | None = Field(
-        default=None,
-        description="Needed if the planned starts of the two missions differ. `from_start`: positions "
-        "relative to start or home are measured from the start of `plan`. `same_places`: they are converted, "
-        "so that the inserted mission is flown at the same places. null: refused if the two would give "
-        "different missions.",
-    )
+    """Place of the new step in `plan`, as keys and indexes; the index of each later step increases by one."""
+    in_air: bool = False
+    """Leave out the inserted mission's take-off and last landing, because the vehicle is in the air at the
+    new step."""
+    positions: Positions | None = None
+    """Needed if the planned starts of the two missions differ. `from_start`: positions relative to start or
+    home are measured from the start of `plan`. `same_places`: they are converted, so that the inserted
+    mission is flown at the same places. null: refused if the two would give different missions."""
 
 
 class MissionWithInserted(ResponseBody):
     """A mission with another mission inserted; nothing is saved."""
 
-    plan: OffboardMission = Field(description="The mission.")
-    called: str = Field(description="Name of the list in `missions` that the new `call` step calls.")
-    notes: list[str] = Field(
-        description="Differences between the result and the two missions flown separately; sentences."
-    )
+    plan: OffboardMission
+    """The mission."""
+    called: str
+    """Name of the list in `missions` that the new `call` step calls."""
+    notes: list[str]
+    """Differences between the result and the two missions flown separately; sentences."""
 
 
 class StartMission(WhichMission):
@@ -97,8 +91,9 @@ class StartJointMission(WhichMission):
     """A mission with roles, and the vehicle that flies each role."""
 
     vehicles: Annotated[dict[Role, VehicleId], Field(min_length=2, max_length=MAX_ROLES)] = Field(
-        description="A vehicle's id for each role; each vehicle once.", examples=[{"lead": "1", "left": "2"}]
+        examples=[{"lead": "1", "left": "2"}]
     )
+    """A vehicle's id for each role; each vehicle once."""
     dry_run: OptionalDryRun = None
 
     @model_validator(mode="after")
@@ -110,22 +105,20 @@ class StartJointMission(WhichMission):
 class AbortMission(StrictBody):
     """Action of the vehicle after the abort."""
 
-    then: Literal["hold", "return", "land"] = Field(default="hold", description="hold, return or land.")
+    then: Literal["hold", "return", "land"] = "hold"
+    """hold, return or land."""
 
 
 OffboardMissionModel = model_of(OffboardMissionStatus)
 
 
-class OffboardMissionView(BaseModel):
+class OffboardMissionView(ResponseBody):
     """The newest mission of a vehicle."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    vehicle: str = Field(description="The vehicle's id.")
-    mission: OffboardMissionModel | None = Field(  # type: ignore[valid-type]
-        description="As in the topic `offboard_mission`; null: no mission was started since the server "
-        "started."
-    )
+    vehicle: str
+    """The vehicle's id."""
+    mission: OffboardMissionModel | None  # type: ignore[valid-type]
+    """As in the topic `offboard_mission`; null: no mission was started since the server started."""
 
 
 FlownMissionModel = model_of(
@@ -136,21 +129,20 @@ FlownMissionModel = model_of(
 )
 
 
-class JointMissionView(BaseModel):
+class JointMissionView(ResponseBody):
     """A mission of several vehicles."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    vehicles: list[OffboardMissionView]
+    """Each vehicle's mission, in the order of roles."""
 
-    vehicles: list[OffboardMissionView] = Field(description="Each vehicle's mission, in the order of roles.")
 
-
-class FlownMissionView(BaseModel):
+class FlownMissionView(ResponseBody):
     """The flight of a vehicle's newest mission, compared with its plan."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    vehicle: str = Field(description="The vehicle's id.")
-    flown: FlownMissionModel = Field(description="The flight so far.")  # type: ignore[valid-type]
+    vehicle: str
+    """The vehicle's id."""
+    flown: FlownMissionModel  # type: ignore[valid-type]
+    """The flight so far."""
 
 
 MAX_DEFERRAL_S = 120
@@ -160,37 +152,30 @@ MODE_NAME_PATTERN = r"^[!-~]([ -~]{0,22}[!-~])?$"
 class RegisterMode(WhichMission):
     """The mission to register, and the name of its mode."""
 
-    name: str = Field(
-        pattern=MODE_NAME_PATTERN,
-        max_length=24,
-        description="Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, "
-        "without a space at either end.",
-    )
-    defer_failsafes_s: int = Field(
-        default=0,
-        ge=0,
-        le=MAX_DEFERRAL_S,
-        description="How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. "
-        "PX4 defers its reaction to a lost ground station connection, lost manual control or a low battery.",
-    )
+    name: str = Field(pattern=MODE_NAME_PATTERN, max_length=24)
+    """Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, without a space
+    at either end."""
+    defer_failsafes_s: int = Field(default=0, ge=0, le=MAX_DEFERRAL_S)
+    """How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. PX4 defers its
+    reaction to a lost ground station connection, lost manual control or a low battery."""
 
 
 class UnregisterMode(StrictBody):
     """The mode to remove."""
 
-    name: str = Field(max_length=24, description="Name of the mode.")
+    name: str = Field(max_length=24)
+    """Name of the mode."""
 
 
 MissionModeModel = model_of(MissionModeStatus)
 
 
-class MissionModesView(BaseModel):
+class MissionModesView(ResponseBody):
     """The missions of this server that are registered with a vehicle as flight modes."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    vehicle: str = Field(description="The vehicle's id.")
-    possible: bool = Field(
-        description="Whether modes can be registered: the server has a ROS 2 connection to the vehicle."
-    )
-    modes: list[MissionModeModel] = Field(description="The registered modes.")  # type: ignore[valid-type]
+    vehicle: str
+    """The vehicle's id."""
+    possible: bool
+    """Whether modes can be registered: the server has a ROS 2 connection to the vehicle."""
+    modes: list[MissionModeModel]  # type: ignore[valid-type]
+    """The registered modes."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
 
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
@@ -13,6 +12,7 @@ from gcs_server.api.problems import RESPONSES, Problem, problem_of
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.station import StationDep
+from gcs_server.api.strict_body import ResponseBody
 from gcs_server.operations.operations import Operation
 
 router = APIRouter(prefix="/operations", tags=["operations"], responses=RESPONSES)
@@ -20,14 +20,11 @@ router = APIRouter(prefix="/operations", tags=["operations"], responses=RESPONSE
 OperationModel = model_of(Operation, "Operation", error=Problem | None)
 
 
-class OperationList(BaseModel):
+class OperationList(ResponseBody):
     """All operations."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    operations: list[OperationModel] = Field(  # type: ignore[valid-type]
-        description="Running operations, and operations that ended recently; oldest first."
-    )
+    operations: list[OperationModel]  # type: ignore[valid-type]
+    """Running operations, and operations that ended recently; oldest first."""
 
 
 def operation_view(operation: Operation) -> dict[str, Any]:

@@ -52,45 +52,41 @@ class NewPlan(StrictBody):
 class ChangedPlan(NewPlan):
     """A plan's next version."""
 
-    base_version: int = Field(ge=1, description="Version that was changed; 409 if it is not the newest.")
+    base_version: int = Field(ge=1)
+    """Version that was changed; 409 if it is not the newest."""
 
 
 class Power(StrictBody):
     """Values for the energy estimate: constant power in flight, plus the energy for climbing."""
 
-    hover_power_w: float = Field(gt=0, le=1e6, description="Electrical power to hover [W].")
-    battery_wh: float = Field(gt=0, le=1e6, description="Energy of the full battery [Wh].")
-    mass_kg: float = Field(gt=0, le=1e4, description="Mass with battery and payload [kg].")
-    reserve: float = Field(
-        default=0.2, ge=0, lt=1, description="Fraction of the battery that is kept as reserve."
-    )
+    hover_power_w: float = Field(gt=0, le=1e6)
+    """Electrical power to hover [W]."""
+    battery_wh: float = Field(gt=0, le=1e6)
+    """Energy of the full battery [Wh]."""
+    mass_kg: float = Field(gt=0, le=1e4)
+    """Mass with battery and payload [kg]."""
+    reserve: float = Field(default=0.2, ge=0, lt=1)
+    """Fraction of the battery that is kept as reserve."""
 
 
 class PlanToCheck(StrictBody):
     """The plan to check."""
 
     plan: DocumentBody
-    vehicle: str | None = Field(
-        default=None, max_length=32, description="Use this vehicle's parameters and home if they are known."
-    )
+    vehicle: str | None = Field(default=None, max_length=32)
+    """Use this vehicle's parameters and home if they are known."""
 
-    power: Power | None = Field(
-        default=None, description="For the energy estimate; null: energy and endurance are not checked."
-    )
+    power: Power | None = None
+    """For the energy estimate; null: energy and endurance are not checked."""
 
 
 class PlanToFollowGround(StrictBody):
     """The waypoint plan whose altitudes above the ground are resolved."""
 
     plan: PlanBody
-    tolerance_m: float | None = Field(
-        default=None,
-        ge=1.0,
-        le=1000.0,
-        allow_inf_nan=False,
-        description="Tolerance of the height above the ground [m]: waypoints are added until the straight "
-        "lines stay within it; null: no waypoints are added.",
-    )
+    tolerance_m: float | None = Field(default=None, ge=1.0, le=1000.0, allow_inf_nan=False)
+    """Tolerance of the height above the ground [m]: waypoints are added until the straight lines stay within
+    it; null: no waypoints are added."""
 
 
 class PlanToExport(StrictBody):
@@ -104,9 +100,8 @@ class PlanToConvert(StrictBody):
 
     plan: PlanBody
     name: Name
-    vehicle: str | None = Field(
-        default=None, max_length=32, description="Use this vehicle's parameters and home if they are known."
-    )
+    vehicle: str | None = Field(default=None, max_length=32)
+    """Use this vehicle's parameters and home if they are known."""
 
 
 PlanVersionModel = model_of(PlanVersion, "PlanVersion")
@@ -116,13 +111,15 @@ EstimateModel = model_of(Estimate, "PlanEstimates")
 class PlanList(ResponseBody):
     """All plans."""
 
-    plans: list[PlanVersionModel] = Field(description="Newest version of each plan, by name.")  # type: ignore[valid-type]
+    plans: list[PlanVersionModel]  # type: ignore[valid-type]
+    """Newest version of each plan, by name."""
 
 
 class PlanVersions(ResponseBody):
     """The stored versions of one plan."""
 
-    versions: list[PlanVersionModel] = Field(description="Newest first.")  # type: ignore[valid-type]
+    versions: list[PlanVersionModel]  # type: ignore[valid-type]
+    """Newest first."""
 
 
 class KeptPlan(PlanVersionModel):  # type: ignore[misc,valid-type]
@@ -134,27 +131,34 @@ class KeptPlan(PlanVersionModel):  # type: ignore[misc,valid-type]
 class FindingPlace(ResponseBody):
     """The part of the plan that the finding is about; all null: the whole plan."""
 
-    row: int | None = Field(description="Index in `items`.")
-    zone: int | None = Field(description="Index in `fence`.")
-    rally_point: int | None = Field(description="Index in `rally_points`.")
-    obstacle: int | None = Field(description="Index in `obstacles`.")
-    step: str | None = Field(description="Step of an offboard mission: `step 3`, `step 4.2`.")
+    row: int | None
+    """Index in `items`."""
+    zone: int | None
+    """Index in `fence`."""
+    rally_point: int | None
+    """Index in `rally_points`."""
+    obstacle: int | None
+    """Index in `obstacles`."""
+    step: str | None
+    """Step of an offboard mission: `step 3`, `step 4.2`."""
 
 
 class FindingModel(ResponseBody):
     """One problem of a plan."""
 
-    code: str = Field(description="Stable code; `docs/missions.md` lists all.", examples=[next(iter(CODES))])
-    severity: Literal["error", "warning"] = Field(
-        description="error: PX4 refuses the plan, or it is unsafe; warning: check the plan."
-    )
-    text: str = Field(description="Message for the pilot.")
-    place: FindingPlace = Field(description="The part of the plan that the finding is about.")
-    fix: str | None = Field(description="How to correct the problem.")
-    limit: float | None = Field(
-        description="The limit that the plan was checked against: altitude above home [m], speed [m/s], tilt "
-        "[rad] or minimum time [s]; null: no limit. The page uses it to correct the plan."
-    )
+    code: str = Field(examples=[next(iter(CODES))])
+    """Stable code; `docs/missions.md` lists all."""
+    severity: Literal["error", "warning"]
+    """error: PX4 refuses the plan, or it is unsafe; warning: check the plan."""
+    text: str
+    """Message for the pilot."""
+    place: FindingPlace
+    """The part of the plan that the finding is about."""
+    fix: str | None
+    """How to correct the problem."""
+    limit: float | None
+    """The limit that the plan was checked against: altitude above home [m], speed [m/s], tilt [rad] or
+    minimum time [s]; null: no limit. The page uses it to correct the plan."""
 
 
 LegModel = model_of(Leg, "PlanLeg")
@@ -165,73 +169,81 @@ OriginModel = model_of(LocalOrigin, "PlanOrigin")
 class OffboardFlight(ResponseBody):
     """The planned flight of an offboard mission, starting on the ground at home."""
 
-    steps: list[StepTimeModel] = Field(  # type: ignore[valid-type]
-        description="Steps in flight order; at a branch, those of the longest path."
-    )
-    legs: list[LegModel] = Field(description="The segments of the path, on all branches.")  # type: ignore[valid-type]
-    needs: list[str] = Field(description="The estimates that the vehicle must have.")
-    start_ned_m: tuple[float, float, float] = Field(description="Start position, from the local origin [m].")
-    origin: OriginModel | None = Field(  # type: ignore[valid-type]
-        description="Global position of the local origin; null if unknown."
-    )
+    steps: list[StepTimeModel]  # type: ignore[valid-type]
+    """Steps in flight order; at a branch, those of the longest path."""
+    legs: list[LegModel]  # type: ignore[valid-type]
+    """The segments of the path, on all branches."""
+    needs: list[str]
+    """The estimates that the vehicle must have."""
+    start_ned_m: tuple[float, float, float]
+    """Start position, from the local origin [m]."""
+    origin: OriginModel | None  # type: ignore[valid-type]
+    """Global position of the local origin; null if unknown."""
 
 
 class PlanCheck(ResponseBody):
     """Findings and estimates of a plan."""
 
-    kind: PlanKind = Field(description="Which kind of plan it is.")
-    findings: list[FindingModel] = Field(
-        description="Findings in the order of the checks; empty: no problem was found."
-    )
-    estimates: EstimateModel = Field(description="Estimates of the whole flight.")  # type: ignore[valid-type]
-    flight: OffboardFlight | None = Field(
-        description="The planned flight of an offboard mission; null for a waypoint plan."
-    )
-    vehicle: str | None = Field(description="Vehicle for which the plan was checked.")
-    ground: list[tuple[float, float | None]] = Field(
-        description="The ground below the flight: distance along the flight [m], and altitude of the ground "
-        "above home, or above the start of an offboard mission [m]; null: unknown. Empty without elevation "
-        "files."
-    )
-    not_known: list[str] = Field(description="Unknown data of the vehicle or the ground; sentences.")
+    kind: PlanKind
+    """Which kind of plan it is."""
+    findings: list[FindingModel]
+    """Findings in the order of the checks; empty: no problem was found."""
+    estimates: EstimateModel  # type: ignore[valid-type]
+    """Estimates of the whole flight."""
+    flight: OffboardFlight | None
+    """The planned flight of an offboard mission; null for a waypoint plan."""
+    vehicle: str | None
+    """Vehicle for which the plan was checked."""
+    ground: list[tuple[float, float | None]]
+    """The ground below the flight: distance along the flight [m], and altitude of the ground above home, or
+    above the start of an offboard mission [m]; null: unknown. Empty without elevation files."""
+    not_known: list[str]
+    """Unknown data of the vehicle or the ground; sentences."""
 
 
 class ImportedAreaUse(ResponseBody):
     """One possible use of an area in a file."""
 
-    use: AreaUseName = Field(
-        description="`stay_inside`: a geofence to stay inside, with the area's holes as zones to stay out "
-        "of; `stay_outside`: a zone to stay out of; `survey`: the area (and its holes) of a survey pattern."
-    )
-    text: str = Field(description="The use as a sentence, for example for a button.")
-    fence: list[FenceZone] = Field(
-        description="The zones to add to the plan's `fence` for this use. Empty for `survey`: use `outer` "
-        "and `holes` of the area for the pattern."
-    )
+    use: AreaUseName
+    """`stay_inside`: a geofence to stay inside, with the area's holes as zones to stay out of;
+    `stay_outside`: a zone to stay out of; `survey`: the area (and its holes) of a survey pattern."""
+    text: str
+    """The use as a sentence, for example for a button."""
+    fence: list[FenceZone]
+    """The zones to add to the plan's `fence` for this use. Empty for `survey`: use `outer` and `holes` of the
+    area for the pattern."""
 
 
 class ImportedArea(ResponseBody):
     """An area in a file, which is not part of the plan: the file does not state its use. Ask the user which
     of `uses` is meant, and never choose one silently."""
 
-    name: str = Field(description="Name in the file.")
-    outer: list[Point] = Field(description="Corners of the outer boundary.")
-    holes: list[list[Point]] = Field(description="Holes in the area.")
-    likely_use: AreaUseName | None = Field(
-        description="The use that the name suggests (`No-fly zone`: `stay_outside`); null: the name suggests "
-        "none. A hint for the order of the answers, not an answer."
-    )
-    uses: list[ImportedAreaUse] = Field(description="The possible uses.")
+    name: str
+    """Name in the file."""
+    outer: list[Point]
+    """Corners of the outer boundary."""
+    holes: list[list[Point]]
+    """Holes in the area."""
+    likely_use: AreaUseName | None
+    """The use that the name suggests (`No-fly zone`: `stay_outside`); null: the name suggests none. A hint
+    for the order of the answers, not an answer."""
+    uses: list[ImportedAreaUse]
+    """The possible uses."""
 
 
 class ImportedPlan(ResponseBody):
     """A plan from a file; nothing is saved."""
 
-    format: FormatName = Field(description="Format of the file.")
-    kind: PlanKind = Field(description="Which kind of plan it is.")
-    plan: AnyDocument = Field(description="The plan's document.")
-    areas: list[ImportedArea] = Field(description="Areas in the file that are not part of the plan.")
-    notes: list[str] = Field(description="Notes on what was imported and what was not; sentences.")
+    format: FormatName
+    """Format of the file."""
+    kind: PlanKind
+    """Which kind of plan it is."""
+    plan: AnyDocument
+    """The plan's document."""
+    areas: list[ImportedArea]
+    """Areas in the file that are not part of the plan."""
+    notes: list[str]
+    """Notes on what was imported and what was not; sentences."""
 
 
 ImportedTableModel = model_of(ImportedTable, "ImportedTable")
@@ -240,77 +252,103 @@ ImportedTableModel = model_of(ImportedTable, "ImportedTable")
 class ConvertedPlan(ResponseBody):
     """An offboard mission converted from a waypoint plan; nothing is saved."""
 
-    plan: OffboardMission = Field(description="The mission.")
-    notes: list[str] = Field(description="Parts of the plan that the mission does not contain; sentences.")
+    plan: OffboardMission
+    """The mission."""
+    notes: list[str]
+    """Parts of the plan that the mission does not contain; sentences."""
 
 
 class GroundPlan(ResponseBody):
     """A plan that follows the ground; nothing is saved."""
 
-    plan: Plan = Field(description="The plan.")
-    resolved: int = Field(description="Number of items and rally points with resolved altitudes.")
-    unknown: int = Field(
-        description="Number of items and rally points whose altitudes are unresolved, because no file covers "
-        "their positions."
-    )
-    added: int = Field(description="Number of added waypoints.")
-    notes: list[str] = Field(description="Unusable files and positions without elevation data; sentences.")
+    plan: Plan
+    """The plan."""
+    resolved: int
+    """Number of items and rally points with resolved altitudes."""
+    unknown: int
+    """Number of items and rally points whose altitudes are unresolved, because no file covers their
+    positions."""
+    added: int
+    """Number of added waypoints."""
+    notes: list[str]
+    """Unusable files and positions without elevation data; sentences."""
 
 
 class ElevationFileModel(ResponseBody):
     """One elevation file."""
 
-    name: str = Field(description="Name of the file.")
-    west_deg: float = Field(description="Western edge [deg].")
-    south_deg: float = Field(description="Southern edge [deg].")
-    east_deg: float = Field(description="Eastern edge [deg].")
-    north_deg: float = Field(description="Northern edge [deg].")
-    spacing_m: float = Field(description="Distance between two rows of the grid, on the ground [m].")
+    name: str
+    """Name of the file."""
+    west_deg: float
+    """Western edge [deg]."""
+    south_deg: float
+    """Southern edge [deg]."""
+    east_deg: float
+    """Eastern edge [deg]."""
+    north_deg: float
+    """Northern edge [deg]."""
+    spacing_m: float
+    """Distance between two rows of the grid, on the ground [m]."""
 
 
 class ElevationFiles(ResponseBody):
     """The operator's elevation files."""
 
-    folder: str = Field(description="Folder for GeoTIFF (.tif, .tiff) and HGT files.")
-    files: list[ElevationFileModel] = Field(description="Files, from the finest grid to the coarsest.")
-    unreadable: list[str] = Field(
-        description="Files in the folder that cannot be used, each with the reason."
-    )
+    folder: str
+    """Folder for GeoTIFF (.tif, .tiff) and HGT files."""
+    files: list[ElevationFileModel]
+    """Files, from the finest grid to the coarsest."""
+    unreadable: list[str]
+    """Files in the folder that cannot be used, each with the reason."""
 
 
 class PatternFigures(ResponseBody):
     """Lengths, number of photos and flight time of a pattern."""
 
-    lines_length_m: float = Field(description="Total length of the lines with photos [m].")
-    lower_bound_m: float = Field(description="Smallest possible length of lines with this spacing [m].")
-    photos: int = Field(description="Number of photos.")
-    spacing_m: float = Field(description="Distance between neighbouring lines [m]; 0: no lines.")
-    trigger_m: float = Field(description="Distance between two photos on a line [m]; 0: no photos.")
-    resolution_m_px: float | None = Field(description="Ground sampling distance [m per pixel].")
-    heading_deg: float | None = Field(description="Direction of the lines, clockwise from north [deg].")
-    area_m2: float | None = Field(description="Area that the photos show [m²]; null: no photos.")
-    length_m: float = Field(description="Length of the path with all turns [m].")
-    time_s: float = Field(description="Estimated flight time without wind, as for a waypoint plan [s].")
+    lines_length_m: float
+    """Total length of the lines with photos [m]."""
+    lower_bound_m: float
+    """Smallest possible length of lines with this spacing [m]."""
+    photos: int
+    """Number of photos."""
+    spacing_m: float
+    """Distance between neighbouring lines [m]; 0: no lines."""
+    trigger_m: float
+    """Distance between two photos on a line [m]; 0: no photos."""
+    resolution_m_px: float | None
+    """Ground sampling distance [m per pixel]."""
+    heading_deg: float | None
+    """Direction of the lines, clockwise from north [deg]."""
+    area_m2: float | None
+    """Area that the photos show [m²]; null: no photos."""
+    length_m: float
+    """Length of the path with all turns [m]."""
+    time_s: float
+    """Estimated flight time without wind, as for a waypoint plan [s]."""
 
 
 class PatternPosition(ResponseBody):
     """A position of a pattern's path."""
 
-    lat_deg: float = Field(description="Latitude [deg].")
-    lon_deg: float = Field(description="Longitude [deg].")
-    altitude: Altitude = Field(
-        description="Altitude; above the ground with `resolved_amsl_m`, if it is known."
-    )
+    lat_deg: float
+    """Latitude [deg]."""
+    lon_deg: float
+    """Longitude [deg]."""
+    altitude: Altitude
+    """Altitude; above the ground with `resolved_amsl_m`, if it is known."""
 
 
 class PatternPlan(ResponseBody):
     """A document that contains only a pattern; nothing is saved."""
 
-    plan: AnyDocument = Field(
-        description="A waypoint plan with the items of the pattern, or an offboard mission with its steps. "
-        "The steps begin in the air: insert them after a take-off."
-    )
-    lines: list[tuple[Point, Point]] = Field(description="The lines on which photos are taken.")
-    path: list[PatternPosition] = Field(description="The positions that the vehicle flies to, in order.")
-    figures: PatternFigures = Field(description="Lengths, number of photos and flight time.")
-    notes: list[str] = Field(description="What could not be computed; sentences.")
+    plan: AnyDocument
+    """A waypoint plan with the items of the pattern, or an offboard mission with its steps. The steps begin
+    in the air: insert them after a take-off."""
+    lines: list[tuple[Point, Point]]
+    """The lines on which photos are taken."""
+    path: list[PatternPosition]
+    """The positions that the vehicle flies to, in order."""
+    figures: PatternFigures
+    """Lengths, number of photos and flight time."""
+    notes: list[str]
+    """What could not be computed; sentences."""

@@ -43,7 +43,7 @@ def make_strict(node: object, handler: GetCoreSchemaHandler | None = None) -> No
 class StrictBody(BaseModel):
     """Base of all request bodies."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -56,4 +56,4 @@ class StrictBody(BaseModel):
 class ResponseBody(BaseModel):
     """Base class of response bodies, which have only the described fields."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)

@@ -4046,7 +4046,9 @@ export interface components {
             readonly obstacle_distance_m: components["schemas"]["DryRunQuantiles"] | null;
             /**
              * Chances
-             * @description Probability of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), `failsafe` and `battery_reserve`; with roles also of `separation` (the separation guard would act) and `nearer_than_minimum` (two vehicles come nearer than the minimum separation).
+             * @description Probability of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), `failsafe` and
+             *     `battery_reserve`; with roles also of `separation` (the separation guard would act) and
+             *     `nearer_than_minimum` (two vehicles come nearer than the minimum separation).
              */
             readonly chances: {
                 readonly [key: string]: components["schemas"]["DryRunChance"];
@@ -4259,12 +4261,14 @@ export interface components {
             readonly plan?: (components["schemas"]["Plan"] | components["schemas"]["OffboardMission"]) | null;
             /**
              * Vehicle
-             * @description Use this vehicle's parameters, position, heading and battery charge, if they are known; null: PX4's defaults, starting at the plan's home.
+             * @description Use this vehicle's parameters, position, heading and battery charge, if they are known; null: PX4's
+             *     defaults, starting at the plan's home.
              */
             readonly vehicle?: string | null;
             /**
              * Vehicles
-             * @description For a mission with roles: the vehicle of each role, used like `vehicle`; null: each role starts at its planned position.
+             * @description For a mission with roles: the vehicle of each role, used like `vehicle`; null: each role starts at its
+             *     planned position.
              */
             readonly vehicles?: {
                 readonly [key: string]: string;
@@ -4508,11 +4512,17 @@ export interface components {
              * @description Assumptions made because values were unknown; sentences.
              */
             readonly assumed: readonly string[];
-            /** @description The flight in the requested conditions. For a mission with roles: the flight of the first role, with the findings of all roles. */
+            /**
+             * @description The flight in the requested conditions. For a mission with roles: the flight of the first role, with
+             *     the findings of all roles.
+             */
             readonly nominal: components["schemas"]["DryRunFlight"];
             /** @description Result of all vehicles together; null: one vehicle was simulated. */
             readonly together: components["schemas"]["DryRunTogetherModel"] | null;
-            /** @description Result of all flights; null: only one flight was simulated. For a mission with roles: the result of the first role, with `chances` that one of the vehicles has the outcome. */
+            /**
+             * @description Result of all flights; null: only one flight was simulated. For a mission with roles: the result of the
+             *     first role, with `chances` that one of the vehicles has the outcome.
+             */
             readonly monte_carlo: components["schemas"]["DryRunMonteCarlo"] | null;
         };
         /**
@@ -4902,7 +4912,8 @@ export interface components {
             readonly fix: string | null;
             /**
              * Limit
-             * @description The limit that the plan was checked against: altitude above home [m], speed [m/s], tilt [rad] or minimum time [s]; null: no limit. The page uses it to correct the plan.
+             * @description The limit that the plan was checked against: altitude above home [m], speed [m/s], tilt [rad] or
+             *     minimum time [s]; null: no limit. The page uses it to correct the plan.
              */
             readonly limit: number | null;
         };
@@ -5911,7 +5922,8 @@ export interface components {
             readonly resolved: number;
             /**
              * Unknown
-             * @description Number of items and rally points whose altitudes are unresolved, because no file covers their positions.
+             * @description Number of items and rally points whose altitudes are unresolved, because no file covers their
+             *     positions.
              */
             readonly unknown: number;
             /**
@@ -6104,7 +6116,9 @@ export interface components {
         readonly GroupSetpoints: {
             /**
              * Valid For S
-             * @description How long all setpoints are valid without being renewed [s]; then `on_expiry` applies to all members at the same time. The time starts when the last member has finished its path setpoint, or immediately if no member has one.
+             * @description How long all setpoints are valid without being renewed [s]; then `on_expiry` applies to all members at
+             *     the same time. The time starts when the last member has finished its path setpoint, or immediately if no
+             *     member has one.
              */
             readonly valid_for_s?: number;
             /**
@@ -6277,7 +6291,8 @@ export interface components {
         readonly HeldView: {
             /**
              * State
-             * @description plan: the vehicle has `plan`; another: the vehicle has another plan than `plan`; not_known: the server has not uploaded or compared the plan on the vehicle, or the vehicle reports no ids.
+             * @description plan: the vehicle has `plan`; another: the vehicle has another plan than `plan`; not_known: the server
+             *     has not uploaded or compared the plan on the vehicle, or the vehicle reports no ids.
              * @enum {string}
              */
             readonly state: "plan" | "another" | "not_known";
@@ -6690,7 +6705,8 @@ export interface components {
             readonly holes: readonly (readonly components["schemas"]["Point"][])[];
             /**
              * Likely Use
-             * @description The use that the name suggests (`No-fly zone`: `stay_outside`); null: the name suggests none. A hint for the order of the answers, not an answer.
+             * @description The use that the name suggests (`No-fly zone`: `stay_outside`); null: the name suggests none. A hint
+             *     for the order of the answers, not an answer.
              */
             readonly likely_use: ("stay_inside" | "stay_outside" | "survey") | null;
             /**
@@ -6706,7 +6722,8 @@ export interface components {
         readonly ImportedAreaUse: {
             /**
              * Use
-             * @description `stay_inside`: a geofence to stay inside, with the area's holes as zones to stay out of; `stay_outside`: a zone to stay out of; `survey`: the area (and its holes) of a survey pattern.
+             * @description `stay_inside`: a geofence to stay inside, with the area's holes as zones to stay out of;
+             *     `stay_outside`: a zone to stay out of; `survey`: the area (and its holes) of a survey pattern.
              * @enum {string}
              */
             readonly use: "stay_inside" | "stay_outside" | "survey";
@@ -6717,7 +6734,8 @@ export interface components {
             readonly text: string;
             /**
              * Fence
-             * @description The zones to add to the plan's `fence` for this use. Empty for `survey`: use `outer` and `holes` of the area for the pattern.
+             * @description The zones to add to the plan's `fence` for this use. Empty for `survey`: use `outer` and `holes` of the
+             *     area for the pattern.
              */
             readonly fence: readonly (components["schemas"]["FenceCircle"] | components["schemas"]["FencePolygon"])[];
         };
@@ -8052,12 +8070,15 @@ export interface components {
             readonly at: readonly (number | string)[];
             /**
              * In Air
-             * @description Leave out the inserted mission's take-off and last landing, because the vehicle is in the air at the new step.
+             * @description Leave out the inserted mission's take-off and last landing, because the vehicle is in the air at the
+             *     new step.
              */
             readonly in_air?: boolean;
             /**
              * Positions
-             * @description Needed if the planned starts of the two missions differ. `from_start`: positions relative to start or home are measured from the start of `plan`. `same_places`: they are converted, so that the inserted mission is flown at the same places. null: refused if the two would give different missions.
+             * @description Needed if the planned starts of the two missions differ. `from_start`: positions relative to start or
+             *     home are measured from the start of `plan`. `same_places`: they are converted, so that the inserted
+             *     mission is flown at the same places. null: refused if the two would give different missions.
              */
             readonly positions?: ("from_start" | "same_places") | null;
         };
@@ -8081,16 +8102,21 @@ export interface components {
             readonly transfer: string | null;
             /** @description As in the topic `waypoint_flight`; null: no flight since the server started. */
             readonly flight: components["schemas"]["WaypointFlightStatus"] | null;
-            /** @description Where an interrupted flight of the plan on the vehicle can be resumed after a landing, also after a restart of the vehicle or the server; null: see `no_resume`. */
+            /**
+             * @description Where an interrupted flight of the plan on the vehicle can be resumed after a landing, also after a
+             *     restart of the vehicle or the server; null: see `no_resume`.
+             */
             readonly resume: components["schemas"]["ResumeOffer"] | null;
             /**
              * No Resume
-             * @description Why the interrupted flight cannot be resumed, as a sentence; null: it can be resumed, or no flight was interrupted.
+             * @description Why the interrupted flight cannot be resumed, as a sentence; null: it can be resumed, or no flight was
+             *     interrupted.
              */
             readonly no_resume: string | null;
             /**
              * If Link Lost
-             * @description What the vehicle does in Mission mode if the server or its link fails, by its parameters; null: not known yet, or the server does not know the plan.
+             * @description What the vehicle does in Mission mode if the server or its link fails, by its parameters; null: not
+             *     known yet, or the server does not know the plan.
              */
             readonly if_link_lost: string | null;
         };
@@ -9831,7 +9857,8 @@ export interface components {
         readonly PatternPlan: {
             /**
              * Plan
-             * @description A waypoint plan with the items of the pattern, or an offboard mission with its steps. The steps begin in the air: insert them after a take-off.
+             * @description A waypoint plan with the items of the pattern, or an offboard mission with its steps. The steps begin
+             *     in the air: insert them after a take-off.
              */
             readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
@@ -10135,7 +10162,8 @@ export interface components {
             readonly vehicle: string | null;
             /**
              * Ground
-             * @description The ground below the flight: distance along the flight [m], and altitude of the ground above home, or above the start of an offboard mission [m]; null: unknown. Empty without elevation files.
+             * @description The ground below the flight: distance along the flight [m], and altitude of the ground above home, or
+             *     above the start of an offboard mission [m]; null: unknown. Empty without elevation files.
              */
             readonly ground: readonly (readonly [
                 number,
@@ -10386,7 +10414,8 @@ export interface components {
             readonly plan: components["schemas"]["Plan"];
             /**
              * Tolerance M
-             * @description Tolerance of the height above the ground [m]: waypoints are added until the straight lines stay within it; null: no waypoints are added.
+             * @description Tolerance of the height above the ground [m]: waypoints are added until the straight lines stay within
+             *     it; null: no waypoints are added.
              */
             readonly tolerance_m?: number | null;
         };
@@ -11055,12 +11084,14 @@ export interface components {
             readonly despite?: readonly string[];
             /**
              * Name
-             * @description Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, without a space at either end.
+             * @description Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, without a space
+             *     at either end.
              */
             readonly name: string;
             /**
              * Defer Failsafes S
-             * @description How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. PX4 defers its reaction to a lost ground station connection, lost manual control or a low battery.
+             * @description How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. PX4 defers its
+             *     reaction to a lost ground station connection, lost manual control or a low battery.
              */
             readonly defer_failsafes_s?: number;
         };
@@ -11970,7 +12001,9 @@ export interface components {
         readonly StartGroup: {
             /**
              * Valid For S
-             * @description How long all setpoints are valid without being renewed [s]; then `on_expiry` applies to all members at the same time. The time starts when the last member has finished its path setpoint, or immediately if no member has one.
+             * @description How long all setpoints are valid without being renewed [s]; then `on_expiry` applies to all members at
+             *     the same time. The time starts when the last member has finished its path setpoint, or immediately if no
+             *     member has one.
              */
             readonly valid_for_s?: number;
             /**
@@ -11990,7 +12023,8 @@ export interface components {
             readonly minimum_separation_m?: number;
             /**
              * Start At Unix S
-             * @description Time of the common start [s since 1970 UTC], 3 to 300 s from now; null: as soon as all members are in Offboard.
+             * @description Time of the common start [s since 1970 UTC], 3 to 300 s from now; null: as soon as all members are in
+             *     Offboard.
              */
             readonly start_at_unix_s?: number | null;
             /**
@@ -12000,7 +12034,9 @@ export interface components {
             readonly rate_hz?: number;
             /**
              * Others Go On
-             * @description Whether the other members continue if a member leaves Offboard, the position of a member is not known for 1 s, or two members come too close to each other (only these two then hold); false: all members hold.
+             * @description Whether the other members continue if a member leaves Offboard, the position of a member is not known
+             *     for 1 s, or two members come too close to each other (only these two then hold); false: all members
+             *     hold.
              */
             readonly others_go_on?: boolean;
         };
@@ -12978,7 +13014,8 @@ export interface components {
             readonly plan?: components["schemas"]["Plan"] | null;
             /**
              * Despite
-             * @description `flies_new_plan_at_once` accepts that a vehicle in Mission mode flies to the first item of the changed mission at once.
+             * @description `flies_new_plan_at_once` accepts that a vehicle in Mission mode flies to the first item of the changed
+             *     mission at once.
              */
             readonly despite?: readonly string[];
             /**
@@ -13770,17 +13807,24 @@ export interface components {
             readonly item?: number | null;
             /**
              * Despite
-             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only a flight from the vehicle's position to a later `item` and onwards has; `mission_rejected` if PX4 stated after the upload that it will not fly the mission; `separation` if the vehicle may come too near to another vehicle; `starts_at_later_item` if no `item` is given and PX4's current item is not the first.
+             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not
+             *     know which plan is on the vehicle; `flight_from_here` for errors that only a flight from the vehicle's
+             *     position to a later `item` and onwards has; `mission_rejected` if PX4 stated after the upload that it will
+             *     not fly the mission; `separation` if the vehicle may come too near to another vehicle;
+             *     `starts_at_later_item` if no `item` is given and PX4's current item is not the first.
              */
             readonly despite?: readonly string[];
             /**
              * Dry Run
-             * @description Id of a dry run of the plan on the vehicle. The server compares the flight with the path of the dry run, and sends a notice if the vehicle leaves the corridor of the dry run. Null: the server compares the flight with the plan.
+             * @description Id of a dry run of the plan on the vehicle. The server compares the flight with the path of the dry
+             *     run, and sends a notice if the vehicle leaves the corridor of the dry run. Null: the server compares the
+             *     flight with the plan.
              */
             readonly dry_run?: string | null;
             /**
              * Mission Id
-             * @description The vehicle's checksum of the mission that `item` belongs to, as in `resume`. The start is refused if the vehicle has another mission. Null: any mission.
+             * @description The vehicle's checksum of the mission that `item` belongs to, as in `resume`. The start is refused if
+             *     the vehicle has another mission. Null: any mission.
              */
             readonly mission_id?: number | null;
         };
