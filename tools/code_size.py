@@ -30,7 +30,7 @@ LAYOUT = {
     tokenize.ENCODING,
     tokenize.COMMENT,
 }
-GENERATED = ("# Generated", '"""Generated')
+GENERATED = ("# Generated", "// Generated", '"""Generated')
 
 
 def counted_files() -> list[Path]:
@@ -69,9 +69,9 @@ def main(arguments: list[str]) -> int:
     found: list[tuple[int, str]] = []
     for path in counted_files():
         source = (REPOSITORY / path).read_text(encoding="utf-8")
+        if source.startswith(GENERATED):
+            continue
         if path.suffix == ".py":
-            if source.startswith(GENERATED):
-                continue
             code = python_lines(source)
             found.extend(functions(path, source, code))
             size = len(code)

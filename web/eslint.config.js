@@ -18,7 +18,7 @@ const LAYERS = {
 const ownFiles = (layer) => (layer === 'feature' ? { type: layer, captured: { name: '{{from.element.captured.name}}' } } : { type: layer });
 
 export default ts.config(
-  { ignores: ['node_modules', 'src/api/schema.d.ts', 'src/api/fields.ts', 'dev'] },
+  { ignores: ['node_modules', 'src/api/schema.d.ts', 'src/api/fields.ts', 'src/api/bounds.ts', 'dev'] },
   ts.configs.base,
   ...svelte.configs['flat/base'],
   { files: ['**/*.svelte', '**/*.svelte.ts'], languageOptions: { parserOptions: { parser: ts.parser } } },

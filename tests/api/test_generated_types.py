@@ -27,6 +27,7 @@ def test_the_pages_types_match_the_server(tmp_path: Path) -> None:
     for generated, stored in (
         (new_types, TYPES),
         (new_types.with_name("fields.ts"), TYPES.with_name("fields.ts")),
+        (new_types.with_name("bounds.ts"), TYPES.with_name("bounds.ts")),
     ):
         assert generated.read_text("utf-8") == stored.read_text("utf-8"), (
             f"{stored.name} does not match the API: run `python -m tools.build_page npm run types`"

@@ -257,12 +257,12 @@ export const BOUNDS = {
     yaw_offset_rad: {"min":-6.283185307179586,"max":6.283185307179586},
   },
   type_position_global: {
-    yaw_ned_rad: {"min":-6.283185307179586,"max":6.283185307179586},
-    yaw_rate_ned_rad_s: {"min":-3.5,"max":3.5},
     lat_deg: {"min":-90,"max":90},
     lon_deg: {"min":-180,"max":180},
     alt_amsl_m: {"min":-500,"max":10000},
     alt_home_m: {"min":-100,"max":1000},
+    yaw_ned_rad: {"min":-6.283185307179586,"max":6.283185307179586},
+    yaw_rate_ned_rad_s: {"min":-3.5,"max":3.5},
   },
   type_position: {
     yaw_ned_rad: {"min":-6.283185307179586,"max":6.283185307179586},
@@ -375,7 +375,7 @@ export const BOUNDS = {
     item: {"min":0,"max":10000},
     mission_id: {"min":1},
   },
-  gcs_server__api__setpoint_request__StartRequest: {
+  gcs_server__api__setpoints__StartRequest: {
     valid_for_s: {"min":0.05,"max":3600},
     rate_hz: {"min":2,"max":100},
   },

@@ -1,6 +1,7 @@
 /** Asks for confirmation, sends commands, and shows a refusal beside the button that was pressed. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
+import { BOUNDS } from '../../api/bounds';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
@@ -70,7 +71,7 @@ const RETURN_ALT_PARAM = 'RTL_RETURN_ALT';
 /** Actions that end what the vehicle is doing: a pilot can always give them again. */
 const STOPS: ReadonlySet<ActionName> = new Set(['hold', 'land', 'land_now', 'rtl', 'kill']);
 /** The API's limits of the take-off altitude [m above home]. */
-export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
+export const TAKEOFF_RANGE_M = BOUNDS.TakeoffRequest.alt_home_m;
 
 function notPossibleNow(detail: string): Problem {
   return { title: 'Not possible now', detail, reasons: [], remedy: null, code: 'refused', status: 0, field: null };

@@ -1,5 +1,6 @@
 /** The vehicle's parameters as the page shows and edits them. Pure functions. */
 
+import { parseTyped } from '../../vehicle/fields';
 import type { components } from '../../api/schema';
 
 export type Parameters = components['schemas']['ParametersView'];
@@ -98,10 +99,8 @@ export function rangeText(metadata: ParameterMetadata): string {
 
 /** The number in a typed text; null if the text is not a number, or not an integer where `isInteger` requires one. */
 export function parseTypedNumber(text: string, isInteger: boolean): number | null {
-  const normalizedText = text.trim().replace('−', '-').replace(',', '.');
-  if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(normalizedText)) return null;
-  const value = Number(normalizedText);
-  return Number.isFinite(value) && (!isInteger || Number.isInteger(value)) ? value : null;
+  const value = parseTyped(text);
+  return value !== null && (!isInteger || Number.isInteger(value)) ? value : null;
 }
 
 /** Why the metadata does not permit a value; null: the value is permitted. The server makes the same check. */

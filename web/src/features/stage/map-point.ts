@@ -2,6 +2,7 @@
  * A point on the map or in the 3D view: why actions are not possible there, camera angles, distances and times. Pure functions.
  */
 
+import { BOUNDS } from '../../api/bounds';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { fixed, metres, toDeg, wrap180 } from '../../ui/format';
 import { angleLimits, type Angles } from '../../vehicle/gimbal';
@@ -15,7 +16,7 @@ export interface MapPoint extends GeoPosition {
 }
 
 /** The API's limits for altitudes [m above home]. */
-export const ALTITUDE_RANGE_M = { min: -100, max: 1000 } as const;
+export const ALTITUDE_RANGE_M = BOUNDS.GotoRequest.alt_home_m;
 /** Largest distance from the vehicle to a go-to target [m] that the API accepts by default. */
 const MAX_GO_DISTANCE_M = 1000;
 

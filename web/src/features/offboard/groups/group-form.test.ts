@@ -49,7 +49,7 @@ describe('the group form', () => {
       valid_s: { move: '601', velocity: '5' },
     };
     expect(Object.keys(fieldErrors(invalidDraft, false)).sort()).toEqual(['axis0', 'axis2', 'members', 'separation', 'start', 'valid']);
-    expect(fieldErrors(invalidDraft, false)['start']).toBe('From 3 to 300 s; leave empty to start immediately.');
+    expect(fieldErrors(invalidDraft, false)['start']).toBe('Enter a number from 3 to 300 s; leave empty to start immediately.');
     expect(Object.keys(fieldErrors(invalidDraft, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
     expect(fieldErrors({ ...MOVE, members: Array.from({ length: 11 }, (_, i) => String(i)) }, false)).toHaveProperty('members');
   });

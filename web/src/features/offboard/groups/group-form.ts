@@ -5,7 +5,7 @@ import type { VehicleFacts } from '../../../vehicle/facts';
 import { fixed } from '../../../ui/format';
 import type { ConfirmationTexts } from '../../../app/actions/actions';
 import { ON_EXPIRY, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
-import { parseTyped } from '../setpoints/form';
+import { boundsOf, limitProblem, parseTyped, type Limits } from '../../../vehicle/fields';
 import { joinNames, type Group } from './group';
 
 export type GroupMotion = 'move' | 'velocity';
@@ -40,13 +40,16 @@ export const AXES = ['North', 'East', 'Up'] as const;
 const MAX_MEMBERS = 10;
 
 /** The API's limits, but with a minimum validity of 0.5 s instead of 0.05 s, because the page sends a group's setpoints over HTTP. */
-const RANGES = { valid: [0.5, 600, 's'], separation: [1, 100, 'm'], start: [3, 300, 's'] } as const;
+const RANGES = {
+  valid: { ...boundsOf('StartGroup', 'valid_for_s'), min: 0.5 },
+  separation: boundsOf('StartGroup', 'minimum_separation_m'),
+  start: { min: 3, max: 300 },
+} as const;
 
 export type FieldErrors = Readonly<Record<string, string>>;
 
-function rangeError(text: string, [min, max, unit]: readonly [number, number, string]): string | null {
-  const value = parseTyped(text);
-  return value !== null && value >= min && value <= max ? null : `From ${min} to ${max} ${unit}.`;
+function rangeError(text: string, limits: Limits, unit: string): string | null {
+  return limitProblem(parseTyped(text) ?? NaN, limits, unit);
 }
 
 /** Errors by field. For a flying group, only the errors of fields that can change a flying group. */
@@ -54,12 +57,12 @@ export function fieldErrors(draft: Draft, isFlying: boolean): FieldErrors {
   const errors: Record<string, string> = {};
   const add = (field: string, error: string | null): void => void (error !== null && (errors[field] = error));
   AXES.forEach((axis, i) => add(`axis${i}`, parseTyped(draft.axes[draft.motion][i] ?? '') === null ? `${axis}: enter a number.` : null));
-  add('valid', rangeError(draft.valid_s[draft.motion], RANGES.valid));
+  add('valid', rangeError(draft.valid_s[draft.motion], RANGES.valid, 's'));
   if (isFlying) return errors;
   if (draft.members.length < 2) add('members', 'Choose two vehicles or more.');
   if (draft.members.length > MAX_MEMBERS) add('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
-  add('separation', rangeError(draft.separation_m, RANGES.separation));
-  if (draft.startIn_s.trim() !== '') add('start', rangeError(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start immediately.') ?? null);
+  add('separation', rangeError(draft.separation_m, RANGES.separation, 'm'));
+  if (draft.startIn_s.trim() !== '') add('start', rangeError(draft.startIn_s, RANGES.start, 's')?.replace('.', '; leave empty to start immediately.') ?? null);
   return errors;
 }
 

@@ -1,6 +1,7 @@
 /** The setpoint form: its values, the errors by field, and the setpoint made from the values. Pure functions. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
+import { limitProblem, limitsOf, parseTyped } from '../../../vehicle/fields';
 import { specOf, type Axis, type SetpointQuantity, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 
 export interface Field {
@@ -32,13 +33,6 @@ export type SetpointJson = Readonly<Record<string, unknown>> & { type: SetpointK
 export type BuildResult = { ok: true; setpoint: SetpointJson } | { ok: false; errors: Readonly<Record<string, string>> };
 
 const RAD_PER_DEG = Math.PI / 180;
-
-/** A typed number, with comma or point and either minus sign; null if it is not a number. */
-export function parseTyped(text: string): number | null {
-  const normalized = text.trim().replace('−', '-').replace(',', '.');
-  const value = Number(normalized);
-  return normalized === '' || !Number.isFinite(value) ? null : value;
-}
 
 /** The number as text, with as many decimals as `step` has. */
 function numberText(value: number, step: number): string {
@@ -95,8 +89,8 @@ function readAxis(axis: Axis, field: Field | undefined, nullable: boolean): { va
   if (nullable && field?.isUncontrolled === true) return { value: null };
   const value = parseTyped(field?.text ?? '');
   if (value === null) return { error: nullable ? `${axis.label}: enter a number, or press × (not controlled).` : `${axis.label}: enter a number.` };
-  if (axis.min !== undefined && value < axis.min) return { error: `${axis.label}: at least ${axis.min}${axis.unit && ` ${axis.unit}`}.` };
-  if (axis.max !== undefined && value > axis.max) return { error: `${axis.label}: at most ${axis.max}${axis.unit && ` ${axis.unit}`}.` };
+  const problem = limitProblem(value, limitsOf(axis), axis.unit);
+  if (problem !== null) return { error: `${axis.label}: ${problem.charAt(0).toLowerCase()}${problem.slice(1)}` };
   return { value: value * axis.scale + 0 };
 }
 

@@ -2,6 +2,7 @@
 
 import type { components } from '../../../api/schema';
 import { fixed } from '../../../ui/format';
+import { boundsOf, limitProblem, limitsOf, parseTyped, quantityOf, type Quantity } from '../../../vehicle/fields';
 import { KINDS, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 
 type Schemas = components['schemas'];
@@ -36,32 +37,41 @@ export const FAILSAFE_ACTIONS: readonly { value: FailsafeAction; text: string }[
   { value: 'stabilized', text: 'Stabilized (sticks)' },
 ];
 
-export interface LimitField {
-  name: Exclude<keyof OperatorLimits, 'fence' | 'obstacle_brake'>;
-  label: string;
-  unit: string;
-  /** API value = typed value × scale. */
-  scale: number;
+export interface LimitField extends Quantity {
+  readonly name: Exclude<keyof OperatorLimits, 'fence' | 'obstacle_brake'>;
+  readonly label: string;
   /** Name of the vehicle's own limit; null if the vehicle has none. */
-  vehicleLimit: keyof OffboardLimits['vehicle'] | null;
+  readonly vehicleLimit: keyof OffboardLimits['vehicle'] | null;
 }
 
-const RAD_PER_DEG = Math.PI / 180;
+const limitField = (name: LimitField['name'], label: string, vehicleLimit: LimitField['vehicleLimit'] = null): LimitField => ({
+  name,
+  label,
+  vehicleLimit,
+  ...quantityOf(name, boundsOf('LimitsRequest', name)),
+});
 
 export const LIMIT_FIELDS: readonly LimitField[] = [
-  { name: 'speed_max_m_s', label: 'Maximum ground speed', unit: 'm/s', scale: 1, vehicleLimit: 'speed_max_m_s' },
-  { name: 'climb_max_m_s', label: 'Maximum climb speed', unit: 'm/s', scale: 1, vehicleLimit: 'climb_max_m_s' },
-  { name: 'sink_max_m_s', label: 'Maximum descent speed', unit: 'm/s', scale: 1, vehicleLimit: 'sink_max_m_s' },
-  { name: 'tilt_max_rad', label: 'Maximum tilt', unit: '°', scale: RAD_PER_DEG, vehicleLimit: 'tilt_max_rad' },
-  { name: 'height_min_m', label: 'Minimum altitude above home', unit: 'm', scale: 1, vehicleLimit: null },
-  { name: 'height_max_m', label: 'Maximum altitude above home', unit: 'm', scale: 1, vehicleLimit: 'height_max_m' },
-  { name: 'distance_max_m', label: 'Maximum distance from home', unit: 'm', scale: 1, vehicleLimit: 'distance_max_m' },
-  { name: 'slew_velocity_m_s2', label: 'Velocity slew rate', unit: 'm/s²', scale: 1, vehicleLimit: null },
+  limitField('speed_max_m_s', 'Maximum ground speed', 'speed_max_m_s'),
+  limitField('climb_max_m_s', 'Maximum climb speed', 'climb_max_m_s'),
+  limitField('sink_max_m_s', 'Maximum descent speed', 'sink_max_m_s'),
+  limitField('tilt_max_rad', 'Maximum tilt', 'tilt_max_rad'),
+  limitField('height_min_m', 'Minimum altitude above home'),
+  limitField('height_max_m', 'Maximum altitude above home', 'height_max_m'),
+  limitField('distance_max_m', 'Maximum distance from home', 'distance_max_m'),
+  limitField('slew_velocity_m_s2', 'Velocity slew rate'),
 ];
+
+/** Why a typed limit cannot be set; null: it can. An empty text is no limit. */
+export function limitFieldProblem(text: string, field: LimitField): string | null {
+  if (text.trim() === '') return null;
+  const value = parseTyped(text);
+  return value === null ? 'Enter a number; leave empty for no limit.' : limitProblem(value, limitsOf(field), field.unit);
+}
 
 /** A limit as text in the field's unit, without the unit: "5", "45". */
 export function operatorLimitText(value: number | null | undefined, field: LimitField): string {
-  return value == null ? '' : String(Number((value / field.scale).toFixed(2)));
+  return value == null ? '' : String(Number((value * field.scale).toFixed(2)));
 }
 
 /** The operator's limits in one line. */
@@ -82,5 +92,5 @@ export function limitsSummary(limits: OffboardLimits | null): string {
 export function vehicleLimitText(limits: OffboardLimits | null, field: LimitField): string {
   if (field.vehicleLimit === null) return 'no limit';
   const limit = limits?.vehicle[field.vehicleLimit];
-  return limit == null ? 'none known' : `vehicle: ${fixed(limit / field.scale, 1)}`;
+  return limit == null ? 'none known' : `vehicle: ${fixed(limit * field.scale, 1)}`;
 }

@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { buildSetpoint, formFromCurrentState, setUncontrolled, parseTyped, type Form } from './form';
+import { buildSetpoint, formFromCurrentState, setUncontrolled, type Form } from './form';
+import { parseTyped } from '../../../vehicle/fields';
 import { KINDS, kindName } from '../../../vehicle/setpoint-kinds';
 import { bodyToNed, previewOf, previewOnMap, previewText } from './preview';
 import { SentLog, setpointText } from './sent-log';
@@ -76,7 +77,7 @@ describe('forms', () => {
 
   it('report the invalid field, and leave fields of unknown values empty', () => {
     expect(errorsOf(withField(formFromCurrentState('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
-    expect(errorsOf(withField(formFromCurrentState('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust (0 to 1): at most 1.' });
+    expect(errorsOf(withField(formFromCurrentState('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust (0 to 1): enter a number from 0 to 1.' });
     expect(errorsOf(formFromCurrentState('attitude', FACTS, null))).toEqual({ thrust: 'Thrust (0 to 1): enter a number.' });
     expect(errorsOf(formFromCurrentState('position', { ...FACTS, localPosition: null }, null))).toHaveProperty('p0');
     expect(parseTyped(' 1e400 ')).toBeNull();

@@ -1,5 +1,6 @@
 /** Edits of a waypoint plan. Pure: each function returns a new plan. */
 
+import { BOUNDS } from '../../../api/bounds';
 import type { LayerPosition } from '../../../app/map-layers.svelte';
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import {
@@ -66,7 +67,7 @@ export function movePoint(plan: Plan, id: string, position: GeoPosition): Plan {
   return moveHomeOrArea(plan, id, position);
 }
 
-export const ALTITUDE_LIMITS_M = { min: -12_000, max: 100_000 } as const;
+export const ALTITUDE_LIMITS_M = BOUNDS.Altitude.value_m;
 
 /** Changes the altitude of an item or a rally point by `by_m`; other parts have no altitude. */
 export function raisePoint(plan: Plan, id: string, by_m: number): Plan {

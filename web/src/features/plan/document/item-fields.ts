@@ -4,6 +4,7 @@
  */
 
 import type { components } from '../../../api/schema';
+import type { Limits } from '../../../vehicle/fields';
 import type { Item, ItemKind } from './document';
 
 type ApiItem = components['schemas']['Plan']['items'][number];
@@ -17,8 +18,8 @@ export interface FieldSpec {
   readonly initial: number | null;
   /** null: the field is not shown and is kept unchanged. */
   readonly label: string | null;
-  readonly min?: number;
-  readonly max?: number;
+  /** Bounds of PX4 and MAVLink, which the API does not check. */
+  readonly limits?: Limits;
   readonly step?: number;
   /** Whether only whole numbers are permitted. */
   readonly integer?: boolean;
@@ -48,15 +49,15 @@ const isOneOf =
   (item: Item): boolean =>
     values.includes(Number(item[name]));
 
-const ID_RANGE = { min: 0, max: 255, integer: true };
+const ID_RANGE = { limits: { min: 0, max: 255 }, integer: true };
 const camera = field(0, 'Camera (0: all)', ID_RANGE);
 const gimbal = field(0, 'Gimbal (0: all)', ID_RANGE);
 const stream = field(0, 'Video stream (0: all)', ID_RANGE);
-const shutter = field(0, 'Shutter time (0 or −1: set by the camera)', { min: -1 });
-const holdTime = (initial: number) => field(initial, 'Hold for', { min: 0 });
+const shutter = field(0, 'Shutter time (0 or −1: set by the camera)', { limits: { min: -1 } });
+const holdTime = (initial: number) => field(initial, 'Hold for', { limits: { min: 0 } });
 const yaw = field(null, 'Yaw from north', { placeholder: 'automatic' });
-const ANGLE_RANGE = { min: -360, max: 360 };
-const INTEGER_ANGLE_RANGE = { min: -180, max: 180, integer: true };
+const ANGLE_RANGE = { limits: { min: -360, max: 360 } };
+const INTEGER_ANGLE_RANGE = { limits: { min: -180, max: 180 }, integer: true };
 const UNCHANGED_IF_EMPTY = { placeholder: 'unchanged' };
 
 const YES_NO = { 0: 'no', 1: 'yes' };
@@ -96,7 +97,7 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
   takeoff: { pitch_deg: hiddenField(0), yaw_ned_deg: yaw },
   waypoint: {
     hold_s: holdTime(0),
-    acceptance_radius_m: field(0, 'Acceptance radius', { min: 0 }),
+    acceptance_radius_m: field(0, 'Acceptance radius', { limits: { min: 0 } }),
     pass_radius_m: field(0, 'Pass radius (negative: counter-clockwise)'),
     yaw_ned_deg: yaw,
   },
@@ -114,18 +115,18 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
   gate: { geometry: hiddenField(0), use_altitude: hiddenField(0) },
   return_home: {},
   delay: {
-    delay_s: field(5, 'Wait for (−1: until a UTC time)', { min: -1 }),
-    hour_utc: field(0, 'Until, hour UTC (−1: any)', { min: -1, max: 23, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
-    minute_utc: field(0, 'Until, minute UTC (−1: any)', { min: -1, max: 59, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
-    second_utc: field(0, 'Until, second UTC (−1: any)', { min: -1, max: 59, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    delay_s: field(5, 'Wait for (−1: until a UTC time)', { limits: { min: -1 } }),
+    hour_utc: field(0, 'Until, hour UTC (−1: any)', { limits: { min: -1, max: 23 }, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    minute_utc: field(0, 'Until, minute UTC (−1: any)', { limits: { min: -1, max: 59 }, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
+    second_utc: field(0, 'Until, second UTC (−1: any)', { limits: { min: -1, max: 59 }, integer: true, appliesTo: (item) => Number(item['delay_s']) < 0 }),
   },
   jump: {
-    target_index: field(0, 'Target item', { min: 1, max: 100_001, integer: true }),
-    repeat: field(1, 'Repeats (−1: endless)', { min: -1, max: 65_535, integer: true }),
+    target_index: field(0, 'Target item', { limits: { min: 1, max: 100_001 }, integer: true }),
+    repeat: field(1, 'Repeats (−1: endless)', { limits: { min: -1, max: 65_535 }, integer: true }),
   },
   change_speed: {
     speed_type: choice(1, 'Speed type', { 1: 'ground speed', 2: 'climb speed', 3: 'descent speed', 0: 'airspeed' }),
-    speed_m_s: field(5, 'Speed (−1: unchanged, −2: default)', { min: -2, max: 1000 }),
+    speed_m_s: field(5, 'Speed (−1: unchanged, −2: default)', { limits: { min: -2, max: 1000 } }),
     throttle_percent: hiddenField(-1),
   },
   // PX4 accepts only the vehicle's position; the field is shown only if the item has another value.
@@ -138,29 +139,29 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
     yaw_offset_deg: field(0, 'Yaw offset', ANGLE_RANGE),
   },
   roi_none: { gimbal_id: gimbal },
-  set_servo: { servo: field(1, 'Servo', ID_RANGE), pulse_us: field(1500, 'Pulse width', { min: 0, max: 65_535 }) },
+  set_servo: { servo: field(1, 'Servo', ID_RANGE), pulse_us: field(1500, 'Pulse width', { limits: { min: 0, max: 65_535 } }) },
   set_actuator: {
-    actuator_1: field(null, 'Actuator 1, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
-    actuator_2: field(null, 'Actuator 2, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
-    actuator_3: field(null, 'Actuator 3, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
-    actuator_4: field(null, 'Actuator 4, −1 to 1', { min: -1, max: 1, step: 0.1, ...UNCHANGED_IF_EMPTY }),
+    actuator_1: field(null, 'Actuator 1, −1 to 1', { limits: { min: -1, max: 1 }, step: 0.1, ...UNCHANGED_IF_EMPTY }),
+    actuator_2: field(null, 'Actuator 2, −1 to 1', { limits: { min: -1, max: 1 }, step: 0.1, ...UNCHANGED_IF_EMPTY }),
+    actuator_3: field(null, 'Actuator 3, −1 to 1', { limits: { min: -1, max: 1 }, step: 0.1, ...UNCHANGED_IF_EMPTY }),
+    actuator_4: field(null, 'Actuator 4, −1 to 1', { limits: { min: -1, max: 1 }, step: 0.1, ...UNCHANGED_IF_EMPTY }),
     // PX4 has only the actuator set 0.
     set_index: field(0, 'Actuator set', { ...ID_RANGE, appliesTo: (item) => item['set_index'] !== 0 }),
   },
-  gripper: { gripper: field(1, 'Gripper', { ...ID_RANGE, min: 1 }), action: choice(0, 'Action', { 0: 'open', 1: 'close' }) },
+  gripper: { gripper: field(1, 'Gripper', { ...ID_RANGE, limits: { min: 1, max: 255 } }), action: choice(0, 'Action', { 0: 'open', 1: 'close' }) },
   winch: {
-    winch: field(1, 'Winch', { ...ID_RANGE, min: 1 }),
+    winch: field(1, 'Winch', { ...ID_RANGE, limits: { min: 1, max: 255 } }),
     action: choice(4, 'Action', WINCH_ACTIONS),
     length_m: field(0, 'Line to release (negative: wind in)', { appliesTo: isOneOf('action', 1) }),
     rate_m_s: field(0, 'Release rate (negative: wind in)', { appliesTo: isOneOf('action', 1, 2) }),
   },
   trigger_distance: {
-    distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
+    distance_m: field(10, 'Distance (0: stop)', { limits: { min: 0 } }),
     shutter_ms: shutter,
     at_once: choice(1, 'First photo', { 1: 'immediately', 0: 'after this distance' }),
     camera,
   },
-  trigger_interval: { interval_ms: field(1000, 'Time between photos (0 or −1: unchanged)', { min: -1 }), shutter_ms: shutter, camera },
+  trigger_interval: { interval_ms: field(1000, 'Time between photos (0 or −1: unchanged)', { limits: { min: -1 } }), shutter_ms: shutter, camera },
   trigger_control: {
     enable: choice(1, 'Trigger', { 1: 'start', 0: 'stop', '-1': 'unchanged' }),
     reset: choice(0, 'Restart the sequence', YES_NO_UNCHANGED),
@@ -168,13 +169,13 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
     camera,
   },
   photo_start: {
-    interval_s: field(0, 'Interval', { min: 0 }),
-    count: field(1, 'Photos (0: until stopped)', { min: 0, integer: true }),
+    interval_s: field(0, 'Interval', { limits: { min: 0 } }),
+    count: field(1, 'Photos (0: until stopped)', { limits: { min: 0 }, integer: true }),
     camera,
     sequence: hiddenField(0),
   },
   photo_stop: { camera },
-  video_start: { stream, status_hz: field(0, 'Status messages (0: none)', { min: 0 }), camera },
+  video_start: { stream, status_hz: field(0, 'Status messages (0: none)', { limits: { min: 0 } }), camera },
   video_stop: { stream, camera },
   camera_mode: { mode: choice(0, 'Mode', CAMERA_MODES), camera },
   camera_zoom: {
@@ -189,7 +190,7 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
   },
   control_video: {
     transmission: choice(0, 'Transmission', VIDEO),
-    interval_s: field(0, 'Time between photos (0: video)', { min: 0 }),
+    interval_s: field(0, 'Time between photos (0: video)', { limits: { min: 0 } }),
     recording: choice(1, 'Recording', VIDEO),
     camera,
   },
@@ -203,9 +204,9 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
     command_id: hiddenField(0),
   },
   oblique_survey: {
-    distance_m: field(10, 'Distance (0: stop)', { min: 0 }),
-    interval_ms: field(0, 'Minimum time between photos', { min: 0, integer: true }),
-    positions: field(3, 'Number of camera positions', { min: 0, max: 100, integer: true }),
+    distance_m: field(10, 'Distance (0: stop)', { limits: { min: 0 } }),
+    interval_ms: field(0, 'Minimum time between photos', { limits: { min: 0 }, integer: true }),
+    positions: field(3, 'Number of camera positions', { limits: { min: 0, max: 100 }, integer: true }),
     roll_deg: field(30, 'Roll to each side', INTEGER_ANGLE_RANGE),
     pitch_deg: field(-90, 'Pitch', INTEGER_ANGLE_RANGE),
     shutter_ms: shutter,

@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
 import { EMPTY_PLAN, positionOf, type Item, type Plan } from './document';
 import { insertItem, movePoint, remove, reorder, raisePoint } from './edit';
-import { parseNumber } from './fields';
+import { parseNumber } from '../../../vehicle/fields';
 import { fixOf, type Finding } from './fixes';
 import * as history from './history';
 import { newItem } from './items';

@@ -1,6 +1,7 @@
 /** Wind, mass, battery and similar conditions of a flight, for the dry run and for the estimates. Pure functions. */
 
 import type { components } from '../../../api/schema';
+import { boundsOf, inPercent, quantityOf, type Limits } from '../../../vehicle/fields';
 
 type Schemas = components['schemas'];
 export type Power = Schemas['Power'];
@@ -52,42 +53,48 @@ export const DEFAULT_CONDITIONS: Conditions = {
   reserve_percent: 20,
 };
 
-export interface ConditionRow {
+export interface ConditionRow extends Limits {
   readonly name: keyof Conditions;
   readonly label: string;
   readonly unit: string;
-  readonly min: number;
-  readonly max: number;
-  readonly step?: number;
+  readonly step: number;
   /** The field may be empty. */
   readonly optional?: boolean;
 }
 
-/** The rows of the form except `SPREAD_ROWS`. Their bounds are those of the server. */
+type RowDetails = Partial<Omit<ConditionRow, 'name' | 'label'>>;
+/** @param model the API's model with the bounds. @param field the field's name there. */
+function conditionRow(name: keyof Conditions, label: string, model: string, field: string, details: RowDetails = {}): ConditionRow {
+  const limits = boundsOf(model, field);
+  const { scale: _, ...quantity } = quantityOf(name, name.endsWith('_percent') ? inPercent(limits) : limits);
+  return { name, label, ...quantity, ...details };
+}
+
+/** The rows of the form except `SPREAD_ROWS`. */
 export const CONDITION_ROWS: readonly ConditionRow[] = [
-  { name: 'wind_m_s', label: 'Wind', unit: 'm/s', min: 0, max: 30 },
-  { name: 'from_deg', label: 'Wind from', unit: '°', min: 0, max: 360, step: 10 },
-  { name: 'gusts_m_s', label: 'Gusts (one sigma)', unit: 'm/s', min: 0, max: 20, step: 0.5 },
-  { name: 'mass_percent', label: 'Mass scale', unit: '%', min: 30, max: 300, step: 5 },
-  { name: 'battery_percent', label: 'Battery capacity scale', unit: '%', min: 5, max: 300, step: 5 },
-  { name: 'noise_percent', label: 'Sensor noise scale', unit: '%', min: 0, max: 1000, step: 10 },
-  { name: 'flights', label: 'Flights with varied conditions (0: none)', unit: '', min: 0, max: 200, step: 10 },
-  { name: 'hover_power_w', label: 'Hover power', unit: 'W', min: 1, max: 1e6, step: 10, optional: true },
-  { name: 'battery_wh', label: 'Battery capacity', unit: 'Wh', min: 1, max: 1e6, step: 5, optional: true },
-  { name: 'mass_kg', label: 'Mass with battery and load', unit: 'kg', min: 0.01, max: 1e4, step: 0.1, optional: true },
-  { name: 'reserve_percent', label: 'Battery reserve', unit: '%', min: 0, max: 95, step: 5 },
+  { name: 'wind_m_s', label: 'Wind', unit: 'm/s', step: 1, min: 0, max: 30 }, // the API limits the vector
+  { name: 'from_deg', label: 'Wind from', unit: '°', step: 10, min: 0, max: 360 },
+  conditionRow('gusts_m_s', 'Gusts (one sigma)', 'DryRunConditions', 'gusts_m_s'),
+  conditionRow('mass_percent', 'Mass scale', 'DryRunConditions', 'mass_scale', { step: 5 }),
+  conditionRow('battery_percent', 'Battery capacity scale', 'DryRunConditions', 'battery_scale', { step: 5 }),
+  conditionRow('noise_percent', 'Sensor noise scale', 'DryRunConditions', 'sensor_noise', { step: 10 }),
+  conditionRow('flights', 'Flights with varied conditions (0: none)', 'DryRunRequest', 'flights', { min: 0, step: 10 }),
+  conditionRow('hover_power_w', 'Hover power', 'Power', 'hover_power_w', { optional: true }),
+  conditionRow('battery_wh', 'Battery capacity', 'Power', 'battery_wh', { optional: true }),
+  conditionRow('mass_kg', 'Mass with battery and load', 'Power', 'mass_kg', { optional: true }),
+  conditionRow('reserve_percent', 'Battery reserve', 'DryRunRequest', 'battery_reserve', { step: 5 }),
 ];
 
 /** The first row of `CONDITION_ROWS` with data of the vehicle; the earlier rows contain the simulated conditions. */
 export const FIRST_VEHICLE_ROW = 'hover_power_w';
 
-/** The rows for the variation of each condition (1 σ) in Monte Carlo flights. Their bounds are those of the server. */
+/** The rows for the variation of each condition (1 σ) in Monte Carlo flights. */
 export const SPREAD_ROWS: readonly ConditionRow[] = [
-  { name: 'spread_wind_m_s', label: 'Wind varies by', unit: 'm/s', min: 0, max: 10, step: 0.5 },
-  { name: 'spread_gusts_percent', label: 'Gusts vary by', unit: '%', min: 0, max: 50, step: 5 },
-  { name: 'spread_mass_percent', label: 'Mass varies by', unit: '%', min: 0, max: 50 },
-  { name: 'spread_battery_percent', label: 'Battery capacity varies by', unit: '%', min: 0, max: 50 },
-  { name: 'spread_noise_percent', label: 'Sensor noise varies by', unit: '%', min: 0, max: 50, step: 5 },
+  conditionRow('spread_wind_m_s', 'Wind varies by', 'DryRunSpread', 'wind_m_s'),
+  conditionRow('spread_gusts_percent', 'Gusts vary by', 'DryRunSpread', 'gusts', { step: 5 }),
+  conditionRow('spread_mass_percent', 'Mass varies by', 'DryRunSpread', 'mass'),
+  conditionRow('spread_battery_percent', 'Battery capacity varies by', 'DryRunSpread', 'battery'),
+  conditionRow('spread_noise_percent', 'Sensor noise varies by', 'DryRunSpread', 'sensor_noise', { step: 5 }),
 ];
 
 /** The conditions with one value changed. An empty value is ignored unless the row is optional. */

@@ -1,32 +1,16 @@
 /** The editor's rows of a step, a trajectory point and a mission. Some fields of a step have several rows. Pure functions. */
 
+import { boundsOf, quantityOf, type FieldValue, type ShownField } from '../../../vehicle/fields';
 import { positionFields } from './position-fields';
 import type { MissionFrame } from './positions';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
 import { PERCENT, GIMBAL_MODES, CONDITION_VALUES } from './step-titles';
 
-export type FieldValue = number | string | boolean | null;
-
 /** One row of the editor. */
-export interface Field<T> {
+export interface Field<T> extends ShownField {
   readonly name: string;
-  readonly label: string;
-  readonly type: 'number' | 'choice' | 'switch' | 'text';
-  readonly value: FieldValue;
   readonly set: (target: T, value: FieldValue) => T;
-  readonly unit?: string;
-  /** The field may be empty; the editor then shows this text in the field. */
-  readonly placeholder?: string;
-  readonly min?: number;
-  readonly max?: number;
-  readonly step?: number;
-  readonly decimals?: number;
-  readonly options?: readonly { readonly value: string; readonly text: string }[];
-  readonly maxlength?: number;
 }
-
-/** The part of a field that is needed to display it. */
-export type ShownField = Omit<Field<never>, 'name' | 'set'>;
 
 /** The data besides the step that determine the rows of a step. */
 export interface RowContext {
@@ -37,41 +21,23 @@ export interface RowContext {
 /** Returns the rows for one field of the document. */
 type RowSpec = (step: Step, context: RowContext) => Field<Step>[];
 
-/** Suffixes of field names, unit and step. The first match applies. Angles are in radians in the document, in degrees on the page. */
-const UNITS: readonly (readonly [string, string, number])[] = [
-  ['_m_s2', 'm/s²', 0.5],
-  ['_m_s3', 'm/s³', 0.5],
-  ['_rad_s', '°/s', 5],
-  ['_m_s', 'm/s', 0.5],
-  ['_rad', '°', 5],
-  ['_m', 'm', 1],
-  ['_s', 's', 1],
-];
-const DEG_PER_RAD = 180 / Math.PI;
+/** What a row has besides its quantity; limits here are narrower than the API's. */
+type Details = Partial<Pick<ShownField, 'min' | 'max' | 'step' | 'placeholder'>>;
 
-export interface Bounds {
-  readonly min?: number;
-  readonly max?: number;
-  readonly step?: number;
-  readonly placeholder?: string;
-}
-
-/** A number field of any object; the suffix of the field's name gives the unit. */
-export function numberField<T extends object>(target: T, name: string, label: string, bounds: Bounds = {}): Field<T> {
-  const [suffix, unit, step] = UNITS.find(([candidate]) => name.endsWith(candidate)) ?? ['', '', 1];
-  const scale = suffix.startsWith('_rad') ? DEG_PER_RAD : 1;
+/** A number field of any object; its name gives the unit. @param model the API's model of the object, which has the bounds. */
+export function numberField<T extends object>(target: T, model: string, name: string, label: string, details: Details = {}): Field<T> {
+  const { scale, ...quantity } = quantityOf(name, boundsOf(model, name));
   const value = (target as Record<string, unknown>)[name];
   return {
     name,
     label,
     type: 'number',
-    unit,
-    step,
+    ...quantity,
     value: typeof value === 'number' ? value * scale : null,
     // An empty field removes the value from the document.
     set: (old, next) =>
       typeof next === 'number' ? { ...old, [name]: next / scale } : (Object.fromEntries(Object.entries(old).filter(([key]) => key !== name)) as T),
-    ...bounds,
+    ...details,
   };
 }
 
@@ -87,8 +53,8 @@ function choiceField<T extends object>(target: T, name: string, label: string, o
 }
 
 const numberRow =
-  (name: string, label: string, bounds: Bounds = {}): RowSpec =>
-  (step) => [numberField(step, name, label, bounds)];
+  (name: string, label: string, details: Details = {}): RowSpec =>
+  (step) => [numberField(step, `step_${step.step}`, name, label, details)];
 const choiceRow =
   (name: string, label: string, options: Readonly<Record<string, string>>): RowSpec =>
   (step) => [choiceField(step, name, label, options)];
@@ -107,11 +73,7 @@ const positionRows =
   (step, { frame }) =>
     positionFields<Step>(step[name] as MissionPosition, frame, (old, next) => ({ ...old, [name]: next }), label, name);
 
-const DURATION_S: Bounds = { min: 0, max: 86_400 };
-const LENGTH_M: Bounds = { min: 0.1, max: 10_000 };
-const SPEED_M_S: Bounds = { min: 0.1, max: 100, placeholder: 'default' };
-const ANGLE_DEG: Bounds = { min: -360, max: 360 };
-const OPTIONAL_ANGLE_DEG: Bounds = { ...ANGLE_DEG, placeholder: 'unchanged' };
+const UNCHANGED: Details = { placeholder: 'unchanged' };
 export const ACTIONS = { continue: 'Continue', hold: 'Hold', return: 'Return', land: 'Land' };
 
 /** The rows of the heading: the choice of a mode, and the value of this mode. */
@@ -138,7 +100,7 @@ const headingRows: RowSpec = (step, context) => {
       },
     },
   ];
-  if (mode === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Yaw from north', ANGLE_DEG));
+  if (mode === 'yaw') rows.push(numberField(step, `step_${step.step}`, 'yaw_ned_rad', 'Yaw from north'));
   if (mode === 'look_at') rows.push(...positionRows('look_at', 'Point to face')(step, context));
   return rows;
 };
@@ -162,17 +124,17 @@ const stepAvoidanceRow: RowSpec = (step) => {
   ];
 };
 const PATH_ROWS: readonly RowSpec[] = [
-  numberRow('speed_m_s', 'Maximum speed', SPEED_M_S),
+  numberRow('speed_m_s', 'Maximum speed', { placeholder: 'default' }),
   headingRows,
-  numberRow('photo_every_m', 'Photo every', { ...LENGTH_M, placeholder: 'none' }),
+  numberRow('photo_every_m', 'Photo every', { placeholder: 'none' }),
   stepAvoidanceRow,
 ];
 const CIRCLE_ROWS: readonly RowSpec[] = [
   positionRows('center', 'Centre'),
-  numberRow('radius_m', 'Radius', LENGTH_M),
-  numberRow('turns', 'Turns', { min: 0.01, max: 200, step: 0.5 }),
+  numberRow('radius_m', 'Radius'),
+  numberRow('turns', 'Turns', { step: 0.5 }),
   switchRow('clockwise', 'Clockwise, seen from above', true),
-  numberRow('start_angle_ned_rad', 'Start bearing', { ...ANGLE_DEG, placeholder: 'nearest' }),
+  numberRow('start_angle_ned_rad', 'Start bearing', { placeholder: 'nearest' }),
 ];
 
 /** The rows of a condition: value, comparison, threshold and duration. */
@@ -217,7 +179,7 @@ function conditionRows(field: string): RowSpec {
         label: 'For at least',
         type: 'number',
         unit: 's',
-        ...DURATION_S,
+        ...boundsOf('Condition', 'for_s'),
         value: storedCondition.for_s ?? 0,
         set: (old, next) => withFields(old, { for_s: next ?? 0 }),
       },
@@ -278,13 +240,9 @@ const gimbalRows: RowSpec = (step, context) => {
   const track = step['track'];
   if (track === 'look_at') add(positionRows('place', 'Look at'));
   else if (track !== 'release') add(numberRow('pitch_rad', 'Pitch, up is positive', { min: -90, max: 90 }));
-  if (track === 'fixed' || track === 'sweep') add(numberRow('yaw_rad', 'Yaw from the vehicle’s heading', ANGLE_DEG));
+  if (track === 'fixed' || track === 'sweep') add(numberRow('yaw_rad', 'Yaw from the vehicle’s heading'));
   if (track === 'sweep')
-    add(
-      numberRow('sweep_pitch_rad', 'Sweep up and down (±)', { min: 0, max: 180 }),
-      numberRow('sweep_yaw_rad', 'Sweep to the sides (±)', { min: 0, max: 180 }),
-      numberRow('period_s', 'Period', { min: 0.5, max: 3600 }),
-    );
+    add(numberRow('sweep_pitch_rad', 'Sweep up and down (±)'), numberRow('sweep_yaw_rad', 'Sweep to the sides (±)'), numberRow('period_s', 'Period'));
   return rows;
 };
 
@@ -300,46 +258,37 @@ const nameChoiceRow =
   };
 
 const STEP_ROWS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
-  take_off: [numberRow('height_m', 'Height above the start', { min: 0.5, max: 500 }), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '60' })],
+  take_off: [numberRow('height_m', 'Height above the start'), numberRow('timeout_s', 'Timeout', { placeholder: '60' })],
   fly: [choiceRow('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_ROWS],
-  hold: [numberRow('duration_s', 'Duration', DURATION_S), numberRow('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG)],
+  hold: [numberRow('duration_s', 'Duration'), numberRow('yaw_ned_rad', 'Yaw from north', UNCHANGED)],
   orbit: [...CIRCLE_ROWS, ...PATH_ROWS],
-  helix: [...CIRCLE_ROWS, numberRow('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }), ...PATH_ROWS],
-  spiral: [
-    ...CIRCLE_ROWS,
-    numberRow('end_radius_m', 'Radius at the end', LENGTH_M),
-    numberRow('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }),
-    ...PATH_ROWS,
-  ],
+  helix: [...CIRCLE_ROWS, numberRow('climb_m', 'Altitude gain (negative: descent)'), ...PATH_ROWS],
+  spiral: [...CIRCLE_ROWS, numberRow('end_radius_m', 'Radius at the end'), numberRow('climb_m', 'Altitude gain (negative: descent)'), ...PATH_ROWS],
   figure_eight: [
     positionRows('center', 'Centre'),
-    numberRow('length_m', 'Length', LENGTH_M),
-    numberRow('width_m', 'Width of a loop', LENGTH_M),
-    numberRow('rounds', 'Laps', { min: 0.01, max: 200, step: 0.5 }),
-    numberRow('axis_ned_rad', 'Bearing of the long axis', ANGLE_DEG),
+    numberRow('length_m', 'Length'),
+    numberRow('width_m', 'Width of a loop'),
+    numberRow('rounds', 'Laps', { step: 0.5 }),
+    numberRow('axis_ned_rad', 'Bearing of the long axis'),
     ...PATH_ROWS,
   ],
   table: [nameChoiceRow('file', 'Table', 'tables', 'none'), switchRow('relative', 'Positions relative to the start of the mission', true)],
-  velocity: [velocityRows, numberRow('duration_s', 'Duration', { min: 0.1, max: 3600 }), numberRow('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG)],
+  velocity: [velocityRows, numberRow('duration_s', 'Duration'), numberRow('yaw_ned_rad', 'Yaw from north', UNCHANGED)],
   attitude: [
-    numberRow('roll_rad', 'Roll', { min: -85, max: 85 }),
-    numberRow('pitch_rad', 'Pitch', { min: -85, max: 85 }),
-    numberRow('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG),
-    numberRow('thrust', 'Thrust, 0 to 1', { min: 0, max: 1, step: 0.05 }),
-    numberRow('duration_s', 'Duration', { min: 0.1, max: 30 }),
+    numberRow('roll_rad', 'Roll'),
+    numberRow('pitch_rad', 'Pitch'),
+    numberRow('yaw_ned_rad', 'Yaw from north', UNCHANGED),
+    numberRow('thrust', 'Thrust, 0 to 1', { step: 0.05 }),
+    numberRow('duration_s', 'Duration'),
   ],
   gimbal: [gimbalRows],
-  photo: [
-    numberRow('count', 'Photos', { min: 1, max: 10_000 }),
-    numberRow('interval_s', 'Time between photos', { min: 0.1, max: 3600 }),
-    numberRow('component', 'Camera', { min: 1, max: 255, step: 1, placeholder: 'first' }),
-  ],
-  wait: [untilRows, numberRow('timeout_s', 'Timeout', { min: 0.1, max: 86_400 }), choiceRow('on_timeout', 'On timeout', ACTIONS)],
-  repeat: [numberRow('times', 'Times', { min: 1, max: 1000 })],
+  photo: [numberRow('count', 'Photos'), numberRow('interval_s', 'Time between photos'), numberRow('component', 'Camera', { placeholder: 'first' })],
+  wait: [untilRows, numberRow('timeout_s', 'Timeout'), choiceRow('on_timeout', 'On timeout', ACTIONS)],
+  repeat: [numberRow('times', 'Times')],
   branch: [conditionRows('condition')],
   call: [nameChoiceRow('mission', 'List of steps', 'missions', 'choose …')],
-  land: [numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '300' })],
-  meet: [textRow('meeting', 'Name of the meeting'), numberRow('timeout_s', 'Timeout', { ...DURATION_S, placeholder: '120' })],
+  land: [numberRow('timeout_s', 'Timeout', { placeholder: '300' })],
+  meet: [textRow('meeting', 'Name of the meeting'), numberRow('timeout_s', 'Timeout', { placeholder: '120' })],
 };
 /** Fields with whole numbers; the page rounds typed fractions. */
 const INTEGER_FIELDS: ReadonlySet<string> = new Set(['times', 'count']);
@@ -356,9 +305,9 @@ export function fieldsOf(step: Step, context: RowContext): Field<Step>[] {
 export function pointFields(point: MissionPosition, { frame }: RowContext): Field<MissionPosition>[] {
   return [
     ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Position', 'point'),
-    numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE_DEG),
-    numberField(point, 'hold_s', 'Wait at the point', { ...DURATION_S, placeholder: '0' }),
-    numberField(point, 'corner_m', 'Corner rounding: maximum distance from the point', { min: 0, max: 1000, placeholder: '1' }),
+    numberField(point, 'FlyPoint', 'yaw_ned_rad', 'Yaw from north', UNCHANGED),
+    numberField(point, 'FlyPoint', 'hold_s', 'Wait at the point', { placeholder: '0' }),
+    numberField(point, 'FlyPoint', 'corner_m', 'Corner rounding: maximum distance from the point', { placeholder: '1' }),
     { name: 'stop', label: 'Stop at the point', type: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
   ];
 }
@@ -374,8 +323,8 @@ const EVENT_LABELS: Readonly<Record<string, string>> = {
 export function missionFields(mission: Mission): Field<Mission>[] {
   const actions = mission.actions as unknown as Readonly<Record<string, string>>;
   const limits = mission.limits as unknown as Readonly<Record<string, number | null>>;
-  const limitField = (label: string, name: string, [min, max]: readonly [number, number]): Field<Mission> => {
-    const { set, ...row } = numberField(limits, name, label, { min, max, placeholder: 'vehicle limit' });
+  const limitField = (label: string, name: string): Field<Mission> => {
+    const { set, ...row } = numberField(limits, 'Bounds', name, label, { placeholder: 'vehicle limit' });
     return {
       ...row,
       set: (old, next) => ({ ...old, limits: set(old.limits as unknown as Readonly<Record<string, number | null>>, next) as unknown as Mission['limits'] }),
@@ -389,12 +338,12 @@ export function missionFields(mission: Mission): Field<Mission>[] {
         return { ...row, set: (old, next) => ({ ...old, actions: { ...old.actions, [name]: next } }) };
       }),
     { ...avoidanceRow(mission.avoidance), set: (old, next) => ({ ...old, avoidance: avoidanceOf(next) }) },
-    limitField('Maximum speed', 'speed_m_s', [0.1, 100]),
-    limitField('Maximum climb speed', 'climb_m_s', [0.1, 100]),
-    limitField('Maximum descent speed', 'descent_m_s', [0.1, 100]),
-    limitField('Maximum acceleration', 'acceleration_m_s2', [0.1, 50]),
-    limitField('Maximum jerk', 'jerk_m_s3', [0.1, 500]),
-    limitField('Maximum tilt', 'tilt_rad', [3, 88]),
-    limitField('Maximum yaw rate', 'yaw_rate_rad_s', [3, 572]),
+    limitField('Maximum speed', 'speed_m_s'),
+    limitField('Maximum climb speed', 'climb_m_s'),
+    limitField('Maximum descent speed', 'descent_m_s'),
+    limitField('Maximum acceleration', 'acceleration_m_s2'),
+    limitField('Maximum jerk', 'jerk_m_s3'),
+    limitField('Maximum tilt', 'tilt_rad'),
+    limitField('Maximum yaw rate', 'yaw_rate_rad_s'),
   ];
 }

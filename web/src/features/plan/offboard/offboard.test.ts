@@ -10,6 +10,7 @@ import { nodesOf, assignmentProblem, stepId, type Mission, type MissionPosition,
 import { missionLayer, missionEntries } from './mission-layer';
 import { addRole, nameProblem, removeRole, renameRole } from './roles';
 import { missionFrameOf, movedTo, raisedBy, positionInFrame, geoPointOf, type PositionFrame } from './positions';
+import { boundsOf, quantityOf } from '../../../vehicle/fields';
 import { detailOf, newMission, newStep, STEP_KINDS, stepTitle } from './step-titles';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -342,5 +343,19 @@ describe('fixes of a mission', () => {
   });
   it('return null if a person has to decide', () => {
     expect(fixOf(missionOf(FLY), finding('fence_crossed', 'step 1'), FRAME)).toBeNull();
+  });
+});
+
+describe('the numbers of the editor', () => {
+  it.each(STEP_KINDS)('of a %s step are those that the API accepts', (kind) => {
+    for (const field of fieldsOf(newStep(kind), { mission: newMission(null), frame: FRAME })) {
+      const { min, max, above } = quantityOf(field.name, boundsOf(`step_${kind}`, field.name));
+      if (field.type !== 'number' || (min ?? max ?? above) === undefined) continue;
+      expect([field.min ?? -Infinity, -(field.max ?? Infinity), field.above ?? -Infinity], field.name).toEqual([
+        expect.toSatisfy((shown: number) => shown >= (min ?? -Infinity)),
+        expect.toSatisfy((shown: number) => shown >= -(max ?? Infinity)),
+        expect.toSatisfy((shown: number) => shown >= (above ?? -Infinity)),
+      ]);
+    }
   });
 });

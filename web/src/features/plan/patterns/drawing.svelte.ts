@@ -6,7 +6,7 @@ import type { Problem } from '../../../api/problems';
 import type { GeneratedPattern, PlanApi } from '../api';
 import { startOf, kindOf, type PlanKind } from '../document-kinds';
 import type { PlanEditor } from '../editor/editor.svelte';
-import type { FieldValue } from '../offboard/fields';
+import type { FieldValue } from '../../../vehicle/fields';
 import { patternLayer } from './pattern-layer';
 import * as shape from './shape';
 import { NO_RINGS, PATTERNS, type PatternKind, type Rings, type ShapePoint } from './shape';

@@ -3,7 +3,7 @@
 import type { GeoPosition } from '../../../vehicle/geo';
 import type { Altitude, AltitudeReference } from '../document/document';
 import { REFERENCE_CHOICES } from '../document/items';
-import type { FieldValue, ShownField } from '../offboard/fields';
+import { boundsOf, inPercent, quantityOf, type FieldValue, type ShownField } from '../../../vehicle/fields';
 import type { Pattern, PatternKind, Rings } from './shape';
 
 /** The values of the settings of all patterns. Overlaps are in per cent here, and fractions in the API. */
@@ -107,47 +107,47 @@ export const DEFAULT_VALUES: PatternValues = {
 };
 
 type FieldSpec = Omit<ShownField, 'value'>;
-const numberSpec = (label: string, unit: string, min: number, max: number, details: Partial<FieldSpec> = {}): FieldSpec => ({
-  label,
-  type: 'number',
-  unit,
-  min,
-  max,
-  ...details,
-});
+/** A number row. @param model the API's model with the field, which has the bounds. @param field its name there, if it is another one. */
+const numberSpec = (label: string, name: ValueName, model: string, details: Partial<FieldSpec> = {}, field: string = name): FieldSpec => {
+  const limits = boundsOf(model, field);
+  const { scale: _, ...quantity } = quantityOf(name, name.endsWith('_percent') ? inPercent(limits) : limits);
+  return { label, type: 'number', ...quantity, ...details };
+};
 const choiceSpec = (label: string, options: readonly { value: string; text: string }[]): FieldSpec => ({ label, type: 'choice', options });
 const choicesOf = (texts: Readonly<Record<string, string>>) => Object.entries(texts).map(([value, text]) => ({ value, text }));
 
+const ANGLE = { min: -360, max: 360 };
+const WHOLE = { decimals: 0 };
 const FIELD_SPECS: Readonly<Record<ValueName, FieldSpec>> = {
-  altitude_m: numberSpec('Altitude', 'm', -12_000, 100_000),
+  altitude_m: numberSpec('Altitude', 'altitude_m', 'Altitude', {}, 'value_m'),
   reference: choiceSpec('Reference', REFERENCE_CHOICES),
-  distance_m: numberSpec('Distance from camera to ground', 'm', 0.1, 100_000, { placeholder: 'same as altitude' }),
-  front_percent: numberSpec('Front overlap', '%', 0, 95),
-  side_percent: numberSpec('Side overlap', '%', 0, 95),
+  distance_m: numberSpec('Distance from camera to ground', 'distance_m', 'PhotoCoverage', { placeholder: 'same as altitude' }),
+  front_percent: numberSpec('Front overlap', 'front_percent', 'PhotoCoverage', {}, 'front_overlap'),
+  side_percent: numberSpec('Side overlap', 'side_percent', 'PhotoCoverage', {}, 'side_overlap'),
   orientation: choiceSpec('Camera orientation', choicesOf({ landscape: 'landscape', portrait: 'portrait' })),
-  sensor_width_mm: numberSpec('Sensor width', 'mm', 0.1, 1000, { step: 0.1 }),
-  sensor_height_mm: numberSpec('Sensor height', 'mm', 0.1, 1000, { step: 0.1 }),
-  focal_length_mm: numberSpec('Focal length', 'mm', 0.1, 10_000, { step: 0.1 }),
-  image_width_px: numberSpec('Photo width', 'px', 1, 1_000_000, { decimals: 0 }),
-  image_height_px: numberSpec('Photo height', 'px', 1, 1_000_000, { decimals: 0 }),
-  heading_deg: numberSpec('Heading of the lines', '°', -360, 360, { placeholder: 'shortest path' }),
-  turnaround_m: numberSpec('Turnaround distance', 'm', 0, 1000),
+  sensor_width_mm: numberSpec('Sensor width', 'sensor_width_mm', 'CameraModel'),
+  sensor_height_mm: numberSpec('Sensor height', 'sensor_height_mm', 'CameraModel'),
+  focal_length_mm: numberSpec('Focal length', 'focal_length_mm', 'CameraModel'),
+  image_width_px: numberSpec('Photo width', 'image_width_px', 'CameraModel', WHOLE),
+  image_height_px: numberSpec('Photo height', 'image_height_px', 'CameraModel', WHOLE),
+  heading_deg: numberSpec('Heading of the lines', 'heading_deg', 'kind_survey', { ...ANGLE, placeholder: 'shortest path' }),
+  turnaround_m: numberSpec('Turnaround distance', 'turnaround_m', 'kind_survey'),
   crosshatch: { label: 'Second set of lines at right angles', type: 'switch' },
-  speed_m_s: numberSpec('Speed', 'm/s', 0.1, 100, { placeholder: 'default', step: 0.5 }),
-  width_m: numberSpec('Width', 'm', 0.1, 10_000),
-  offset_m: numberSpec('Distance outside the edge (negative: inside)', 'm', -10_000, 10_000),
-  rounds: numberSpec('Rounds', '', 1, 100, { decimals: 0 }),
-  radius_m: numberSpec('Radius', 'm', 1, 10_000),
+  speed_m_s: numberSpec('Speed', 'speed_m_s', 'kind_survey', { placeholder: 'default' }),
+  width_m: numberSpec('Width', 'width_m', 'kind_corridor'),
+  offset_m: numberSpec('Distance outside the edge (negative: inside)', 'offset_m', 'kind_perimeter'),
+  rounds: numberSpec('Rounds', 'rounds', 'kind_orbit', WHOLE),
+  radius_m: numberSpec('Radius', 'radius_m', 'kind_orbit'),
   direction: choiceSpec('Direction', choicesOf({ clockwise: 'clockwise', counterclockwise: 'counter-clockwise' })),
-  start_deg: numberSpec('Start bearing', '°', -360, 360),
+  start_deg: numberSpec('Start bearing', 'start_deg', 'kind_orbit', ANGLE),
   looks_at_center: { label: 'Camera looks at the centre', type: 'switch' },
-  look_at_m: numberSpec('Camera target altitude (reference as above)', 'm', -12_000, 100_000),
-  base_m: numberSpec('Altitude of the base', 'm', -12_000, 100_000),
-  height_m: numberSpec('Height of the structure', 'm', 0.1, 10_000),
-  lowest_m: numberSpec('Lowest round above base', 'm', 0.1, 10_000),
-  structure_distance_m: numberSpec('Distance to the sides', 'm', 0.1, 10_000),
+  look_at_m: numberSpec('Camera target altitude (reference as above)', 'look_at_m', 'Altitude', {}, 'value_m'),
+  base_m: numberSpec('Altitude of the base', 'base_m', 'Altitude', {}, 'value_m'),
+  height_m: numberSpec('Height of the structure', 'height_m', 'kind_structure'),
+  lowest_m: numberSpec('Lowest round above base', 'lowest_m', 'kind_structure'),
+  structure_distance_m: numberSpec('Distance to the sides', 'structure_distance_m', 'PhotoCoverage', {}, 'distance_m'),
   order: choiceSpec('Order', choicesOf({ up: 'from the bottom', down: 'from the top' })),
-  gimbal_pitch_deg: numberSpec('Gimbal pitch', '°', -90, 90),
+  gimbal_pitch_deg: numberSpec('Gimbal pitch', 'gimbal_pitch_deg', 'kind_structure', { min: -90, max: 90 }),
 };
 const INTEGER_FIELDS: ReadonlySet<ValueName> = new Set(['rounds', 'image_width_px', 'image_height_px']);
 
