@@ -237,13 +237,16 @@ class _StimulusPlayer:
         begin_s = self.now_s + 0.5
         yield from self._wait_until(lambda: self.now_s > begin_s, "streaming", stream)
         self.command(DO_SET_MODE, 1, 6)
+        offboard_since_s = self.now_s
         end_s = self.now_s + 3.0
         goal = (0.0, 0.0, -height_m)
         yield from self._wait_until(lambda: self.now_s > end_s and self._is_hovering(goal), "holding", stream)
         phase_s = self.recording.control_change_s % PUBLISH_EVERY_S
         if math.isnan(phase_s):
             phase_s = OVERLAP_S.get(self.recording.name, USUAL_OVERLAP_S)
-        end_s = self.now_s + HOVER_THRUST_SETTLING_S - phase_s
+        settled_s = self.now_s + HOVER_THRUST_SETTLING_S - offboard_since_s
+        # The change to Offboard published the controllers; from then on they are published at every period.
+        end_s = offboard_since_s + math.ceil(settled_s / PUBLISH_EVERY_S) * PUBLISH_EVERY_S - phase_s
         yield from self._wait_until(lambda: self.now_s > end_s, "holding", stream)
 
     def _orbit(self, height_m: float) -> Script:

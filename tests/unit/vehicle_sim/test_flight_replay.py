@@ -22,7 +22,6 @@ def comparisons(reference_data):
     return {each.name: each for each in reference_flights.measure(list(SHORT_FLIGHTS))}
 
 
-@pytest.mark.story
 @pytest.mark.parametrize("name", SHORT_FLIGHTS)
 def test_flights_stay_within_their_limits(comparisons, name):
     comparison = comparisons[name]
@@ -30,14 +29,12 @@ def test_flights_stay_within_their_limits(comparisons, name):
     assert comparison.path_error_m <= max(comparison.path_limit_m, 1.0)
 
 
-@pytest.mark.story
 def test_both_controllers_are_active_after_a_change_of_the_setpoint_type(comparisons):
     comparison = comparisons["att_roll_10"]
     assert comparison.real.rise_s > 0.4, "in PX4 the rise takes three times as long as without the change"
     assert comparison.sim.rise_s == pytest.approx(comparison.real.rise_s, abs=0.15)
 
 
-@pytest.mark.story
 def test_the_table_has_a_row_for_each_flight_and_a_sum(comparisons):
     rows = list(reference_flights.rows(list(comparisons.values())))
     assert len(rows) == 2 + len(SHORT_FLIGHTS) + 2
