@@ -11,13 +11,14 @@ from inspect import Parameter, Signature
 from types import MappingProxyType, NoneType
 from typing import Annotated, Any, Generic, TypeVar
 
-from fastapi import APIRouter, Body, Query, Response
+from fastapi import Body, Query, Response
 
 from gcs_server.api import control_models, models, responses
 from gcs_server.api.authorized import AcceptedCommand, as_operation, authorized_command, progress_reporter
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
@@ -31,7 +32,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 ENDING_MODES = frozenset({"hold", "land", "rtl"})
 """Modes that end a flight: the command is completed, even if its caller closes the connection."""
 
-router = APIRouter(prefix="/vehicles", responses=RESPONSES)
+router = Routes(prefix="/vehicles", responses=RESPONSES)
 TAGS: list[str | Enum] = ["vehicles", "commands"]
 
 

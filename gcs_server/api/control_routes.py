@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from gcs_server.api import control_models as models
 from gcs_server.api import responses
@@ -10,11 +10,12 @@ from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.control.authority import ControlStatus, VehicleControl
 from gcs_server.control.principal import Principal
 
-router = APIRouter(tags=["control"], responses=RESPONSES)
+router = Routes(tags=["control"], responses=RESPONSES)
 
 
 @router.get("/me", response_model=responses.Me)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from gcs_server.api import dry_run_models as m
 from gcs_server.api.authorized import authorized_command
@@ -11,6 +11,7 @@ from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_bytes, json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.control.commands import API
 from gcs_server.flights.dry_runs import begin_dry_run
@@ -19,7 +20,7 @@ SETTINGS = {
     "conditions", "obstacles", "seed", "flights", "spread", "endurance_s", "battery_reserve"
 }  # fmt: skip
 """Fields of a request that the simulation gets."""
-router = APIRouter(prefix="/dry_runs", tags=["dry runs"], responses=RESPONSES, route_class=DocumentRoute)
+router = Routes(prefix="/dry_runs", tags=["dry runs"], responses=RESPONSES, route_class=DocumentRoute)
 
 
 @router.post("", response_model=OperationModel, status_code=202)

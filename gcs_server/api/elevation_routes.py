@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from gcs_server.api import plan_models as m
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 
-router = APIRouter(prefix="/elevation", tags=["plans"], responses=RESPONSES)
+router = Routes(prefix="/elevation", tags=["plans"], responses=RESPONSES)
 
 
 @router.get("", response_model=m.ElevationFiles)

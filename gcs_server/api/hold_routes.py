@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from gcs_server.api.authorized import authorized_command, progress_reporter
@@ -12,13 +12,14 @@ from gcs_server.api.group_models import VehicleId
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES, Problem, problem_of
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.api.strict_body import StrictBody, example
 from gcs_server.errors import GcsError
 
 MAX_VEHICLES = 1000
 
-router = APIRouter(tags=["commands"], responses=RESPONSES)
+router = Routes(tags=["commands"], responses=RESPONSES)
 
 
 class HoldRequest(StrictBody):

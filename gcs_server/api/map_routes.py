@@ -10,16 +10,17 @@ from pathlib import Path as File
 from typing import Annotated, TypeVar
 from urllib.parse import quote
 
-from fastapi import APIRouter, Header, Path, Response
+from fastapi import Header, Path, Response
 from fastapi.responses import FileResponse
 
 from gcs_server.api import responses
 from gcs_server.api.problems import RESPONSES, Problem, problem
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
 from gcs_server.storage.maps import MapError, MapInfo, is_map_name, read_map, read_tile
 
-router = APIRouter(prefix="/maps", tags=["station"])
+router = Routes(prefix="/maps", tags=["station"])
 
 MAX_ZOOM = 24
 REVALIDATE = {"Cache-Control": "no-cache"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Query, Response
+from fastapi import Body, Query, Response
 from msgspec import Raw
 
 from gcs_server.api import mission_models as m
@@ -18,6 +18,7 @@ from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import Refused
@@ -38,7 +39,7 @@ from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 
-router = APIRouter(
+router = Routes(
     prefix="/vehicles/{v}/mission", tags=["mission"], responses=RESPONSES, route_class=DocumentRoute
 )
 

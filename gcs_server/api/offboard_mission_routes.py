@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Response
+from fastapi import Body, Response
 
 from gcs_server.api import offboard_mission_models as m
 from gcs_server.api.authorized import as_operation, authorized_command
@@ -16,6 +16,7 @@ from gcs_server.api.group_routes import authorized_commands, tickets_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.principal import Principal
 from gcs_server.flights.mission_flight import MissionFlight
@@ -23,7 +24,7 @@ from gcs_server.flights.mission_modes import dds_address
 from gcs_server.flights.mission_start import begin_mission, mission_as_mode
 from gcs_server.vehicle.tickets import Ticket
 
-router = APIRouter(tags=["offboard mission"], responses=RESPONSES, route_class=DocumentRoute)
+router = Routes(tags=["offboard mission"], responses=RESPONSES, route_class=DocumentRoute)
 MISSION, MODES = "/vehicles/{v}/offboard_mission", "/vehicles/{v}/mission_modes"
 
 

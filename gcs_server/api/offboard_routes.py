@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from gcs_server.api import offboard_models as models
 from gcs_server.api.authorized import as_operation, authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import fields_of, json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.setpoints import SetpointRequest, StartRequest, apply_setpoint
 from gcs_server.api.station import OffboardDep, StationDep
 
-router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses=RESPONSES)
+router = Routes(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses=RESPONSES)
 
 
 @router.get("", response_model=models.OffboardView)

@@ -13,13 +13,14 @@ from collections import deque
 from typing import Any, Protocol, cast
 
 import msgspec
-from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi import WebSocket, WebSocketDisconnect
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 
 from gcs_server.api.json_limits import json_fault
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import validation_errors
+from gcs_server.api.routes import Routes
 from gcs_server.api.setpoints import SetpointRequest, apply_setpoint
 from gcs_server.api.station import Station, StationDep
 from gcs_server.clock import Clock
@@ -41,7 +42,7 @@ FLOOD_PER_S = 2000
 """Maximum number of messages per second; the server closes the socket of a client that sends more."""
 CLOSE_FLOOD = 1008
 
-router = APIRouter(prefix="/vehicles/{v}/offboard", tags=["offboard"])
+router = Routes(prefix="/vehicles/{v}/offboard", tags=["offboard"])
 
 JsonObject = dict[str, object]
 

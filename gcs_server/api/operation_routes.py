@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES, Problem, problem_of
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import fields_of, json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.api.strict_body import ResponseBody
 from gcs_server.operations.operations import Operation
 
-router = APIRouter(prefix="/operations", tags=["operations"], responses=RESPONSES)
+router = Routes(prefix="/operations", tags=["operations"], responses=RESPONSES)
 
 OperationModel = model_of(Operation, "Operation", error=Problem | None)
 

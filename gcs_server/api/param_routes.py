@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Body, Response
+from fastapi import Body, Response
 from pydantic import ConfigDict, Field
 
 from gcs_server.api.authorized import authorized_command
@@ -13,6 +13,7 @@ from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.control.commands import API
@@ -24,7 +25,7 @@ from gcs_server.vehicle.param_table import Param
 from gcs_server.vehicle.services.params import ParamList
 from gcs_server.vehicle.vehicle import Vehicle
 
-router = APIRouter(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
+router = Routes(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
 
 MAX_ENCODED_AT_ONCE = 100
 """Maximum number of parameters that are encoded in one iteration of the event loop."""

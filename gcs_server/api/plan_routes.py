@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Query, Request, Response
+from fastapi import Body, Query, Request, Response
 from msgspec import Raw
 
 from gcs_server.api import plan_models as m
@@ -16,6 +16,7 @@ from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.refusals import MAX_BODY_BYTES
 from gcs_server.api.responses import fields_of, json_bytes, json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.errors import InvalidRequest
 from gcs_server.flights.chosen import choose
@@ -27,7 +28,7 @@ from missions.documents import PlanKind
 from missions.formats.any_format import FormatName
 from missions.values import Altitude, Reference
 
-router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES, route_class=DocumentRoute)
+router = Routes(prefix="/plans", tags=["plans"], responses=RESPONSES, route_class=DocumentRoute)
 
 MAX_MISSION_BYTES = MAX_BODY_BYTES - 4096
 """Maximum size of a mission after an insertion. The rest of MAX_BODY_BYTES is for the other fields of the

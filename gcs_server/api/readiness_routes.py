@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from pydantic import Field, create_model
 
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import VehicleDep
 from gcs_server.vehicle.readiness import Cause, ModeReadiness, Offer, Readiness
 from gcs_server.vehicle.vehicle import Vehicle
 
-router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
+router = Routes(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
 
 CauseModel = model_of(Cause, "ReadinessCause")
 ModeModel = model_of(ModeReadiness, arming=tuple[CauseModel, ...], running=tuple[CauseModel, ...])

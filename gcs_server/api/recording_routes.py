@@ -7,7 +7,7 @@ from collections.abc import AsyncGenerator
 from pathlib import Path
 
 import anyio
-from fastapi import APIRouter, Response
+from fastapi import Response
 from starlette.responses import StreamingResponse
 
 from gcs_server.api import models, responses
@@ -15,13 +15,14 @@ from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.errors import RecordingUnusable
 from gcs_server.operations.operations import ReportProgress
 
 PIECE_BYTES = 1 << 16
 
-router = APIRouter(tags=["recordings"], responses={s: RESPONSES[s] for s in (404, 409, 422)})
+router = Routes(tags=["recordings"], responses={s: RESPONSES[s] for s in (404, 409, 422)})
 
 
 @router.get("/recordings", response_model=responses.Recordings)

@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fastapi import APIRouter
 from fastapi.responses import FileResponse, RedirectResponse
+
+from gcs_server.api.routes import Routes
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 _REVALIDATE = {"Cache-Control": "no-cache"}
 
-router = APIRouter(include_in_schema=False)
+router = Routes(include_in_schema=False)
 
 
 @router.get("/docs")

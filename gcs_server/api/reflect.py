@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import functools
 import inspect
-import textwrap
+import sys
 import typing
 from typing import Any
 
@@ -61,8 +62,7 @@ def attribute_docs(cls: type) -> dict[str, str]:
     for base in cls.__bases__:
         if dataclasses.is_dataclass(base):
             docs |= attribute_docs(base)
-    tree = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
-    assert isinstance(tree, ast.ClassDef)
+    tree = _classes(cls.__module__)[cls.__qualname__]
     for before, after in zip(tree.body, tree.body[1:], strict=False):
         if (
             isinstance(before, ast.AnnAssign)
@@ -73,6 +73,13 @@ def attribute_docs(cls: type) -> dict[str, str]:
         ):
             docs[before.target.id] = inspect.cleandoc(after.value.value)
     return docs
+
+
+@functools.cache
+def _classes(module: str) -> dict[str, ast.ClassDef]:
+    """The syntax trees of a module's classes."""
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
 
 
 def model_of(dataclass_type: type, name: str | None = None, **overrides: Any) -> type[BaseModel]:
@@ -91,7 +98,7 @@ def model_of(dataclass_type: type, name: str | None = None, **overrides: Any) ->
         fields[field.name] = (overrides.get(field.name, hints[field.name]), Field(description=description))
     return create_model(
         name or dataclass_type.__name__,
-        __config__=ConfigDict(frozen=True, extra="forbid"),
+        __config__=ConfigDict(frozen=True, extra="forbid", defer_build=True),
         __doc__=inspect.getdoc(dataclass_type),
         **fields,
     )

@@ -102,7 +102,7 @@ class Me(ResponseBody):
 def _sample_model(name: str, topic_model: Any) -> type[BaseModel]:
     return create_model(
         f"{topic_model.__name__}Sample",
-        __config__=ConfigDict(frozen=True, extra="forbid"),
+        __config__=ConfigDict(frozen=True, extra="forbid", defer_build=True),
         __doc__=f"The newest `{name}` with its time on two clocks.",
         vehicle_time_boot_s=(
             float | None,
@@ -119,7 +119,7 @@ _topic_fields: dict[str, Any] = {
 }
 TopicsModel = create_model(
     "Topics",
-    __config__=ConfigDict(frozen=True, extra="forbid"),
+    __config__=ConfigDict(frozen=True, extra="forbid", defer_build=True),
     __doc__="Newest sample of every topic; topics never received are omitted.",
     **_topic_fields,
 )
@@ -142,7 +142,7 @@ _vehicle_fields: dict[str, Any] = {
 }
 VehicleModel = create_model(
     "Vehicle",
-    __config__=ConfigDict(frozen=True, extra="forbid"),
+    __config__=ConfigDict(frozen=True, extra="forbid", defer_build=True),
     __doc__="The current data of a vehicle.",
     **_vehicle_fields,
 )

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import json_response
+from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.errors import Refused
 from gcs_server.ros2.inspection import Inspection, TopicView
 
-router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
+router = Routes(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
 
 Ros2TopicModel = model_of(TopicView, "Ros2Topic")
 Ros2TopicsModel = model_of(Inspection, "Ros2Topics", topics=tuple[Ros2TopicModel, ...])

@@ -115,21 +115,22 @@ PERMISSION_CHECK = [Depends(check_permission)]
 
 
 @functools.cache
-def _routes() -> tuple[BaseRoute, ...]:
-    """The routes, created once for all applications, because FastAPI needs almost a second for this.
+def api_routes(*, described: bool = False) -> tuple[BaseRoute, ...]:
+    """The routes, created once for all applications, because this takes half a second.
     `dependency_overrides` of an application have no effect on them.
     """
-    app = FastAPI(dependencies=PERMISSION_CHECK, openapi_url=None, docs_url=None, redoc_url=None)
-    for part in PARTS:  # directly into the application, because each nested router costs time per request
-        app.include_router(
-            part.router, prefix=API, dependencies=[Depends(renew_control), Depends(note_caller)]
-        )
-    app.include_router(reference_page.router)
-    return tuple(app.routes)
+    dependencies = [*PERMISSION_CHECK, Depends(renew_control), Depends(note_caller)]
+    # Directly in the application, because each nested router costs time per request.
+    routes = [route for part in PARTS for route in part.router.build(API, dependencies, described=described)]
+    return (*routes, *reference_page.router.build("", PERMISSION_CHECK, described=described))
 
 
-def bare_app() -> FastAPI:
-    """An application with the description and the routes, but without a running server."""
+def bare_app(*, described: bool = False) -> FastAPI:
+    """An application with the routes, but without a running server.
+
+    Args:
+        described: whether the routes have the models of their answers, for `openapi`.
+    """
     app = _DocumentedApp(
         dependencies=PERMISSION_CHECK,
         title="Offboard GCS",
@@ -150,7 +151,7 @@ def bare_app() -> FastAPI:
         redoc_url=None,
     )
     problems.install(app)
-    app.router.routes.extend(_routes())
+    app.router.routes.extend(api_routes(described=described))
 
     @app.get(f"{API}/openapi.json", include_in_schema=False)
     async def openapi() -> Response:
@@ -163,7 +164,7 @@ def bare_app() -> FastAPI:
 @functools.cache
 def description() -> dict[str, Any]:
     """The OpenAPI description, which is the same for all applications of this process."""
-    return bare_app().openapi()
+    return bare_app(described=True).openapi()
 
 
 @functools.cache

@@ -54,6 +54,7 @@ class StrictBody(BaseModel):
 
 
 class ResponseBody(BaseModel):
-    """Base class of response bodies, which have only the described fields."""
+    """Base class of response bodies, which have only the described fields. Their schemas are built for the
+    API's description only."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, defer_build=True)

@@ -69,9 +69,9 @@ class HttpServer(uvicorn.Server):
             acceptor.start()
             self.servers.append(cast(Any, acceptor))
         # Imported objects are never freed. Unless they are frozen, each full garbage collection scans them,
-        # pauses the process, and costs as much as decoding a fleet's telemetry.
-        gc.collect()
+        # pauses the process, and costs as much as decoding a fleet's telemetry. `cli.py` has disabled it.
         gc.freeze()
+        gc.enable()
         if self.started:
             print("Ready: " + "\n       ".join(self._page_urls), flush=True)
 

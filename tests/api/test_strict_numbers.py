@@ -2,12 +2,12 @@
 
 import copy
 import json
-import sys
 
 import pytest
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from gcs_server.api.schema import api_routes
 from gcs_server.api.setpoints import SetpointRequest
 from gcs_server.api.strict_body import StrictBody
 from missions.values import Model
@@ -27,16 +27,8 @@ NOT_NUMBERS = {
 }
 
 
-ROUTERS = [
-    module.router
-    for name, module in sorted(sys.modules.items())
-    if name.startswith("gcs_server.api.") and name.endswith("_routes")
-]
-"""Routers of the API: `schema.py` imports all of them."""
-
-
 def body_adapters():
-    routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
+    routes = [route for route in api_routes() if isinstance(route, APIRoute)]
     return [
         (route.path, TypeAdapter(route.body_field.field_info.annotation))
         for route in routes

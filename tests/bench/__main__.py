@@ -21,12 +21,14 @@ from . import (
     simulator,
     slow_browser,
     slow_link,
+    startup,
     stream,
     telemetry_bytes,
     trajectories,
 )
 
 SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
+    "startup": ("Start-up, CPU", startup.table),
     "latency": ("Round trips and latency", latency.table),
     "setpoints": ("Setpoint to datagram", setpoints.table),
     "stream": ("Offboard stream, lateness", stream.table),
