@@ -55,6 +55,11 @@ class Floor:
         """Whether neither home nor any ground is known, so that no target can be refused."""
         return self.home is None and not self.grounds
 
+    def is_clear(self, alt_amsl_m: float) -> bool:
+        """Whether a target at this altitude is high enough anywhere [m]; False: its position decides."""
+        lowest_m = -math.inf if self.home is None else self.home[2] - self.landing_height_m - _ROUNDING_M
+        return not self.grounds and alt_amsl_m >= lowest_m
+
     def lowest_amsl_m(self, lat_deg: float, lon_deg: float) -> float | None:
         """The lowest altitude of a target at a position [m]; None: unknown."""
         ground_m = float(self._ground_amsl_m(np.array([lat_deg]), np.array([lon_deg]))[0])

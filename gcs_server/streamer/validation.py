@@ -334,6 +334,9 @@ def _check_floor(setpoint: Setpoint, now_s: float, snapshot: Snapshot, floor: Fl
         _require_high_enough(too_low, "The target")
     elif isinstance(target, Position | Trajectory) and target.position_ned_m[2] is not None:
         north, east, down = target.position_ned_m
+        origin = snapshot.bounds.origin
+        if origin is not None and down is not None and floor.is_clear(origin.alt_amsl_m - down):
+            return  # the usual case, without arrays for a single position
         here = position_now or (0.0, 0.0, 0.0)
         # without a horizontal target, the ground below the vehicle counts
         place = (here[0] if north is None else north, here[1] if east is None else east, down)

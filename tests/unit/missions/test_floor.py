@@ -91,3 +91,14 @@ def test_the_first_target_of_many_that_is_too_low_is_named() -> None:
     refused = Floor(HOME).too_low(lat, lon, amsl)
     assert refused is not None
     assert (refused.index, refused.text) == (2, "1.5 m below home")
+
+
+@pytest.mark.parametrize(
+    "floor", [Floor(HOME), Floor(), Floor(HOME, (ground(20.0),)), Floor(None, (ground(20.0),))]
+)
+@pytest.mark.parametrize("up_m", [-30.0, -2.001, -2.0, 0.0, 50.0])
+def test_a_clear_altitude_is_too_low_nowhere(floor: Floor, up_m: float) -> None:
+    if floor.is_clear(HOME[2] + up_m):
+        assert all(too_low(floor, north_m, up_m) is None for north_m in (-500.0, 0.0, 55.0, 500.0))
+    assert not (floor.grounds and floor.is_clear(1e6))
+    assert Floor(HOME).is_clear(HOME[2])
