@@ -10,10 +10,11 @@ from gcs_server.faults import FaultLog
 MAX_READ_S = 0.02
 """Maximum time spent on one link per iteration of the event loop [s]. The remaining data wait in the system's
 buffer; if it overflows, bytes are lost on this link only."""
-READ_PERIODS = ((0.0, 0.0), (400.0, 0.005), (800.0, 0.010), (2000.0, 0.020))
+READ_PERIODS = ((0.0, 0.0), (950.0, 0.010), (2000.0, 0.020))
 """(minimum pieces per second, seconds between two reads; 0: read when data arrive). A piece is about what
 arrives at a time: a datagram, or some bytes of a stream. Each wake of the event loop costs as much as reading
-dozens of pieces, so a busy link is read in batches."""
+dozens of pieces, so a busy link is read in batches. One PX4 sends some 400 datagrams a second to a ground
+station, several at a time, and may answer as many requests."""
 LEAVE_BELOW = 0.6
 """A link is read more often again once its rate is below this share of the rate at which it was slowed."""
 WINDOW_S = 0.25

@@ -16,7 +16,7 @@ from gcs_server.links.stream import StreamSession
 from gcs_server.links.writer import LinkWriter
 
 DEFAULT_BAUD = 57600
-UART_PIECE_BYTES, USB_PIECE_BYTES = 8, 64
+UART_PIECE_BYTES, USB_PIECE_BYTES = 6, 64
 """About the number of bytes that the driver passes on at a time."""
 
 

@@ -24,7 +24,7 @@ class Source:
 
 
 @pytest.mark.parametrize(
-    ("pieces_per_s", "period_s"), [(50, 0.0), (200, 0.0), (500, 0.005), (1000, 0.010), (5000, 0.020)]
+    ("pieces_per_s", "period_s"), [(50, 0.0), (500, 0.0), (900, 0.0), (1000, 0.010), (5000, 0.020)]
 )
 def test_the_rate_decides_how_often_a_link_is_read(pieces_per_s, period_s):
     assert Source(ReadPace()).run(pieces_per_s, for_s=2.0) == period_s
@@ -32,10 +32,10 @@ def test_the_rate_decides_how_often_a_link_is_read(pieces_per_s, period_s):
 
 def test_a_link_near_a_limit_does_not_change_its_reading_again_and_again():
     source = Source(ReadPace())
-    assert source.run(410, for_s=1.0) == 0.005
-    assert source.run(300, for_s=2.0) == 0.005
-    assert source.run(200, for_s=1.0) == 0.0
-    assert source.run(380, for_s=2.0) == 0.0
+    assert source.run(1000, for_s=1.0) == 0.010
+    assert source.run(700, for_s=2.0) == 0.010
+    assert source.run(500, for_s=1.0) == 0.0
+    assert source.run(900, for_s=2.0) == 0.0
 
 
 def test_a_flood_is_read_in_batches_before_the_window_ends():
