@@ -13,7 +13,7 @@ from gcs_server.api.setpoints import AnySetpoint, Validity, setpoint_arguments
 from gcs_server.api.strict_body import ResponseBody, StrictBody, example
 from gcs_server.control.principal import Principal
 from gcs_server.flights import group as status
-from gcs_server.flights.group_checks import GroupRequest
+from gcs_server.flights.group import GroupRequest
 
 MAX_MEMBERS = 10
 VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A vehicle's id.")]

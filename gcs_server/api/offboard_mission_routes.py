@@ -95,37 +95,26 @@ async def pause(v: str, station: StationDep, principal: PrincipalDep) -> Respons
     In a mission of several vehicles, pause, resume and abort act on all of them.
     """
     return command_mission(
-        station,
-        principal,
-        "offboard_mission/pause",
-        v,
-        lambda flight: flight.pause(principal.name),
-        ends_start=True,
+        station, principal, "offboard_mission/pause", v, MissionFlight.pause, ends_start=True
     )
 
 
 @router.post(MISSION + "/resume", response_model=m.OffboardMissionView)
 async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Resumes the mission; the vehicle first flies straight back to the path."""
-    return command_mission(
-        station, principal, "offboard_mission/resume", v, lambda flight: flight.resume(principal.name)
-    )
+    return command_mission(station, principal, "offboard_mission/resume", v, MissionFlight.resume)
 
 
 @router.post(MISSION + "/skip", response_model=m.OffboardMissionView)
 async def skip(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Skips the current step; a suspended mission resumes at the next step."""
-    return command_mission(
-        station, principal, "offboard_mission/skip", v, lambda flight: flight.skip(principal.name)
-    )
+    return command_mission(station, principal, "offboard_mission/skip", v, MissionFlight.skip)
 
 
 @router.post(MISSION + "/go_on", response_model=m.OffboardMissionView)
 async def go_on(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Continues after a step that waits for the operator."""
-    return command_mission(
-        station, principal, "offboard_mission/go_on", v, lambda flight: flight.go_on(principal.name)
-    )
+    return command_mission(station, principal, "offboard_mission/go_on", v, MissionFlight.go_on)
 
 
 @router.post(MISSION + "/abort", response_model=m.OffboardMissionView)
@@ -139,13 +128,7 @@ async def abort(
     command is sent. A start that has not begun the mission is cancelled."""
     then = (body or m.AbortMission()).then
     return command_mission(
-        station,
-        principal,
-        "offboard_mission/abort",
-        v,
-        lambda flight: flight.abort(principal.name, then),
-        {"then": then},
-        ends_start=True,
+        station, principal, "offboard_mission/abort", v, MissionFlight.abort, ends_start=True, then=then
     )
 
 
@@ -196,10 +179,10 @@ def command_mission(
     principal: Principal,
     command: str,
     vehicle_id: str,
-    action: Callable[[MissionFlight], None],
-    arguments: dict[str, object] | None = None,
+    action: Callable[..., None],
     *,
     ends_start: bool = False,
+    **arguments: object,
 ) -> Response:
     """Runs a command on the mission of a vehicle. The caller must control all vehicles of this mission.
 
@@ -208,13 +191,13 @@ def command_mission(
         principal: the caller.
         command: the command's row in `control/commands.py`.
         vehicle_id: the vehicle.
-        action: the command; must not wait.
-        arguments: arguments for the journal.
+        action: the method of `MissionFlight`; gets the caller's name, and must not wait.
         ends_start: whether the command cancels a start that has not begun the mission, which then is its
             whole effect.
+        arguments: more arguments, also for the journal.
     """
     vehicles = (vehicle_id, *station.flights.missions.others_on_mission(vehicle_id))
-    with authorized_commands(station, principal, command, {v: arguments or {} for v in vehicles}) as accepted:
+    with authorized_commands(station, principal, command, {v: arguments for v in vehicles}) as accepted:
         station.fleet.get(vehicle_id).require_commandable()
         flight = station.flights.missions.find_flight(vehicle_id)
         if ends_start and (flight is None or flight.over) and accepted[vehicle_id].ticket.claim():
@@ -224,7 +207,7 @@ def command_mission(
             for each in (flight, *(() if flight.joint is None else flight.joint.flights.values())):
                 if each.vehicle_id in accepted and (each is flight or each.vehicle_id != vehicle_id):
                     stack.enter_context(each.commanded(accepted[each.vehicle_id].ticket))
-            action(flight)
+            action(flight, principal.name, **arguments)
         return _view(station, vehicle_id)
 
 

@@ -15,10 +15,18 @@ from dataclasses import asdict, replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, NotTogether, Refused, Rejected, UnknownGroup
-from gcs_server.flights.group import Group, GroupFinding, GroupStatus, listed
-from gcs_server.flights.group_checks import MIN_LEAD_S, GroupChecks, GroupRequest, Member
+from gcs_server.flights.group import (
+    MIN_LEAD_S,
+    Group,
+    GroupChecks,
+    GroupFinding,
+    GroupRequest,
+    GroupStatus,
+    listed,
+)
 from gcs_server.flights.guards import Guards
 from gcs_server.mavlink.dialect import MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
+from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.separation.guard import EXPIRY_TOLERANCE_S, Finding, GroupGuard, GuardState
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
@@ -48,7 +56,12 @@ class Groups:
     """
 
     def __init__(
-        self, clock: Clock, streams: Streams, guards: Guards, events: EventFeed, find: Callable[[str], Member]
+        self,
+        clock: Clock,
+        streams: Streams,
+        guards: Guards,
+        events: EventFeed,
+        find: Callable[[str], OffboardControl],
     ) -> None:
         self._clock = clock
         self._streams, self._guards, self._events = streams, guards, events
@@ -238,7 +251,7 @@ class Groups:
 
     # --- starting ---------------------------------------------------------------------------------
 
-    def _joinable(self, request: GroupRequest) -> dict[str, Member]:
+    def _joinable(self, request: GroupRequest) -> dict[str, OffboardControl]:
         """All members; raises an error if a member cannot join now."""
         members = {vehicle_id: self._find(vehicle_id) for vehicle_id in request.setpoints}
         for index, (vehicle_id, member) in enumerate(members.items()):
@@ -274,7 +287,7 @@ class Groups:
             )
             group.stream_numbers[vehicle_id] = self._streams.state(vehicle_id).number + 1
 
-        async def join(vehicle_id: str, member: Member) -> None:
+        async def join(vehicle_id: str, member: OffboardControl) -> None:
             try:
                 ticket = tickets.get(vehicle_id)
                 await member.start(waiting_requests[vehicle_id], group.request.rate_hz, ticket=ticket)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Coroutine, Generator
 from contextlib import contextmanager
 from functools import cache
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
 from gcs_server.flights.executor import IF_SILENT_IN_PX4_MODE, PX4_MODES, MissionExecutor
-from gcs_server.flights.mission_values import OffboardMissionStatus, Spawn, Start, Task
+from gcs_server.flights.mission_values import OffboardMissionStatus, Start
 from gcs_server.flights.readings import above_home_m, stream_reading
 from gcs_server.ros2.external_mode import IF_SILENT
 from gcs_server.streamer.offboard.control import OffboardControl
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Spawn = Callable[[str, Coroutine[Any, Any, None]], asyncio.Task[Any]]
+"""Starts a background task with a name."""
 RENEWAL_TIMEOUT_S = 3.0
 """Time without an update of the mission after which the stream holds the position, then switches to PX4's
 Hold mode [s]."""
@@ -97,7 +100,7 @@ class MissionFlight:
         )  # fmt: skip
         self._client_ticket: Ticket | None = None
         """Ticket of the client's command that is being executed by the runner in this call."""
-        self._task: Task | None = None
+        self._task: asyncio.Task[Any] | None = None
         """The running command; a newer command cancels it."""
         self._ticket: Ticket | None = None
         """Ticket of the newest command."""

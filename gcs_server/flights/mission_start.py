@@ -3,6 +3,7 @@ one vehicle for each role."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -17,18 +18,22 @@ from gcs_server.flights.missions import low_battery_share
 from gcs_server.flights.plan_checks import ErrorGroup, plan_context_of, require_accepted
 from gcs_server.flights.preparation import CompileInputs
 from gcs_server.flights.traffic import mission_separation_findings
-from gcs_server.plans.compiled import compiled_missions
-from gcs_server.plans.tasks import DocumentHead
+from gcs_server.plans import typed_values
+from gcs_server.plans.tasks import Answer, DocumentHead
 from gcs_server.plans.work import UnreadDocument
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.samples import GlobalPosition, Health
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.offboard.timeline import Timeline
+from missions.trajectory.limits import MotionLimits
 
 if TYPE_CHECKING:
     from gcs_server.flights.flights import Flights
 
+CompiledMission = tuple[Timeline, MotionLimits]
+"""The timeline of one vehicle, and its limits for pauses and approaches."""
 Vehicles = Mapping[str | None, Vehicle]
 """The vehicle of each role; the role of a mission of one vehicle is None."""
 
@@ -221,6 +226,16 @@ async def _compiled(
     for role, (timeline, motion) in (await compiled_missions(answer)).items():
         starts[role] = Start(name, timeline, motion, client, low_battery_share(vehicles[role]))
     return PreparedMission(name, head.separation_m, starts, list(answer.values["findings"]))
+
+
+async def compiled_missions(answer: Answer) -> dict[str | None, CompiledMission]:
+    """The result of the task `compile`, by role; read in a thread, because a long mission takes a tenth of a
+    second. Raises Refused if it cannot be read."""
+    expected = dict[str | None, CompiledMission]
+    try:
+        return await asyncio.to_thread(typed_values.from_bytes, answer.body, expected)
+    except typed_values.WrongValue as error:
+        raise Refused(f"The compiled mission cannot be read: {error}.") from error
 
 
 def _name_of(chosen: ChosenPlan, head: DocumentHead) -> MissionName:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Literal
 
 from gcs_server.ros2.external_mode import RegistrationState
 from gcs_server.streamer.values.stream_request import OFFBOARD
@@ -75,22 +74,6 @@ class OffboardMissionStatus:
     """Why the mission is suspended or has ended."""
     if_stream_stops: str | None
     """Text: what the vehicle does if the server or its link fails."""
-
-
-class Task(Protocol):
-    """A background task that can be cancelled."""
-
-    def cancel(self) -> object:
-        """Cancels the task."""
-        ...
-
-    def done(self) -> bool:
-        """Whether the task has ended."""
-        ...
-
-
-Spawn = Callable[[str, Coroutine[Any, Any, None]], Task]
-"""Starts a background task with a name."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import Coroutine, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from typing import Any
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
@@ -140,10 +142,10 @@ class OffboardMissions:
         control = self._streamer.offboard(vehicle_id)
         control.check_segments(start.timeline.segments, start.mode)
 
-        def spawn(name: str, work: object) -> object:
-            return self._supervisor.spawn(f"vehicle {vehicle_id}: {name}", work)  # type: ignore[arg-type]
+        def spawn(name: str, work: Coroutine[Any, Any, None]) -> asyncio.Task[Any]:
+            return self._supervisor.spawn(f"vehicle {vehicle_id}: {name}", work)
 
-        return MissionFlight(self._clock, control, self._streams, spawn, start)  # type: ignore[arg-type]
+        return MissionFlight(self._clock, control, self._streams, spawn, start)
 
     def flight(self, vehicle_id: str) -> MissionFlight:
         """The newest mission of a vehicle.

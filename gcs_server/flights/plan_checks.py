@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -107,9 +108,9 @@ class _CheckBody(msgspec.Struct):
     findings: list[CheckFinding]
 
 
-def findings_of(check: Answer) -> list[CheckFinding]:
-    """The findings in the answer of `check_document`."""
-    return msgspec.json.decode(check.body, type=_CheckBody).findings
+async def findings_of(check: Answer) -> list[CheckFinding]:
+    """The findings in the answer of `check_document`; read in a thread, because the answer may be long."""
+    return (await asyncio.to_thread(msgspec.json.decode, check.body, type=_CheckBody)).findings
 
 
 @dataclass(frozen=True, slots=True)

@@ -166,7 +166,7 @@ async def check_start(flights: Flights, vehicle: Vehicle, request: WaypointStart
 async def _errors(flights: Flights, vehicle: Vehicle, plan: Plan, request: WaypointStart) -> list[ErrorGroup]:
     """Errors of the plan, and of the flight from the vehicle's position for a start on the ground at a later
     item."""
-    findings = findings_of(await check_document(flights, await _text_of(plan), vehicle))
+    findings = await findings_of(await check_document(flights, await _text_of(plan), vehicle))
     errors = [(each.code, each.text) for each in findings if each.severity == "error"]
     groups = [
         ErrorGroup(
@@ -245,7 +245,7 @@ async def _errors_from_here(flights: Flights, vehicle: Vehicle, plan: Plan, item
     start = HomePosition(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl_m=position.alt_amsl_m)
     text = await _text_of(remaining_plan(plan, item, start))
     check = await check_document(flights, text, vehicle, home=start)
-    errors = (each for each in findings_of(check) if each.severity == "error")
+    errors = (each for each in await findings_of(check) if each.severity == "error")
     return [each.text for each in errors if each.code in POSITION_CODES]
 
 

@@ -246,48 +246,71 @@ def _finding(finding: Finding | MissionFinding) -> Values:
 
 
 def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limits: CheckLimits) -> Values:
-    """Compiles an offboard mission for a start on the ground at home, and checks it."""
-    from missions.offboard import compiler, mission_checks, samples  # half a second to import
-    from missions.offboard.positions import Start
+    """Compiles an offboard mission and checks it: for a start on the ground at home, or, if it has roles, at
+    the start position of each role. All vehicles then have the same parameters."""
+    from missions.offboard import compiler, mission_checks, roles, samples  # half a second to import
     from missions.offboard.state import MissionVehicle
 
-    home, origin = arguments["home"], arguments["origin"]
-    start = Start()
-    if home is not None:
-        local_origin = LocalOrigin(**(home if origin is None else origin))
-        home_ned_m = local_origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
-        start = Start(position_ned_m=home_ned_m, origin=local_origin, home_alt_amsl_m=home["alt_amsl_m"])
-    elif mission.home is not None:
-        local_origin = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
-        start = Start(origin=local_origin, home_alt_amsl_m=mission.home.alt_amsl_m)
     vehicle = MissionVehicle.from_parameters(
         arguments["parameters"], limits, arguments["reported"], _area_of(arguments)
     )
+    start = _start_at_home(mission, arguments)
+    timelines: list[Timeline]
     if mission.roles:
-        return _check_roles(mission, vehicle, arguments["elevation"])
-    timeline = compiler.compile_mission(mission, vehicle, start)
-    start_ned_m = start.position_ned_m
-    legs = samples.legs(timeline, start_ned_m)
-    ground_findings, ground = _mission_ground(legs, start.origin, start_ned_m[2], arguments["elevation"])
-    findings = [*(_on_ground(each, ground) for each in timeline.findings), *ground_findings]
+        by_role = roles.planned_starts(mission)
+        compiled = roles.compile_roles(mission, dict.fromkeys(mission.roles, vehicle), by_role)
+        timelines, starts = list(compiled.timelines.values()), [by_role[role] for role in compiled.timelines]
+        start = dataclasses.replace(start, position_ned_m=(0.0, 0.0, 0.0), origin=starts[0].origin)
+        findings, duration_s = compiled.findings, compiled.duration_s
+    else:
+        timelines, starts = [compiler.compile_mission(mission, vehicle, start)], [start]
+        findings, duration_s = timelines[0].findings, timelines[0].duration_s
+    flown = [(each, begin.position_ned_m) for each, begin in zip(timelines, starts, strict=True)]
+    legs = [leg for each, position_ned_m in flown for leg in samples.legs(each, position_ned_m)]
+    ground_findings, ground = _mission_ground(
+        legs, start.origin, start.position_ned_m[2], arguments["elevation"]
+    )
+    energies_wh = [each.energy_wh for each in timelines if each.energy_wh is not None]
     estimates = Estimate(
-        timeline.length_m, timeline.duration_s, mission_checks.climb_m(timeline, start_ned_m[2]),
-        timeline.photos, timeline.energy_wh, endless=False, known_altitudes=True,
-    )  # fmt: skip
+        sum(each.length_m for each in timelines),
+        duration_s,
+        max(mission_checks.climb_m(each, position_ned_m[2]) for each, position_ned_m in flown),
+        sum(each.photos for each in timelines),
+        max(energies_wh) if len(energies_wh) == len(timelines) else None,
+        endless=False,
+        known_altitudes=True,
+    )
     return {
         "kind": "offboard_mission",
-        "findings": [_finding(each) for each in findings],
+        "findings": [
+            _finding(each) for each in (*(_on_ground(f, ground) for f in findings), *ground_findings)
+        ],
         "estimates": dataclasses.asdict(estimates),
         "flight": {
-            "steps": [dataclasses.asdict(each) for each in samples.step_times(timeline)],
+            "steps": [dataclasses.asdict(step) for each in timelines for step in samples.step_times(each)],
             "legs": [dataclasses.asdict(each) for each in legs],
-            "needs": list(timeline.needs),
-            "start_ned_m": start_ned_m,
+            "needs": list(dict.fromkeys(need for each in timelines for need in each.needs)),
+            "start_ned_m": start.position_ned_m,
             "origin": None if start.origin is None else dataclasses.asdict(start.origin),
         },
         "ground": list(ground.profile),
         "ground_not_known": list(ground.not_known),
     }
+
+
+def _start_at_home(mission: OffboardMission, arguments: Mapping[str, Any]) -> Start:
+    """A start on the ground at the vehicle's home, or at the mission's home."""
+    from missions.offboard.positions import Start
+
+    home, origin = arguments["home"], arguments["origin"]
+    if home is not None:
+        local_origin = LocalOrigin(**(home if origin is None else origin))
+        home_ned_m = local_origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
+        return Start(position_ned_m=home_ned_m, origin=local_origin, home_alt_amsl_m=home["alt_amsl_m"])
+    if mission.home is not None:
+        local_origin = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
+        return Start(origin=local_origin, home_alt_amsl_m=mission.home.alt_amsl_m)
+    return Start()
 
 
 def _mission_ground(
@@ -298,47 +321,6 @@ def _mission_ground(
     from gcs_server.plans import terrain_tasks
 
     return terrain_tasks.ground_of_mission(legs, origin, start_down_m, elevation)
-
-
-def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: Sequence[str]) -> Values:
-    """Checks a mission of several vehicles. All vehicles have the parameters of `vehicle` and start on the
-    ground at the start position of their role.
-    """
-    from missions.offboard import mission_checks, roles, samples
-
-    starts = roles.planned_starts(mission)
-    compiled = roles.compile_roles(mission, dict.fromkeys(mission.roles, vehicle), starts)
-    timelines = compiled.timelines
-    energy_wh = [each.energy_wh for each in timelines.values()]
-    known_wh = [each for each in energy_wh if each is not None]
-    climbs_m = [
-        mission_checks.climb_m(each, starts[role].position_ned_m[2]) for role, each in timelines.items()
-    ]
-    estimates = Estimate(
-        sum(each.length_m for each in timelines.values()), compiled.duration_s, max(climbs_m),
-        sum(each.photos for each in timelines.values()),
-        max(known_wh) if len(known_wh) == len(energy_wh) else None, endless=False, known_altitudes=True,
-    )  # fmt: skip
-    origin = next(iter(starts.values())).origin
-    legs = [
-        leg for role, each in timelines.items() for leg in samples.legs(each, starts[role].position_ned_m)
-    ]
-    ground_findings, ground = _mission_ground(legs, origin, 0.0, elevation)
-    findings = [*(_on_ground(each, ground) for each in compiled.findings), *ground_findings]
-    return {
-        "kind": "offboard_mission",
-        "findings": [_finding(each) for each in findings],
-        "estimates": dataclasses.asdict(estimates),
-        "flight": {
-            "steps": [dataclasses.asdict(s) for each in timelines.values() for s in samples.step_times(each)],
-            "legs": [dataclasses.asdict(each) for each in legs],
-            "needs": list(dict.fromkeys(need for each in timelines.values() for need in each.needs)),
-            "start_ned_m": (0.0, 0.0, 0.0),
-            "origin": None if origin is None else dataclasses.asdict(origin),
-        },
-        "ground": list(ground.profile),
-        "ground_not_known": list(ground.not_known),
-    }
 
 
 def _import(arguments: Mapping[str, Any]) -> Answer:

@@ -161,7 +161,8 @@ class UnreadDocument:
             Refused: this takes too much memory or time, or too many tasks are waiting.
         """
         answer = await work.run("items", {"plan": self.text}, small=self.small, subject=subject)
-        return _items_decoder.decode(answer.body), answer.values["rows"]
+        items = await asyncio.to_thread(_items_decoder.decode, answer.body)  # may be thousands
+        return items, answer.values["rows"]
 
 
 _items_decoder = msgspec.msgpack.Decoder(dict[Part, tuple[WireItem, ...]])

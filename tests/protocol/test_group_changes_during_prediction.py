@@ -8,7 +8,7 @@ import pytest
 from gcs_server.api import group_routes, offboard_routes
 from gcs_server.api.setpoints import StartRequest
 from gcs_server.errors import Interrupted, NotTogether, Refused
-from gcs_server.flights.group_checks import GroupChecks
+from gcs_server.flights.group import GroupChecks
 from tests.protocol.api_calls import json_of
 from tests.protocol.fake_autopilot import HOLD_MODE, OFFBOARD_MODE, POSITION_MODE
 from tests.protocol.group_testbed import (

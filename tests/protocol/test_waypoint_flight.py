@@ -7,7 +7,7 @@ import pytest
 
 from gcs_server.api import dry_run_models, dry_run_routes, mission_models, mission_routes
 from gcs_server.errors import Refused, Rejected, UnknownDryRun
-from gcs_server.flights.link_loss import PARAMETERS
+from gcs_server.flights.waypoint_flights import LINK_LOSS_PARAMETERS as PARAMETERS
 from gcs_server.plans import dry_run_worker, dry_runs
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle.services.items_cache import ItemsCache

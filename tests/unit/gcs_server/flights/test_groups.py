@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gcs_server.flights import prediction
-from gcs_server.flights.group_checks import GroupChecks
+from gcs_server.flights.group import GroupChecks
 from gcs_server.flights.prediction import (
     MAX_PREDICTION_S,
     PredictedMember,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gcs_server.flights.link_loss import link_loss_text
+from gcs_server.flights.waypoint_flights import link_loss_text
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from gcs_server.errors import Refused
+from gcs_server.flights.mission_start import CompiledMission, compiled_missions
 from gcs_server.plans import tasks, typed_values
-from gcs_server.plans.compiled import CompiledMission, compiled_missions
 from gcs_server.plans.tasks import Answer
 from missions.offboard.state import OperatorArea
 
