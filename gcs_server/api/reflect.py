@@ -60,9 +60,11 @@ def attribute_docs(cls: type) -> dict[str, str]:
     """The docstrings of the attributes of a class and of its base dataclasses."""
     docs: dict[str, str] = {}
     for base in cls.__bases__:
-        if dataclasses.is_dataclass(base):
+        if dataclasses.is_dataclass(base) or issubclass(base, BaseModel):
             docs |= attribute_docs(base)
-    tree = _classes(cls.__module__)[cls.__qualname__]
+    tree = _classes(cls.__module__).get(cls.__qualname__)
+    if tree is None:  # made by a function
+        return docs
     for before, after in zip(tree.body, tree.body[1:], strict=False):
         if (
             isinstance(before, ast.AnnAssign)

@@ -9,8 +9,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, cast
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, JsonValue
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, JsonValue
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
+
+from gcs_server.api.reflect import attribute_docs
 
 _SCALARS = ("float", "int", "bool", "str")
 Latitude = Annotated[float, Field(ge=-90, le=90, description="Degrees north, WGS 84.")]
@@ -40,10 +43,26 @@ def make_strict(node: object, handler: GetCoreSchemaHandler | None = None) -> No
             make_strict(part, handler)
 
 
-class StrictBody(BaseModel):
+class _Described(BaseModel):
+    """Describes each field by the docstring below it, when the API is described. Pydantic's
+    `use_attribute_docstrings` would read all sources while the server starts, a fifth of its start."""
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        reference = handler(core_schema)
+        properties = handler.resolve_ref_schema(reference).get("properties", {})
+        for name, text in attribute_docs(cls).items():
+            if name in properties:
+                properties[name].setdefault("description", text)
+        return reference
+
+
+class StrictBody(_Described):
     """Base of all request bodies."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -53,8 +72,8 @@ class StrictBody(BaseModel):
         return schema
 
 
-class ResponseBody(BaseModel):
+class ResponseBody(_Described):
     """Base class of response bodies, which have only the described fields. Their schemas are built for the
     API's description only."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, defer_build=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)

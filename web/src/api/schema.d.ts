@@ -8094,6 +8094,7 @@ export interface components {
             readonly vehicle: string;
             /** @description As in the topic `mission`; null: not reported yet. */
             readonly mission: components["schemas"]["Mission"] | null;
+            /** @description The plan on the vehicle. */
             readonly holds: components["schemas"]["HeldView"];
             /**
              * Transfer
