@@ -77,7 +77,9 @@ describe('forms', () => {
 
   it('report the invalid field, and leave fields of unknown values empty', () => {
     expect(errorsOf(withField(formFromCurrentState('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
-    expect(errorsOf(withField(formFromCurrentState('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust (0 to 1): enter a number from 0 to 1.' });
+    expect(errorsOf(withField(formFromCurrentState('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({
+      thrust: 'Thrust (0 to 1): enter a number from 0 to 1.',
+    });
     expect(errorsOf(formFromCurrentState('attitude', FACTS, null))).toEqual({ thrust: 'Thrust (0 to 1): enter a number.' });
     expect(errorsOf(formFromCurrentState('position', { ...FACTS, localPosition: null }, null))).toHaveProperty('p0');
     expect(parseTyped(' 1e400 ')).toBeNull();
