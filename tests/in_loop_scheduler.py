@@ -8,7 +8,7 @@ from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ModeDeclaration
 from gcs_server.ros2.mode_executor import ExecutorCommand
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
-from gcs_server.streamer.separation.guard import GuardState
+from gcs_server.streamer.separation import GuardState
 from gcs_server.streamer.transport.vehicle_transport import NoSender, no_topics
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest

@@ -11,7 +11,7 @@ from gcs_server.api.reflect import model_of
 from gcs_server.api.setpoints import HoldOnExpiry, LandOnExpiry, StopStreamOnExpiry
 from gcs_server.api.strict_body import Latitude, Longitude, ResponseBody, StrictBody, example
 from gcs_server.streamer.offboard import status
-from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
+from gcs_server.streamer.offboard.limit_store import LimitsOrigin
 from gcs_server.streamer.validation import Available
 from gcs_server.streamer.values import limit_values
 from missions.fence import CircleFence, Fence, PolygonFence

@@ -19,7 +19,7 @@ from gcs_server.flights.prediction import (
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.schedule.scheduler import StreamState
-from gcs_server.streamer.separation.guard import FOLLOWING_PHASES, GuardState
+from gcs_server.streamer.separation import FOLLOWING_PHASES, GuardState
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.runner.script import Script
 from missions.setpoints import Path, PositionBody, Setpoint

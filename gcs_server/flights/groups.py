@@ -4,7 +4,7 @@
         └────────── one vehicle fails: all into Hold ────────────────────────────────┘
 
 Each member's own stream (`offboard/control.py`) sends the member's position until the scheduler sets the
-first setpoints of all members in one step. From then on the guard (`separation/guard.py`) keeps them apart.
+first setpoints of all members in one step. Then the guard (`streamer/separation.py`) keeps them apart.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from gcs_server.flights.guards import Guards
 from gcs_server.mavlink.dialect import MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.process.streams import Streams
-from gcs_server.streamer.separation.guard import EXPIRY_TOLERANCE_S, Finding, GroupGuard, GuardState
+from gcs_server.streamer.separation import EXPIRY_TOLERANCE_S, Finding, GroupGuard, GuardState
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from gcs_server.clock import Clock
 from gcs_server.isolation import Isolation
 from gcs_server.streamer.process.streams import Streams
-from gcs_server.streamer.separation.guard import Finding, GroupGuard
+from gcs_server.streamer.separation import Finding, GroupGuard
 
 log = logging.getLogger(__name__)
 

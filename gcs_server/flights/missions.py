@@ -15,7 +15,7 @@ from gcs_server.flights.mission_flight import RENEWAL_TIMEOUT_S, MissionFlight, 
 from gcs_server.flights.mission_values import OffboardMissionStatus, Start
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.streams import Streams
-from gcs_server.streamer.separation.guard import Finding, MissionGuard
+from gcs_server.streamer.separation import Finding, MissionGuard
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle

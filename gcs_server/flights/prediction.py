@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_server.streamer.frames import ResolvedSetpoint
-from gcs_server.streamer.separation.guard import motion_of
+from gcs_server.streamer.separation import motion_of
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.curves import PathCurve
 from missions.frames import Vector3, ned_from_heading

@@ -11,8 +11,8 @@ from pathlib import Path
 import serial
 
 from gcs_server.links.base import Link, Peer
+from gcs_server.links.channel import StreamSession
 from gcs_server.links.pacing import LinePacer, bytes_in_output_queue
-from gcs_server.links.stream import StreamSession
 from gcs_server.links.writer import LinkWriter
 
 DEFAULT_BAUD = 57600

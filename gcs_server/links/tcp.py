@@ -16,9 +16,9 @@ import socket
 from dataclasses import replace
 
 from gcs_server.links.base import MAX_RETRY_S, LinkInfo, Peer
+from gcs_server.links.channel import StreamSession
 from gcs_server.links.host import Address, HostLink
 from gcs_server.links.pacing import AckPacer, bytes_in_output_queue, round_trip_s
-from gcs_server.links.stream import StreamSession
 from gcs_server.links.writer import LinkWriter
 
 log = logging.getLogger(__name__)

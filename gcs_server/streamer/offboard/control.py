@@ -10,7 +10,7 @@ from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.streamer.offboard.avoidance import AvoidanceControl
 from gcs_server.streamer.offboard.configuration import ACTION_MODES, Failsafe, OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
+from gcs_server.streamer.offboard.limit_store import VehicleOperatorLimits
 from gcs_server.streamer.offboard.snapshots import FindVehicle, VehicleSnapshots
 from gcs_server.streamer.offboard.status import (
     FailsafeView,

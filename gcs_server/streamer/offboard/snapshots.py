@@ -11,7 +11,7 @@ from gcs_server.streamer.frames import follow_offset_ned_m
 from gcs_server.streamer.offboard.avoidance import AvoidanceControl
 from gcs_server.streamer.offboard.configuration import OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
+from gcs_server.streamer.offboard.limit_store import VehicleOperatorLimits
 from gcs_server.streamer.values.limit_values import UNBOUNDED, Bounds, bounds_of, vehicle_limits
 from gcs_server.streamer.values.snapshot import Leader, Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 
 from gcs_server.streamer.offboard.configuration import DEFAULT_COM_OF_LOSS_T_S, Failsafe
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
+from gcs_server.streamer.offboard.limit_store import LimitsOrigin
 from gcs_server.streamer.schedule.scheduler import StreamState
 from gcs_server.streamer.values.limit_values import OperatorLimits, VehicleLimits
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamOwner

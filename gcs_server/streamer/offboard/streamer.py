@@ -11,8 +11,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, UnknownVehicle
 from gcs_server.isolation import Isolation
 from gcs_server.streamer.offboard.control import OffboardControl
-from gcs_server.streamer.offboard.limit_store import LimitStore
-from gcs_server.streamer.offboard.operator_limits import VehicleOperatorLimits
+from gcs_server.streamer.offboard.limit_store import LimitStore, VehicleOperatorLimits
 from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest

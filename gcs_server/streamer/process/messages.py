@@ -17,7 +17,7 @@ import msgspec
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import Registration
 from gcs_server.streamer.schedule.scheduler import StreamState
-from gcs_server.streamer.separation.guard import Finding, GuardState
+from gcs_server.streamer.separation import Finding, GuardState
 from gcs_server.streamer.values.stream_request import StreamEvent
 
 Address = tuple[str, int]

@@ -22,7 +22,7 @@ from gcs_server.streamer.process.message_pipe import pickled
 from gcs_server.streamer.process.messages import Relay, Update, WorkerMethods
 from gcs_server.streamer.schedule.external_modes import ExternalModes
 from gcs_server.streamer.schedule.scheduler import StreamScheduler, StreamState
-from gcs_server.streamer.separation.guard import Finding, GroupGuard, GuardState
+from gcs_server.streamer.separation import Finding, GroupGuard, GuardState
 from gcs_server.streamer.transport.vehicle_transport import NoSender, PayloadSender
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import NOTICE, WARNING, StreamEvent, StreamRequest

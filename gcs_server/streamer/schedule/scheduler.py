@@ -16,7 +16,7 @@ from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ModeDeclaration, Registration
 from gcs_server.streamer.schedule.external_modes import ExternalModes, OpenModePort, no_mode_port
 from gcs_server.streamer.schedule.stream import VehicleStream
-from gcs_server.streamer.separation.guard import Actions, Finding, GroupGuard, GuardState, MemberView
+from gcs_server.streamer.separation import Actions, Finding, GroupGuard, GuardState, MemberView
 from gcs_server.streamer.transport.ros2 import Ros2Transport
 from gcs_server.streamer.transport.vehicle_transport import (
     PayloadSender,

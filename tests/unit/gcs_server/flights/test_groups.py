@@ -17,7 +17,7 @@ from gcs_server.flights.prediction import (
     first_conflict,
     too_near_now,
 )
-from gcs_server.streamer.separation.guard import GroupGuard, MemberView, motion_of
+from gcs_server.streamer.separation import GroupGuard, MemberView, motion_of
 from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest

@@ -13,7 +13,7 @@ from gcs_server.errors import Refused
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import ModeDeclaration
 from gcs_server.streamer.process.worker import Worker
-from gcs_server.streamer.separation.guard import GroupGuard
+from gcs_server.streamer.separation import GroupGuard
 from gcs_server.streamer.values.stream_request import StreamRequest
 from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     HOVER,

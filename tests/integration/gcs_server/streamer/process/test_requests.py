@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 from gcs_server.errors import Refused
-from gcs_server.streamer.separation.guard import GroupGuard, MissionGuard
+from gcs_server.streamer.separation import GroupGuard, MissionGuard
 from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.geodesy import LocalOrigin

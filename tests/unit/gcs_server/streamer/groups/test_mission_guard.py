@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from gcs_server.streamer.separation.guard import MemberView, MissionGuard
+from gcs_server.streamer.separation import MemberView, MissionGuard
 from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.geodesy import LocalOrigin

@@ -10,7 +10,7 @@ import pytest
 from gcs_server.links.base import Peer
 from gcs_server.mavlink.connection import FrameSender
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
-from gcs_server.streamer.separation.guard import GroupGuard
+from gcs_server.streamer.separation import GroupGuard
 from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest

@@ -1,1 +1,0 @@
-"""Keeps the vehicles of a group apart in flight, even if the event loop stalls. No I/O."""
