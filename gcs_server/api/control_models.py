@@ -13,9 +13,8 @@ class LandNowRequest(StrictBody):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"confirm": "vehicle 1 lands now"}]})
 
-    confirm: str = Field(
-        max_length=100, description="Exactly `vehicle {id} lands now`, with the vehicle's id."
-    )
+    confirm: str = Field(max_length=100)
+    """Exactly `vehicle {id} lands now`, with the vehicle's id."""
 
 
 class TakeControl(StrictBody):
@@ -23,17 +22,13 @@ class TakeControl(StrictBody):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"on_expiry": "hold"}]})
 
-    force: bool = Field(
-        default=False,
-        description="Take control from another client. Allowed after that client has denied a request, "
-        "after `answer_s` without an answer, or if that client cannot answer requests.",
-    )
-    on_expiry: OnControlLost | None = Field(
-        default=None,
-        description="Command sent once to the flying vehicle if this client sends nothing for `lease_s`: "
-        "`nothing` (the vehicle continues; the default), `hold`, `land` or `rtl`. Never sent while another "
-        "party controls the vehicle.",
-    )
+    force: bool = False
+    """Take control from another client. Allowed after that client has denied a request, after `answer_s`
+    without an answer, or if that client cannot answer requests."""
+    on_expiry: OnControlLost | None = None
+    """Command sent once to the flying vehicle if this client sends nothing for `lease_s`: `nothing` (the
+    vehicle continues; the default), `hold`, `land` or `rtl`. Never sent while another party controls the
+    vehicle."""
 
 
 class RequestControl(StrictBody):
@@ -41,7 +36,8 @@ class RequestControl(StrictBody):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "I see it better from here"}]})
 
-    reason: str | None = Field(default=None, max_length=200, description="Shown to the client in control.")
+    reason: str | None = Field(default=None, max_length=200)
+    """Shown to the client in control."""
 
 
 class AnswerControl(StrictBody):
@@ -49,10 +45,12 @@ class AnswerControl(StrictBody):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"client": "bob"}]})
 
-    client: str = Field(min_length=1, max_length=64, description="Key or name of the requesting client.")
+    client: str = Field(min_length=1, max_length=64)
+    """Key or name of the requesting client."""
 
 
 class DenyControl(AnswerControl):
     """The denied client, and the reason."""
 
-    reason: str | None = Field(default=None, max_length=200, description="Shown to the requesting client.")
+    reason: str | None = Field(default=None, max_length=200)
+    """Shown to the requesting client."""

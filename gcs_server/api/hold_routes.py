@@ -27,9 +27,8 @@ class HoldRequest(StrictBody):
 
     model_config = example(vehicles=["1", "2"])
 
-    vehicles: tuple[VehicleId, ...] | None = Field(
-        default=None, max_length=MAX_VEHICLES, description="Ids of the vehicles; default: all armed vehicles."
-    )
+    vehicles: tuple[VehicleId, ...] | None = Field(default=None, max_length=MAX_VEHICLES)
+    """Ids of the vehicles; default: all armed vehicles."""
 
 
 class HoldResult(BaseModel):

@@ -19,11 +19,9 @@ class ArmRequest(StrictBody):
 
     model_config = example(despite=["arming_starts_flight"])
 
-    despite: Despite = Field(
-        default=[],
-        description="Codes that the caller accepts: `arming_starts_flight` if the vehicle is in a mode in "
-        "which arming starts a flight (Take off, Mission); in Mission also those of `mission/start`.",
-    )
+    despite: Despite = Field(default=[])
+    """Codes that the caller accepts: `arming_starts_flight` if the vehicle is in a mode in which arming
+    starts a flight (Take off, Mission); in Mission also those of `mission/start`."""
 
 
 class TakeoffRequest(StrictBody):
@@ -31,9 +29,8 @@ class TakeoffRequest(StrictBody):
 
     model_config = example(alt_home_m=10)
 
-    alt_home_m: float = Field(
-        allow_inf_nan=False, ge=1, le=120, description="Altitude above home to climb to [m], 1 to 120."
-    )
+    alt_home_m: float = Field(allow_inf_nan=False, ge=1, le=120)
+    """Altitude above home to climb to [m], 1 to 120."""
 
 
 class ModeRequest(StrictBody):
@@ -41,10 +38,10 @@ class ModeRequest(StrictBody):
 
     model_config = example(mode="position")
 
-    mode: str = Field(
-        min_length=1, max_length=32, description="hold, position, altitude, mission, … as in `status.mode`."
-    )
-    despite: Despite = Field(default=[], description="For the mode mission: codes as for `mission/start`.")
+    mode: str = Field(min_length=1, max_length=32)
+    """hold, position, altitude, mission, … as in `status.mode`."""
+    despite: Despite = Field(default=[])
+    """For the mode mission: codes as for `mission/start`."""
 
 
 class GotoRequest(StrictBody):
@@ -54,22 +51,14 @@ class GotoRequest(StrictBody):
 
     lat_deg: Latitude
     lon_deg: Longitude
-    alt_amsl_m: float | None = Field(
-        default=None, allow_inf_nan=False, ge=-500, le=10_000, description="Above mean sea level [m]."
-    )
-    alt_home_m: float | None = Field(
-        default=None, allow_inf_nan=False, ge=-100, le=1000, description="Above home [m]."
-    )
-    yaw_ned_deg: float | None = Field(
-        default=None, allow_inf_nan=False, ge=-360, le=360, description="Heading clockwise from north [deg]."
-    )
-    max_distance_m: float | None = Field(
-        default=None,
-        allow_inf_nan=False,
-        gt=0,
-        le=100_000,
-        description="Refuse a target that is farther away than this [m]; default 1000.",
-    )
+    alt_amsl_m: float | None = Field(default=None, allow_inf_nan=False, ge=-500, le=10_000)
+    """Above mean sea level [m]."""
+    alt_home_m: float | None = Field(default=None, allow_inf_nan=False, ge=-100, le=1000)
+    """Above home [m]."""
+    yaw_ned_deg: float | None = Field(default=None, allow_inf_nan=False, ge=-360, le=360)
+    """Heading clockwise from north [deg]."""
+    max_distance_m: float | None = Field(default=None, allow_inf_nan=False, gt=0, le=100_000)
+    """Refuse a target that is farther away than this [m]; default 1000."""
 
     @model_validator(mode="after")
     def _check_one_altitude(self) -> GotoRequest:
@@ -83,10 +72,8 @@ class KillRequest(StrictBody):
 
     model_config = example(confirm="motors stop, vehicle 1 falls")
 
-    confirm: str = Field(
-        max_length=100,
-        description="Exactly `motors stop, vehicle {id} falls`, with the vehicle's id.",
-    )
+    confirm: str = Field(max_length=100)
+    """Exactly `motors stop, vehicle {id} falls`, with the vehicle's id."""
 
 
 class GimbalAngles(StrictBody):
@@ -94,26 +81,17 @@ class GimbalAngles(StrictBody):
 
     model_config = example(pitch_deg=-30, yaw_deg=0)
 
-    pitch_deg: float = Field(allow_inf_nan=False, ge=-180, le=180, description="Pitch; up is positive [deg].")
-    yaw_deg: float = Field(
-        allow_inf_nan=False,
-        ge=-360,
-        le=360,
-        description="Yaw relative to the nose, or relative to north with `yaw_lock` [deg].",
-    )
-    roll_deg: float | None = Field(
-        default=None,
-        allow_inf_nan=False,
-        ge=-180,
-        le=180,
-        description="Roll; right side down is positive [deg].",
-    )
-    yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
-    wait: bool = Field(
-        default=True,
-        description="Answer once the gimbal has reached the angles or stopped; false: answer once the "
-        "vehicle has acknowledged, for rapid sequences of angles.",
-    )
+    pitch_deg: float = Field(allow_inf_nan=False, ge=-180, le=180)
+    """Pitch; up is positive [deg]."""
+    yaw_deg: float = Field(allow_inf_nan=False, ge=-360, le=360)
+    """Yaw relative to the nose, or relative to north with `yaw_lock` [deg]."""
+    roll_deg: float | None = Field(default=None, allow_inf_nan=False, ge=-180, le=180)
+    """Roll; right side down is positive [deg]."""
+    yaw_lock: bool = False
+    """Keep the direction while the vehicle turns."""
+    wait: bool = True
+    """Answer once the gimbal has reached the angles or stopped; false: answer once the vehicle has
+    acknowledged, for rapid sequences of angles."""
 
 
 class GimbalRates(StrictBody):
@@ -121,16 +99,12 @@ class GimbalRates(StrictBody):
 
     model_config = example(pitch_rate_deg_s=5, yaw_rate_deg_s=-10)
 
-    pitch_rate_deg_s: float = Field(
-        allow_inf_nan=False, ge=-360, le=360, description="Pitch rate, upward [deg/s]."
-    )
-    yaw_rate_deg_s: float = Field(
-        allow_inf_nan=False, ge=-360, le=360, description="Yaw rate, clockwise [deg/s]."
-    )
-    yaw_lock: bool | None = Field(
-        default=None,
-        description="Keep the direction while the vehicle turns; null: keep the gimbal's current setting.",
-    )
+    pitch_rate_deg_s: float = Field(allow_inf_nan=False, ge=-360, le=360)
+    """Pitch rate, upward [deg/s]."""
+    yaw_rate_deg_s: float = Field(allow_inf_nan=False, ge=-360, le=360)
+    """Yaw rate, clockwise [deg/s]."""
+    yaw_lock: bool | None = None
+    """Keep the direction while the vehicle turns; null: keep the gimbal's current setting."""
 
 
 class GimbalRoi(StrictBody):
@@ -140,9 +114,8 @@ class GimbalRoi(StrictBody):
 
     lat_deg: Latitude
     lon_deg: Longitude
-    alt_amsl_m: float = Field(
-        allow_inf_nan=False, ge=-500, le=10_000, description="Above mean sea level [m]."
-    )
+    alt_amsl_m: float = Field(allow_inf_nan=False, ge=-500, le=10_000)
+    """Above mean sea level [m]."""
 
 
 class LinkRequest(StrictBody):
@@ -150,11 +123,8 @@ class LinkRequest(StrictBody):
 
     model_config = example(url="udpin://127.0.0.1:14551", name="second")
 
-    url: str = Field(
-        min_length=3,
-        max_length=500,
-        description="udpin://, udpout://, tcp://, tcpin://, serial:, tlog: or ros2:// URL.",
-    )
+    url: str = Field(min_length=3, max_length=500)
+    """udpin://, udpout://, tcp://, tcpin://, serial:, tlog: or ros2:// URL."""
     name: str | None = Field(
         default=None,
         min_length=1,
@@ -169,17 +139,12 @@ class ReplayRequest(StrictBody):
 
     model_config = example(recording="20260711-093000-udpin-127.0.0.1-14550.tlog")
 
-    recording: str = Field(
-        min_length=1, max_length=255, description="Name of a recording in `GET /recordings`."
-    )
-    speed: float = Field(
-        default=1.0,
-        allow_inf_nan=False,
-        ge=MIN_SPEED,
-        le=MAX_SPEED,
-        description="Playback speed; 1 is real time.",
-    )
-    playing: bool = Field(default=True, description="Whether playback starts immediately.")
+    recording: str = Field(min_length=1, max_length=255)
+    """Name of a recording in `GET /recordings`."""
+    speed: float = Field(default=1.0, allow_inf_nan=False, ge=MIN_SPEED, le=MAX_SPEED)
+    """Playback speed; 1 is real time."""
+    playing: bool = True
+    """Whether playback starts immediately."""
 
 
 class ReplayChange(StrictBody):
@@ -187,20 +152,9 @@ class ReplayChange(StrictBody):
 
     model_config = example(playing=True, speed=4, position_unix_s=1783762200)
 
-    playing: bool | None = Field(
-        default=None, description="Whether to play; at the end, playing restarts from the beginning."
-    )
-    speed: float | None = Field(
-        default=None,
-        allow_inf_nan=False,
-        ge=MIN_SPEED,
-        le=MAX_SPEED,
-        description="Playback speed; 1 is real time.",
-    )
-    position_unix_s: float | None = Field(
-        default=None,
-        allow_inf_nan=False,
-        ge=0,
-        le=10_000_000_000,
-        description="Time to jump to [s since 1970, recording clock]; the nearest recorded time is used.",
-    )
+    playing: bool | None = None
+    """Whether to play; at the end, playing restarts from the beginning."""
+    speed: float | None = Field(default=None, allow_inf_nan=False, ge=MIN_SPEED, le=MAX_SPEED)
+    """Playback speed; 1 is real time."""
+    position_unix_s: float | None = Field(default=None, allow_inf_nan=False, ge=0, le=10_000_000_000)
+    """Time to jump to [s since 1970, recording clock]; the nearest recorded time is used."""

@@ -23,9 +23,8 @@ class PolygonFenceBody(StrictBody):
     """A polygon that the vehicle must not leave."""
 
     kind: Literal["polygon"]
-    points_deg: Annotated[tuple[tuple[Latitude, Longitude], ...], Field(min_length=3, max_length=200)] = (
-        Field(description="Latitude and longitude of each corner, in order [deg].")
-    )
+    points_deg: Annotated[tuple[tuple[Latitude, Longitude], ...], Field(min_length=3, max_length=200)]
+    """Latitude and longitude of each corner, in order [deg]."""
 
     def to_fence(self) -> Fence:
         """Converts to the streamer's type."""
@@ -38,7 +37,8 @@ class CircleFenceBody(StrictBody):
     kind: Literal["circle"]
     lat_deg: Latitude
     lon_deg: Longitude
-    radius_m: float = Field(allow_inf_nan=False, ge=5, le=10_000, description="Radius [m].")
+    radius_m: float = Field(allow_inf_nan=False, ge=5, le=10_000)
+    """Radius [m]."""
 
     def to_fence(self) -> Fence:
         """Converts to the streamer's type."""
@@ -64,19 +64,14 @@ class LimitsRequest(StrictBody):
     height_min_m: float | None = _limit("Minimum altitude above home [m].", -1000, 10_000)
     height_max_m: float | None = _limit("Maximum altitude above home [m].", -1000, 10_000)
     distance_max_m: float | None = _limit("Maximum horizontal distance from home [m].", 5, 10_000)
-    fence: AnyFence | None = Field(
-        default=None, description="Stay inside this geofence, in addition to the vehicle's own geofence."
-    )
+    fence: AnyFence | None = None
+    """Stay inside this geofence, in addition to the vehicle's own geofence."""
     slew_velocity_m_s2: float | None = _limit("Maximum rate of change of the sent velocity [m/s²].", 0.1, 20)
     slew_attitude_rad_s: float | None = _limit(
         "Maximum rate of change of the sent attitude [rad/s].", 0.05, 10
     )
-    obstacle_brake: bool = Field(
-        default=True,
-        description=(
-            "Stop before obstacles that the vehicle's distance sensors measure; false switches this off."
-        ),
-    )
+    obstacle_brake: bool = True
+    """Stop before obstacles that the vehicle's distance sensors measure; false switches this off."""
 
     @model_validator(mode="after")
     def _check_altitude_range(self) -> LimitsRequest:
@@ -96,11 +91,10 @@ class AvoidanceRequest(StrictBody):
 
     model_config = example(on=True, way="over")
 
-    on: bool = Field(description="Whether avoidance is on: the vehicle flies around or over obstacles.")
-    way: Literal["over", "around"] = Field(
-        default="over",
-        description="What to try first: climb over an obstacle, or pass it at the same altitude.",
-    )
+    on: bool
+    """Whether avoidance is on: the vehicle flies around or over obstacles."""
+    way: Literal["over", "around"] = "over"
+    """What to try first: climb over an obstacle, or pass it at the same altitude."""
 
 
 FailsafeAction = Literal["position", "altitude", "stabilized", "rtl", "land", "hold"]
@@ -111,18 +105,11 @@ class FailsafeRequest(StrictBody):
 
     model_config = example(action="hold", after_s=1)
 
-    action: FailsafeAction | None = Field(
-        default=None,
-        description="A mode. In `position`, `altitude` and `stabilized`, the vehicle descends if it has no "
-        "RC transmitter.",
-    )
-    after_s: float | None = Field(
-        default=None,
-        allow_inf_nan=False,
-        ge=0.5,
-        le=60,
-        description="Time from the last setpoint to the action [s] (COM_OF_LOSS_T).",
-    )
+    action: FailsafeAction | None = None
+    """A mode. In `position`, `altitude` and `stabilized`, the vehicle descends if it has no RC
+    transmitter."""
+    after_s: float | None = Field(default=None, allow_inf_nan=False, ge=0.5, le=60)
+    """Time from the last setpoint to the action [s] (COM_OF_LOSS_T)."""
 
     @model_validator(mode="after")
     def _check_not_empty(self) -> FailsafeRequest:
@@ -153,23 +140,32 @@ SetpointType = Literal[
 class StreamedSetpoint(ResponseBody):
     """The setpoint that is being sent to the vehicle; fields of other types are omitted."""
 
-    type: SetpointType = Field(
-        description="Type of the sent setpoint: path and follow are sent as trajectory."
-    )
-    position_ned_m: Partial3 | None = Field(default=None, description="North, east, down [m].")
-    velocity_ned_m_s: Partial3 | None = Field(default=None, description="North, east, down [m/s].")
-    velocity_frd_m_s: Vector3 | None = Field(
-        default=None, description="Forward, right, down of the heading [m/s]."
-    )
-    acceleration_ned_m_s2: Partial3 | None = Field(default=None, description="North, east, down [m/s²].")
-    lat_deg: float | None = Field(default=None, description="Degrees north.")
-    lon_deg: float | None = Field(default=None, description="Degrees east.")
-    alt_amsl_m: float | None = Field(default=None, description="Above mean sea level [m].")
-    q_ned_frd: Quaternion | None = Field(default=None, description="w, x, y, z, taking body FRD to NED.")
-    rates_frd_rad_s: Vector3 | None = Field(default=None, description="Roll, pitch, yaw rate [rad/s].")
-    thrust: float | None = Field(default=None, description="0 to 1.")
-    yaw_ned_rad: float | None = Field(default=None, description="Heading clockwise from north [rad].")
-    yaw_rate_ned_rad_s: float | None = Field(default=None, description="Turning rate, clockwise [rad/s].")
+    type: SetpointType
+    """Type of the sent setpoint: path and follow are sent as trajectory."""
+    position_ned_m: Partial3 | None = None
+    """North, east, down [m]."""
+    velocity_ned_m_s: Partial3 | None = None
+    """North, east, down [m/s]."""
+    velocity_frd_m_s: Vector3 | None = None
+    """Forward, right, down of the heading [m/s]."""
+    acceleration_ned_m_s2: Partial3 | None = None
+    """North, east, down [m/s²]."""
+    lat_deg: float | None = None
+    """Degrees north."""
+    lon_deg: float | None = None
+    """Degrees east."""
+    alt_amsl_m: float | None = None
+    """Above mean sea level [m]."""
+    q_ned_frd: Quaternion | None = None
+    """w, x, y, z, taking body FRD to NED."""
+    rates_frd_rad_s: Vector3 | None = None
+    """Roll, pitch, yaw rate [rad/s]."""
+    thrust: float | None = None
+    """0 to 1."""
+    yaw_ned_rad: float | None = None
+    """Heading clockwise from north [rad]."""
+    yaw_rate_ned_rad_s: float | None = None
+    """Turning rate, clockwise [rad/s]."""
 
 
 LimitsOriginModel = model_of(LimitsOrigin, recognised_by=Literal["uid", "system_id"] | None)
@@ -189,13 +185,16 @@ OffboardModel = model_of(
 class FenceView(ResponseBody):
     """The operator's geofence: a polygon's corners, or a circle's centre and radius."""
 
-    kind: Literal["polygon", "circle"] = Field(description="Kind of the geofence.")
-    points_deg: tuple[tuple[float, float], ...] | None = Field(
-        default=None, description="Latitude and longitude of each corner [deg]."
-    )
-    lat_deg: float | None = Field(default=None, description="Latitude of the centre.")
-    lon_deg: float | None = Field(default=None, description="Longitude of the centre.")
-    radius_m: float | None = Field(default=None, description="Radius [m].")
+    kind: Literal["polygon", "circle"]
+    """Kind of the geofence."""
+    points_deg: tuple[tuple[float, float], ...] | None = None
+    """Latitude and longitude of each corner [deg]."""
+    lat_deg: float | None = None
+    """Latitude of the centre."""
+    lon_deg: float | None = None
+    """Longitude of the centre."""
+    radius_m: float | None = None
+    """Radius [m]."""
 
 
 LimitsModel = model_of(

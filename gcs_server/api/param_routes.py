@@ -42,23 +42,27 @@ ListModel = model_of(ParamList, "ParameterList")
 class ParameterView(ResponseBody):
     """A parameter as the vehicle reports it, with its description."""
 
-    name: str = Field(description="Up to 16 characters of A–Z, 0–9 and _.")
-    value: float | int | None = Field(description="Value in the parameter's unit; null: the value is NaN.")
-    is_integer: bool = Field(description="Whether the type is a 32-bit integer; false: a 32-bit float.")
-    is_default: bool | None = Field(
-        description="Whether the value is the firmware's default; null: not known."
-    )
-    facts: MetadataModel | None = Field(  # type: ignore[valid-type]
-        description="The vehicle's own metadata of this parameter; null if not available."
-    )
+    name: str
+    """Up to 16 characters of A–Z, 0–9 and _."""
+    value: float | int | None
+    """Value in the parameter's unit; null: the value is NaN."""
+    is_integer: bool
+    """Whether the type is a 32-bit integer; false: a 32-bit float."""
+    is_default: bool | None
+    """Whether the value is the firmware's default; null: not known."""
+    facts: MetadataModel | None  # type: ignore[valid-type]
+    """The vehicle's own metadata of this parameter; null if not available."""
 
 
 class ParametersView(ResponseBody):
     """All known parameters."""
 
-    vehicle: str = Field(description="The vehicle's id.")
-    list: ListModel = Field(description="State of the list of parameters.")  # type: ignore[valid-type]
-    params: tuple[ParameterView, ...] = Field(description="Parameters, sorted by name.")
+    vehicle: str
+    """The vehicle's id."""
+    list: ListModel  # type: ignore[valid-type]
+    """State of the list of parameters."""
+    params: tuple[ParameterView, ...]
+    """Parameters, sorted by name."""
 
 
 class RefreshRequest(StrictBody):
@@ -66,10 +70,10 @@ class RefreshRequest(StrictBody):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    ignore_cache: bool = Field(
-        default=False, description="Read all parameters even if the vehicle's checksum is unchanged."
-    )
-    wait: bool = Field(default=False, description="Answer only once all parameters have been read.")
+    ignore_cache: bool = False
+    """Read all parameters even if the vehicle's checksum is unchanged."""
+    wait: bool = False
+    """Answer only once all parameters have been read."""
 
 
 class ParamRequest(StrictBody):
@@ -77,10 +81,10 @@ class ParamRequest(StrictBody):
 
     model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra={"example": {"value": 5}})
 
-    value: float = Field(allow_inf_nan=False, description="In the parameter's own unit.")
-    force: bool = Field(
-        default=False, description="Set the value even if it is outside the range in the vehicle's metadata."
-    )
+    value: float = Field(allow_inf_nan=False)
+    """In the parameter's own unit."""
+    force: bool = False
+    """Set the value even if it is outside the range in the vehicle's metadata."""
 
 
 def _view(vehicle: Vehicle, param: Param) -> dict[str, object]:

@@ -94,9 +94,12 @@ class ControlView(ControlModel):  # type: ignore[misc,valid-type]
 class Me(ResponseBody):
     """The caller."""
 
-    name: str = Field(description="Name in the journal and for other clients.")
-    key: str = Field(description="Distinguishes clients of the same name; as in `holder_key`.")
-    controls: list[str] = Field(description="Vehicles that the caller controls.")
+    name: str
+    """Name in the journal and for other clients."""
+    key: str
+    """Distinguishes clients of the same name; as in `holder_key`."""
+    controls: list[str]
+    """Vehicles that the caller controls."""
 
 
 def _sample_model(name: str, topic_model: Any) -> type[BaseModel]:
@@ -151,150 +154,184 @@ VehicleModel = create_model(
 class HistorySample(ResponseBody):
     """One stored sample."""
 
-    vehicle: str = Field(description="The vehicle's id.")
-    topic: str = Field(description="Name of the topic.")
-    vehicle_time_boot_s: float | None = Field(description="The vehicle's own boot clock [s].")
-    received_unix_s: float = Field(description="Time of reception by the server [s since 1970 UTC].")
-    value: dict[str, Any] = Field(description="As in `topics` of the vehicle.")
+    vehicle: str
+    """The vehicle's id."""
+    topic: str
+    """Name of the topic."""
+    vehicle_time_boot_s: float | None
+    """The vehicle's own boot clock [s]."""
+    received_unix_s: float
+    """Time of reception by the server [s since 1970 UTC]."""
+    value: dict[str, Any]
+    """As in `topics` of the vehicle."""
 
 
 class History(ResponseBody):
     """The samples of the last minutes at up to 4 Hz, oldest first."""
 
-    samples: list[HistorySample] = Field(description="Samples of all requested topics, by time.")
+    samples: list[HistorySample]
+    """Samples of all requested topics, by time."""
 
 
 class Message(ResponseBody):
     """One event of a vehicle."""
 
-    index: int = Field(description="Number of the event, increasing for each vehicle; the value for `since`.")
-    kind: str = Field(description="status_text, event, mode_changed, armed, disarmed, command, …")
-    vehicle: str | None = Field(description="The vehicle's id.")
-    unix_s: float = Field(description="Time of the event at the server [s since 1970 UTC].")
-    severity: int = Field(description="MAV_SEVERITY: 0 emergency … 6 info, 7 debug.")
-    text: str = Field(description="Message for the pilot.")
-    data: dict[str, Any] = Field(description="Further data, depending on the kind.")
+    index: int
+    """Number of the event, increasing for each vehicle; the value for `since`."""
+    kind: str
+    """status_text, event, mode_changed, armed, disarmed, command, …"""
+    vehicle: str | None
+    """The vehicle's id."""
+    unix_s: float
+    """Time of the event at the server [s since 1970 UTC]."""
+    severity: int
+    """MAV_SEVERITY: 0 emergency … 6 info, 7 debug."""
+    text: str
+    """Message for the pilot."""
+    data: dict[str, Any]
+    """Further data, depending on the kind."""
 
 
 class Messages(ResponseBody):
     """Status texts and events, oldest first."""
 
-    messages: list[Message] = Field(description="At most the last thousand messages.")
+    messages: list[Message]
+    """At most the last thousand messages."""
 
 
 class CommandDone(ResponseBody):
     """The result of a command that succeeded: the vehicle's own state shows the change."""
 
-    vehicle: str = Field(description="The vehicle's id.")
-    command: str = Field(description="The command.")
-    duration_s: float = Field(
-        description="Time from the request until the vehicle's state showed the result [s]."
-    )
-    status: StatusModel = Field(description="State of the vehicle afterwards.")  # type: ignore[valid-type]
+    vehicle: str
+    """The vehicle's id."""
+    command: str
+    """The command."""
+    duration_s: float
+    """Time from the request until the vehicle's state showed the result [s]."""
+    status: StatusModel  # type: ignore[valid-type]
+    """State of the vehicle afterwards."""
 
 
 class GimbalPointed(CommandDone):
     """Result of pointing the gimbal."""
 
-    limited: GimbalLimitedModel | None = Field(  # type: ignore[valid-type]
-        description="Angles at which the gimbal stopped at its own limit; null if it reached the requested "
-        "angles, is still moving after 3 s, or does not report its attitude."
-    )
+    limited: GimbalLimitedModel | None  # type: ignore[valid-type]
+    """Angles at which the gimbal stopped at its own limit; null if it reached the requested angles, is still
+    moving after 3 s, or does not report its attitude."""
 
 
 class GimbalView(ResponseBody):
     """State of the selected gimbal; default: the first gimbal."""
 
-    vehicle: str = Field(description="The vehicle's id.")
-    available: bool = Field(description="False: the vehicle has reported no gimbal.")
-    in_control: bool = Field(description="Whether this server is in primary control.")
-    roi: RoiModel | None = Field(  # type: ignore[valid-type]
-        description="The ROI that this server has set; null: no ROI is set, or it was cleared."
-    )
-    gimbal: GimbalModel | None = Field(description="State, limits, and the component that controls it.")  # type: ignore[valid-type]
+    vehicle: str
+    """The vehicle's id."""
+    available: bool
+    """False: the vehicle has reported no gimbal."""
+    in_control: bool
+    """Whether this server is in primary control."""
+    roi: RoiModel | None  # type: ignore[valid-type]
+    """The ROI that this server has set; null: no ROI is set, or it was cleared."""
+    gimbal: GimbalModel | None  # type: ignore[valid-type]
+    """State, limits, and the component that controls it."""
 
 
 class Links(ResponseBody):
     """All links."""
 
-    links: list[LinkModel] = Field(description="All links, sorted by name.")  # type: ignore[valid-type]
+    links: list[LinkModel]  # type: ignore[valid-type]
+    """All links, sorted by name."""
 
 
 class MapFile(ResponseBody):
     """An offline map of the operator."""
 
-    name: str = Field(description="The file's name in the maps folder.")
-    url: str = Field(
-        description="For PMTiles, the URL of the file, which is read in parts. For MBTiles, append "
-        "`/{zoom}/{x}/{y}`."
-    )
-    format: Literal["pmtiles", "mbtiles"] = Field(description="Format of the file.")
-    tiles: Literal["raster", "vector"] = Field(
-        description="Content of the tiles: raster images or vector shapes."
-    )
-    min_zoom: int = Field(description="Smallest zoom with tiles.")
-    max_zoom: int = Field(description="Largest zoom with tiles.")
-    bounds_deg: tuple[float, float, float, float] | None = Field(
-        description="West, south, east, north; null if unknown."
-    )
-    attribution: str | None = Field(description="Attribution that its licence requires; may contain HTML.")
-    layers: tuple[str, ...] = Field(description="Names of a vector map's layers.")
-    bytes: int = Field(description="Size of the file.")
+    name: str
+    """The file's name in the maps folder."""
+    url: str
+    """For PMTiles, the URL of the file, which is read in parts. For MBTiles, append `/{zoom}/{x}/{y}`."""
+    format: Literal["pmtiles", "mbtiles"]
+    """Format of the file."""
+    tiles: Literal["raster", "vector"]
+    """Content of the tiles: raster images or vector shapes."""
+    min_zoom: int
+    """Smallest zoom with tiles."""
+    max_zoom: int
+    """Largest zoom with tiles."""
+    bounds_deg: tuple[float, float, float, float] | None
+    """West, south, east, north; null if unknown."""
+    attribution: str | None
+    """Attribution that its licence requires; may contain HTML."""
+    layers: tuple[str, ...]
+    """Names of a vector map's layers."""
+    bytes: int
+    """Size of the file."""
 
 
 class Maps(ResponseBody):
     """Offline maps."""
 
-    folder: str = Field(description="Folder for PMTiles and MBTiles files.")
-    maps: list[MapFile] = Field(description="Maps, sorted by name; the first is drawn at the bottom.")
-    unreadable: list[str] = Field(
-        description="Files in the folder that cannot be shown, each with the reason."
-    )
+    folder: str
+    """Folder for PMTiles and MBTiles files."""
+    maps: list[MapFile]
+    """Maps, sorted by name; the first is drawn at the bottom."""
+    unreadable: list[str]
+    """Files in the folder that cannot be shown, each with the reason."""
 
 
 class Recordings(ResponseBody):
     """Recorded flights, newest first."""
 
-    recordings: list[RecordingModel] = Field(description="Recordings in the data folder.")  # type: ignore[valid-type]
+    recordings: list[RecordingModel]  # type: ignore[valid-type]
+    """Recordings in the data folder."""
 
 
 class Replays(ResponseBody):
     """Open replays."""
 
-    replays: list[ReplayModel] = Field(description="Open replays; may be empty.")  # type: ignore[valid-type]
+    replays: list[ReplayModel]  # type: ignore[valid-type]
+    """Open replays; may be empty."""
 
 
 class Journal(ResponseBody):
     """Commands, newest first."""
 
-    entries: list[JournalEntryModel] = Field(description="At most `limit` entries.")  # type: ignore[valid-type]
+    entries: list[JournalEntryModel]  # type: ignore[valid-type]
+    """At most `limit` entries."""
 
 
 class Warnings(ResponseBody):
     """Current warnings."""
 
-    warnings: list[NoticeModel] = Field(description="Current warnings; may be empty.")  # type: ignore[valid-type]
+    warnings: list[NoticeModel]  # type: ignore[valid-type]
+    """Current warnings; may be empty."""
 
 
 class ServerHealth(ResponseBody):
     """Health of the running server."""
 
-    status: str = Field(description="Always `ok`: a server with a problem does not answer.")
-    uptime_s: float = Field(description="Time since the server's start [s].")
-    vehicles: int = Field(description="Number of known vehicles.")
+    status: str
+    """Always `ok`: a server with a problem does not answer."""
+    uptime_s: float
+    """Time since the server's start [s]."""
+    vehicles: int
+    """Number of known vehicles."""
 
 
 class Version(ResponseBody):
     """Version and features of the server."""
 
-    name: str = Field(description="Name of the program.")
-    version: str = Field(description="Version of the program.")
-    schema_version: int = Field(
-        description="Version of the telemetry format; a page with another version cannot read it."
-    )
-    simulator: bool = Field(description="Whether this server started or found a simulated vehicle.")
-    scene: bool = Field(description="Whether there is a 3D view at /scene/.")
-    recording: bool = Field(description="Whether links are recorded; details are in /links.")
+    name: str
+    """Name of the program."""
+    version: str
+    """Version of the program."""
+    schema_version: int
+    """Version of the telemetry format; a page with another version cannot read it."""
+    simulator: bool
+    """Whether this server started or found a simulated vehicle."""
+    scene: bool
+    """Whether there is a 3D view at /scene/."""
+    recording: bool
+    """Whether links are recorded; details are in /links."""
 
 
 def json_response(value: object, status_code: int = 200) -> Response:

@@ -84,18 +84,18 @@ class AttitudeSetpoint(StrictBody):
     model_config = example(type="attitude", roll_rad=0, pitch_rad=-0.1, yaw_ned_rad=0, thrust=0.5)
 
     type: Literal["attitude"]
-    q_ned_frd: Quaternion | None = Field(
-        default=None, description="w, x, y, z of unit length, taking body FRD to NED; or the three angles."
-    )
-    roll_rad: s.Angle | None = Field(default=None, description="Right side down is positive [rad].")
-    pitch_rad: Annotated[float, Field(ge=-math.pi / 2, le=math.pi / 2)] | None = Field(
-        default=None, description="Nose up is positive [rad]."
-    )
-    yaw_ned_rad: s.Angle | None = Field(default=None, description="Heading clockwise from north [rad].")
-    yaw_rate_ned_rad_s: s.YawRate | None = Field(
-        default=None, description="Yaw rate feed-forward, clockwise about the vertical axis [rad/s]."
-    )
-    thrust: float = Field(ge=0, le=1, description="Total thrust, 0 to 1, along the body's up axis.")
+    q_ned_frd: Quaternion | None = None
+    """w, x, y, z of unit length, taking body FRD to NED; or the three angles."""
+    roll_rad: s.Angle | None = None
+    """Right side down is positive [rad]."""
+    pitch_rad: Annotated[float, Field(ge=-math.pi / 2, le=math.pi / 2)] | None = None
+    """Nose up is positive [rad]."""
+    yaw_ned_rad: s.Angle | None = None
+    """Heading clockwise from north [rad]."""
+    yaw_rate_ned_rad_s: s.YawRate | None = None
+    """Yaw rate feed-forward, clockwise about the vertical axis [rad/s]."""
+    thrust: float = Field(ge=0, le=1)
+    """Total thrust, 0 to 1, along the body's up axis."""
 
     @model_validator(mode="before")
     @classmethod
@@ -165,7 +165,8 @@ class HoldOnExpiry(StrictBody):
     estimate."""
 
     action: Literal["hold"]
-    hold_for_s: float = Field(default=5.0, ge=0, le=3600, description="Time before Hold mode [s].")
+    hold_for_s: float = Field(default=5.0, ge=0, le=3600)
+    """Time before Hold mode [s]."""
 
 
 class LandOnExpiry(StrictBody):
@@ -186,16 +187,10 @@ AnyOnExpiry = Annotated[HoldOnExpiry | LandOnExpiry | StopStreamOnExpiry, Field(
 class Validity(StrictBody):
     """How long setpoints are valid, and the action on expiry."""
 
-    valid_for_s: float = Field(
-        default=1.0,
-        ge=0.05,
-        le=3600,
-        description="Time until the setpoint expires if it is not renewed [s]; then `on_expiry` applies.",
-    )
-    on_expiry: AnyOnExpiry = Field(
-        default=HoldOnExpiry(action="hold"),
-        description="Action of the server when the setpoint has expired.",
-    )
+    valid_for_s: float = Field(default=1.0, ge=0.05, le=3600)
+    """Time until the setpoint expires if it is not renewed [s]; then `on_expiry` applies."""
+    on_expiry: AnyOnExpiry = HoldOnExpiry(action="hold")
+    """Action of the server when the setpoint has expired."""
 
     def expiry(self) -> OnExpiry:
         """Converts to the streamer's type."""
@@ -245,7 +240,8 @@ class StartRequest(SetpointRequest):
         setpoint={"type": "position", "position_ned_m": [0, 0, -10]}, valid_for_s=10, rate_hz=50
     )
 
-    rate_hz: float = Field(default=50.0, ge=2, le=100, description="Setpoints per second [Hz].")
+    rate_hz: float = Field(default=50.0, ge=2, le=100)
+    """Setpoints per second [Hz]."""
 
     def arguments(self) -> dict[str, object]:
         return {**super().arguments(), "rate_hz": self.rate_hz}

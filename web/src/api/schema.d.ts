@@ -2396,7 +2396,8 @@ export interface components {
         readonly ArmRequest: {
             /**
              * Despite
-             * @description Codes that the caller accepts: `arming_starts_flight` if the vehicle is in a mode in which arming starts a flight (Take off, Mission); in Mission also those of `mission/start`.
+             * @description Codes that the caller accepts: `arming_starts_flight` if the vehicle is in a mode in which arming
+             *     starts a flight (Take off, Mission); in Mission also those of `mission/start`.
              */
             readonly despite?: readonly string[];
         };
@@ -4699,7 +4700,8 @@ export interface components {
         readonly FailsafeRequest: {
             /**
              * Action
-             * @description A mode. In `position`, `altitude` and `stabilized`, the vehicle descends if it has no RC transmitter.
+             * @description A mode. In `position`, `altitude` and `stabilized`, the vehicle descends if it has no RC
+             *     transmitter.
              */
             readonly action?: ("position" | "altitude" | "stabilized" | "rtl" | "land" | "hold") | null;
             /**
@@ -5346,7 +5348,8 @@ export interface components {
             readonly yaw_lock?: boolean;
             /**
              * Wait
-             * @description Answer once the gimbal has reached the angles or stopped; false: answer once the vehicle has acknowledged, for rapid sequences of angles.
+             * @description Answer once the gimbal has reached the angles or stopped; false: answer once the vehicle has
+             *     acknowledged, for rapid sequences of angles.
              */
             readonly wait?: boolean;
         };
@@ -5529,7 +5532,10 @@ export interface components {
             readonly duration_s: number;
             /** @description State of the vehicle afterwards. */
             readonly status: components["schemas"]["Status"];
-            /** @description Angles at which the gimbal stopped at its own limit; null if it reached the requested angles, is still moving after 3 s, or does not report its attitude. */
+            /**
+             * @description Angles at which the gimbal stopped at its own limit; null if it reached the requested angles, is still
+             *     moving after 3 s, or does not report its attitude.
+             */
             readonly limited: components["schemas"]["GimbalLimited"] | null;
         };
         /**
@@ -12465,12 +12471,15 @@ export interface components {
         readonly TakeControl: {
             /**
              * Force
-             * @description Take control from another client. Allowed after that client has denied a request, after `answer_s` without an answer, or if that client cannot answer requests.
+             * @description Take control from another client. Allowed after that client has denied a request, after `answer_s`
+             *     without an answer, or if that client cannot answer requests.
              */
             readonly force?: boolean;
             /**
              * On Expiry
-             * @description Command sent once to the flying vehicle if this client sends nothing for `lease_s`: `nothing` (the vehicle continues; the default), `hold`, `land` or `rtl`. Never sent while another party controls the vehicle.
+             * @description Command sent once to the flying vehicle if this client sends nothing for `lease_s`: `nothing` (the
+             *     vehicle continues; the default), `hold`, `land` or `rtl`. Never sent while another party controls the
+             *     vehicle.
              */
             readonly on_expiry?: ("nothing" | "hold" | "land" | "rtl") | null;
         };
