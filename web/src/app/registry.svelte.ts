@@ -13,6 +13,19 @@ export interface VehicleProps {
   facts: VehicleFacts;
 }
 
+/** Space that a room takes at the edges of the stage [px]; `top_px`: for a toolbar, below which the other parts of this edge stand. */
+export interface RoomLayout {
+  readonly left_px: number;
+  readonly bottom_px: number;
+  readonly top_px: number;
+}
+
+/** The layout of most rooms: a dock on the left, and one at the bottom. */
+export function docks(width_px: number): RoomLayout {
+  const left_px = width_px <= 1100 ? 320 : width_px <= 1340 ? 312 : 340;
+  return { left_px, bottom_px: width_px <= 1340 ? 184 : 216, top_px: 0 };
+}
+
 /** A room replaces the cards beside the map with its own parts. The page loads the room's code when a person first opens it. */
 export interface Room {
   id: string;
@@ -23,14 +36,13 @@ export interface Room {
   order: number;
   /** Set if the room works without a connected vehicle. Its `load` then returns a `roomWithoutVehicle` component. */
   withoutVehicle?: boolean;
-  /** Set if the room has a toolbar along the stage's upper edge. Other parts at this edge are then below the toolbar. */
-  toolbar?: boolean;
+  layout: (width_px: number) => RoomLayout;
   load: () => Promise<RoomParts>;
 }
 
 /**
  * Exactly one of `room` and `roomWithoutVehicle` is set. The frame places this component over `main`. Map and 3D view keep
- * the width `--dock-left` and the height `--dock-bottom` free for this component.
+ * the space of the room's layout free: the width `--dock-left` and the height `--dock-bottom`.
  */
 export interface RoomParts {
   /** The room's component for the selected vehicle. */
@@ -54,6 +66,8 @@ export interface Panel extends LazyPart {
   needs?: Feature;
   /** The panel is offered only while the selected vehicle is connected over this protocol. */
   protocol?: Protocol;
+  /** The panel explains refusals with this code: beside them stands a button with this text that opens the panel. */
+  explains?: { code: string; text: string };
 }
 
 /** Whether a panel is offered for the selected vehicle. */
@@ -156,6 +170,13 @@ class Registry {
 
   slot(name: SlotName): readonly SlotPart[] {
     return this.slots.get(name) ?? [];
+  }
+
+  /** The panel that explains refusals with this code, if it is offered and not open; null: none. */
+  explanationOf(code: string, facts: VehicleFacts | null): { id: string; text: string } | null {
+    const panel = this.panels.find(({ explains }) => explains?.code === code);
+    if (panel?.explains === undefined || this.isOpen(panel.id) || !isOffered(panel, facts)) return null;
+    return { id: panel.id, text: panel.explains.text };
   }
 
   isOpen(id: string): boolean {

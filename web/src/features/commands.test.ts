@@ -23,6 +23,7 @@ vi.stubGlobal('fetch', server.fetch);
 const { page } = await import('../app/page.svelte');
 const { actions } = await import('../app/vehicle-actions.svelte');
 const { provide } = await import('../app/services');
+const { commandTo } = await import('../app/actions/command.svelte');
 const { default: Refusal } = await import('../app/Refusal.svelte');
 const { offboard, groups } = await import('./offboard/controllers');
 const { editor: setpoints } = await import('./offboard/setpoints/editor.svelte');
@@ -131,7 +132,10 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   },
   'move the target': {
     click: (facts) =>
-      actions.attempt('Moving the target', { id: facts.id, name: facts.name, series: true }, 'offboard', () => offboard.nudge(facts, 'north', 1)),
+      actions.attempt(
+        commandTo(facts, 'Moving the target', () => offboard.nudge(facts, 'north', 1), { series: true }),
+        'offboard',
+      ),
     series: true,
   },
   'send a setpoint': { click: (facts) => (setpoints.selectVehicle(facts), setpoints.fill(facts), setpoints.sendOrStart(facts, true)) },
@@ -217,7 +221,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
       {
         click: (facts) => {
           const toSend = start.flightCommand(page.api, command, facts);
-          return actions.attempt(toSend.name, { id: facts.id, name: facts.name }, 'actionBar', () => toSend.send([]));
+          return actions.attempt({ ...toSend, stops: false }, 'actionBar');
         },
       },
     ]),
@@ -231,13 +235,20 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   },
   'register a flight mode': {
     click: (facts) =>
-      actions.attempt('Register flight mode', facts, 'actionBar', async (fixed): Promise<Outcome<unknown>> => {
-        const request = { name: 'Survey', despite: [], defer_failsafes_s: 0 };
-        return (await start.registerMode(page.api, facts.id, fixed, () => plans.savedVersion(), request)) ?? { ok: true, value: null };
-      }),
+      actions.attempt(
+        commandTo(facts, 'Register flight mode', async (_, fixed): Promise<Outcome<unknown>> => {
+          const request = { name: 'Survey', despite: [], defer_failsafes_s: 0 };
+          return (await start.registerMode(page.api, facts.id, fixed, () => plans.savedVersion(), request)) ?? { ok: true, value: null };
+        }),
+        'actionBar',
+      ),
   },
   'remove a flight mode': {
-    click: (facts) => actions.attempt('Remove flight mode', facts, 'actionBar', () => start.removeMode(page.api, facts.id, 'Survey')),
+    click: (facts) =>
+      actions.attempt(
+        commandTo(facts, 'Remove flight mode', () => start.removeMode(page.api, facts.id, 'Survey')),
+        'actionBar',
+      ),
   },
   'open a replay': { vehicles: [], click: () => replay.open('flight.tlog') },
   'close a replay': {
@@ -523,7 +534,7 @@ describe('a command refused because of findings', () => {
     await give(clickOf(name));
     await refuse(['first']);
     expect([sent().length, actions.confirmation]).toEqual([1, null]);
-    const refusal = actions.refusals.actionBar;
+    const refusal = actions.refusals['actionBar'];
     expect(render(Refusal, { props: { refusal, onclose: () => undefined, onaccept: () => undefined } as never }).body).toContain('Accept and confirm again…');
     actions.acceptFindings('actionBar');
     await settle();
@@ -546,14 +557,14 @@ describe('a command refused because of findings', () => {
   it.each(['take off', 'land', 'start offboard'])('“%s” offers no acceptance, because its request cannot name it', async (name) => {
     await give(clickOf(name));
     await refuse(['first']);
-    expect(actions.refusals.actionBar?.acceptance ?? null).toBeNull();
+    expect(actions.refusals['actionBar']?.acceptance ?? null).toBeNull();
   });
 
   it('is not offered for acceptance if it was refused for another reason', async () => {
     await give(clickOf('arm'));
     server.open.forEach((request) => request.answer(Response.json({ code: 'interrupted', detail: 'Hold was commanded.', codes: ['first'] }, { status: 409 })));
     await settle();
-    const refusal = actions.refusals.actionBar;
+    const refusal = actions.refusals['actionBar'];
     expect(render(Refusal, { props: { refusal, onclose: () => undefined, onaccept: () => undefined } as never }).body).not.toContain('Accept and confirm');
     expect(refusal).toMatchObject({ acceptance: null, problem: { title: 'Interrupted', detail: 'Hold was commanded.' } });
   });

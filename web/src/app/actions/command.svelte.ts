@@ -19,8 +19,9 @@ export interface Command {
   /**
    * Sends the request, which was fixed when the command was given.
    * @param despite codes of findings that a person has accepted after the server refused the same request because of them.
+   * @param fixed the vehicles as they were when the command was given: a command of several requests asks `problem()` before each.
    */
-  readonly send: (despite: readonly string[]) => Promise<Outcome<unknown>>;
+  readonly send: (despite: readonly string[], fixed: FixedVehicles) => Promise<Outcome<unknown>>;
   /** A person may accept the findings because of which the server refuses the command: `send` uses `despite`. */
   readonly acceptsFindings?: boolean;
   /** Why the command is no longer what a person gave, because the vehicle's state has changed; null: it is. */
@@ -29,6 +30,16 @@ export interface Command {
   readonly stops?: boolean;
   /** One of a series, such as steps of a target: is sent although an earlier one has no answer yet. */
   readonly series?: boolean;
+}
+
+/** A command for one vehicle. */
+export function commandTo(
+  { id, name: vehicleNames }: { readonly id: string; readonly name: string },
+  name: string,
+  send: Command['send'],
+  more: Partial<Command> = {},
+): Command {
+  return { name, vehicles: [id], vehicleNames, send, ...more };
 }
 
 /** A command that a person must confirm. */
@@ -157,7 +168,7 @@ export function acceptanceOf(
     ...command,
     texts: () => ({ ...texts, effect, danger: true }),
     changed,
-    send: (despite) => command.send([...codes, ...despite]),
+    send: (despite, fixed) => command.send([...codes, ...despite], fixed),
   };
 }
 

@@ -21,13 +21,10 @@ import type { StreamStart } from '../../vehicle/setpoint';
 import { acceptanceOf, closingProblem, CommandGate, DOUBLE_CLICK, type Command, type CommandToConfirm, type FixedVehicles, type Given } from './command.svelte';
 import { ConfirmationSlider } from './confirmation';
 
-/** The part of the page that contains the pressed button and shows the refusal. `stage`: map and 3D view; `offboard`: the offboard card. */
-export type PagePart = 'actionBar' | 'offboard' | 'offboardRoom' | 'gimbal' | 'camera' | 'stage' | 'control';
-
-/** The vehicle of a request without a confirmation, or all its vehicles. */
-export type CommandTarget = { readonly name: string; readonly part?: string; readonly stops?: boolean; readonly series?: boolean } & (
-  { readonly id: string } | { readonly vehicles: readonly string[] }
-);
+/** The part of the page that contains the pressed button and shows the refusal; a feature chooses the names of its parts. */
+export type PagePart = string;
+/** The part that shows the refusals of shortcuts, and of commands whose own part is not shown. */
+export const MAIN_PART: PagePart = 'actionBar';
 
 export interface PendingConfirmation {
   /** The vehicle action that the command is; null: another command. */
@@ -117,7 +114,7 @@ export class ActionController {
   request(
     action: ActionName,
     facts: VehicleFacts | null,
-    pagePart: PagePart = 'actionBar',
+    pagePart: PagePart = MAIN_PART,
     target: GotoTarget | null = null,
     streamStart: StreamStart | null = null,
   ): void {
@@ -251,7 +248,7 @@ export class ActionController {
     if (phase === 'asking') return;
     this.confirmation = null;
     if (phase !== 'confirmed') this.closedWithoutKey_s = now;
-    if (problem !== null) this.showProblem(command.name, command.vehicleNames, 'actionBar', problem);
+    if (problem !== null) this.showProblem(command.name, command.vehicleNames, MAIN_PART, problem);
     if (phase === 'confirmed') void this.run(action, command, pagePart, given, command.texts());
   }
 
@@ -261,20 +258,13 @@ export class ActionController {
   }
 
   /**
-   * Sends a request without asking for confirmation, and shows a refusal in `pagePart`. A request that has no answer yet is not
+   * Sends a command without asking for confirmation, and shows a refusal in `pagePart`. A command that has no answer yet is not
    * sent a second time.
-   * @returns whether the server accepted the request.
+   * @returns whether the server accepted the command.
    */
-  async attempt<T>(
-    commandName: string,
-    target: CommandTarget,
-    pagePart: PagePart,
-    sendRequest: (fixed: FixedVehicles) => Promise<Outcome<T>>,
-    fixed?: FixedVehicles,
-  ): Promise<boolean> {
-    const { name: vehicleName, part = '', stops = false, series = false } = target;
-    const vehicles = 'vehicles' in target ? target.vehicles : [target.id];
-    return this.show(await this.gate.run({ name: commandName, vehicles, part, stops, series }, sendRequest, fixed), commandName, vehicleName, pagePart);
+  async attempt(command: Command, pagePart: PagePart, given?: FixedVehicles): Promise<boolean> {
+    const outcome = await this.gate.run(command, (fixed) => command.send([], fixed), given);
+    return this.show(outcome, command.name, command.vehicleNames, pagePart);
   }
 
   /** Shows the outcome of a command in `pagePart`. @returns whether the server accepted the command. */
@@ -290,13 +280,13 @@ export class ActionController {
   private async run(action: ActionName | null, command: Command, pagePart: PagePart, given: Given, texts: ConfirmationTexts | null = null): Promise<void> {
     const stateNow = (): string => JSON.stringify(command.vehicles.map((id) => this.stateOf(id)));
     const stateBefore = stateNow();
-    const send = async (): Promise<Outcome<unknown>> => {
+    const send = async (fixed: FixedVehicles): Promise<Outcome<unknown>> => {
       const { name: commandName, vehicles, vehicleNames: vehicleName } = command;
       const vehicle = vehicles.length === 1 ? (vehicles[0] ?? null) : null;
       const id = this.nextId++;
       this.runningCommands = [...this.runningCommands, { id, action, commandName, pagePart, vehicle, vehicleName, progressText: null, fraction: null }];
       try {
-        return await command.send([]);
+        return await command.send([], fixed);
       } finally {
         this.runningCommands = this.runningCommands.filter((r) => r.id !== id);
       }

@@ -1,5 +1,6 @@
 /** Takes photos with the selected camera of a vehicle. */
 
+import { commandTo, type Command } from '../../app/actions/command.svelte';
 import type { ApiClient } from '../../api/client';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import type { Component } from '../../live/topics';
@@ -56,9 +57,8 @@ export class CameraControl {
     if (reasonNoPhoto(facts, camera) !== null) return;
     this.lastPhotoCamera = null;
     const component = camera.component_id;
-    const accepted = await this.actions.attempt(PHOTO, { id: facts.id, name: facts.name, part: String(component) }, 'camera', () =>
-      this.api.post('/vehicles/{v}/camera/picture', { params: { path: { v: facts.id }, query: { component } } }),
-    );
+    const send: Command['send'] = () => this.api.post('/vehicles/{v}/camera/picture', { params: { path: { v: facts.id }, query: { component } } });
+    const accepted = await this.actions.attempt(commandTo(facts, PHOTO, send, { part: String(component) }), 'camera');
     if (accepted) this.lastPhotoCamera = { vehicle: facts.id, camera: component };
   }
 }

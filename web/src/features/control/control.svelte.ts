@@ -1,5 +1,6 @@
 /** Takes, requests, gives and releases control of the selected vehicle. */
 
+import { commandTo } from '../../app/actions/command.svelte';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { WireEvent } from '../../live/wire';
@@ -71,6 +72,6 @@ export class ControlController {
   }
 
   private async attempt(commandName: string, facts: VehicleFacts, sendRequest: () => Promise<Outcome<unknown>>): Promise<void> {
-    await this.actions.attempt(commandName, facts, 'control', sendRequest);
+    await this.actions.attempt(commandTo(facts, commandName, sendRequest), 'control');
   }
 }

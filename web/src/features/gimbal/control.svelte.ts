@@ -4,7 +4,8 @@ import type { VehicleFacts } from '../../vehicle/facts';
 import type { components } from '../../api/schema';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { FixedVehicles } from '../../app/actions/command.svelte';
-import type { ActionController, CommandTarget } from '../../app/actions/controller.svelte';
+import { commandTo, type Command } from '../../app/actions/command.svelte';
+import type { ActionController } from '../../app/actions/controller.svelte';
 import { LatestSender } from './latest-sender';
 import { gimbalKey, angleLimits, gimbalParams, withGimbal, type Angles } from '../../vehicle/gimbal';
 import { clamp } from './pad';
@@ -31,7 +32,7 @@ const RELEASE = 'Release gimbal control';
 const CLEAR_ROI = 'Clear ROI';
 
 /** The gimbal as the target of a command: a vehicle may have several gimbals. */
-const targetOf = (facts: VehicleFacts): CommandTarget => ({ id: facts.id, name: facts.name, part: gimbalKey(facts) });
+const gimbalCommand = (name: string, facts: VehicleFacts, send: Command['send']): Command => commandTo(facts, name, send, { part: gimbalKey(facts) });
 
 export class GimbalControl {
   /** The target angles of one gimbal: the ring on the pad. */
@@ -90,7 +91,10 @@ export class GimbalControl {
   }
 
   async clearRoi(facts: VehicleFacts): Promise<void> {
-    await this.actions.attempt(CLEAR_ROI, targetOf(facts), 'gimbal', () => this.api.post('/vehicles/{v}/gimbal/roi/clear', gimbalParams(facts)));
+    await this.actions.attempt(
+      gimbalCommand(CLEAR_ROI, facts, () => this.api.post('/vehicles/{v}/gimbal/roi/clear', gimbalParams(facts))),
+      'gimbal',
+    );
     await this.fetchControlAndRoi(facts);
   }
 
@@ -103,9 +107,8 @@ export class GimbalControl {
     this.target = null;
     clearTimeout(this.finalAnglesTimer);
     this.limitNotice = null;
-    await this.actions.attempt(take ? TAKE : RELEASE, targetOf(facts), 'gimbal', () =>
-      this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, gimbalParams(facts)),
-    );
+    const send: Command['send'] = () => this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, gimbalParams(facts));
+    await this.actions.attempt(gimbalCommand(take ? TAKE : RELEASE, facts, send), 'gimbal');
   }
 
   /** Points the camera. The yaw in `angles` is relative to the vehicle's nose. */
@@ -145,7 +148,7 @@ export class GimbalControl {
     const gimbal = gimbalKey(command.facts);
     const sender =
       this.senders.get(gimbal) ??
-      new LatestSender<QueuedCommand>(({ facts, fixed, send }) => this.actions.attempt('Gimbal', targetOf(facts), 'gimbal', send, fixed));
+      new LatestSender<QueuedCommand>(({ facts, fixed, send }) => this.actions.attempt(gimbalCommand('Gimbal', facts, send), 'gimbal', fixed));
     this.senders.set(gimbal, sender);
     sender.push({ ...command, fixed: this.actions.gate.fix([command.facts.id]) });
   }

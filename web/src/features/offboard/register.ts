@@ -1,5 +1,5 @@
 import { page } from '../../app/page.svelte';
-import { registry, rooms } from '../../app/registry.svelte';
+import { docks, registry, rooms } from '../../app/registry.svelte';
 import { provide } from '../../app/services';
 import { actions } from '../../app/vehicle-actions.svelte';
 import { groups, offboard } from './controllers';
@@ -19,6 +19,7 @@ registry.addRoom({
   icon: 'pulse',
   hint: 'Setpoints, plots, gamepad (P)',
   order: 10,
+  layout: docks,
   load: async () => (await import('./parts')).parts,
 });
 registry.addTo('cards', { order: 30, vehicleComponent: OffboardCard });

@@ -1,5 +1,5 @@
 import { page } from '../../app/page.svelte';
-import { registry, rooms } from '../../app/registry.svelte';
+import { docks, registry, rooms } from '../../app/registry.svelte';
 
 const ROOM = 'plan';
 
@@ -10,7 +10,7 @@ registry.addRoom({
   hint: 'Plans (W)',
   order: 5,
   withoutVehicle: true,
-  toolbar: true,
+  layout: (width_px) => ({ ...docks(width_px), top_px: 56 }),
   load: async () => (await import('./parts')).parts,
 });
 /** Whether the selected vehicle has reported a flight on this topic. */

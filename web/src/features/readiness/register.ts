@@ -6,6 +6,7 @@ registry.addPanel({
   place: 'side',
   load: async () => ({ vehicleComponent: (await import('./ReadinessPanel.svelte')).default }),
   needs: 'arming_report',
+  explains: { code: 'rejected', text: 'Show what blocks each mode' },
 });
 registry.addKeys([
   {

@@ -1,5 +1,6 @@
 /** The menu at a map point: its state, altitudes and requests. */
 
+import { commandTo } from '../../app/actions/command.svelte';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { WireEvent } from '../../live/wire';
@@ -125,7 +126,7 @@ export class MapPointMenu {
 
   private async send(commandName: string, facts: VehicleFacts, request: () => Promise<Outcome<unknown>>): Promise<void> {
     const mapPoint = this.mapPoint;
-    const accepted = await this.actions.attempt(commandName, { id: facts.id, name: facts.name, part: gimbalKey(facts) }, 'stage', request);
+    const accepted = await this.actions.attempt(commandTo(facts, commandName, request, { part: gimbalKey(facts) }), 'stage');
     await service('gimbal').fetchControlAndRoi(facts);
     if (accepted && this.mapPoint === mapPoint) this.close(); // not the menu of another point or vehicle, opened meanwhile
   }

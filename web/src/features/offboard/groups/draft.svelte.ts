@@ -4,7 +4,6 @@ import type { VehicleFacts } from '../../../vehicle/facts';
 import { page } from '../../../app/page.svelte';
 import { actions } from '../../../app/vehicle-actions.svelte';
 import { groups } from '../controllers';
-import { vehiclesOf } from './groups.svelte';
 import type { Outcome } from '../../../api/client';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import { editor } from '../setpoints/editor.svelte';
@@ -70,15 +69,11 @@ class GroupDraft {
     this.showsErrors = true;
     if (Object.keys(fieldErrors(fields, true)).length > 0) return;
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
-    await actions.attempt(
-      `Group ${group.id}`,
-      { vehicles: vehiclesOf(group), name: joinNames(groups.memberNames(group)) },
-      'offboardRoom',
-      async (): Promise<Outcome<unknown>> => {
-        const result = setpointsFor(factsOf(members), fields);
-        return result.ok ? this.sendAndLog(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : positionsUnknownRefusal(result);
-      },
-    );
+    const send = async (): Promise<Outcome<unknown>> => {
+      const result = setpointsFor(factsOf(members), fields);
+      return result.ok ? this.sendAndLog(members, fields, () => groups.send(group, result.setpoints, validityOf(fields))) : positionsUnknownRefusal(result);
+    };
+    await actions.attempt({ ...groups.commandTo(group), name: `Group ${group.id}`, send }, 'offboardRoom');
   }
 
   /** Renews the group's setpoints once, with the form's validity for setpoints of this type. If the form's checkbox is set, this page continues to renew them. */
@@ -86,9 +81,8 @@ class GroupDraft {
     const renewalDraft: Draft = { ...this.fields, motion: motionOf(group) };
     this.showsErrors = true;
     if ('valid' in fieldErrors(renewalDraft, true)) return;
-    await actions.attempt(`Renewing group ${group.id}`, { vehicles: vehiclesOf(group), name: joinNames(groups.memberNames(group)) }, 'offboardRoom', () =>
-      groups.renew(group, validityOf(renewalDraft)),
-    );
+    const send = (): Promise<Outcome<unknown>> => groups.renew(group, validityOf(renewalDraft));
+    await actions.attempt({ ...groups.commandTo(group), name: `Renewing group ${group.id}`, send }, 'offboardRoom');
   }
 
   private async sendAndLog(members: readonly string[], fields: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {

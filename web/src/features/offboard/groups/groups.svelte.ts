@@ -7,10 +7,11 @@ import type { ApiClient, Outcome } from '../../../api/client';
 import type { Problem } from '../../../api/problems';
 import type { CommandQueue } from '../../../api/command-queue';
 import type { WireEvent } from '../../../live/wire';
+import type { Command } from '../../../app/actions/command.svelte';
 import type { ActionController } from '../../../app/actions/controller.svelte';
 import { toRequestSetpoint, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
 import type { GroupBody, MemberSetpoint } from './group-form';
-import { isActive, groupKey, newestEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
+import { isActive, groupKey, joinNames, newestEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
 import { GroupRenewer, type GroupRenewalResult } from './renewer';
 
 const POLL_INTERVAL_S = 1;
@@ -125,16 +126,17 @@ export class GroupController {
 
   async hold(group: Group): Promise<void> {
     this.stopRenewing();
-    await this.actions.attempt(
-      `Hold group ${group.id}`,
-      { vehicles: vehiclesOf(group), name: this.memberNames(group).join(', '), stops: true },
-      'offboardRoom',
-      async () => {
-        const outcome = await this.api.post('/groups/{g}/hold', groupParams(group));
-        if (outcome.ok) this.update(outcome.value);
-        return outcome;
-      },
-    );
+    const send = async (): Promise<Outcome<unknown>> => {
+      const outcome = await this.api.post('/groups/{g}/hold', groupParams(group));
+      if (outcome.ok) this.update(outcome.value);
+      return outcome;
+    };
+    await this.actions.attempt({ ...this.commandTo(group), name: `Hold group ${group.id}`, stops: true, send }, 'offboardRoom');
+  }
+
+  /** The vehicles of a command to a group. */
+  commandTo(group: Group): Pick<Command, 'vehicles' | 'vehicleNames'> {
+    return { vehicles: vehiclesOf(group), vehicleNames: joinNames(this.memberNames(group)) };
   }
 
   /** Shows a problem in the room, for example a refused renewal. */

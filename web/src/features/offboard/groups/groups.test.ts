@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { CommandQueue } from '../../../api/command-queue';
-import { CommandGate, type FixedVehicles } from '../../../app/actions/command.svelte';
+import { CommandGate, type Command } from '../../../app/actions/command.svelte';
 import type { Refusal } from '../../../app/actions/controller.svelte';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import {
@@ -195,14 +195,9 @@ describe('the group controller', () => {
     const refused: Refusal[] = [];
     const stoppedRenewals: string[] = [];
     const actions = {
-      attempt: async <T>(
-        commandName: string,
-        { name }: { name: string },
-        _pagePart: string,
-        send: (fixed: FixedVehicles) => Promise<{ ok: true; value: T } | { ok: false; problem: Refusal['problem'] }>,
-      ): Promise<boolean> => {
-        const outcome = await send(new CommandGate().fix([]));
-        if (!outcome.ok) refused.push({ commandName, vehicleName: name, problem: outcome.problem });
+      attempt: async ({ name, vehicleNames, send }: Command): Promise<boolean> => {
+        const outcome = await send([], new CommandGate().fix([]));
+        if (!outcome.ok) refused.push({ commandName: name, vehicleName: vehicleNames, problem: outcome.problem });
         return outcome.ok;
       },
       showProblem: (commandName: string, vehicleName: string, _pagePart: string, problem: Refusal['problem']): void =>

@@ -1,13 +1,16 @@
 /** The offboard room's state: forms, available setpoint types, sent setpoints and their results. */
 
 import { page } from '../../../app/page.svelte';
+import { commandTo } from '../../../app/actions/command.svelte';
 import { actions } from '../../../app/vehicle-actions.svelte';
 import { offboard } from '../controllers';
 import type { VehicleFacts } from '../../../vehicle/facts';
+import { BOUNDS } from '../../../api/bounds';
 import { ofVehicle, type Outcome } from '../../../api/client';
 import type { Vector3 } from '../../../live/topics';
 import type { WireEvent } from '../../../live/wire';
 import { fixed } from '../../../ui/format';
+import { limitProblem, parseTyped } from '../../../vehicle/fields';
 import type { AnySetpoint, Validity, OnExpiry } from '../../../vehicle/setpoint';
 import { expiryText, readOffboard } from '../../../vehicle/offboard';
 import { buildSetpoint, formFromCurrentState, type Form } from './form';
@@ -104,13 +107,12 @@ class SetpointEditor {
   }
 
   get validForProblem(): string | null {
-    const seconds = Number(this.validForText.replace(',', '.'));
-    return seconds >= 0.05 && seconds <= 3600 ? null : 'From 0.05 to 3600 s.';
+    return limitProblem(parseTyped(this.validForText) ?? NaN, BOUNDS.SetpointRequest.valid_for_s, 's');
   }
 
   get validity(): Validity {
     const on_expiry: OnExpiry = this.expiryAction === 'hold' ? { action: 'hold', hold_for_s: 5 } : { action: this.expiryAction };
-    return { valid_for_s: Number(this.validForText.replace(',', '.')), on_expiry, renew: this.renew };
+    return { valid_for_s: parseTyped(this.validForText) ?? 0, on_expiry, renew: this.renew };
   }
 
   preview(facts: VehicleFacts): SetpointPreview | null {
@@ -133,19 +135,21 @@ class SetpointEditor {
   }
 
   async setLimits(facts: VehicleFacts, limits: LimitsBody): Promise<boolean> {
-    return actions.attempt('Setting the limits', facts, 'offboardRoom', async () => {
+    const send = async (): Promise<Outcome<unknown>> => {
       const response = await page.api.put('/vehicles/{v}/offboard/limits', { ...ofVehicle(facts.id), body: limits });
       if (response.ok) this.updateView(facts.id, { limits: response.value });
       return response;
-    });
+    };
+    return actions.attempt(commandTo(facts, 'Setting the limits', send), 'offboardRoom');
   }
 
   async setFailsafe(facts: VehicleFacts, action: FailsafeAction, after_s: number): Promise<boolean> {
-    return actions.attempt('Setting the failsafe action', facts, 'offboardRoom', async () => {
+    const send = async (): Promise<Outcome<unknown>> => {
       const response = await page.api.put('/vehicles/{v}/offboard/failsafe', { ...ofVehicle(facts.id), body: { action, after_s } });
       if (response.ok) this.updateView(facts.id, { failsafe: response.value });
       return response;
-    });
+    };
+    return actions.attempt(commandTo(facts, 'Setting the failsafe action', send), 'offboardRoom');
   }
 
   // --- sending ---
@@ -192,7 +196,10 @@ class SetpointEditor {
     const lineId = this.recordSent(this.input, setpoint);
     const sent_s = performance.now() / 1000;
     let outcome: Outcome<unknown> | null = null;
-    await actions.attempt('Setpoint', facts, 'offboardRoom', async () => (outcome = await offboard.send(facts.id, setpoint, validity)));
+    await actions.attempt(
+      commandTo(facts, 'Setpoint', async () => (outcome = await offboard.send(facts.id, setpoint, validity))),
+      'offboardRoom',
+    );
     const finalOutcome = outcome as Outcome<unknown> | null;
     if (finalOutcome !== null) this.recordOutcome(lineId, finalOutcome, performance.now() / 1000 - sent_s);
   }
