@@ -67,10 +67,13 @@ from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet, Notice
 from gcs_server.vehicle.services.items_cache import ItemsCache
+from gcs_server.vehicle.services.logs import MAX_BYTES as MAX_LOG_BYTES
 
 log = logging.getLogger(__name__)
 
 COMPONENT_ID = 190
+LOGS_TOTAL_BYTES = 4_000_000_000
+"""Size of all downloaded flight logs; then the oldest are deleted."""
 STREAM_COMPONENT_ID = 191
 """Component id of the process that sends setpoints. It needs its own id, because MAVLink frames have one
 sequence number per component."""
@@ -196,6 +199,7 @@ class Server:
             started_s=clock.monotonic_s(),
             mavlink_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,
+            logs=Cache(folder.logs, MAX_LOG_BYTES, LOGS_TOTAL_BYTES),
             has_scene=self.scene is not None,
             simulator=self._simulator is not None,
         )

@@ -24,6 +24,7 @@ from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
 from gcs_server.errors import UnknownVehicle
 from gcs_server.flights.waypoint_start import WaypointStart, checked_start
+from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.command import ARMING_STARTS_FLIGHT, GOTO_MAX_DISTANCE_M, CommandOptions
 from gcs_server.vehicle.services.gimbal import GimbalService
 from gcs_server.vehicle.tickets import Ticket
@@ -410,7 +411,7 @@ clear_gimbal_roi = plain_command(
 picture = plain_command(
     "camera/picture",
     NoneType,
-    lambda g: g.vehicle.camera.take_picture(g.component),
+    lambda g: g.vehicle.service(CameraService).take_picture(g.component),
     "Takes one photo; answers once the camera has acknowledged it.",
     part=CAMERA,
 )

@@ -6,34 +6,15 @@ import asyncio
 import functools
 import json
 import sys
+from importlib import import_module
+from pkgutil import iter_modules
 from typing import Any
 
 from fastapi import Depends, FastAPI, Response
 from starlette.routing import BaseRoute
 
-from gcs_server.api import (
-    command_routes,
-    control_routes,
-    dry_run_routes,
-    elevation_routes,
-    group_routes,
-    hold_routes,
-    map_routes,
-    mission_routes,
-    offboard_mission_routes,
-    offboard_routes,
-    offboard_stream,
-    operation_routes,
-    param_routes,
-    plan_routes,
-    problems,
-    readiness_routes,
-    recording_routes,
-    reference_page,
-    ros2_routes,
-    station_routes,
-    vehicle_routes,
-)
+from gcs_server import api
+from gcs_server.api import problems, reference_page
 from gcs_server.api.authorized import note_caller
 from gcs_server.api.described import describe_plans, describe_refusals, flatten_unions, rename_schemas
 from gcs_server.api.permission import check_permission
@@ -42,29 +23,12 @@ from gcs_server.api.station import renew_control
 from gcs_server.control.commands import API, BY_CALL
 from gcs_server.version import __version__
 
-PARTS = (
-    offboard_routes,
-    offboard_stream,
-    station_routes,
-    vehicle_routes,
-    command_routes,
-    hold_routes,
-    control_routes,
-    group_routes,
-    param_routes,
-    readiness_routes,
-    ros2_routes,
-    map_routes,
-    recording_routes,
-    operation_routes,
-    plan_routes,
-    elevation_routes,
-    dry_run_routes,
-    mission_routes,
-    offboard_mission_routes,
-)
-"""The modules with the routes under /api/v1. FastAPI compares a request with all routes in this order, so the
-setpoints, which are the most frequent requests, come first."""
+FIRST = ("offboard_routes", "offboard_stream")
+"""FastAPI compares a request with all routes in their order, so the setpoints, which are the most frequent
+requests, come first."""
+FOUND = sorted(module.name for module in iter_modules(api.__path__) if module.name.endswith("_routes"))
+PARTS = [import_module(f"{api.__name__}.{name}") for name in dict.fromkeys((*FIRST, *FOUND))]
+"""The modules with the routes under /api/v1: each file `*_routes.py`."""
 TAGS = (
     "station",
     "vehicles",
@@ -75,6 +39,7 @@ TAGS = (
     "gimbal",
     "camera",
     "parameters",
+    "logs",
     "recordings",
     "operations",
     "plans",

@@ -20,6 +20,7 @@ from gcs_server.mavlink.router import Router
 from gcs_server.operations.operations import Operations
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
+from gcs_server.storage.cache import Cache
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.fleet import Fleet, Notice
@@ -46,6 +47,8 @@ class Station:
     """System and component id of this server."""
     maps: Path
     """Folder of the operator's offline maps; need not exist."""
+    logs: Cache
+    """The flight logs that were downloaded from vehicles."""
     request_queue: RequestQueue = field(init=False)
     large_setpoints: LargeSetpoints = field(init=False)
     has_scene: bool = False

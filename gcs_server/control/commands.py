@@ -242,6 +242,13 @@ ALL: tuple[Command, ...] = (
     Command("params/refresh", "configure", ("POST /vehicles/{v}/params/refresh",), journaled=False),
     Command("mission/download", "configure", ("POST /vehicles/{v}/mission/download",), journaled=False),
     Command("readiness/check", "configure", ("POST /vehicles/{v}/readiness/check",), journaled=False),
+    Command(
+        "logs/download",
+        "configure",
+        ("POST /vehicles/{v}/logs/{number}/download",),
+        "not_anothers",
+        "the vehicle",
+    ),
     # control
     _control("take", confirmed=True),
     _control("request"),
@@ -298,6 +305,8 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/mission/flown",
         "GET /vehicles/{v}/readiness",
         "GET /vehicles/{v}/ros2/topics",
+        "GET /vehicles/{v}/logs",
+        "GET /vehicles/{v}/logs/{file}",
         "GET /vehicles/{v}/params",
         "GET /vehicles/{v}/params/{name}",
         "GET /groups",

@@ -18,6 +18,7 @@ from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.values.stream_request import OFFBOARD, OnExpiry, StreamRequest
+from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.avoidance.corridor import first_on_line
@@ -428,7 +429,7 @@ class MissionFlight:
 
         async def take_picture() -> None:
             try:
-                await self._vehicle.camera.take_picture(request.component)
+                await self._vehicle.service(CameraService).take_picture(request.component)
             finally:
                 self._pictures -= 1
 

@@ -14,7 +14,6 @@ log = logging.getLogger(__name__)
 
 MAX_FILES = 200
 MAX_BYTES = 8_000_000
-"""Larger files are neither stored nor read."""
 MAX_TOTAL_BYTES = 100_000_000
 _NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,120}")
 
@@ -24,22 +23,33 @@ class Cache:
 
     Args:
         folder: folder of the files; created at the first write.
+        max_bytes: larger files are neither stored nor read.
+        max_total_bytes: size of all files.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(
+        self, folder: Path, max_bytes: int = MAX_BYTES, max_total_bytes: int = MAX_TOTAL_BYTES
+    ) -> None:
         self._folder = folder
+        self._max_bytes = max_bytes
+        self._max_total_bytes = max_total_bytes
+
+    def find(self, name: str) -> Path | None:
+        """Path of a file; None if it is missing or its name is not valid."""
+        path = self._folder / name
+        return path if _NAME_PATTERN.fullmatch(name) and path.is_file() else None
 
     def read(self, name: str) -> bytes | None:
         """Content of a file; None if it is missing or unreadable."""
         path = self._path(name)
         try:
-            return path.read_bytes() if path.stat().st_size <= MAX_BYTES else None
+            return path.read_bytes() if path.stat().st_size <= self._max_bytes else None
         except OSError:
             return None
 
     def write(self, name: str, content: bytes) -> None:
         """Writes a file completely or not at all; a full disk is only logged."""
-        if len(content) > MAX_BYTES:
+        if len(content) > self._max_bytes:
             return
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -57,7 +67,7 @@ class Cache:
         files = sorted(((p, p.stat()) for p in self._folder.iterdir()), key=lambda f: f[1].st_mtime)
         count, size = len(files), sum(status.st_size for _, status in files)
         for path, status in files:
-            if count <= MAX_FILES and size <= MAX_TOTAL_BYTES:
+            if count <= MAX_FILES and size <= self._max_total_bytes:
                 break
             path.unlink(missing_ok=True)
             count, size = count - 1, size - status.st_size

@@ -63,6 +63,11 @@ class DataFolder:
         return self.path / "cache"
 
     @property
+    def logs(self) -> Path:
+        """Folder of the flight logs that were downloaded from vehicles."""
+        return self.path / "logs"
+
+    @property
     def elevation(self) -> Path:
         """Folder of the operator's elevation files."""
         return self.path / "elevation"

@@ -6,7 +6,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Disconnected, GcsError, NotVerified, Refused
@@ -29,7 +29,6 @@ from gcs_server.vehicle.px4_events import VehicleEvent
 from gcs_server.vehicle.reach import Feature, Reach, reach_of, require_feature
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Sample, Status
-from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.command import CommandService
 from gcs_server.vehicle.services.floor import VehicleFloor
 from gcs_server.vehicle.services.ftp import FtpService
@@ -39,10 +38,13 @@ from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.mission import MissionService
 from gcs_server.vehicle.services.mode_list import ModeList
 from gcs_server.vehicle.services.params import ParamService
+from gcs_server.vehicle.services.table import SERVICES
 from gcs_server.vehicle.state import TOPIC_MESSAGES, VehicleState
 from gcs_server.vehicle.tickets import Tickets
 
 log = logging.getLogger(__name__)
+
+S = TypeVar("S")
 
 
 class Vehicle:
@@ -57,8 +59,9 @@ class Vehicle:
     # Beyond 30 attributes, instances without slots no longer share their keys, so each access is slower.
     __slots__ = (
         "__weakref__", "_endpoint_in_use", "_endpoints", "_event_logger", "_external_control",
-        "_handled_ids", "_handlers", "_identity", "_known_links", "_lost", "_state", "_supervisor",
-        "camera", "clock", "command", "components", "control", "events", "ftp", "gimbal", "gimbals",
+        "_handled_ids", "_handlers", "_identity", "_known_links", "_lost", "_services", "_state",
+        "_supervisor",
+        "clock", "command", "components", "control", "events", "ftp", "gimbal", "gimbals",
         "health", "id", "isolation", "listeners", "mailbox", "metadata", "mission", "mode_list", "mode_names",
         "offboard", "offboard_mission", "own_ids", "params", "tickets", "waypoint_flight",
     )  # fmt: skip
@@ -107,7 +110,7 @@ class Vehicle:
         self.components = Components(identity.component_id, clock, self._report_component)
         self.gimbals = Gimbals(self, self._state)
         self.gimbal = self.gimbals.first
-        self.camera = CameraService(self)
+        self._services: dict[type[object], object] = {kind: kind(self) for kind in SERVICES}
         self.mission = MissionService(self)
         self.ftp = FtpService(self)
         self.metadata = MetadataService(self, self.ftp)
@@ -223,6 +226,10 @@ class Vehicle:
     def known_links(self) -> frozenset[str]:
         """Names of all links over which the vehicle was ever connected."""
         return frozenset(self._known_links)
+
+    def service(self, kind: type[S]) -> S:
+        """The vehicle's service of a class in `services/table.py`."""
+        return cast(S, self._services[kind])
 
     def topic(self, name: str) -> Sample | None:
         """The newest sample of a topic, decoded now; None before the first sample."""

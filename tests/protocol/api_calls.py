@@ -19,6 +19,7 @@ from gcs_server.plans import tasks
 from gcs_server.plans.store import PlanStore
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
+from gcs_server.storage.cache import Cache
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
@@ -83,6 +84,7 @@ def new_station(testbed, progress=None):
         mavlink_ids=(255, 190),
         topic_inspectors=TopicInspectors(),
         maps=Path("no maps"),
+        logs=Cache(Path("no logs")),
     )
     return station
 

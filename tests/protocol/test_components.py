@@ -7,6 +7,7 @@ import pytest
 from gcs_server.api import command_routes, models, vehicle_routes
 from gcs_server.errors import InvalidRequest, NoReply
 from gcs_server.vehicle.components import LOST_AFTER_S, MAX_COMPONENTS
+from gcs_server.vehicle.services.camera import CameraService
 from tests.protocol.api_calls import ANNA, journal_entries, json_of, new_station
 from tests.protocol.command_numbers import (
     GIMBAL_CONFIGURE,
@@ -308,13 +309,13 @@ def test_a_picture_is_taken_by_the_connected_camera(run_simulated):
             OtherComponent(autopilot, 102, CAMERA),
         )
         await call_repeatedly(1, second_camera.send_heartbeat)
-        await vehicle.camera.take_picture()
+        await vehicle.service(CameraService).take_picture()
         assert picture_counts(first_camera, second_camera) == (0, 1)
         await call_repeatedly(1, first_camera.send_heartbeat, second_camera.send_heartbeat)
-        await vehicle.camera.take_picture()
+        await vehicle.service(CameraService).take_picture()
         assert picture_counts(first_camera, second_camera) == (1, 1)
         await call_repeatedly(LOST_AFTER_S + 1, second_camera.send_heartbeat)
-        await vehicle.camera.take_picture()
+        await vehicle.service(CameraService).take_picture()
         assert picture_counts(first_camera, second_camera) == (1, 2)
 
     run_with_vehicle(run_simulated, scenario)
@@ -345,7 +346,7 @@ def test_a_request_chooses_the_camera_by_its_component(run_simulated):
 def test_the_error_about_a_missing_camera_names_the_requested_component(run_simulated):
     async def scenario(testbed, autopilot, vehicle):
         with pytest.raises(NoReply, match="No camera") as refused:
-            await vehicle.camera.take_picture()
+            await vehicle.service(CameraService).take_picture()
         assert "component 100" in refused.value.remedy
 
     run_with_vehicle(run_simulated, scenario)

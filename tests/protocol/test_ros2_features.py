@@ -14,6 +14,7 @@ from gcs_server.api.mission_routes import download, upload
 from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError, Refused
 from gcs_server.vehicle.reach import FEATURES, NEEDS_MAVLINK
+from gcs_server.vehicle.services.camera import CameraService
 from missions.plan import Plan, write
 from tests.protocol.api_calls import json_of, new_station
 from tests.protocol.ros2_testbed import Ros2Testbed
@@ -25,7 +26,7 @@ REQUESTS: dict[str, Callable[[Any], Any]] = {
     "mission_transfer": lambda v: v.mission.clear(),
     "files": lambda v: v.ftp.list("/"),
     "gimbal": lambda v: v.gimbal.take_control(),
-    "camera": lambda v: v.camera.take_picture(),
+    "camera": lambda v: v.service(CameraService).take_picture(),
     "arming_report": lambda v: v.health.check(),
 }
 

@@ -46,6 +46,15 @@ class PartialFile:
         """(start, end) of the first missing part; None: the file is complete."""
         return self._missing[0] if self._missing else None
 
+    def missing_within(self, max_bytes: int) -> tuple[int, int] | None:
+        """(start, end) of all missing parts within `max_bytes` of the first missing byte; None: the file is
+        complete."""
+        if not self._missing:
+            return None
+        start = self._missing[0][0]
+        last = bisect_right(self._missing, start + max_bytes - 1, key=lambda part: part[0]) - 1
+        return start, min(self._missing[last][1], start + max_bytes)
+
     @property
     def missing_count(self) -> int:
         """Number of missing parts."""

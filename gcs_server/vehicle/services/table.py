@@ -1,0 +1,9 @@
+"""The services of a vehicle that need nothing but the vehicle. A new MAVLink service is a file in this folder
+and a row here; routes reach it by `vehicle.service(LogService)`."""
+
+from __future__ import annotations
+
+from gcs_server.vehicle.services.camera import CameraService
+from gcs_server.vehicle.services.logs import LogService
+
+SERVICES = (CameraService, LogService)
