@@ -80,6 +80,8 @@ class OffboardPilot:
         self._ticks = 0
         self._segment: Segment | None = None
         self._holding_since_s: float | None = None
+        self._commanded: NavState | None = None
+        """The mode of the runner's last request; the vehicle itself changes to any other mode."""
         self.started_s: float | None = None
         self.ended = self.finished = False
         self.step: Step | None = None
@@ -172,7 +174,7 @@ class OffboardPilot:
         distance_m = estimate.height_above_ground_m
         return Reading(
             mode=MODE_NAMES[commander.active],
-            mode_source="failsafe" if commander.in_failsafe else "command",
+            mode_source=self._mode_source(),
             mode_text=None,
             armed=commander.armed,
             landed=LANDED[commander.landed_state()],
@@ -190,6 +192,12 @@ class OffboardPilot:
             stream=self._stream,
             progress=None if self._sampler is None else self._sampler.progress,
         )
+
+    def _mode_source(self) -> str:
+        commander = self._vehicle.autopilot.commander
+        if commander.in_failsafe:
+            return "failsafe"
+        return "command" if commander.active is self._commanded else "vehicle"
 
     def _position_ned_m(self, estimate: VehicleEstimate) -> Vector3 | None:
         """The vehicle's estimated position in the mission's local frame."""
@@ -210,7 +218,7 @@ class OffboardPilot:
         autopilot, commander = self._vehicle.autopilot, self._vehicle.autopilot.commander
         if isinstance(request, TakeOff):
             autopilot.navigator.request_takeoff(autopilot.view.estimate.alt_amsl_m + request.height_m)
-            if not (commander.set_mode(NavState.TAKEOFF) and commander.arm()):
+            if not (self._set_mode(NavState.TAKEOFF) and commander.arm()):
                 return self._vehicle.last_warning
         elif isinstance(request, StreamScript):
             if self._stream == "idle":
@@ -221,7 +229,7 @@ class OffboardPilot:
                 self._sampler.change_script(request.change)
         elif isinstance(request, SetMode):
             self._stop_stream()
-            if not commander.set_mode(MODES[request.mode]):
+            if not self._set_mode(MODES[request.mode]):
                 return self._vehicle.last_warning
         elif isinstance(request, StopStream):
             self._stop_stream()
@@ -231,6 +239,10 @@ class OffboardPilot:
         elif isinstance(request, ReleaseGimbal):
             autopilot.gimbal.set_pitch_yaw(int(Flag.NEUTRAL), 0.0, 0.0)
         return None
+
+    def _set_mode(self, mode: NavState) -> bool:
+        self._commanded = mode
+        return self._vehicle.autopilot.commander.set_mode(mode)
 
     # --- the stream --------------------------------------------------------------------------------
 
@@ -251,7 +263,7 @@ class OffboardPilot:
             setpoint = self._avoidance.apply(now_s, sampler, setpoint, position)
         send(autopilot.offboard, setpoint, self._start_ned_m)
         if is_starting and now_s - self._streaming_since_s >= STREAMED_BEFORE_S:
-            commander.set_mode(NavState.OFFBOARD)
+            self._set_mode(NavState.OFFBOARD)
             if commander.active is NavState.OFFBOARD:
                 sampler.restart_time(now_s)
                 self._stream = "flying"

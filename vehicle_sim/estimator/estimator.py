@@ -284,6 +284,9 @@ class Estimator:
         if gnss_due:
             aided = self._gnss.fuse(now_s, sensors, state, self._aligned)
             self._aided_at_s[aided] = now_s
+            if self._gnss.first_fix_late.any():
+                # PX4 learns the declination with the first fix and aligns the heading again.
+                self._magnetometer.reset_field(self._gnss.first_fix_late, now_s)
             state.gps_rejected[:] = self._gnss.rejected
             state.valid_position |= aided
             state.valid_velocity |= aided

@@ -1,6 +1,7 @@
 """Fusion of GNSS: PX4's quality checks (EKF2_REQ_*), gates, timeouts and resets.
 
-Fixes are used after the checks have passed for EKF2_REQ_GPS_H; after a later failure one second is enough.
+Fixes are first used after the checks have passed for EKF2_REQ_GPS_H, and after any failure, also before the
+first use, for at least one second.
 Position and velocity are each rejected as a whole if one axis is outside its gate. The estimate is reset to
 the fix after 7 s of rejected velocity and position, or after 14 s of rejected position alone. Fusion stops
 after 7 s without a good fix.
@@ -65,6 +66,9 @@ class Gnss:
         """(N,) EKF2_GPS_CTRL."""
         self._limits = np.zeros((count, len(_CHECKS)))
         self._first_required_s = np.zeros(count)
+        self._failed_since_start = np.zeros(count, dtype=np.bool_)
+        self.first_fix_late = np.zeros(count, dtype=np.bool_)
+        """(N,) whether the newest fix set the local origin, after earlier fixes had failed the checks."""
         self._noise = np.zeros((count, 2))
         self._gates = np.ones((count, 2))
         """(N, 2) for position and velocity, as in `_noise`."""
@@ -94,7 +98,7 @@ class Gnss:
 
     def reset(self, i: int, now_s: float) -> None:
         """Resets vehicle `i` when its estimator starts."""
-        self._passed_once[i] = False
+        self._passed_once[i] = self._failed_since_start[i] = False
         self._failed_at_s[i] = now_s
         self.test_ratio[i] = self.below_sigma[i] = 0.0
         for times in (
@@ -131,6 +135,7 @@ class Gnss:
         self._received_at_s[fresh] = now_s
         passed = self._check(now_s, sensors, fresh)
         no_origin = passed & np.isnan(state.origin_lat_deg)
+        np.logical_and(no_origin, self._failed_since_start, out=self.first_fix_late)
         if no_origin.any():
             state.origin_lat_deg[no_origin] = sensors.gps_lat_deg[no_origin]
             state.origin_lon_deg[no_origin] = sensors.gps_lon_deg[no_origin]
@@ -151,9 +156,13 @@ class Gnss:
             & (sensors.gps_speed_accuracy_m_s <= speed_accuracy)
         )
         np.copyto(self._fusion.gps_quality_bad, ~good, where=fresh)
-        self._failed_at_s[fresh & ~good] = now_s
+        failed = fresh & ~good
+        self._failed_at_s[failed] = now_s
+        self._failed_since_start |= failed
         self._first_passed_at_s[good & (now_s - self._passed_at_s > FIX_TIMEOUT_S)] = now_s
-        required_s = np.where(self._passed_once, RECHECK_S, self._first_required_s)
+        first_required_s = np.where(self._passed_once, 0.0, self._first_required_s)
+        recheck_s = np.where(self._failed_since_start, RECHECK_S, 0.0)
+        required_s = np.maximum(first_required_s, recheck_s)
         passed = good & (now_s - self._failed_at_s >= required_s)
         self._passed_once |= passed
         self._passed_at_s[passed] = now_s

@@ -156,7 +156,7 @@ class Magnetometer:
         self._choose_states(fresh)
         aligning = fresh & fusion.mag & above_anomalies & fusion.in_air & ~fusion.mag_aligned_in_flight
         if aligning.any():
-            self._reset_field(aligning, now_s)
+            self.reset_field(aligning, now_s)
         self._disturbed_at_s[fresh & disturbed] = now_s
         starting = fresh & ~fusion.mag & (now_s - self._disturbed_at_s > UNDISTURBED_S)
         starting &= self._type != TYPE_NONE
@@ -166,7 +166,7 @@ class Magnetometer:
         failing = fresh & fusion.mag & (now_s - self._fused_at_s > RESET_TIMEOUT_S + HORIZON_S)
         if failing.any():
             reset_allowed = ~(fusion.gnss_pos | fusion.gnss_vel) | fusion.vehicle_at_rest
-            self._reset_field(failing & reset_allowed, now_s)
+            self.reset_field(failing & reset_allowed, now_s)
             self._stop(failing & ~reset_allowed)
         settled = fusion.mag_aligned_in_flight & (now_s - self._aligned_at_s > GOOD_HEADING_AFTER_S)
         corrects_heading = fusion.mag_hdg | fusion.mag_3d
@@ -208,7 +208,7 @@ class Magnetometer:
         np.copyto(fusion.mag_hdg, consistent & ~corrects_all, where=fresh)
         np.copyto(fusion.mag_dec, fusion.mag & (~gnss_aided | fusion.vehicle_at_rest), where=fresh)
 
-    def _reset_field(self, mask: BoolArray, now_s: float) -> None:
+    def reset_field(self, mask: BoolArray, now_s: float) -> None:
         """Resets the heading, and an estimated field that differs from the known field.
 
         Without a heading reset, the bias becomes the difference between the measured and the known field.

@@ -72,7 +72,7 @@ def test_if_avoidance_finds_no_path_the_vehicle_stops_in_front_of_the_obstacle()
     wall = box_obstacle(ORIGIN, (12.0, 14.0), (-20.0, 20.0), 40.0, name="the wall")
     fence = (FencePolygon(inclusion=True, polygon=corridor),)
     document = mission_through_the_box("around", wall).model_copy(update={"fence": fence})
-    result = dry_run_among_obstacles(document, max_duration_s=21.0)
+    result = dry_run_among_obstacles(document, max_duration_s=25.0)
     codes = {each.code for each in result.findings}
     assert {"avoidance_stopped", "not_finished"} <= codes
     assert "obstacle_hit" not in codes

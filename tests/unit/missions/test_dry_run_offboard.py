@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from missions.dry_run.fleet import Fleet
 from missions.dry_run.offboard_plans import FlyableMission
 from missions.dry_run.result import DryRun, dry_run
 from missions.dry_run.setpoint_input import send
+from missions.dry_run.setup import Conditions
 from missions.dry_run.task import run
 from missions.geodesy import LocalOrigin
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
@@ -70,6 +73,18 @@ def test_a_fly_step_takes_its_planned_time(flight):
     fly_step = next(step for step in flight.steps if step.title == "North")
     planned = next(segment for segment in timeline.segments if segment.title == "North")
     assert fly_step.end_s - fly_step.start_s == pytest.approx(planned.duration_s, abs=0.5)
+
+
+def test_a_take_off_that_ends_off_its_planned_height_does_not_end_the_mission():
+    """The vehicle's altitude may drift before take-off; in a dry run, only the vehicle itself ends a take-off."""
+    take_off = mission("- {step: take_off, height_m: 2.5}\n- {step: hold, duration_s: 1}\n")
+    flyable = FlyableMission.from_mission(take_off, AIRCRAFT)
+    fleet = Fleet([AIRCRAFT], [Conditions()], seed=3)
+    pilot = replace(flyable, start_ned_m=(0.0, 0.0, 1.5)).make_pilot(fleet.vehicles[0])
+    while not pilot.runner.over and pilot.runner.state != "suspended" and fleet.time_s < 20.0:
+        fleet.tick()
+        pilot.tick(fleet.time_s)
+    assert (pilot.runner.state, pilot.runner.status(pilot.reading()).reason) == ("done", None)
 
 
 class SetpointRecorder:

@@ -12,6 +12,7 @@ from vehicle_sim.autopilot.sensor_watch import SensorWatch
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.estimator.barometer import Barometer
 from vehicle_sim.estimator.fusion import blank_fusion
+from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.faults import Driver
 from vehicle_sim.simulation import Simulation
@@ -73,6 +74,26 @@ def test_an_estimate_without_gps_reports_its_drift_and_is_invalid_after_five_sec
     assert sim.estimate.valid_position[NO_FIX]
     assert (sim.fusion.xy_reset_counter - resets).tolist() == [1, 0, 0, 0]
     assert np.abs(sim.estimate.position_ned_m[NO_FIX] - sim.truth.position_ned_m[NO_FIX])[:2].max() < 1.5
+
+
+FIX_AT_S = 3.0
+
+
+def test_a_first_fix_after_boot_is_used_after_one_second_and_aligns_the_heading_again():
+    sim = VehicleSim(2, links=(), seed=1)
+    fusion, texts = sim.simulation.fusion, []
+    sim.autopilots[0].announcer.add_listener(lambda item: texts.append(getattr(item, "text", "")))
+    sim.set_parameter(0, "SIM_GPS_USED", 3)
+    sim.step(FIX_AT_S)
+    assert "Preflight: GPS fix too low" in "".join(texts)
+    assert fusion.gnss_pos.tolist() == [False, True], "a healthy boot waits for EKF2_REQ_GPS_H only"
+    assert fusion.heading_reset_counter.tolist() == [0, 0]
+    sim.set_parameter(0, "SIM_GPS_USED", 10)
+    sim.step(1.0)
+    assert not fusion.gnss_pos[0], "used before a second without failures"
+    sim.step(0.4)
+    assert fusion.gnss_pos[0]
+    assert fusion.heading_reset_counter.tolist() == [1, 0]
 
 
 SMALL_BARO_STEP, LARGE_BARO_STEP, MAG_OFFSET_Y, MAG_OFFSET_X = range(4)
