@@ -32,7 +32,7 @@ DEFAULT_BOOT_TIME_UNIX_S = 1_790_000_000.0
 """Default UTC at boot; constant, so that runs are reproducible."""
 
 
-class VehicleSim:
+class SimulatedFleet:
     """A fleet of vehicles; only `step` advances its time.
 
     Args:
@@ -46,7 +46,7 @@ class VehicleSim:
         first_noise_number: number of the first vehicle in the seeds of noise and gusts
             (`first_vehicle` of `Simulation`); default: `first_instance`, so that a vehicle flies the same
             in any shard of a fleet.
-        home: global position of the first vehicle.
+        origin: global position of local NED (0, 0, 0), where the first vehicle starts.
         boot_time_unix_s: UTC at boot.
         sensor_noise: False: no sensor noise.
         start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
@@ -68,7 +68,7 @@ class VehicleSim:
         links: Sequence[tuple[str, str]] = (("gcs", "gcs"), ("api", "api")),
         seed: int = 0,
         first_noise_number: int | None = None,
-        home: SimulationOrigin | None = None,
+        origin: SimulationOrigin | None = None,
         boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
         sensor_noise: bool = True,
         start_ned_m: NDArray[np.float64] | None = None,
@@ -81,7 +81,7 @@ class VehicleSim:
         if stores is None:
             stores = [Parameters(parameters) for _ in range(count)]
         self.simulation = Simulation(
-            count, parameters=stores, seed=seed, home=home, sensor_noise=sensor_noise,
+            count, parameters=stores, seed=seed, origin=origin, sensor_noise=sensor_noise,
             start_ned_m=start_ned_m, yaw_ned_rad=start_yaw_ned_rad, world=world,
             first_vehicle=first_instance if first_noise_number is None else first_noise_number,
         )  # fmt: skip
@@ -90,30 +90,15 @@ class VehicleSim:
             Autopilot(VehicleView(self.simulation, row, boot_time_unix_s), arrays) for row in range(count)
         ]
         self._ticks = SteadyTicks(self.simulation, arrays)
-        if files is None:
-            files = [VehicleFiles(None, BUILT_IN) for _ in range(count)]
-        self.files = list(files)
+        self.files = list(files or [VehicleFiles(None, BUILT_IN) for _ in range(count)])
         recorders = Recorders(self.simulation) if log else None
         self.loggers: list[Logger] = []
         self._states: list[States] = []
         self._bridges: dict[int, Bridge] = {}
         """ROS 2 bridges of the vehicles that have a ROS 2 port, by row."""
         self.nodes: list[Node] = []
-        for row, (autopilot, vehicle_files) in enumerate(zip(self.autopilots, self.files, strict=True)):
-            states = States(autopilot, first_instance + row + 1)
-            self._states.append(states)
-            self.loggers.append(Logger(autopilot, states, vehicle_files, recorders))
-            node = Node(autopilot, first_instance + row + 1, vehicle_files, self.loggers[-1])
-            shell = Shell(
-                node.context, lambda params=node.params: params.unsaved, node.failures.inject,
-                self.loggers[-1], states,
-            )  # fmt: skip
-            node.open_console(shell.console)
-            self.nodes.append(node)
-            if camera:
-                self.nodes[-1].add_camera(
-                    Camera(autopilot.view, autopilot.gimbal, autopilot.home, vehicle_files)
-                )
+        for row in range(count):
+            self._add_node(row, first_instance + row + 1, recorders, camera=camera)
         self._logs = FleetLogs(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
         self._has_node_input = camera
@@ -127,6 +112,20 @@ class VehicleSim:
         self._script = ScriptRunner(script, self) if script is not None else None
         self._remainder_s = 0.0
         self._active_autopilots, self._active_nodes = list(self.autopilots), list(self.nodes)
+
+    def _add_node(self, row: int, system_id: int, recorders: Recorders | None, *, camera: bool) -> None:
+        """Adds what connects a vehicle's autopilot to the outside: log, MAVLink node, shell, camera."""
+        autopilot, files = self.autopilots[row], self.files[row]
+        states = States(autopilot, system_id)
+        logger = Logger(autopilot, states, files, recorders)
+        node = Node(autopilot, system_id, files, logger)
+        shell = Shell(node.context, lambda: node.params.unsaved, node.failures.inject, logger, states)
+        node.open_console(shell.console)
+        if camera:
+            node.add_camera(Camera(autopilot.view, autopilot.gimbal, autopilot.home, files))
+        self._states.append(states)
+        self.loggers.append(logger)
+        self.nodes.append(node)
 
     @property
     def time_s(self) -> float:

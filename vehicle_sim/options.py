@@ -201,15 +201,16 @@ def build_parser() -> argparse.ArgumentParser:
         help="battery charge at the start (default 100)")  # fmt: skip
     add("--script", type=_script, default=None, metavar="FILE",
         help="fault script: a YAML file of faults and their times")  # fmt: skip
-    add(
-        "--duration",
-        type=_seconds,
-        default=math.inf,
-        metavar="S",
-        help="end after this many simulated seconds",
-    )
+    add("--duration", type=_seconds, default=math.inf, metavar="S",
+        help="end after this many simulated seconds")  # fmt: skip
     add("--lockstep", action="store_true",
         help="time advances only up to the time_boot_ms of a client's SYSTEM_TIME")  # fmt: skip
+    _add_ports(parser)
+    _add_ros2(parser)
+    return parser
+
+
+def _add_ports(parser: argparse.ArgumentParser) -> None:
     ports = parser.add_argument_group("ports", "of instance 0; the next instance uses the next port")
     default_ports = Ports()
     ports.add_argument("--bind", default="127.0.0.1", metavar="ADDR", help="address to listen on")
@@ -223,6 +224,10 @@ def build_parser() -> argparse.ArgumentParser:
     ):
         port = getattr(default_ports, name.replace("-port", "").replace("-", "_"))
         ports.add_argument(f"--{name}", type=_port, default=port, metavar="P", help=f"{help_text} ({port})")
+    ports.add_argument("--no-api", action="store_true", help="no onboard link")
+
+
+def _add_ros2(parser: argparse.ArgumentParser) -> None:
     ros2 = parser.add_argument_group("ROS 2", "PX4's topics over DDS; needs the extra: pip install '.[ros2]'")
     ros2.add_argument("--ros2", type=_domain, nargs="?", const=0, default=None, metavar="DOMAIN",
         help="publish and subscribe PX4's topics in this DDS domain (without a number: 0)")  # fmt: skip
@@ -230,8 +235,6 @@ def build_parser() -> argparse.ArgumentParser:
         help="namespace before /fmu (default: none for instance 0, px4_N for instance N)")  # fmt: skip
     ros2.add_argument("--ros2-interface", default=None, metavar="NAME",
         help="network interface to use, with multicast (default: loopback, no multicast)")  # fmt: skip
-    ports.add_argument("--no-api", action="store_true", help="no onboard link")
-    return parser
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:

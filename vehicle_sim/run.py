@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vehicle_sim.fleet import DEFAULT_BOOT_TIME_UNIX_S, VehicleSim
+from vehicle_sim.fleet import DEFAULT_BOOT_TIME_UNIX_S, SimulatedFleet
 from vehicle_sim.mavlink.transports import TcpServer
 from vehicle_sim.options import WindOption, parse
 from vehicle_sim.parameters import Parameters
@@ -51,7 +51,9 @@ def _files(arguments: argparse.Namespace, shard: Shard) -> list[VehicleFiles]:
     ]
 
 
-def _set_wind_and_battery(fleet: VehicleSim, wind: WindOption | None, battery_percent: float | None) -> None:
+def _set_wind_and_battery(
+    fleet: SimulatedFleet, wind: WindOption | None, battery_percent: float | None
+) -> None:
     if wind is not None:
         fleet.simulation.set_wind(np.array([wind.north_m_s, wind.east_m_s, 0.0]))
         fleet.simulation.set_gusts(wind.gusts_m_s)
@@ -60,7 +62,7 @@ def _set_wind_and_battery(fleet: VehicleSim, wind: WindOption | None, battery_pe
             fleet.simulation.set_battery_remaining(row, battery_percent / 100.0)
 
 
-def _open_ros2(fleet: VehicleSim, first_instance: int, arguments: argparse.Namespace) -> bool:
+def _open_ros2(fleet: SimulatedFleet, first_instance: int, arguments: argparse.Namespace) -> bool:
     """Connects each vehicle to DDS. If this fails, prints the reason and returns False."""
     try:
         from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable
@@ -128,9 +130,9 @@ def run_shard(argv: Sequence[str], shard: Shard) -> int:
     boot_time_unix_s = (
         DEFAULT_BOOT_TIME_UNIX_S if arguments.lockstep else time.clock_gettime(time.CLOCK_REALTIME)
     )
-    fleet = VehicleSim(
+    fleet = SimulatedFleet(
         shard.count, first_instance=first_instance, stores=stores, files=_files(arguments, shard),
-        links=(), seed=arguments.seed, home=arguments.home, boot_time_unix_s=boot_time_unix_s,
+        links=(), seed=arguments.seed, origin=arguments.home, boot_time_unix_s=boot_time_unix_s,
         log=not arguments.no_log, world=arguments.world, script=arguments.script,
         camera=arguments.camera, start_ned_m=row_east(shard.count, shard.first),
     )  # fmt: skip

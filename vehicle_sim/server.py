@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.lockstep import Lockstep
 from vehicle_sim.mavlink.context import GCS_TIMEOUT_S
 from vehicle_sim.mavlink.transports import PortUnavailable, TcpServer, UdpTransport
@@ -60,7 +60,7 @@ class SimServer:
     """A fleet with its sockets; the server adds the links, so `fleet` must have no links."""
 
     def __init__(
-        self, fleet: VehicleSim, *, first_instance: int, ports: Ports, bind: str, gcs_host: str
+        self, fleet: SimulatedFleet, *, first_instance: int, ports: Ports, bind: str, gcs_host: str
     ) -> None:
         self.fleet = fleet
         self._selector = selectors.DefaultSelector()

@@ -71,7 +71,7 @@ class Simulation:
         seed: seed of sensor noise and gusts.
         first_vehicle: number of the first vehicle; noise and gusts of a vehicle depend only on seed and
             number.
-        home: global position of local NED (0, 0, 0).
+        origin: global position of local NED (0, 0, 0).
         start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
         yaw_ned_rad: (N,) start headings; default: north.
         wind_ned_m_s: (3,) or (N, 3) steady wind, which changes the drag.
@@ -89,7 +89,7 @@ class Simulation:
         parameters: Sequence[Parameters] | None = None,
         seed: int = 0,
         first_vehicle: int = 0,
-        home: SimulationOrigin | None = None,
+        origin: SimulationOrigin | None = None,
         start_ned_m: FloatArray | None = None,
         yaw_ned_rad: FloatArray | None = None,
         wind_ned_m_s: FloatArray | None = None,
@@ -103,7 +103,7 @@ class Simulation:
             raise ValueError(f"{len(stores)} parameter stores for {count} vehicles; give one each")
         self.count = count
         self.dt_s = STEP_S
-        self.home = home or SimulationOrigin()
+        self.origin = origin or SimulationOrigin()
         self.parameters: tuple[Parameters, ...] = tuple(stores)
         self.setpoints = Setpoints.idle(count)
         self.steps = 0
@@ -111,16 +111,16 @@ class Simulation:
         self.time_s = 0.0
         """Simulated time since boot."""
         self._estimates: list[VehicleEstimate] | None = None
-        self._start_ned_m = row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
-        self._start_yaw_rad = np.zeros(count) if yaw_ned_rad is None else np.array(yaw_ned_rad, dtype=float)
-        if self._start_ned_m.shape != (count, 3) or self._start_yaw_rad.shape != (count,):
+        start_ned_m = row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
+        start_yaw_rad = np.zeros(count) if yaw_ned_rad is None else np.array(yaw_ned_rad, dtype=float)
+        if start_ned_m.shape != (count, 3) or start_yaw_rad.shape != (count,):
             raise ValueError(f"start_ned_m must be ({count}, 3) and yaw_ned_rad ({count},)")
         self._bodies = RigidBodies(count, STEP_S)
         vehicle_numbers = range(first_vehicle, first_vehicle + count)
         self._wind = Wind(STEP_S * WIND_EVERY_STEPS, seed=seed, vehicles=vehicle_numbers)
         self._batteries = Batteries(count, STEP_S * BATTERY_EVERY_STEPS)
         self._sensors = SensorSuite(
-            STEP_S, self.home, seed=seed, vehicles=vehicle_numbers, noise=sensor_noise
+            STEP_S, self.origin, seed=seed, vehicles=vehicle_numbers, noise=sensor_noise
         )
         self._range_finder = RangeFinder(count)
         self._estimator = Estimator(count, STEP_S)
@@ -134,10 +134,10 @@ class Simulation:
         if wind_ned_m_s is not None:
             self.set_wind(wind_ned_m_s)
         if self._contact is not None:
-            self._bodies.ground_down_m[:] = self._contact.support_down_m(self._start_ned_m)
+            self._bodies.ground_down_m[:] = self._contact.support_down_m(start_ned_m)
         for i in range(count):
             self._apply_parameters(i)
-            self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
+            self._bodies.place(i, start_ned_m[i], float(start_yaw_rad[i]))
 
     @property
     def truth(self) -> TruthState:
@@ -247,21 +247,6 @@ class Simulation:
     def distances_around_m(self, i: int) -> FloatArray:
         """(72,) distances from vehicle `i`'s 360° lidar, clockwise from the nose (`World.lidars`)."""
         return self._lidar.around_m(self.steps, self._bodies.matrix)[i]
-
-    def reset_vehicle(self, i: int) -> None:
-        """Resets vehicle `i` as after a reboot: at rest at its start position, with a full battery."""
-        if self._contact is not None:
-            self._contact.reset(i)
-            self._bodies.ground_down_m[i] = self._contact.support_down_m(self._start_ned_m)[i]
-        self._bodies.place(i, self._start_ned_m[i], float(self._start_yaw_rad[i]))
-        self._estimator.reset(i)
-        self._estimates = None
-        self._cascade.reset(i)
-        self.motor_health[i] = 1.0
-        self._batteries.refill(i)
-        self.setpoints.clear(i)
-        self.setpoints.armed[i] = False
-        self.setpoints.level[i] = ControlLevel.DISARMED
 
     def set_battery_empty(self, i: int, empty: bool) -> None:
         """Sets the battery of vehicle `i` to the voltage of an empty battery, or back to normal."""

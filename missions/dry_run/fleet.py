@@ -13,7 +13,7 @@ from missions.geodesy import LocalOrigin
 from missions.values import HomePosition
 from vehicle_sim.autopilot.announcer import EVENTS, Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.simulation import SimulationOrigin
@@ -53,10 +53,10 @@ class Fleet:
         start_ned_m = np.array([_from_home(home, each.home) for each in aircraft])
         if world is not None:
             start_ned_m[:, 2] = -world.terrain.alt_home_m(start_ned_m[:, 0], start_ned_m[:, 1])
-        self.sim = VehicleSim(
+        self.sim = SimulatedFleet(
             len(conditions), links=(), seed=seed, first_noise_number=first,
             stores=[_parameters_for(*each) for each in zip(aircraft, conditions, strict=True)],
-            home=SimulationOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m),
+            origin=SimulationOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m),
             start_ned_m=start_ned_m,
             start_yaw_ned_rad=np.array([each.yaw_ned_rad for each in aircraft]), world=world,
         )  # fmt: skip

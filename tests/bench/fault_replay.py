@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.autopilot.announcer import Event, StatusText
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.frames import euler_of, rotation_matrix, wrap_pi
 from vehicle_sim.geodesy import to_global, to_local
 from vehicle_sim.mavlink.dialect import pack
@@ -55,13 +55,13 @@ STATION_IDS = 255, 190
 class _ScenarioPlayer:
     """Sends one vehicle the messages of its scenario and causes the faults."""
 
-    def __init__(self, sim: VehicleSim, row: int, scenario: Scenario) -> None:
+    def __init__(self, sim: SimulatedFleet, row: int, scenario: Scenario) -> None:
         self.sim, self.row, self.scenario = sim, row, scenario
         self._sequence = 0
         self._scheduled_calls: list[tuple[float, Callable[[], None]]] = []
         if scenario.flies:
             self._schedule(ARM_AT_S, self._command, ARM_DISARM, 1)
-            altitude_m = sim.simulation.home.alt_amsl_m + HEIGHT_M
+            altitude_m = sim.simulation.origin.alt_amsl_m + HEIGHT_M
             self._schedule(ARM_AT_S + 0.5, self._command, TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, altitude_m)
         if any(entry["fields"].get("command") == RETURN_TO_LAUNCH for entry in scenario.stimulus):
             self._schedule(OUTBOUND_AT_S, self._fly_north)
@@ -77,7 +77,7 @@ class _ScenarioPlayer:
 
     def _fly_north(self) -> None:
         """Flies 60 m north: the recorded vehicle returned to launch from there."""
-        home = self.sim.simulation.home
+        home = self.sim.simulation.origin
         lat, lon = to_global(np.asarray(OUTBOUND_M), np.asarray(0.0), home.lat_deg, home.lon_deg)
         self._command(DO_REPOSITION, -1.0, 1.0, 0.0, NAN, float(lat), float(lon), home.alt_amsl_m + HEIGHT_M)
 
@@ -148,7 +148,7 @@ class _ScenarioPlayer:
 class _FlightRecorder:
     """Records one vehicle's flight, by the names in the recordings."""
 
-    def __init__(self, sim: VehicleSim, row: int, scenario: Scenario) -> None:
+    def __init__(self, sim: SimulatedFleet, row: int, scenario: Scenario) -> None:
         self._sim, self._row = sim, row
         self._fault_at_s, self._ends_s = scenario.after_boot_s, scenario.ends_s
         self._previous_flags: dict[str, int] = {}
@@ -213,7 +213,7 @@ class _FlightRecorder:
     def _record_start(self) -> None:
         """Records the origin of the estimator's local frame and the vehicle's position, both in the world."""
         simulation, i = self._sim.simulation, self._row
-        estimate, home = simulation.estimate, simulation.home
+        estimate, home = simulation.estimate, simulation.origin
         north, east = to_local(
             np.asarray(home.lat_deg), np.asarray(home.lon_deg),
             estimate.origin_lat_deg[i], estimate.origin_lon_deg[i],
@@ -251,7 +251,7 @@ def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[FaultFlight]:
     """
     count = len(scenarios)
     stores = [Parameters(scenario.parameters) for scenario in scenarios]
-    sim = VehicleSim(
+    sim = SimulatedFleet(
         count, stores=stores, links=(("gcs", "gcs"),), seed=seed, start_ned_m=np.zeros((count, 3))
     )
     for node in sim.nodes:  # stops all streams, which nothing reads

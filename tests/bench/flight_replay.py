@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim import frames
 from vehicle_sim.autopilot.control_mode import PUBLISH_EVERY_S
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.parameters import Parameters
@@ -75,7 +75,7 @@ class _StimulusPlayer:
     """The ground station of one vehicle: prepares it and sends it the stimulus of one recording."""
 
     def __init__(
-        self, sim: VehicleSim, row: int, recording: Recording, hover_limits: tuple[float, float]
+        self, sim: SimulatedFleet, row: int, recording: Recording, hover_limits: tuple[float, float]
     ) -> None:
         self.sim = sim
         self.row = row
@@ -116,11 +116,11 @@ class _StimulusPlayer:
             "COMMAND_INT",
             {"command": DO_REPOSITION, "param1": -1.0, "param2": 1.0, "param4": yaw_rad,
              "x": round(lat_deg * 1e7), "y": round(lon_deg * 1e7),
-             "z": self.sim.simulation.home.alt_amsl_m + alt_m},
+             "z": self.sim.simulation.origin.alt_amsl_m + alt_m},
         )  # fmt: skip
 
     def _lat_lon(self, north_m: float, east_m: float) -> tuple[float, float]:
-        home = self.sim.simulation.home
+        home = self.sim.simulation.origin
         lat = home.lat_deg + math.degrees(north_m / 6371000.0)
         return lat, home.lon_deg + math.degrees(east_m / 6371000.0 / math.cos(math.radians(home.lat_deg)))
 
@@ -205,7 +205,7 @@ class _StimulusPlayer:
         self.command(ARM_DISARM, 1)
         yield from self._wait(0.1)
         self.command(
-            TAKEOFF, -1, 0, 0, NAN, NAN, NAN, self.sim.simulation.home.alt_amsl_m + max(2.5, height_m)
+            TAKEOFF, -1, 0, 0, NAN, NAN, NAN, self.sim.simulation.origin.alt_amsl_m + max(2.5, height_m)
         )
         yield from self._wait_until(lambda: self.mode == HOLD, "take-off")
         mode = int(recording.at("custom_mode", BEFORE_START_S))
@@ -264,7 +264,7 @@ class _StimulusPlayer:
             "COMMAND_INT",
             {"command": DO_ORBIT, "param1": radius_m, "param2": speed_m_s, "param3": behaviour, "param4": NAN,
              "x": round(lat_deg * 1e7), "y": round(lon_deg * 1e7),
-             "z": self.sim.simulation.home.alt_amsl_m + height_m},
+             "z": self.sim.simulation.origin.alt_amsl_m + height_m},
         )  # fmt: skip
         yield from self._wait(30.0)
         goal_rad = math.atan2(self.recording.at("y", 0.0) - centre_e, self.recording.at("x", 0.0) - centre_n)
@@ -309,9 +309,9 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
         Parameters({name: value for name, value in recording.parameters.items() if name in supported})
         for recording in recordings
     ]
-    sim = VehicleSim(
-        count, stores=stores, links=(("gcs", "gcs"),), home=SimulationOrigin(), sensor_noise=noise, seed=seed,
-        start_ned_m=np.zeros((count, 3)),
+    sim = SimulatedFleet(
+        count, stores=stores, links=(("gcs", "gcs"),), origin=SimulationOrigin(), sensor_noise=noise,
+        seed=seed, start_ned_m=np.zeros((count, 3)),
     )  # fmt: skip
     for row in range(count):
         _stop_streams(sim, row)
@@ -334,7 +334,7 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
     return {player.recording.name: log.replay_of(player) for player in players}
 
 
-def _stop_streams(sim: VehicleSim, row: int) -> None:
+def _stop_streams(sim: SimulatedFleet, row: int) -> None:
     """Stops all streams: nothing reads them, and they take most of the computing time."""
     for context_link in sim.nodes[row].context.links:
         for msg_id in context_link.streamed_ids():
@@ -349,7 +349,7 @@ LOGGED = (
 
 
 class _MotionLog:
-    def __init__(self, sim: VehicleSim) -> None:
+    def __init__(self, sim: SimulatedFleet) -> None:
         self._sim = sim
         self._times: list[float] = []
         self._rows: list[list[FloatArray]] = []

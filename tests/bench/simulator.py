@@ -43,10 +43,10 @@ print((time.process_time() - began) / steps)
 _WHOLE_SIMULATOR = """
 import sys, time
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 count, links, seconds = int(sys.argv[1]), sys.argv[2].split(","), float(sys.argv[3])
 links = [(name, name) for name in links if name]
-sim = VehicleSim(count, links=links, log=sys.argv[4] == "log")
+sim = SimulatedFleet(count, links=links, log=sys.argv[4] == "log")
 def fly(seconds):
     for _ in range(round(seconds / 0.02)):
         sim.step(0.02)

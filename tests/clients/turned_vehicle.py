@@ -10,7 +10,7 @@ import sys
 
 from vehicle_sim.autopilot.announcer import Event, StatusText
 from vehicle_sim.commands.sides import Side
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.frames import quaternion_from_euler
 from vehicle_sim.server import Ports, SimServer
 
@@ -19,7 +19,7 @@ SIDES = (Side.DOWN, Side.LEFT, Side.UP, Side.RIGHT, Side.FRONT, Side.BACK, Side.
 
 def run(port: int, speed: float) -> None:
     """Runs the vehicle on the ground and turns it to the next side when it reports a finished side."""
-    fleet = VehicleSim(links=())
+    fleet = SimulatedFleet(links=())
 
     def turn_to_next_side(message: StatusText | Event) -> None:
         for finished, next_side in itertools.pairwise(SIDES):

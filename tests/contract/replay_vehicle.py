@@ -14,7 +14,7 @@ from typing import Any
 from tests.contract.recordings import TELEMETRY, python_value
 from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
 from vehicle_sim.autopilot.health import CheckResults, send_report
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.storage.files import VehicleFiles
@@ -66,7 +66,7 @@ class Vehicle:
         self.parameters = parameters
         self.heartbeats = heartbeats
         files = [VehicleFiles(None, _files_of_the_recorded_build())]
-        self.sim = VehicleSim(first_instance=system_id - 1, parameters=parameters, files=files, log=log)
+        self.sim = SimulatedFleet(first_instance=system_id - 1, parameters=parameters, files=files, log=log)
         self.system_id = system_id
         self.autopilot = self.sim.autopilots[0]
         self.commander = self.autopilot.commander

@@ -21,6 +21,7 @@ from tests.contract.replay_vehicle import (
     TAKEOFF,
     Vehicle,
 )
+from tests.support.estimator_restart import restart_estimator
 
 HOME_LAT_E7, HOME_LON_E7 = 473977423, 85455936
 PREFLIGHT_CALIBRATION = 241
@@ -122,7 +123,7 @@ def _turn_onto_its_side(vehicle: Vehicle, _: Dialogue) -> None:
     q_component = math.sqrt(0.5)
     vehicle.sim.simulation.set_attitude_if_disarmed(0, (q_component, q_component, 0.0, 0.0))
     # Restart the estimator, because the turn takes no simulated time.
-    vehicle.sim.simulation._estimator.reset(0)
+    restart_estimator(vehicle.sim.simulation)
     vehicle.run(10.0)
 
 

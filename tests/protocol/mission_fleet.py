@@ -20,7 +20,7 @@ from tests.protocol.simulated_testbed import SimulatedTestbed, until
 from tests.support.mission_steps import mission_for_two, mission_with_lists, slope
 from tests.support.snapshot import snapshot
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import frame_v2
 
@@ -57,11 +57,11 @@ BOOT_TIMEOUT_S, CLIMB_TIMEOUT_S = 30.0, 30.0
 
 
 @functools.cache
-def _hovering_vehicles(kinds: tuple[str, ...]) -> VehicleSim:
+def _hovering_vehicles(kinds: tuple[str, ...]) -> SimulatedFleet:
     """Vehicles that hover, except the vehicle whose step is the take-off."""
     start_ned_m = np.zeros((len(kinds), 3))
     start_ned_m[:, 1] = SPACING_M * np.arange(len(kinds))
-    sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=start_ned_m, camera=True)
+    sim = SimulatedFleet(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=start_ned_m, camera=True)
     airborne_rows = [row for row, kind in enumerate(kinds) if kind != KIND_ON_GROUND]
     commanders = [autopilot.commander for autopilot in sim.autopilots]
     _step_until(sim, BOOT_TIMEOUT_S, lambda: all(c.report.armable(NavState.TAKEOFF) for c in commanders))
@@ -78,7 +78,7 @@ def _hovering_vehicles(kinds: tuple[str, ...]) -> VehicleSim:
     return sim
 
 
-def _step_until(sim: VehicleSim, within_s: float, condition: Callable[[], bool]) -> None:
+def _step_until(sim: SimulatedFleet, within_s: float, condition: Callable[[], bool]) -> None:
     end_s = sim.time_s + within_s
     sim.step(1.0)
     while not condition():

@@ -19,7 +19,7 @@ from missions.setpoints import Setpoint
 from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.simulated_testbed import TICK_S, SimulatedVehicles
 from tests.support.memory_link import MemoryLink
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 
 NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
 """Without time synchronization, the vehicle publishes on ROS 2 from 1.3 s after its boot instead of 6.4 s."""
@@ -143,7 +143,7 @@ class Ros2Testbed(SimulatedVehicles):
     def __init__(self, count: int = 1, *, mavlink: bool = False) -> None:
         super().__init__()
         links = (("gcs", "gcs"),) if mavlink else ()
-        self.sim = VehicleSim(count, links=links, parameters=NO_TIME_SYNC, seed=3)
+        self.sim = SimulatedFleet(count, links=links, parameters=NO_TIME_SYNC, seed=3)
         self.topics = [VehicleTopics() for _ in range(count)]
         self.ros2 = MemoryRos2Link(self._command)
         self._vehicles = [VehicleLink(f"px4_{row}", topics, 255) for row, topics in enumerate(self.topics)]

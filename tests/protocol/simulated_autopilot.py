@@ -6,7 +6,7 @@ import asyncio
 import random
 from typing import Any
 
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 
 STEP_S = 0.02
 
@@ -21,7 +21,7 @@ class SimulatedAutopilot:
     def __init__(self, link: Any, *, peer: str = "peer", loss: float = 0.0, seed: int = 0, **options: Any):
         self.link, self.peer, self.loss = link, peer, loss
         self.random = random.Random(seed)
-        self.sim = VehicleSim(1, links=(("gcs", "gcs"),), **options)
+        self.sim = SimulatedFleet(1, links=(("gcs", "gcs"),), **options)
         self.loop = asyncio.get_running_loop()
         self.received_frames: list[bytes] = []
         self.alive = True

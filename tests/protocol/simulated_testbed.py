@@ -10,7 +10,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.offboard_testbed import OffboardTestbed
 from tests.support.memory_link import MemoryLink
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 
 TICK_S = 0.02
 
@@ -49,7 +49,7 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
         parameters: dict[str, float] | None = None,
         *,
         seed: int = 3,
-        sim: VehicleSim | None = None,
+        sim: SimulatedFleet | None = None,
         camera: bool = False,
     ) -> None:
         super().__init__()
@@ -57,7 +57,7 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
         self.loss = self.loss_to_vehicle = 0.0
         """The share of packets lost, in each direction and only to the vehicle; may be changed in flight."""
         self._random = random.Random(seed)
-        self.sim = sim or VehicleSim(count, links=links, parameters=parameters, seed=seed, camera=camera)
+        self.sim = sim or SimulatedFleet(count, links=links, parameters=parameters, seed=seed, camera=camera)
         self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feed_function(row)) for row in range(count)]
         for link in self._links:
             self.router.add(link)

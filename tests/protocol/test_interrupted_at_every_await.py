@@ -243,6 +243,52 @@ def is_moving(message):
     return command in (TAKEOFF_COMMAND, DO_REPOSITION)
 
 
+def record_streams(streams, sent):
+    """Records the begin of each setpoint stream."""
+    for name in ("begin", "watch"):
+        method = getattr(streams, name)
+
+        def recorded(*args, name=name, method=method):
+            sent.append(name)
+            return method(*args)
+
+        setattr(streams, name, recorded)
+
+
+def add_autopilot(testbed, number, seed, sent):
+    """Adds a vehicle, and records the frames that it receives and that move it."""
+    link = testbed.link(f"link{number}")
+    autopilot = Autopilot(link, peer=f"peer{number}", system=number, uid=number, seed=seed)
+    link.autopilots[autopilot.peer] = autopilot
+    receive, parser = autopilot.receive, sim.MAVLink(None)
+
+    def received(data):
+        sent.extend(m for m in parser.parse_buffer(data) or [] if is_moving(m))
+        receive(data)
+
+    autopilot.receive = received
+    autopilot.position[1] += (number - 1) * 4e-4
+    autopilot.home = tuple(autopilot.position)
+    return autopilot
+
+
+def problem_of(rig, interruption, outcome, sent, marks):
+    """What was wrong after the interruption; None: nothing."""
+    autopilot = rig.autopilots["1"]
+    ends_disarmed = not autopilot.armed and interruption != "vehicle removed"
+    if ends_disarmed and autopilot.mode in (TAKEOFF_MODE, MISSION_MODE):
+        return "the disarmed vehicle stays in a mode in which the next arming starts a flight"
+    failed = isinstance(outcome, BaseException)
+    if failed and not isinstance(outcome, GcsError):
+        return f"the caller got {outcome!r}"
+    if marks.answered is None or (marks.was_answered and interruption not in ENDS_A_FLIGHT):
+        return None
+    if not failed and not marks.was_answered and marks.answered == 0:
+        return "nothing was sent, but the command was answered as done"
+    late = sent[marks.answered :]
+    return f"sent after the answer: {[str(each)[:90] for each in late]}" if late else None
+
+
 def run_case(command, interruption, step, seed):
     """Runs a command and, directly before one of its steps, an interruption; returns the number of steps."""
     flying, prepare, call = COMMANDS[command]
@@ -251,32 +297,12 @@ def run_case(command, interruption, step, seed):
     async def scenario(loop):
         testbed = OffboardTestbed()
         testbed.may_have_faults = True
-        sent, autopilots = [], {}
-        streams = testbed.streamer._streams
-        for name in ("begin", "watch"):
-            method = getattr(streams, name)
-
-            def recorded(*args, name=name, method=method):
-                sent.append(name)
-                return method(*args)
-
-            setattr(streams, name, recorded)
-        for number in (1, 2):
-            link = testbed.link(f"link{number}")
-            autopilot = Autopilot(link, peer=f"peer{number}", system=number, uid=number, seed=seed)
-            link.autopilots[autopilot.peer] = autopilot
-            receive = autopilot.receive
-
-            def received(data, receive=receive, parser=sim.MAVLink(None)):  # noqa: B008
-                sent.extend(m for m in parser.parse_buffer(data) or [] if is_moving(m))
-                receive(data)
-
-            autopilot.receive = received
-            autopilot.position[1] += (number - 1) * 4e-4
-            autopilot.home = tuple(autopilot.position)
-            if flying:
+        sent = []
+        record_streams(testbed.streamer._streams, sent)
+        autopilots = {str(number): add_autopilot(testbed, number, seed, sent) for number in (1, 2)}
+        if flying:
+            for autopilot in autopilots.values():
                 autopilot.set_hovering()
-            autopilots[str(number)] = autopilot
         try:
             for vehicle_id in autopilots:
                 await testbed.wait_for_vehicle(vehicle_id)
@@ -302,7 +328,7 @@ def run_case(command, interruption, step, seed):
             return await call(rig)
 
         answers = []
-        marks = SimpleNamespace(accepted=None, answered=None, was_answered=False)
+        marks = SimpleNamespace(answered=None, was_answered=False)
         del sent[:]
 
         async def interrupt():
@@ -322,18 +348,7 @@ def run_case(command, interruption, step, seed):
             assert not isinstance(outcome, BaseException), outcome
             return
         await sleep(SETTLE_S)
-        applies = not marks.was_answered or interruption in ENDS_A_FLIGHT
-        if marks.answered is not None and applies:
-            late = sent[marks.answered :]
-            if late:
-                result.problem = f"sent after the answer: {[str(each)[:90] for each in late]}"
-            if not isinstance(outcome, BaseException) and not marks.was_answered and marks.answered == 0:
-                result.problem = "nothing was sent, but the command was answered as done"
-        if isinstance(outcome, BaseException) and not isinstance(outcome, GcsError):
-            result.problem = f"the caller got {outcome!r}"
-        ends_disarmed = not rig.autopilots["1"].armed and interruption != "vehicle removed"
-        if ends_disarmed and rig.autopilots["1"].mode in (TAKEOFF_MODE, MISSION_MODE):
-            result.problem = "the disarmed vehicle stays in a mode in which the next arming starts a flight"
+        result.problem = problem_of(rig, interruption, outcome, sent, marks)
 
     run_interleaved(scenario)
     return result

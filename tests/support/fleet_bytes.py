@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.simulation import row_east
@@ -23,9 +23,9 @@ ARM, TAKEOFF = 400, 22
 def digests(first: int, count: int, seconds: float, seed: int = 11) -> dict[int, str]:
     """Flies instances `first` to `first + count - 1`; returns for each instance a digest of all bytes on both
     links."""
-    sim = VehicleSim(count, first_instance=first, seed=seed, start_ned_m=row_east(count, first))
+    sim = SimulatedFleet(count, first_instance=first, seed=seed, start_ned_m=row_east(count, first))
     hashes = {first + row: hashlib.sha256() for row in range(count)}
-    target_amsl_m = sim.simulation.home.alt_amsl_m + 10.0
+    target_amsl_m = sim.simulation.origin.alt_amsl_m + 10.0
     steps = round(seconds / TICK_S)
     for step in range(steps):
         for row in range(count):
@@ -41,7 +41,7 @@ def digests(first: int, count: int, seconds: float, seed: int = 11) -> dict[int,
     return {instance: digest.hexdigest() for instance, digest in hashes.items()}
 
 
-def _command(sim: VehicleSim, row: int, command_id: int, *parameters: float) -> None:
+def _command(sim: SimulatedFleet, row: int, command_id: int, *parameters: float) -> None:
     values = {f"param{n + 1}": value for n, value in enumerate(parameters)}
     target = {"target_system": sim.nodes[row].system_id, "target_component": 1}
     layout, payload = pack("COMMAND_LONG", command=command_id, **target, **values)

@@ -205,7 +205,7 @@ def fly_with_random_faults(count: int, seed: int, seconds: float) -> list[FaultF
 
 def _origin(sim: Simulation, row: int) -> np.ndarray:
     """(3,) vector from the world's origin to the origin of the estimate."""
-    estimate, home = sim.estimate, sim.home
+    estimate, home = sim.estimate, sim.origin
     north, east = to_local(
         estimate.origin_lat_deg[row], estimate.origin_lon_deg[row],
         np.asarray(home.lat_deg), np.asarray(home.lon_deg),

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 
 READY_WITHIN_S = 40.0
 
 
-def row_of_ready_vehicles(count: int, apart_m: float) -> VehicleSim:
+def row_of_ready_vehicles(count: int, apart_m: float) -> SimulatedFleet:
     """Vehicles 1, 2, …, each `apart_m` east of the previous one; the bytes of their start are discarded.
 
     Raises:
@@ -18,7 +18,7 @@ def row_of_ready_vehicles(count: int, apart_m: float) -> VehicleSim:
     """
     positions_ned_m = np.zeros((count, 3))
     positions_ned_m[:, 1] = apart_m * np.arange(count)
-    sim = VehicleSim(count, links=(("gcs", "gcs"),), seed=3, start_ned_m=positions_ned_m)
+    sim = SimulatedFleet(count, links=(("gcs", "gcs"),), seed=3, start_ned_m=positions_ned_m)
     while not all(autopilot.commander.report.armable(NavState.TAKEOFF) for autopilot in sim.autopilots):
         assert sim.time_s < READY_WITHIN_S
         sim.step(0.5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.ros2.messages import MESSAGES
 from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQUEST
 
@@ -33,7 +33,7 @@ class Ros2Vehicle:
         **options: Any,
     ) -> None:
         options = {"sensor_noise": False, "links": ()} | options
-        self.sim = VehicleSim(1, parameters=parameters, **options)
+        self.sim = SimulatedFleet(1, parameters=parameters, **options)
         self.received_messages: list[tuple[float, str, dict[str, Any]]] = []
         self.reports: list[str] = []
         self._inbox: list[tuple[str, bytes]] = []

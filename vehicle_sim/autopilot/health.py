@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,6 +38,15 @@ GPS_PROBLEMS = {
     "fix": ("check_estimator_gps_fix_too_low", "Preflight: GPS fix too low"),
     "satellites": ("check_estimator_gps_num_sats_too_low", "Preflight: not enough GPS Satellites"),
 }
+FENCE_EVENTS = {
+    Breach.DISTANCE: (
+        "check_gf_violation_max_hor_dist", "Geofence violation: exceeding maximum distance to Home"
+    ),
+    Breach.ALTITUDE: (
+        "check_gf_violation_max_alt", "Geofence violation: exceeding maximum altitude above Home"
+    ),
+    Breach.ZONE: ("check_gf_violation_custom_gf", "Geofence violation: approaching or outside geofence"),
+}  # fmt: skip
 HEALTH_EVENTS = frozenset(
     {
         "check_baro_no_data",
@@ -161,101 +171,12 @@ class CheckResults:
 
 def run_checks(inputs: CheckInputs) -> CheckResults:
     """Runs all checks; the findings are in PX4's order."""
-    findings: list[Finding] = []
     requirements = inputs.external.requirements
-
-    def add(event: str, modes: int, component: int, arming: int | None = None, running: int | None = None,
-            text: str = "") -> None:  # fmt: skip
-        """Adds a finding; `arming` and `running` are the blocked modes, None: all of `modes`."""
-        findings.append(
-            Finding(event, modes, component, modes if arming is None else arming,
-                    modes if running is None else running, text)
-        )  # fmt: skip
-
-    def add_uncalibrated(sensor: str, component: int, label: str) -> None:
-        if sensor in inputs.uncalibrated:
-            findings.append(
-                Finding(f"check_{sensor}_not_calibrated", EVERY_MODE, component, EVERY_MODE, 0,
-                        f"Preflight Fail: {label} 0 uncalibrated", byte_arguments=(0,))
-            )  # fmt: skip
-
-    add_uncalibrated("accel", COMPONENT_ACCELEROMETER, "Accel")
-    if inputs.load_limited:
-        add("check_missing_cpuload", EVERY_MODE, COMPONENT_SYSTEM, running=0,
-            text="Preflight Fail: No CPU and RAM load information")  # fmt: skip
-    for number in range(inputs.distance_sensors, inputs.distance_sensors_required):
-        text = f"Preflight Fail: distance sensor {number} missing"
-        findings.append(
-            Finding("check_distance_sensor_missing", EVERY_MODE, COMPONENT_DISTANCE_SENSOR, EVERY_MODE, 0,
-                    text, byte_arguments=(number,))
-        )  # fmt: skip
-    add_uncalibrated("gyro", COMPONENT_GYRO, "Gyro")
-    if inputs.compasses_required:
-        add_uncalibrated("mag", COMPONENT_MAGNETOMETER, "Compass")
-    if inputs.compasses_required > COMPASS_COUNT:
-        required = inputs.compasses_required
-        text = f"Preflight Fail: Found {COMPASS_COUNT} compass (required: {required})"
-        findings.append(
-            Finding("check_mag_sys_has_mag_missing", EVERY_MODE, COMPONENT_MAGNETOMETER, EVERY_MODE, 0, text,
-                    byte_arguments=(COMPASS_COUNT, required))
-        )  # fmt: skip
-    if inputs.optical_flow_required:
-        add("check_optical_sensor_missing", EVERY_MODE, COMPONENT_OPTICAL_FLOW, running=0,
-            text="Preflight Fail: optical flow sensor missing")  # fmt: skip
-    if inputs.baro_timeout:
-        text = "Preflight Fail: No valid data from Baro 0"
-        findings.append(
-            Finding("check_baro_no_data", EVERY_MODE, COMPONENT_ABSOLUTE_PRESSURE, EVERY_MODE, 0, text,
-                    byte_arguments=(0,))
-        )  # fmt: skip
-    if inputs.gps_problem:
-        event, text = GPS_PROBLEMS[inputs.gps_problem]
-        findings.append(
-            Finding(event, _local_position_modes(requirements), COMPONENT_GPS, 0, 0, text, WARNING,
-                    warns=True)
-        )  # fmt: skip
-    findings += _failure_findings(inputs)
-    findings += _external_findings(inputs)
-    if requirements.prevent_arming >> inputs.mode & 1 and not inputs.armed and not inputs.terminated:
-        add("check_modes_cannot_takeoff", requirements.prevent_arming, COMPONENT_SYSTEM, running=0)
-    if is_external(inputs.mode) and not inputs.external.registered >> inputs.mode & 1:
-        add("check_external_modes_unavailable", 1 << inputs.mode, COMPONENT_SYSTEM)
-    if not inputs.valid_local_position:
-        add("check_modes_local_pos", _local_position_modes(requirements), COMPONENT_LOCAL_POSITION)
-    if not inputs.valid_global_position:
-        add("check_modes_global_pos", requirements.global_position | requirements.home_position,
-            COMPONENT_GLOBAL_POSITION)  # fmt: skip
-    if not inputs.has_mission:
-        add("check_modes_mission", EVERY_MODE if inputs.mission_required else requirements.mission,
-            COMPONENT_SYSTEM, running=requirements.mission)  # fmt: skip
-    if not inputs.offboard_signal:
-        add("check_modes_offboard_signal", 1 << NavState.OFFBOARD, COMPONENT_SYSTEM)
-    if not inputs.manual_control:
-        add("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, requirements.manual_control,
-            requirements.manual_control)  # fmt: skip
-    if inputs.terminated:
-        add("check_system_flight_term_active", EVERY_MODE, COMPONENT_SYSTEM, running=0,
-            text="Preflight Fail: Flight termination active")  # fmt: skip
-    if inputs.gcs_missing:
-        add("check_rc_dl_no_dllink", EVERY_MODE, COMPONENT_REMOTE_LINK, running=0)
-    if inputs.open_drone_id:
-        prevents_arming = inputs.open_drone_id >= 2
-        modes, severity = (EVERY_MODE, 2) if prevents_arming else (0, 4)
-        text = "Preflight Fail: Open Drone ID system missing"
-        findings.append(
-            Finding("check_open_drone_id_missing", modes, COMPONENT_OPEN_DRONE_ID, modes, 0, text, severity,
-                    warns=not prevents_arming)
-        )  # fmt: skip
-    if inputs.parachute_required:
-        add("check_parachute_missing", EVERY_MODE, COMPONENT_PARACHUTE, running=0,
-            text="Preflight Fail: parachute system missing")  # fmt: skip
-    findings += _limit_findings(inputs)
-    if inputs.battery_warning == 1:
-        add("check_battery_low", EVERY_MODE, COMPONENT_BATTERY, 0, 0)
-    elif inputs.battery_warning == 2:
-        add("check_battery_critical", EVERY_MODE, COMPONENT_BATTERY, running=0)
-    elif inputs.battery_warning >= 3:
-        add("check_battery_emergency", EVERY_MODE, COMPONENT_BATTERY, running=0)
+    findings = (
+        *_sensor_findings(inputs), *_failure_findings(inputs), *_external_findings(inputs),
+        *_mode_findings(inputs), *_system_findings(inputs), *_limit_findings(inputs),
+        *_battery_findings(inputs),
+    )  # fmt: skip
     can_arm = can_run = EVERY_MODE & ~requirements.other
     can_arm &= ~inputs.external.not_armable
     for finding in findings:
@@ -272,69 +193,134 @@ def run_checks(inputs: CheckInputs) -> CheckResults:
         present &= ~MAG_PRESENT
     if not inputs.logging:
         present &= ~LOGGING_PRESENT
-    return CheckResults(tuple(findings), can_arm, can_run, present, requirements)
+    return CheckResults(findings, can_arm, can_run, present, requirements)
+
+
+def _arming_blocker(event: str, component: int, text: str = "", *byte_arguments: int) -> Finding:
+    """A finding that prevents arming in every mode, but lets all modes run."""
+    return Finding(event, EVERY_MODE, component, EVERY_MODE, 0, text, byte_arguments=byte_arguments)
+
+
+def _mode_blocker(event: str, modes: int, component: int = COMPONENT_SYSTEM) -> Finding:
+    """A finding that prevents these modes."""
+    return Finding(event, modes, component, modes, modes)
 
 
 def _local_position_modes(requirements: Requirements) -> int:
     return requirements.local_position | requirements.local_position_relaxed
 
 
-def _external_findings(inputs: CheckInputs) -> list[Finding]:
-    """Findings about external components."""
-    external = inputs.external
-    findings = [
-        Finding("", modes, COMPONENT_SYSTEM, external=event, warns=True) for modes, event in external.events
-    ]
-    if external.unresponsive:
-        findings.append(
-            Finding("check_external_modes_unresponsive", external.unresponsive, COMPONENT_SYSTEM,
-                    external.unresponsive, external.unresponsive)
+def _sensor_findings(inputs: CheckInputs) -> Iterator[Finding]:
+    def uncalibrated(sensor: str, component: int, label: str) -> Iterator[Finding]:
+        if sensor in inputs.uncalibrated:
+            text = f"Preflight Fail: {label} 0 uncalibrated"
+            yield _arming_blocker(f"check_{sensor}_not_calibrated", component, text, 0)
+
+    yield from uncalibrated("accel", COMPONENT_ACCELEROMETER, "Accel")
+    if inputs.load_limited:
+        text = "Preflight Fail: No CPU and RAM load information"
+        yield _arming_blocker("check_missing_cpuload", COMPONENT_SYSTEM, text)
+    for number in range(inputs.distance_sensors, inputs.distance_sensors_required):
+        text = f"Preflight Fail: distance sensor {number} missing"
+        yield _arming_blocker("check_distance_sensor_missing", COMPONENT_DISTANCE_SENSOR, text, number)
+    yield from uncalibrated("gyro", COMPONENT_GYRO, "Gyro")
+    required = inputs.compasses_required
+    if required:
+        yield from uncalibrated("mag", COMPONENT_MAGNETOMETER, "Compass")
+    if required > COMPASS_COUNT:
+        yield _arming_blocker(
+            "check_mag_sys_has_mag_missing", COMPONENT_MAGNETOMETER,
+            f"Preflight Fail: Found {COMPASS_COUNT} compass (required: {required})", COMPASS_COUNT, required,
         )  # fmt: skip
-    return findings
+    if inputs.optical_flow_required:
+        text = "Preflight Fail: optical flow sensor missing"
+        yield _arming_blocker("check_optical_sensor_missing", COMPONENT_OPTICAL_FLOW, text)
+    if inputs.baro_timeout:
+        text = "Preflight Fail: No valid data from Baro 0"
+        yield _arming_blocker("check_baro_no_data", COMPONENT_ABSOLUTE_PRESSURE, text, 0)
+    if inputs.gps_problem:
+        event, text = GPS_PROBLEMS[inputs.gps_problem]
+        modes = _local_position_modes(inputs.external.requirements)
+        yield Finding(event, modes, COMPONENT_GPS, 0, 0, text, WARNING, warns=True)
 
 
-FENCE_EVENTS = {
-    Breach.DISTANCE: (
-        "check_gf_violation_max_hor_dist", "Geofence violation: exceeding maximum distance to Home"
-    ),
-    Breach.ALTITUDE: (
-        "check_gf_violation_max_alt", "Geofence violation: exceeding maximum altitude above Home"
-    ),
-    Breach.ZONE: ("check_gf_violation_custom_gf", "Geofence violation: approaching or outside geofence"),
-}  # fmt: skip
-
-
-def _arming_blocker(event: str, component: int, text: str) -> Finding:
-    """A finding that prevents arming in every mode, but lets all modes run."""
-    return Finding(event, EVERY_MODE, component, EVERY_MODE, 0, text)
-
-
-def _failure_findings(inputs: CheckInputs) -> list[Finding]:
+def _failure_findings(inputs: CheckInputs) -> Iterator[Finding]:
     """Findings of the failure detector."""
-    failures: list[tuple[str, int, str]] = []
-    if inputs.roll_failure:
-        text = "Preflight Fail: Attitude failure (roll)"
-        failures.append(("check_failure_detector_roll", COMPONENT_SYSTEM, text))
-    if inputs.pitch_failure:
-        text = "Preflight Fail: Attitude failure (pitch)"
-        failures.append(("check_failure_detector_pitch", COMPONENT_SYSTEM, text))
-    return [_arming_blocker(*each) for each in failures]
+    for axis, failed in (("roll", inputs.roll_failure), ("pitch", inputs.pitch_failure)):
+        if failed:
+            text = f"Preflight Fail: Attitude failure ({axis})"
+            yield _arming_blocker(f"check_failure_detector_{axis}", COMPONENT_SYSTEM, text)
 
 
-def _limit_findings(inputs: CheckInputs) -> list[Finding]:
+def _external_findings(inputs: CheckInputs) -> Iterator[Finding]:
+    """Findings about external components."""
+    for modes, event in inputs.external.events:
+        yield Finding("", modes, COMPONENT_SYSTEM, external=event, warns=True)
+    if inputs.external.unresponsive:
+        yield _mode_blocker("check_external_modes_unresponsive", inputs.external.unresponsive)
+
+
+def _mode_findings(inputs: CheckInputs) -> Iterator[Finding]:
+    """Requirements of the modes that are not met."""
+    requirements, mode = inputs.external.requirements, inputs.mode
+    no_takeoff = requirements.prevent_arming
+    if no_takeoff >> mode & 1 and not inputs.armed and not inputs.terminated:
+        yield Finding("check_modes_cannot_takeoff", no_takeoff, COMPONENT_SYSTEM, no_takeoff)
+    if is_external(mode) and not inputs.external.registered >> mode & 1:
+        yield _mode_blocker("check_external_modes_unavailable", 1 << mode)
+    if not inputs.valid_local_position:
+        modes = _local_position_modes(requirements)
+        yield _mode_blocker("check_modes_local_pos", modes, COMPONENT_LOCAL_POSITION)
+    if not inputs.valid_global_position:
+        modes = requirements.global_position | requirements.home_position
+        yield _mode_blocker("check_modes_global_pos", modes, COMPONENT_GLOBAL_POSITION)
+    if not inputs.has_mission:
+        modes = EVERY_MODE if inputs.mission_required else requirements.mission
+        yield Finding("check_modes_mission", modes, COMPONENT_SYSTEM, modes, requirements.mission)
+    if not inputs.offboard_signal:
+        yield _mode_blocker("check_modes_offboard_signal", 1 << NavState.OFFBOARD)
+    if not inputs.manual_control:
+        modes = requirements.manual_control
+        yield Finding("check_modes_manual_control", EVERY_MODE, COMPONENT_REMOTE, modes, modes)
+
+
+def _system_findings(inputs: CheckInputs) -> Iterator[Finding]:
+    if inputs.terminated:
+        text = "Preflight Fail: Flight termination active"
+        yield _arming_blocker("check_system_flight_term_active", COMPONENT_SYSTEM, text)
+    if inputs.gcs_missing:
+        yield _arming_blocker("check_rc_dl_no_dllink", COMPONENT_REMOTE_LINK)
+    if inputs.open_drone_id:
+        prevents_arming = inputs.open_drone_id >= 2
+        modes, severity = (EVERY_MODE, 2) if prevents_arming else (0, 4)
+        text = "Preflight Fail: Open Drone ID system missing"
+        yield Finding("check_open_drone_id_missing", modes, COMPONENT_OPEN_DRONE_ID, modes, 0, text, severity,
+                      warns=not prevents_arming)  # fmt: skip
+    if inputs.parachute_required:
+        text = "Preflight Fail: parachute system missing"
+        yield _arming_blocker("check_parachute_missing", COMPONENT_PARACHUTE, text)
+
+
+def _limit_findings(inputs: CheckInputs) -> Iterator[Finding]:
     """Findings about exceeded limits: fence, flight time, wind."""
-    findings = [_arming_blocker(FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1])
-              for breach in Breach if breach in inputs.fence_breaches]  # fmt: skip
+    for breach in Breach:
+        if breach in inputs.fence_breaches:
+            event, text = FENCE_EVENTS[breach]
+            yield _arming_blocker(event, COMPONENT_SYSTEM, text)
     if inputs.flight_time_over:
-        findings.append(
-            _arming_blocker("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached")
-        )
+        yield _arming_blocker("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached")
     if inputs.wind_too_high:
-        findings.append(
-            Finding("check_wind_too_high", EVERY_MODE, COMPONENT_SYSTEM, EVERY_MODE, 0,
-                    float_argument=inputs.wind_m_s)
-        )  # fmt: skip
-    return findings
+        yield Finding("check_wind_too_high", EVERY_MODE, COMPONENT_SYSTEM, EVERY_MODE, 0,
+                      float_argument=inputs.wind_m_s)  # fmt: skip
+
+
+def _battery_findings(inputs: CheckInputs) -> Iterator[Finding]:
+    warning = inputs.battery_warning
+    if warning == 1:
+        yield Finding("check_battery_low", EVERY_MODE, COMPONENT_BATTERY)
+    elif warning:
+        event = "check_battery_critical" if warning == 2 else "check_battery_emergency"
+        yield _arming_blocker(event, COMPONENT_BATTERY)
 
 
 def send_report(report: CheckResults, announcer: Announcer) -> None:

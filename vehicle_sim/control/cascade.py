@@ -88,16 +88,6 @@ class Cascade:
         for controller in (self._allocation, self._position, self._hover, self._attitude, self._rate):
             controller.configure(i, parameters)
 
-    def reset(self, i: int) -> None:
-        """Resets the controllers of vehicle `i`."""
-        self._position.reset(i)
-        self._hover.reset(np.arange(len(self._thrust)) == i)
-        self._rate.reset(i)
-        self._thrust[i] = 0.0
-        self.motor_signal[i] = 0.0
-        self.motors_us[i] = MOTOR_DISARMED_US
-        self._groups.trajectory[i] = False
-
     def update(self, setpoints: Setpoints, estimate: EstimateState) -> None:
         """Runs one step; results are in `motor_signal`, `motors_us` and `target`."""
         groups = self._groups

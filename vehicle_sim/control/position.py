@@ -78,10 +78,6 @@ class PositionControl:
         self._velocity_decay[i] = 1.0 - _low_pass_gain(value("MPC_VEL_LP"), self._dt_s)
         self._derivative_gain[i] = _low_pass_gain(value("MPC_VELD_LP"), self._dt_s)
 
-    def reset(self, i: int) -> None:
-        """Clears the velocity integral of vehicle `i`."""
-        self.velocity_integral[i] = 0.0
-
     def filter_velocity(self, estimate: EstimateState) -> None:
         """Updates the filtered velocity and its derivative; call it even if no position is controlled."""
         _filter_velocity(
@@ -268,6 +264,22 @@ def _filter_velocity(
             velocity[i, k] = filtered
 
 
+@formula
+def _write_velocity(
+    feed_forward: Column, correction: tuple[float, float, float], max_xy: float, climb: float, descent: float,
+    setpoint: Column,
+) -> None:  # fmt: skip
+    """Writes the velocity setpoint; up to the limits, the position's correction has priority."""
+    for k in range(2):
+        setpoint[k] = _bounded(_sum(feed_forward[k], correction[k]))
+    setpoint[2] = constrain(_bounded(_sum(feed_forward[2], correction[2])), -climb, descent)
+    if _length(setpoint[0], setpoint[1]) > max_xy:
+        first_n, first_e = _zero_if_nan(correction[0]), _zero_if_nan(correction[1])
+        setpoint[0], setpoint[1] = _constrain_sum(
+            first_n, first_e, _zero_if_nan(setpoint[0] - first_n), _zero_if_nan(setpoint[1] - first_e), max_xy
+        )
+
+
 @kernel
 def _control(
     controlled: Flags, reset_integral: Flags, dt_s: float, setpoint_position: Rows,
@@ -292,31 +304,17 @@ def _control(
         tilt = limit[_TILT_MAX] if math.isnan(tilt_limit[i]) else tilt_limit[i]
 
         velocity_setpoint = target_velocity[i]
-        correction_n, correction_e, correction_d = _position_control(
-            setpoint_position[i], position[i], position_p[i]
-        )
-        velocity_setpoint[0] = _bounded(_sum(setpoint_velocity[i, 0], correction_n))
-        velocity_setpoint[1] = _bounded(_sum(setpoint_velocity[i, 1], correction_e))
-        velocity_setpoint[2] = constrain(
-            _bounded(_sum(setpoint_velocity[i, 2], correction_d)), -climb, descent
-        )
-        if _length(velocity_setpoint[0], velocity_setpoint[1]) > limit[_SPEED_XY]:
-            first_n, first_e = _zero_if_nan(correction_n), _zero_if_nan(correction_e)
-            velocity_setpoint[0], velocity_setpoint[1] = _constrain_sum(
-                first_n,
-                first_e,
-                _zero_if_nan(velocity_setpoint[0] - first_n),
-                _zero_if_nan(velocity_setpoint[1] - first_e),
-                limit[_SPEED_XY],
-            )
-
+        correction = _position_control(setpoint_position[i], position[i], position_p[i])
+        _write_velocity(
+            setpoint_velocity[i], correction, limit[_SPEED_XY], climb, descent, velocity_setpoint
+        )  # fmt: skip
         acceleration = target_acceleration[i]
         for k in range(3):
-            correction = velocity_p[i, k] * (velocity_setpoint[k] - velocity[i, k]) + integral[i, k] - (
+            from_velocity = velocity_p[i, k] * (velocity_setpoint[k] - velocity[i, k]) + integral[i, k] - (
                 velocity_d[i, k] * velocity_derivative[i, k]
             )  # fmt: skip
             feed_forward = math.nan if k == 2 and ramp_thrust[i] else setpoint_acceleration[i, k]
-            acceleration[k] = _bounded(_sum(feed_forward, correction))
+            acceleration[k] = _bounded(_sum(feed_forward, from_velocity))
         an, ae, ad = (
             _zero_if_nan(acceleration[0]),
             _zero_if_nan(acceleration[1]),

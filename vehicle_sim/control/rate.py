@@ -57,11 +57,6 @@ class RateControl:
             self._dt_s / (self._dt_s + 1.0 / (2.0 * math.pi * cutoff_hz)) if cutoff_hz > 0.0 else 1.0
         )
 
-    def reset(self, i: int) -> None:
-        """Clears the integrators and the yaw filter of vehicle `i`."""
-        self.integral[i] = 0.0
-        self._yaw_torque[i] = 0.0
-
     def update(
         self, controlled: BoolArray, rates: FloatArray, acceleration: FloatArray, setpoint: FloatArray,
         landed: BoolArray, unallocated: FloatArray, torque: FloatArray,

@@ -82,13 +82,6 @@ class Constraints:
         self._rest_gyro_variance[i] = max(parameters.finite_value("EKF2_GYR_NOISE"), 1e-4) ** 2
         self._peak_decay_per_s[i] = 1.0 / max(parameters.finite_value("EKF2_ABL_TAU"), 0.1)
 
-    def reset(self, i: int) -> None:
-        """Resets vehicle `i` when its estimator starts."""
-        self._rest_time_s[i] = AT_REST_AFTER_S
-        self._peak_m_s2[i] = 0.0
-        self._constrained[i] = True
-        self._tilt_known[i] = False
-
     def add(self, delta_angle: FloatArray, delta_velocity: FloatArray, dt_s: float) -> None:
         """Adds the IMU's measurements of one prediction step (N, 3).
 

@@ -10,6 +10,8 @@ of the IMU; position and velocity become invalid after EKF2_NOAID_TOUT.
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +19,12 @@ from numpy.typing import NDArray
 from vehicle_sim.estimator.barometer import Barometer
 from vehicle_sim.estimator.constraints import UPDATE_INTERVAL_S as CONSTRAINT_INTERVAL_S
 from vehicle_sim.estimator.constraints import Constraints
-from vehicle_sim.estimator.fusion import HORIZON_S, blank_fusion, reset_fusion
+from vehicle_sim.estimator.fusion import HORIZON_S, blank_fusion
 from vehicle_sim.estimator.gnss import Gnss
 from vehicle_sim.estimator.gyro_filter import GyroFilter
 from vehicle_sim.estimator.kalman import Kalman
 from vehicle_sim.estimator.kalman_loops import POSITION, VELOCITY, YAW
 from vehicle_sim.estimator.magnetometer import ANOMALY_HEIGHT_M, Magnetometer
-from vehicle_sim.estimator.outputs import blank_estimate, reset_row
 from vehicle_sim.estimator.terrain import Terrain
 from vehicle_sim.estimator.vision import Vision, VisionSample
 from vehicle_sim.estimator.yaw_estimator import PREDICTIONS_PER_STEP as YAW_PREDICTIONS_PER_STEP
@@ -34,7 +35,7 @@ from vehicle_sim.kernels import Blocks, Column, Rows, kernel
 from vehicle_sim.masks import all_of
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.rotations import heading
-from vehicle_sim.state import SensorState
+from vehicle_sim.state import EstimateState, SensorState
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -52,6 +53,22 @@ _PUBLISH_EVERY_PREDICTIONS = 5
 _TIMEOUTS_EVERY_PREDICTIONS = 10
 _MAG_SAMPLES = 4
 """Number of magnetometer samples that are averaged (SENS_MAG_RATE)."""
+_UNKNOWN_AT_BOOT = re.compile(r"(origin_)?(lat_deg|lon_deg|alt_amsl_m)|height_above_ground_m")
+_VECTOR = re.compile(r".*_ned_m(_s2?)?|.*_frd_rad_s2?")
+
+
+def _blank_estimate(count: int) -> EstimateState:
+    """Estimates of N vehicles that are level, at rest and without a global position."""
+    values: dict[str, np.ndarray] = {}
+    for name in (field.name for field in fields(EstimateState)):
+        if name.startswith("valid_") or name == "gps_rejected":
+            values[name] = np.zeros(count, dtype=np.bool_)
+        elif _VECTOR.fullmatch(name):
+            values[name] = np.zeros((count, 3))
+        else:
+            values[name] = np.full(count, np.nan if _UNKNOWN_AT_BOOT.fullmatch(name) else 0.0)
+    values["q_ned_frd"] = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    return EstimateState(**values)
 
 
 class Estimator:
@@ -65,7 +82,7 @@ class Estimator:
     def __init__(self, count: int, dt_s: float) -> None:
         self._dt_s = dt_s
         self._predict_s = dt_s * _SAMPLES_PER_PREDICTION
-        self.state = blank_estimate(count)
+        self.state = _blank_estimate(count)
         self.fusion = blank_fusion(count)
         self.kalman = Kalman(count, self._predict_s, self.state.q_ned_frd)
         self._yaw_estimator = YawEstimator(count, self.state.q_ned_frd)
@@ -122,24 +139,6 @@ class Estimator:
         for k, name in enumerate(("EKF2_TAU_VEL", "EKF2_TAU_POS")):
             self._offset_decay[i, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
         self._no_aid_limit_s[i] = 1e-6 * value("EKF2_NOAID_TOUT") + HORIZON_S
-
-    def reset(self, i: int) -> None:
-        """Resets vehicle `i`, as after a reboot."""
-        reset_row(self.state, i)
-        reset_fusion(self.fusion, i, self._now_s)
-        self.kalman.reset(i)
-        self._gnss.reset(i, self._now_s)
-        self._constraints.reset(i)
-        self._vision.reset(i)
-        self._terrain.reset(i)
-        self._gyro_filter.reset(i)
-        self._yaw_estimator.reset(i)
-        self._aligned[i] = False
-        sums = self._align_force_sum, self._align_field_sum, self._align_samples
-        for rows in (*sums, self._delta_angle, self._delta_velocity, self._output_offset):
-            rows[i] = 0
-        self._aided_at_s[i] = self._vision_height_at_s[i] = -math.inf
-        self.kalman.matrix[:] = rotation_matrix(self.state.q_ned_frd)
 
     def update(self, sensors: SensorState) -> None:
         """Processes the sensor samples of this step."""

@@ -107,9 +107,3 @@ def blank_fusion(count: int) -> Fusion:
             is_float = field.name.endswith(("_at_s", "_m"))
             values[field.name] = np.zeros(count, dtype=np.float64 if is_float else np.bool_)
     return Fusion(**values)
-
-
-def reset_fusion(fusion: Fusion, i: int, now_s: float) -> None:
-    """Clears the flags and counters of vehicle `i` when its estimator starts."""
-    for field in fields(Fusion):
-        getattr(fusion, field.name)[..., i] = now_s if field.name.endswith("_at_s") else 0

@@ -96,20 +96,6 @@ class Gnss:
         self._gates[i] = max(value("EKF2_GPS_P_GATE"), 1.0), max(value("EKF2_GPS_V_GATE"), 1.0)
         self._max_noise_m[i] = max(value("EKF2_NOAID_NOISE"), 0.01)
 
-    def reset(self, i: int, now_s: float) -> None:
-        """Resets vehicle `i` when its estimator starts."""
-        self._passed_once[i] = self._failed_since_start[i] = False
-        self._failed_at_s[i] = now_s
-        self.test_ratio[i] = self.below_sigma[i] = 0.0
-        for times in (
-            self._received_at_s,
-            self._passed_at_s,
-            self.position_at_s,
-            self.velocity_at_s,
-            self._height_at_s,
-        ):
-            times[i] = -math.inf
-
     def stop_without_samples(self, now_s: float) -> None:
         """Stops the fusion of receivers without a good fix; called a few times per second."""
         fusion = self._fusion
@@ -180,44 +166,20 @@ class Gnss:
         return position
 
     def _fuse(
-        self,
-        now_s: float,
-        sensors: SensorState,
-        passed: BoolArray,
-        position: FloatArray,
+        self, now_s: float, sensors: SensorState, passed: BoolArray, position: FloatArray,
         velocity: FloatArray,
-    ) -> BoolArray:
-        kalman, fusion, fused_bits = self._kalman, self._fusion, self._fused_bits
-        use_position, use_velocity = (
-            passed & (fused_bits & POSITION_BIT != 0),
-            passed & (fused_bits & VELOCITY_BIT != 0),
-        )
-        accuracy = np.maximum(sensors.gps_horizontal_accuracy_m, self._noise[:, 0])
-        position_variance = np.minimum(accuracy, self._max_noise_m) ** 2
-        speed_variance = np.maximum(sensors.gps_speed_accuracy_m_s, self._noise[:, 1]) ** 2
-        vertical_speed_variance = speed_variance * VERTICAL_NOISE_FACTOR**2
-        height_variance = (
-            np.maximum(sensors.gps_vertical_accuracy_m, VERTICAL_NOISE_FACTOR * self._noise[:, 0]) ** 2
-        )
-        variances = np.stack(
-            [
-                speed_variance,
-                speed_variance,
-                vertical_speed_variance,
-                position_variance,
-                position_variance,
-                height_variance,
-            ],
-            axis=1,
-        )
-        measured = np.concatenate([velocity, position], axis=1)
+    ) -> BoolArray:  # fmt: skip
+        kalman, fusion = self._kalman, self._fusion
+        use_position = passed & (self._fused_bits & POSITION_BIT != 0)
+        use_velocity = passed & (self._fused_bits & VELOCITY_BIT != 0)
+        measured, variances = np.concatenate([velocity, position], axis=1), self._variances(sensors)
 
         starting = (use_position & ~fusion.gnss_pos) | (use_velocity & ~fusion.gnss_vel)
         both_timed_out = (now_s - self.velocity_at_s > RESET_TIMEOUT_S) & (
             now_s - self.position_at_s > RESET_TIMEOUT_S
         )
         position_timed_out = use_position & fusion.gnss_pos & (now_s - self.position_at_s > POSITION_RESET_S)
-        heading_reset = self._reset_heading(now_s, use_velocity, velocity[:, :2], speed_variance)
+        heading_reset = self._reset_heading(now_s, use_velocity, velocity[:, :2], variances[:, 0])
         resetting = (
             passed
             & (starting | both_timed_out | position_timed_out | heading_reset)
@@ -226,10 +188,37 @@ class Gnss:
         if resetting.any():
             self._reset_to_fix(now_s, resetting, use_position, use_velocity, measured, variances)
 
-        predicted = kalman.vector[:, :6]
-        covariance = kalman.variances(VELOCITY, POSITION + 3)
+        accepted = self._accepted(passed, use_position, use_velocity, measured, variances)
+        if accepted.any():
+            innovation = np.where(accepted, measured - kalman.vector[:, :6], 0.0)
+            kalman.fuse_states(VELOCITY, innovation, np.where(accepted, variances, UNUSED))
+        velocity_accepted, position_accepted, height_accepted = accepted[:, (0, 3, 5)].T
+        self.velocity_at_s[velocity_accepted] = now_s
+        self.position_at_s[position_accepted] = now_s
+        self._height_at_s[height_accepted] = now_s
+        fusion.height_fused_at_s[height_accepted] = now_s
+        self._control_height(now_s, passed, measured, variances[:, 5], variances[:, 2])
+        return velocity_accepted | position_accepted
+
+    def _variances(self, sensors: SensorState) -> FloatArray:
+        """(N, 6) variances of a fix: velocity, position."""
+        accuracy = np.maximum(sensors.gps_horizontal_accuracy_m, self._noise[:, 0])
+        position = np.minimum(accuracy, self._max_noise_m) ** 2
+        speed = np.maximum(sensors.gps_speed_accuracy_m_s, self._noise[:, 1]) ** 2
+        vertical_noise_m = VERTICAL_NOISE_FACTOR * self._noise[:, 0]
+        height = np.maximum(sensors.gps_vertical_accuracy_m, vertical_noise_m) ** 2
+        vertical_speed = speed * VERTICAL_NOISE_FACTOR**2
+        return np.stack([speed, speed, vertical_speed, position, position, height], axis=1)
+
+    def _accepted(
+        self, passed: BoolArray, use_position: BoolArray, use_velocity: BoolArray, measured: FloatArray,
+        variances: FloatArray,
+    ) -> BoolArray:  # fmt: skip
+        """(N, 6) the parts of the fixes that are within their gates; sets the test ratios, and limits a
+        vertical speed that is outside its gate because of a faulty accelerometer (in `measured`)."""
+        predicted = self._kalman.vector[:, :6]
         innovation = np.where(passed[:, None], measured - predicted, 0.0)
-        sigma = np.sqrt(covariance + variances)
+        sigma = np.sqrt(self._kalman.variances(VELOCITY, POSITION + 3) + variances)
         normalized = innovation / sigma
         ratio = np.abs(normalized)
         test_ratio = np.stack([ratio[:, :3].max(axis=1), ratio[:, 3:5].max(axis=1), ratio[:, 5]], axis=1)
@@ -238,28 +227,17 @@ class Gnss:
         # Down is positive: an estimate below the measurement has a negative innovation.
         np.copyto(self.below_sigma, -np.minimum(normalized[:, 2], normalized[:, 5]), where=passed)
 
-        velocity_accepted, position_accepted = (
-            use_velocity & (test_ratio[:, 0] <= 1.0),
-            use_position & (test_ratio[:, 1] <= 1.0),
-        )
-        # With a faulty accelerometer, a vertical speed outside its gate is limited to the gate and fused.
-        is_clipped = use_velocity & fusion.bad_acc_vertical & (ratio[:, :2].max(axis=1) <= self._gates[:, 1])
+        velocity_accepted = use_velocity & (test_ratio[:, 0] <= 1.0)
+        position_accepted = use_position & (test_ratio[:, 1] <= 1.0)
+        bad_accel = self._fusion.bad_acc_vertical
+        is_clipped = use_velocity & bad_accel & (ratio[:, :2].max(axis=1) <= self._gates[:, 1])
         if is_clipped.any():
             limit = self._gates[:, 1] * sigma[:, 2]
             limited_speed = predicted[:, 2] + np.clip(innovation[:, 2], -limit, limit)
             np.copyto(measured[:, 2], limited_speed, where=is_clipped)
             velocity_accepted |= is_clipped
-        height_accepted = passed & fusion.gps_hgt & (test_ratio[:, 2] <= 1.0)
-        accepted = np.stack([velocity_accepted] * 3 + [position_accepted] * 2 + [height_accepted], axis=1)
-        if accepted.any():
-            innovation = np.where(accepted, measured - predicted, 0.0)
-            kalman.fuse_states(VELOCITY, innovation, np.where(accepted, variances, UNUSED))
-        self.velocity_at_s[velocity_accepted] = now_s
-        self.position_at_s[position_accepted] = now_s
-        self._height_at_s[height_accepted] = now_s
-        fusion.height_fused_at_s[height_accepted] = now_s
-        self._control_height(now_s, passed, measured, height_variance, vertical_speed_variance)
-        return velocity_accepted | position_accepted
+        height_accepted = passed & self._fusion.gps_hgt & (test_ratio[:, 2] <= 1.0)
+        return np.stack([velocity_accepted] * 3 + [position_accepted] * 2 + [height_accepted], axis=1)
 
     def _reset_heading(
         self, now_s: float, use_velocity: BoolArray, velocity_ne: FloatArray, variance: FloatArray

@@ -54,10 +54,6 @@ class GyroFilter:
         matrix[_OUTPUT, _DERIVATIVE] -= alpha / self._dt_s
         matrix[_DERIVATIVE, _DERIVATIVE] = 1.0 - alpha
 
-    def reset(self, i: int) -> None:
-        """Clears the filter state of vehicle `i`."""
-        self._state[i] = 0.0
-
     def update(self, gyro_frd_rad_s: FloatArray, rates_out: FloatArray, acceleration_out: FloatArray) -> None:
         """Filters samples (N, 3); writes filtered rates and angular accelerations (N, 3)."""
         _filter(gyro_frd_rad_s, self._matrix, self._state, rates_out, acceleration_out)

@@ -114,14 +114,7 @@ class Kalman:
         self._bias_limit[i, :3] = value("EKF2_GYR_B_LIM")
         self._bias_limit[i, 3:] = value("EKF2_ABL_LIM")
         if not self.covariance[i].any():
-            self.reset(i)
-
-    def reset(self, i: int) -> None:
-        """Resets vehicle `i` to rest, with the initial covariance."""
-        self.vector[i] = 0.0
-        self.covariance[i] = np.diag(self._initial_variance[i])
-        self.bad_accel[i] = False
-        self._force_integral[i] = self.horizontal_accel_m_s2[i] = 0.0
+            self.covariance[i] = np.diag(initial)
 
     def reset_covariance(self, mask: BoolArray, first: int, variance: FloatArray | float) -> None:
         """Sets the variances (N, 3) of three states from `first` on and clears their correlations, where

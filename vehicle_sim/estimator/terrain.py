@@ -46,10 +46,6 @@ class Terrain:
         self._min_range_m[i] = parameters.finite_value("EKF2_MIN_RNG")
         self._enabled[i] = parameters.get("EKF2_RNG_CTRL") != 0
 
-    def reset(self, i: int) -> None:
-        """Makes the height above ground of vehicle `i` unknown."""
-        self._remaining_s[i] = -1.0
-
     def update(
         self, range_m: FloatArray, cos_tilt: FloatArray, in_air: BoolArray, down_m: FloatArray
     ) -> FloatArray:

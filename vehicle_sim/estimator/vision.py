@@ -105,11 +105,6 @@ class Vision:
             self._fuse_sample(i, sample, kalman, now_s) for i, sample in samples.items() if not gnss_aided[i]
         ]
 
-    def reset(self, i: int) -> None:
-        """Resets vehicle `i` when its estimator starts."""
-        self._samples.pop(i, None)
-        self._accepted_at_s[i] = -math.inf
-
     def heading_variance(self, i: int) -> float:
         """Variance of a heading of vehicle `i` [rad²]; infinite if EKF2_EV_CTRL does not select the
         heading."""

@@ -69,11 +69,6 @@ class YawEstimator:
         """(3, N, 5) variances, a view of the covariance."""
         self._weights = np.full((count, HYPOTHESES), 1.0 / HYPOTHESES)
 
-    def reset(self, i: int) -> None:
-        """Resets vehicle `i` when its estimator starts."""
-        self._bias[i] = 0.0
-        self._stop(np.arange(len(self._running)) == i)
-
     def _stop(self, mask: BoolArray) -> None:
         """Stops the hypotheses and resets their attitude to the main filter's attitude."""
         np.copyto(self._q, self._main_q, where=mask[:, None])

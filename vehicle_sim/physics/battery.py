@@ -69,11 +69,6 @@ class Batteries:
         self._voltage_range_v[i] = (cell_charged_v - cell_empty_v) * cells
         self._update_voltage()
 
-    def refill(self, i: int) -> None:
-        """Restores full charge of vehicle `i`."""
-        self.set_remaining(i, 1.0)
-        self._charge_was_set[i] = False
-
     def set_empty(self, i: int, empty: bool) -> None:
         """Gives the battery of vehicle `i` the voltage of an empty battery, or of its charge again."""
         self._forced_empty[i] = empty

@@ -72,18 +72,18 @@ class SensorSuite:
 
     Args:
         dt_s: step.
-        home: global position of the local NED origin.
+        origin: global position of the local NED origin.
         seed: seed of the noise.
         vehicles: number of each vehicle, which selects the vehicle's noise (`WhiteNoise`).
         noise: False: sensors without noise.
     """
 
     def __init__(
-        self, dt_s: float, home: SimulationOrigin, *, seed: int, vehicles: Sequence[int], noise: bool
+        self, dt_s: float, origin: SimulationOrigin, *, seed: int, vehicles: Sequence[int], noise: bool
     ) -> None:
         count = len(vehicles)
         self._dt_s = dt_s
-        self._home = home
+        self._origin = origin
         self._imu_noise = WhiteNoise(seed, vehicles, NoisePurpose.IMU, 6)
         self._mag_noise = WhiteNoise(seed, vehicles, NoisePurpose.MAG, 3)
         self._baro_noise = WhiteNoise(seed, vehicles, NoisePurpose.BARO, 1)
@@ -233,7 +233,7 @@ class SensorSuite:
         state.baro_fresh[:] = self._driver_runs[Driver.BARO]
         takes_sample = state.baro_fresh & ~self.faults.stuck[Driver.BARO]
         noise_m = (self._baro_noise.sample() * self._baro_sigma_m)[:, 0]
-        alt_amsl_m = self._home.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
+        alt_amsl_m = self._origin.alt_amsl_m - truth.position_ned_m[:, 2] + noise_m
         pressure = pressure_hpa(alt_amsl_m) + (self._baro_offset_hpa - self._baro_cal_offset_hpa)
         np.copyto(state.baro_pressure_hpa, pressure, where=takes_sample)
         temperature_ratio = (100.0 * state.baro_pressure_hpa / _SEA_LEVEL_PA) ** (1.0 / _PRESSURE_EXPONENT)
@@ -261,7 +261,7 @@ class SensorSuite:
         noise = self._gps_noise.sample() * self._gps_sigma
         position = truth.position_ned_m + noise[:, :3] + self.faults.gps_offset_ned_m
         lat, lon = to_global(
-            position[:, 0], position[:, 1], np.asarray(self._home.lat_deg), np.asarray(self._home.lon_deg)
+            position[:, 0], position[:, 1], np.asarray(self._origin.lat_deg), np.asarray(self._origin.lon_deg)
         )
         fresh = state.gps_fresh
         fresh[:] = self._driver_runs[Driver.GPS]
@@ -270,7 +270,7 @@ class SensorSuite:
         has_position = fresh & self._gps_enabled & ~self.faults.stuck[Driver.GPS]
         np.copyto(state.gps_lat_deg, lat, where=has_position)
         np.copyto(state.gps_lon_deg, lon, where=has_position)
-        np.copyto(state.gps_alt_amsl_m, self._home.alt_amsl_m - position[:, 2], where=has_position)
+        np.copyto(state.gps_alt_amsl_m, self._origin.alt_amsl_m - position[:, 2], where=has_position)
         velocity = truth.velocity_ned_m_s + noise[:, 3:] + self.faults.gps_offset_ned_m_s
         velocity = np.where(self._gps_enabled[:, None], velocity, 0.0)
         has_velocity = has_position | (fresh & ~self._gps_enabled)

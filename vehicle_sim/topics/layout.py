@@ -6,6 +6,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,22 +38,29 @@ def _fields(declaration: str) -> tuple[Field, ...]:
     return tuple(fields)
 
 
+def _read_fields() -> dict[str, tuple[Field, ...]]:
+    lines = (Path(__file__).parent.parent / "data/topics.txt").read_text(encoding="utf-8").splitlines()
+    return {name: _fields(declaration) for name, _, declaration in (line.partition(":") for line in lines)}
+
+
+FIELDS = _read_fields()
+"""Fields of each topic, in PX4's order; a line of the file is the format of a topic as in a ULog."""
+
+
 class TopicLayout:
     """Layout of one topic; `pack` and `blank` create the data messages of a log (ULog type D).
 
     Args:
-        name: name of the topic.
-        declaration: fields after the timestamp, "type name" or "type[n] name", separated by semicolons.
+        name: name of the topic; its fields are in `data/topics.txt`.
         msg_id: id of the topic in the log file.
         multi_id: instance of the topic.
     """
 
-    def __init__(self, name: str, declaration: str, msg_id: int, multi_id: int = 0) -> None:
+    def __init__(self, name: str, msg_id: int, multi_id: int = 0) -> None:
         self.name = name
         self.msg_id = msg_id
         self.multi_id = multi_id
-        self.declaration = "uint64_t timestamp;" + declaration
-        self.fields = _fields(self.declaration)
+        self.fields = FIELDS[name]
         struct_codes = [f"{field.length or ''}{TYPES[field.type][0]}" for field in self.fields]
         self._struct = struct.Struct("<" + "".join(struct_codes))
         self._header = _DATA_HEADER.pack(self._struct.size + 2, ord("D"), msg_id)

@@ -14,13 +14,15 @@ from typing import Any
 
 from vehicle_sim.autopilot.announcer import Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.offboard import SetpointKind
 from vehicle_sim.autopilot.takeoff import TakeoffState
 from vehicle_sim.external_modes.slots import Controllers
-from vehicle_sim.topics import failsafe_flags
+from vehicle_sim.home import Home
 from vehicle_sim.topics.arrays import ARRAY_TOPICS
 from vehicle_sim.topics.layout import TopicLayout
+from vehicle_sim.vehicle_view import VehicleView
 
 Values = Mapping[str, Any]
 NAN = math.nan
@@ -89,12 +91,7 @@ class States:
         self._arming_reason = self._disarming_reason = 0
         self._mode = self._commander.active
         self.topics = tuple(self._create_topics())
-        self._event_layout = TopicLayout(
-            "event",
-            f"uint32_t id;uint16_t event_sequence;uint8_t[{EVENT_ARGUMENT_BYTES}] arguments;"
-            "uint8_t log_levels",
-            len(ARRAY_TOPICS) + len(self.topics),
-        )
+        self._event_layout = TopicLayout("event", len(ARRAY_TOPICS) + len(self.topics))
         self._due_ms = [0] * len(self.topics)
         self._next_ms = 0
         self._key_functions = list(dict.fromkeys(topic.key for topic in self.topics if topic.key is not None))
@@ -151,99 +148,39 @@ class States:
     # --- the topics ------------------------------------------------------------------------------------
 
     def _create_topics(self) -> list[StateTopic]:
-        topics: list[StateTopic] = []
+        autopilot, commander, home = self._autopilot, self._commander, self._autopilot.home
+        detector, mission, sticks = autopilot.land_detector, autopilot.navigator.mission, autopilot.sticks
+        state, view = self._commander_state, self._view
+        table: tuple[tuple[str, int, Callable[[], Values], Callable[[], object] | None], ...] = (
+            ("vehicle_status", 500, self._vehicle_status, state),
+            ("vehicle_control_mode", 500, self._control_mode, state),
+            ("actuator_armed", 500, self._actuator_armed, state),
+            ("failure_detector_status", 500, self._failure_detector_status, state),
+            ("vehicle_land_detected", 1000, self._land_detected,
+             lambda: (detector.landed, detector.maybe_landed, detector.ground_contact)),
+            ("takeoff_status", 0, self._takeoff_status, lambda: autopilot.takeoff.state),
+            ("battery_status", 200, self._battery_status, None),
+            ("home_position", 1000, self._home_position, lambda: home.set_at_us),
+            ("estimator_status_flags", 1000, self._estimator_flags, self._estimator_key),
+            ("failsafe_flags", 500, lambda: _failsafe_flags(view, commander, home),
+             lambda: (_fault_flags(view, commander, home), commander.report.requirements)),
+            ("mission_result", 1000, self._mission_result,
+             lambda: (mission.current, mission.reached, mission.finished)),
+            ("manual_control_setpoint", 0, self._manual_control,
+             lambda: sticks.received_at_s // STICKS_PERIOD_S if sticks.valid else None),
+        )  # fmt: skip
+        return [
+            StateTopic(TopicLayout(name, len(ARRAY_TOPICS) + n), every_ms, read, key)
+            for n, (name, every_ms, read, key) in enumerate(table)
+        ]
 
-        def add(name: str, every_ms: int, read: Callable[[], Values], declaration: str,
-                key: Callable[[], object] | None = None) -> None:  # fmt: skip
-            layout = TopicLayout(name, declaration, len(ARRAY_TOPICS) + len(topics))
-            topics.append(StateTopic(layout, every_ms, read, key))
-
-        commander, detector = self._commander, self._autopilot.land_detector
-
-        def commander_state() -> object:
-            setpoint_kind = commander.offboard.kind if commander.active is NavState.OFFBOARD else None
-            return (
-                commander.armed, commander.active, commander.intended, commander.in_failsafe, setpoint_kind,
-                commander.report.armable(commander.active), commander.external.config_count,
-                commander.failsafe_watch.deferral,
-            )  # fmt: skip
-
-        add("vehicle_status", 500, self._vehicle_status,
-            "uint64_t armed_time;uint64_t takeoff_time;uint64_t nav_state_timestamp;"
-            "uint32_t valid_nav_states_mask;uint32_t can_set_nav_states_mask;"
-            "uint16_t failure_detector_status;uint8_t arming_state;uint8_t latest_arming_reason;"
-            "uint8_t latest_disarming_reason;uint8_t nav_state_user_intention;uint8_t nav_state;"
-            "uint8_t executor_in_charge;uint8_t hil_state;uint8_t vehicle_type;bool failsafe;"
-            "bool failsafe_and_user_took_over;uint8_t failsafe_defer_state;bool gcs_connection_lost;"
-            "uint8_t gcs_connection_lost_counter;bool high_latency_data_link_lost;bool is_vtol;"
-            "bool is_vtol_tailsitter;bool in_transition_mode;bool in_transition_to_fw;uint8_t system_type;"
-            "uint8_t system_id;uint8_t component_id;bool safety_button_available;bool safety_off;"
-            "bool power_input_valid;bool usb_connected;bool open_drone_id_system_present;"
-            "bool open_drone_id_system_healthy;bool parachute_system_present;"
-            "bool parachute_system_healthy;bool rc_calibration_in_progress;bool calibration_enabled;"
-            "bool pre_flight_checks_pass", commander_state)  # fmt: skip
-        add("vehicle_control_mode", 500, self._control_mode,
-            "bool flag_armed;bool flag_multicopter_position_control_enabled;"
-            "bool flag_control_manual_enabled;bool flag_control_auto_enabled;"
-            "bool flag_control_offboard_enabled;bool flag_control_position_enabled;"
-            "bool flag_control_velocity_enabled;bool flag_control_altitude_enabled;"
-            "bool flag_control_climb_rate_enabled;bool flag_control_acceleration_enabled;"
-            "bool flag_control_attitude_enabled;bool flag_control_rates_enabled;"
-            "bool flag_control_allocation_enabled;bool flag_control_termination_enabled;"
-            "uint8_t source_id", commander_state)  # fmt: skip
-        add("actuator_armed", 500, self._actuator_armed,
-            "bool armed;bool prearmed;bool ready_to_arm;bool lockdown;"
-            "bool manual_lockdown;bool force_failsafe;bool in_esc_calibration_mode",
-            commander_state)  # fmt: skip
-        add("failure_detector_status", 500, self._failure_detector_status, "float imbalanced_prop_metric;"
-            "uint16_t motor_failure_mask;bool fd_roll;bool fd_pitch;bool fd_alt;bool fd_ext;"
-            "bool fd_arm_escs;bool fd_battery;bool fd_imbalanced_prop;bool fd_motor",
-            commander_state)  # fmt: skip
-        add("vehicle_land_detected", 1000, self._land_detected,
-            "bool freefall;bool ground_contact;bool maybe_landed;bool landed;bool in_ground_effect;"
-            "bool in_descend;bool has_low_throttle;bool vertical_movement;bool horizontal_movement;"
-            "bool rotational_movement;bool close_to_ground_or_skipped_check;bool at_rest",
-            lambda: (detector.landed, detector.maybe_landed, detector.ground_contact))  # fmt: skip
-        add("takeoff_status", 0, self._takeoff_status, "float tilt_limit;uint8_t takeoff_state",
-            lambda: self._autopilot.takeoff.state)  # fmt: skip
-        add("battery_status", 200, self._battery_status,
-            "float voltage_v;float current_a;float current_average_a;float discharged_mah;float remaining;"
-            "float scale;float time_remaining_s;float temperature;float[14] voltage_cell_v;"
-            "float max_cell_voltage_delta;float full_charge_capacity_wh;float remaining_capacity_wh;"
-            "float nominal_voltage;float internal_resistance_estimate;float ocv_estimate;"
-            "float ocv_estimate_filtered;float volt_based_soc_estimate;float voltage_prediction;"
-            "float prediction_error;float estimation_covariance_norm;uint16_t capacity;"
-            "uint16_t cycle_count;uint16_t average_time_to_empty;uint16_t serial_number;"
-            "uint16_t manufacture_date;uint16_t state_of_health;uint16_t max_error;"
-            "uint16_t interface_error;uint16_t faults;uint16_t over_discharge_count;bool connected;"
-            "uint8_t cell_count;uint8_t source;uint8_t priority;uint8_t id;bool is_powering_off;"
-            "bool is_required;uint8_t warning")  # fmt: skip
-        home = self._autopilot.home
-        add("home_position", 1000, self._home_position,
-            "double lat;double lon;float alt;float x;float y;float z;"
-            "float yaw;uint32_t update_count;bool valid_alt;bool valid_hpos;bool valid_lpos;"
-            "bool manual_home", lambda: home.set_at_us)  # fmt: skip
-        add("estimator_status_flags", 1000, self._estimator_flags,
-            "uint64_t timestamp_sample;bool cs_tilt_align;bool cs_yaw_align;"
-            + "".join(f"bool cs_{name};" for name in FUSION_FLAGS[2:])
-            + "bool cs_inertial_dead_reckoning;bool fs_bad_acc_vertical", self._estimator_key)  # fmt: skip
-        add("failsafe_flags", 500, lambda: failsafe_flags.values(self._view, commander, self._autopilot.home),
-            failsafe_flags.DECLARATION,
-            lambda: (failsafe_flags.fault_flags(self._view, commander, self._autopilot.home),
-                     commander.report.requirements))  # fmt: skip
-        mission = self._autopilot.navigator.mission
-        add("mission_result", 1000, self._mission_result, "uint32_t mission_id;uint32_t geofence_id;"
-            "uint32_t home_position_counter;int32_t seq_reached;uint16_t seq_current;uint16_t seq_total;"
-            "uint16_t item_changed_index;uint16_t item_do_jump_remaining;bool valid;bool warning;"
-            "bool finished;bool failure;bool item_do_jump_changed;uint8_t execution_mode",
-            lambda: (mission.current, mission.reached, mission.finished))  # fmt: skip
-        sticks = self._autopilot.sticks
-        add("manual_control_setpoint", 0, self._manual_control,
-            "uint64_t timestamp_sample;float roll;float pitch;"
-            "float yaw;float throttle;float flaps;float aux1;float aux2;float aux3;float aux4;float aux5;"
-            "float aux6;uint16_t buttons;bool valid;uint8_t data_source;bool sticks_moving",
-            lambda: sticks.received_at_s // STICKS_PERIOD_S if sticks.valid else None)  # fmt: skip
-        return topics
+    def _commander_state(self) -> object:
+        c = self._commander
+        return (
+            c.armed, c.active, c.intended, c.in_failsafe,
+            c.offboard.kind if c.active is NavState.OFFBOARD else None, c.report.armable(c.active),
+            c.external.config_count, c.failsafe_watch.deferral,
+        )  # fmt: skip
 
     def _vehicle_status(self) -> Values:
         c = self._commander
@@ -387,3 +324,36 @@ class States:
             "data_source": SOURCE_MAVLINK_0 if sticks.valid else 0,
             "sticks_moving": sticks.moved,
         }  # fmt: skip
+
+
+def _fault_flags(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
+    """Flags of current faults; the topic is published immediately when a flag changes."""
+    estimate, checks, monitors = view.estimate, commander.checks, commander.monitors
+    position_usable = checks.position_usable
+    return {
+        "attitude_invalid": not estimate.valid_attitude,
+        "angular_velocity_invalid": not estimate.valid_attitude,
+        "local_altitude_invalid": not estimate.valid_altitude,
+        "local_position_invalid": not position_usable,
+        "local_position_invalid_relaxed": not position_usable,
+        "local_velocity_invalid": not estimate.valid_velocity,
+        "global_position_invalid": not position_usable,
+        "auto_mission_missing": not checks.has_mission,
+        "offboard_control_signal_lost": not commander.offboard.has_signal(),
+        "home_position_invalid": not home.valid,
+        "manual_control_signal_lost": not checks.has_manual_control(),
+        "gcs_connection_lost": not checks.gcs_connected(),
+        "battery_warning": checks.battery_warning,
+        "geofence_breached": bool(checks.fence),
+        "wind_limit_exceeded": monitors.wind_too_high,
+        "flight_time_limit_exceeded": monitors.flight_time_over,
+        "fd_critical_failure": monitors.roll_failure or monitors.pitch_failure,
+    }
+
+
+def _failsafe_flags(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
+    """A mask of modes for each mode requirement, and the flags of current faults."""
+    requirement_masks = {
+        f"mode_req_{name}": mask for name, mask in commander.report.requirements._asdict().items()
+    }
+    return requirement_masks | _fault_flags(view, commander, home)

@@ -49,7 +49,7 @@ class Contact:
         self._steps_until_search = 1
         self._velocity_before_step_ned_m_s = np.zeros((count, 3))
         self.crashed = np.zeros(count, dtype=np.bool_)
-        """(N,) vehicles that have crashed since their last reset."""
+        """(N,) vehicles that have crashed."""
 
     def support_down_m(self, position_ned_m: FloatArray) -> FloatArray:
         """(N,) NED down position of the ground or roof below each vehicle."""
@@ -92,11 +92,6 @@ class Contact:
         for prism in self._find_nearby_prisms(position_ned_m):
             self._hit_prism(prism, position_ned_m, velocity_ned_m_s, collisions)
         return collisions
-
-    def reset(self, row: int) -> None:
-        """Marks a vehicle that is reset as not crashed."""
-        self.crashed[row] = False
-        self._nearby_prisms, self._steps_until_search = self._prisms, 1
 
     def _find_nearby_prisms(self, position: FloatArray) -> list[PrismShape]:
         if self._prisms and self._steps_until_search <= 0:

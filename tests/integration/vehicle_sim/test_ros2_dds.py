@@ -20,7 +20,7 @@ from cyclonedds.topic import Topic
 from tests.support.ros2_vehicle import NO_TIME_SYNC
 from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable, configuration
 from vehicle_sim.dds.types import idl_dataclass
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.ros2.messages import MESSAGES
 from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, dds_name
 
@@ -59,8 +59,8 @@ def domain() -> DdsDomain:
 
 
 @pytest.fixture
-def vehicle(domain) -> Iterator[VehicleSim]:
-    sim = VehicleSim(1, links=(), sensor_noise=False, parameters=NO_TIME_SYNC)
+def vehicle(domain) -> Iterator[SimulatedFleet]:
+    sim = SimulatedFleet(1, links=(), sensor_noise=False, parameters=NO_TIME_SYNC)
     sim.open_ros2(0, domain.open(NAMESPACE), lambda text: None)
     sim.step(4.0)
     yield sim

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.station import free_port
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.mavlink.transports import is_web_client
@@ -28,7 +28,7 @@ def tcp_port() -> int:
 def server(tcp_port: int) -> Iterator[SimServer]:
     ports = Ports(gcs_local=0, gcs_remote=free_port(), api_remote=0, tcp=tcp_port)
     server = SimServer(
-        VehicleSim(1, links=()), first_instance=0, ports=ports, bind="127.0.0.1", gcs_host="127.0.0.1"
+        SimulatedFleet(1, links=()), first_instance=0, ports=ports, bind="127.0.0.1", gcs_host="127.0.0.1"
     )
     yield server
     server.close()

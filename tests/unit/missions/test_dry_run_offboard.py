@@ -76,7 +76,7 @@ def test_a_fly_step_takes_its_planned_time(flight):
 
 
 def test_a_take_off_that_ends_off_its_planned_height_does_not_end_the_mission():
-    """The vehicle's altitude may drift before take-off; in a dry run, only the vehicle itself ends a take-off."""
+    """The altitude may drift before take-off; in a dry run, only the vehicle itself ends a take-off."""
     take_off = mission("- {step: take_off, height_m: 2.5}\n- {step: hold, duration_s: 1}\n")
     flyable = FlyableMission.from_mission(take_off, AIRCRAFT)
     fleet = Fleet([AIRCRAFT], [Conditions()], seed=3)

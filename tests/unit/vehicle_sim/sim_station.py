@@ -1,4 +1,4 @@
-"""A ground station for tests: exchanges MAVLink bytes with a VehicleSim on a fake clock."""
+"""A ground station for tests: exchanges MAVLink bytes with a SimulatedFleet on a fake clock."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from vehicle_sim.autopilot.announcer import EVENTS
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import Message, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 
@@ -32,7 +32,7 @@ class Station:
     def __init__(
         self, *, heartbeats: bool = True, links: tuple[tuple[str, str], ...] = GCS_LINK, **fleet: Any
     ) -> None:
-        self.sim = VehicleSim(links=links, **fleet)
+        self.sim = SimulatedFleet(links=links, **fleet)
         self.heartbeats = heartbeats
         self.newest_messages: dict[str, Message] = {}
         self._log: list[tuple[float, str, Message]] = []

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.geodesy import to_global
 
 pytestmark = [pytest.mark.flight, pytest.mark.story]
@@ -58,7 +58,9 @@ def coordinate_curve(columns: dict[str, np.ndarray], axis: str, sign: float) -> 
     return Curve(columns["t_s"], position - position[0], speed)
 
 
-def fly(sim: VehicleSim, seconds: float, actions: dict[float, list] | None = None) -> tuple[np.ndarray, ...]:
+def fly(
+    sim: SimulatedFleet, seconds: float, actions: dict[float, list] | None = None
+) -> tuple[np.ndarray, ...]:
     """Flies, and executes the actions at their times [s].
 
     Returns:
@@ -79,7 +81,7 @@ def fly(sim: VehicleSim, seconds: float, actions: dict[float, list] | None = Non
 
 @pytest.fixture(scope="module")
 def simulated_curves() -> dict[str, Curve]:
-    sim = VehicleSim(4, links=())
+    sim = SimulatedFleet(4, links=())
     sim.step(8)
     result: dict[str, Curve] = {}
     for autopilot, height_m in zip(sim.autopilots, HEIGHTS_M, strict=True):
@@ -127,7 +129,7 @@ def test_take_offs_lift_off_and_climb_as_recorded(
 
 
 def test_the_vehicle_leaves_the_ground_at_the_recorded_time_after_arming() -> None:
-    sim = VehicleSim(1, links=(), seed=5)
+    sim = SimulatedFleet(1, links=(), seed=5)
     sim.step(8)
     autopilot = sim.autopilots[0]
     autopilot.commander.arm()

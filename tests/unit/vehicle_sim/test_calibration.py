@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.support.estimator_restart import restart_estimator
 from vehicle_sim.commands.calibration import CalibrationCommands
 from vehicle_sim.commands.command import ACCEPTED, TEMPORARILY_REJECTED, Command
 from vehicle_sim.commands.sides import Rest, RestDetector, Side, offset_and_scale
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.frames import GRAVITY_M_S2
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import frame_v2
@@ -217,27 +218,27 @@ def test_a_compass_calibration_on_all_sides_sets_the_hard_iron_offset() -> None:
     assert vehicle.axis_parameters("CAL_MAG0_{}OFF") == pytest.approx(HARD_IRON.tolist(), abs=0.01)
 
 
-def ready_vehicle() -> VehicleSim:
+def ready_vehicle() -> SimulatedFleet:
     """A vehicle on the ground that can be armed."""
-    sim = VehicleSim(seed=3)
+    sim = SimulatedFleet(seed=3)
     sim.step(3.0)
     return sim
 
 
-def send_command(sim: VehicleSim, number: int, *parameters: float) -> None:
+def send_command(sim: SimulatedFleet, number: int, *parameters: float) -> None:
     fields = {f"param{n}": value for n, value in enumerate(parameters, 1)}
     layout, payload = pack("COMMAND_LONG", command=number, target_system=1, target_component=1, **fields)
     sim.feed(0, "gcs", frame_v2(layout, payload, 1, 255, 190))
 
 
-def parameter_of(sim: VehicleSim, name: str) -> float:
+def parameter_of(sim: SimulatedFleet, name: str) -> float:
     return float(sim.simulation.parameters[0].get(name))
 
 
 def test_a_level_calibration_corrects_the_mounting_angle() -> None:
     sim = ready_vehicle()
     sim.simulation.parameters[0].set("SENS_BOARD_X_OFF", 3.0)
-    sim.simulation._estimator.reset(0)
+    restart_estimator(sim.simulation)
     sim.step(2.0)
     estimated_roll_deg = math.degrees(sim.autopilots[0].view.estimate.roll_rad)
     assert estimated_roll_deg == pytest.approx(-3.0, abs=0.7), "the parameter states a wrong mounting angle"

@@ -122,12 +122,11 @@ def test_attitude_control_reaches_the_setpoint_from_any_attitude(roll, pitch, ya
 
 
 def test_the_gyro_filter_passes_low_and_attenuates_high_frequencies():
-    filters = GyroFilter(1, 0.004)
-    filters.configure(0, 40.0, 30.0)
     times = 0.004 * np.arange(2000)
 
     def gain(frequency_hz: float) -> tuple[float, float]:
-        filters.reset(0)
+        filters = GyroFilter(1, 0.004)
+        filters.configure(0, 40.0, 30.0)
         rates, slopes = np.zeros((1, 3)), np.zeros((1, 3))
         outputs = []
         for t in times:

@@ -12,7 +12,7 @@ from vehicle_sim.autopilot.sensor_watch import SensorWatch
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.estimator.barometer import Barometer
 from vehicle_sim.estimator.fusion import blank_fusion
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.faults import Driver
 from vehicle_sim.simulation import Simulation
@@ -80,7 +80,7 @@ FIX_AT_S = 3.0
 
 
 def test_a_first_fix_after_boot_is_used_after_one_second_and_aligns_the_heading_again():
-    sim = VehicleSim(2, links=(), seed=1)
+    sim = SimulatedFleet(2, links=(), seed=1)
     fusion, texts = sim.simulation.fusion, []
     sim.autopilots[0].announcer.add_listener(lambda item: texts.append(getattr(item, "text", "")))
     sim.set_parameter(0, "SIM_GPS_USED", 3)

@@ -17,7 +17,7 @@ M_PER_DEG = 111_195.0
 def test_a_vehicle_follows_and_faces_a_moving_target_and_holds_when_the_target_is_lost() -> None:
     station = Station(parameters={"FLW_TGT_DST": 8.0, "FLW_TGT_HT": 9.0})
     station.take_off_and_hover(10.0)
-    home = station.sim.simulation.home
+    home = station.sim.simulation.origin
     estimate = station.sim.simulation.estimate
     start_s = station.now_s
 
@@ -56,7 +56,7 @@ class TargetStation(Station):
         self.run(seconds, self._send_target, tick_s=0.2)
 
     def _send_target(self) -> None:
-        home = self.sim.simulation.home
+        home = self.sim.simulation.origin
         self.send(
             "FOLLOW_TARGET", timestamp=0, est_capabilities=1,
             lat=round((home.lat_deg + self._north_m / M_PER_DEG) * 1e7),

@@ -5,7 +5,7 @@ import lzma
 import pytest
 
 from tests.unit.vehicle_sim.ftp_client import FtpClient
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.services import ftp
 from vehicle_sim.storage import metadata
 
@@ -14,7 +14,7 @@ GENERAL = metadata.GENERAL.encode()
 
 @pytest.fixture
 def client():
-    return FtpClient(VehicleSim())
+    return FtpClient(SimulatedFleet())
 
 
 def test_a_file_is_created_written_read_listed_renamed_and_removed(client):
@@ -93,7 +93,7 @@ def test_a_request_to_all_systems_gets_a_reply_and_a_request_to_another_system_d
 
 
 def test_each_link_has_its_own_session():
-    sim = VehicleSim()
+    sim = SimulatedFleet()
     gcs_client, api_client = FtpClient(sim, "gcs"), FtpClient(sim, "api")
     assert gcs_client.request_one(ftp.OPEN_RO, GENERAL)[0] == ftp.ACK
     assert api_client.request_one(ftp.READ, size=10) == (ftp.NAK, bytes((ftp.INVALID_SESSION,)))

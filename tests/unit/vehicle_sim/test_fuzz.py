@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, HOLD_MODE, Station
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS, Layout, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.world.files import load_world
@@ -99,7 +99,7 @@ def _extreme_value(letter: str, rng: random.Random) -> float:
     return rng.choice((low, high, max(low, min(high, 0)), max(low, min(high, 1)), rng.randint(low, high)))
 
 
-def is_working(sim: VehicleSim) -> bool:
+def is_working(sim: SimulatedFleet) -> bool:
     """Whether the vehicle's state is finite, and the simulator still streams telemetry and replies to
     requests."""
     truth = sim.simulation.truth
@@ -161,7 +161,7 @@ def test_frames_with_unknown_ids_are_skipped_completely(station: Station) -> Non
 @pytest.mark.parametrize("seed", range(SEEDS))
 def test_the_simulator_works_after_extreme_values_in_every_message(seed: int) -> None:
     rng = random.Random(seed)
-    sim = VehicleSim(camera=True, world=load_world("yard"), seed=seed, log=False)
+    sim = SimulatedFleet(camera=True, world=load_world("yard"), seed=seed, log=False)
     sim.step(6.0)
     layouts = list(LAYOUTS.values())
     for _ in range(3):
@@ -205,7 +205,7 @@ def test_the_simulator_works_after_extreme_values_to_every_service_in_flight(see
 
 @pytest.mark.story
 def test_a_flood_takes_limited_memory_and_the_simulator_works_afterwards() -> None:
-    sim = VehicleSim()
+    sim = SimulatedFleet()
     sim.step(1.0)
     layout, payload = pack("PARAM_REQUEST_LIST", target_system=1, target_component=1)
     flood = b"".join(frame_v2(layout, payload, n & 0xFF, 255, 190) for n in range(2000))

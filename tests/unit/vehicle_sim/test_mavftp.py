@@ -11,7 +11,7 @@ import pytest
 from pymavlink import mavftp
 from pymavlink.mavftp import MAVFTP, FtpError, MAVFTPSettings
 
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.storage import metadata
@@ -35,7 +35,7 @@ class Connection:
     source_system, source_component = 255, 190
 
     def __init__(self) -> None:
-        self.sim = VehicleSim()
+        self.sim = SimulatedFleet()
         self.mav = self
         self.sent_count = 0
         self._parser, self._received = FrameParser(), list[Any]()

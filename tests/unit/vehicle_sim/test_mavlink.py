@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, Station
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.mavlink.rates import API, GCS
@@ -85,7 +85,7 @@ def test_the_table_has_the_rates_of_a_real_vehicle(reference_data) -> None:
 
 
 def test_sequence_numbers_have_no_gaps_on_each_link() -> None:
-    sim = VehicleSim()
+    sim = SimulatedFleet()
     sim.step(3.0)
     for link in ("gcs", "api"):
         sequences = [f[4] for f in sim.frames(0, link)]
@@ -199,7 +199,7 @@ def test_requests_for_files_clocks_and_pings_get_replies() -> None:
 
 
 def test_version_and_modes_can_be_requested() -> None:
-    sim = VehicleSim(2, first_instance=3)
+    sim = SimulatedFleet(2, first_instance=3)
     for row in range(2):
         layout, payload = pack(
             "COMMAND_LONG", target_system=4 + row, target_component=1, command=REQUEST_MESSAGE, param1=148

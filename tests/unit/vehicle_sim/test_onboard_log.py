@@ -8,7 +8,7 @@ import pytest
 from pyulog import ULog
 
 from tests.unit.vehicle_sim.sim_station import Station
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.storage.files import VehicleFiles
 
 pytestmark = pytest.mark.flight
@@ -195,7 +195,7 @@ def test_the_next_arming_opens_a_new_file_and_reports_it():
 
 
 def test_logs_of_the_same_second_get_different_names():
-    sim = VehicleSim(log=True, parameters={"SDLOG_MODE": -1})
+    sim = SimulatedFleet(log=True, parameters={"SDLOG_MODE": -1})
     sim.simulation.parameters[0].set("SDLOG_MODE", 0)
     sim.step(1.0)
     logger, paths = sim.loggers[0], []
@@ -208,7 +208,7 @@ def test_logs_of_the_same_second_get_different_names():
 
 
 def test_the_default_log_profile_alone_has_lower_rates():
-    sim = VehicleSim(log=True, parameters={"SDLOG_PROFILE": 1})
+    sim = SimulatedFleet(log=True, parameters={"SDLOG_PROFILE": 1})
     sim.step(3.0)
     sim.close()
     log = ULog(str(sim.files[0].host_path(sim.loggers[0].path)))
@@ -219,7 +219,7 @@ def test_the_default_log_profile_alone_has_lower_rates():
 
 
 def test_each_vehicle_of_a_fleet_writes_its_own_log():
-    sim = VehicleSim(3, log=True)
+    sim = SimulatedFleet(3, log=True)
     sim.step(2.0)
     sim.loggers[1].stop()
     sim.step(1.0)
@@ -235,7 +235,7 @@ def test_each_vehicle_of_a_fleet_writes_its_own_log():
 def test_the_oldest_log_folders_are_removed_beyond_the_limit(tmp_path):
     for day in range(1, 11):
         (tmp_path / f"log/2026-01-{day:02d}").mkdir(parents=True)
-    sim = VehicleSim(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_DIRS_MAX": 3})
+    sim = SimulatedFleet(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_DIRS_MAX": 3})
     sim.step(0.6)
     folders = sorted(entry.name for entry in (tmp_path / "log").iterdir())
     assert folders[:3] == ["2026-01-08", "2026-01-09", "2026-01-10"]
@@ -310,7 +310,7 @@ def test_nothing_is_written_or_reported_while_logging_is_disabled():
 def test_a_log_does_not_change_the_flight():
     flights = []
     for log in (False, True):
-        sim = VehicleSim(log=log, seed=5)
+        sim = SimulatedFleet(log=log, seed=5)
         sim.step(12)
         assert sim.autopilots[0].commander.arm()
         sim.step(1)

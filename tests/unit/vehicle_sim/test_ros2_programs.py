@@ -9,7 +9,7 @@ import pytest
 from tests.clients import ros2_flow, ros2_offboard_node
 from tests.support.ros2_vehicle import NO_TIME_SYNC
 from vehicle_sim.dds.participant import DdsDomain
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 
 pytestmark = pytest.mark.flight
 DOMAIN = 47
@@ -19,7 +19,7 @@ class Flight:
     """A vehicle on DDS; records its altitude above the start."""
 
     def __init__(self, domain: DdsDomain, namespace: str) -> None:
-        self.sim = VehicleSim(
+        self.sim = SimulatedFleet(
             1, links=(), sensor_noise=False, parameters=NO_TIME_SYNC | {"UXRCE_DDS_SYNCT": 1}
         )
         self.sim.open_ros2(0, domain.open(namespace), lambda text: None)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, Station
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.script import script_from_fields
 from vehicle_sim.yaml_fields import FileProblem, parse_yaml
 
@@ -19,7 +19,7 @@ def script(*events):
 
 
 def test_gps_is_lost_and_restored_at_the_scripted_times():
-    sim = VehicleSim(script=script("at_s: 2, gps: lost", "at_s: 3.5, gps: ok"))
+    sim = SimulatedFleet(script=script("at_s: 2, gps: lost", "at_s: 3.5, gps: ok"))
     fixes = []
     for _ in range(50):
         sim.step(0.1)
@@ -42,7 +42,7 @@ def test_an_event_when_airborne_occurs_after_the_take_off():
 
 
 def test_an_event_above_a_height_stops_a_motor_of_the_named_vehicle_only():
-    sim = VehicleSim(2, script=script("above_m: 5, vehicles: [2], motor: {number: 3}"))
+    sim = SimulatedFleet(2, script=script("above_m: 5, vehicles: [2], motor: {number: 3}"))
     sim.simulation.truth.position_ned_m[:, 2] = -20.0
     sim.step(0.1)
     assert sim.simulation.motor_health.tolist() == [[1, 1, 1, 1], [1, 1, 0, 1]]
@@ -64,7 +64,7 @@ def test_a_link_that_is_down_sends_nothing_until_it_is_up_again():
 
 
 def test_an_event_at_landing_needs_a_previous_flight_and_a_scripted_parameter_is_set():
-    sim = VehicleSim(
+    sim = SimulatedFleet(
         script=script("when: landed, gps: lost", "at_s: 1, parameter: {name: MPC_XY_CRUISE, value: 3}")
     )
     sim.step(2.0)
@@ -73,7 +73,7 @@ def test_an_event_at_landing_needs_a_previous_flight_and_a_scripted_parameter_is
 
 
 def test_a_gps_offset_moves_the_gps_position():
-    sim = VehicleSim(script=script("at_s: 2, gps_offset_ned_m: [100, 0, 0]"), sensor_noise=False)
+    sim = SimulatedFleet(script=script("at_s: 2, gps_offset_ned_m: [100, 0, 0]"), sensor_noise=False)
     sim.step(1.9)
     lat_before_deg = float(sim.simulation.sensors.gps_lat_deg[0])
     sim.step(1.0)

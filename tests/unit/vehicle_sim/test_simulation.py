@@ -51,7 +51,7 @@ def test_motors_idle_when_armed_without_a_setpoint():
 
 
 def test_position_is_valid_soon_after_boot_and_equals_home():
-    sim = Simulation(home=SimulationOrigin(10.0, 20.0, 100.0), sensor_noise=False)
+    sim = Simulation(origin=SimulationOrigin(10.0, 20.0, 100.0), sensor_noise=False)
     run(sim, 0.3)
     assert not sim.estimate.valid_position[0]
     assert math.isnan(sim.estimate.lat_deg[0])
@@ -271,7 +271,7 @@ def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_same_effe
     sensors = sensors_with_parameters(SIM_GPS_USED=3)
     assert (sensors.gps_fix_type[0], sensors.gps_horizontal_accuracy_m[0]) == (0, 100.0)
     assert sensors.gps_satellites[0] == 3
-    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "no position was reported"
+    assert sensors.gps_lat_deg[0] == pytest.approx(sim.origin.lat_deg), "no position was reported"
 
 
 @pytest.mark.story
@@ -291,17 +291,6 @@ def test_parameters_take_effect_when_reloaded():
     )
     with pytest.raises(ValueError, match="SIH_MASS is 0"):
         Simulation(parameters=[sim.parameters[0]])
-
-
-def test_a_reset_affects_one_vehicle_only():
-    sim = hovering_sim(2)
-    sim.reset_vehicle(0)
-    assert np.array_equal(sim.truth.position_ned_m[0], [0.0, 0.0, 0.0])
-    assert not sim.setpoints.armed[0]
-    run(sim, 2.0)
-    assert sim.truth.on_ground[0]
-    assert sim.estimate.valid_position[0]
-    assert sim.truth.position_ned_m[1] == pytest.approx([0.0, 3.0, -10.0], abs=0.1)
 
 
 def test_a_partial_setpoint_controls_only_its_axes():

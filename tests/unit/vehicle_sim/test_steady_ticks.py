@@ -14,7 +14,7 @@ from vehicle_sim.autopilot.mission.items import POSITION_ITEMS, Item
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.offboard import trajectory_setpoint
 from vehicle_sim.autopilot.plans import MISSION
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.sensors.faults import Driver
 
@@ -22,12 +22,12 @@ pytestmark = pytest.mark.flight
 
 RELATIVE, NO_FRAME = 6, 2
 WAYPOINT, LAND, TAKEOFF, DELAY, CHANGE_SPEED, ROI_LOCATION, ROI_NONE = 16, 21, 22, 93, 178, 195, 197
-Script = Mapping[float, Callable[[VehicleSim], object]]
+Script = Mapping[float, Callable[[SimulatedFleet], object]]
 """Actions by time since boot [s]."""
 
 
 def mission_item(command: int, north_m: float, east_m: float, alt_home_m: float, *parameters: float) -> Item:
-    home = VehicleSim(links=()).simulation.home
+    home = SimulatedFleet(links=()).simulation.origin
     lat, lon = to_global(*(np.array(value) for value in (north_m, east_m, home.lat_deg, home.lon_deg)))
     all_parameters = (*parameters, 0.0, 0.0, 0.0, 0.0)[:4]
     frame = RELATIVE if command in POSITION_ITEMS | {ROI_LOCATION} else NO_FRAME
@@ -36,7 +36,7 @@ def mission_item(command: int, north_m: float, east_m: float, alt_home_m: float,
 
 def fly(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str], float]:
     """Digest of all motions, setpoints and gimbals; messages; and the fraction of ticks that were steady."""
-    sim = VehicleSim(count, links=(), seed=3)
+    sim = SimulatedFleet(count, links=(), seed=3)
     for row in range(count):
         sim.simulation.set_wind(np.array([2.0 * row, 3.0, 0.0]), row)
         sim.simulation.set_gusts(0.5, row)
@@ -79,11 +79,11 @@ def compare_ticks(script: Script, seconds: float, monkeypatch: pytest.MonkeyPatc
     return steady_fraction
 
 
-def for_each_autopilot(action: Callable[[Autopilot], object]) -> Callable[[VehicleSim], object]:
+def for_each_autopilot(action: Callable[[Autopilot], object]) -> Callable[[SimulatedFleet], object]:
     return lambda sim: [action(autopilot) for autopilot in sim.autopilots]
 
 
-def start_mission(sim: VehicleSim) -> None:
+def start_mission(sim: SimulatedFleet) -> None:
     items = [
         mission_item(TAKEOFF, 0.0, 0.0, 6.0, 0.0, 0.0, 0.0, math.nan),
         mission_item(WAYPOINT, 12.0, 0.0, 6.0, 1.5, 0.0, 0.0, math.nan),
@@ -139,7 +139,7 @@ def test_spool_up_take_off_ramp_and_ground_contact_use_steady_ticks(
     """The other ticks are full: before arming, after disarming, and while the vehicle brakes for the
     landing."""
 
-    def set_fast_landing(sim: VehicleSim) -> None:
+    def set_fast_landing(sim: SimulatedFleet) -> None:
         for name, value in {"MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.5}.items():
             sim.set_parameter(0, name, value)
 
@@ -148,7 +148,7 @@ def test_spool_up_take_off_ramp_and_ground_contact_use_steady_ticks(
         1.0: for_each_autopilot(take_off),
         6.5: for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
     }
-    sims: list[VehicleSim] = []
+    sims: list[SimulatedFleet] = []
     script[6.6] = sims.append
     steady_fraction = compare_ticks(script, 16.5, monkeypatch)
     assert not any(sim.autopilots[0].commander.armed for sim in sims)
@@ -156,7 +156,7 @@ def test_spool_up_take_off_ramp_and_ground_contact_use_steady_ticks(
 
 
 def test_a_forced_disarm_in_a_steady_flight_stops_the_motors_in_the_same_tick() -> None:
-    sim = VehicleSim(links=(), seed=3)
+    sim = SimulatedFleet(links=(), seed=3)
     autopilot = sim.autopilots[0]
     sim.step(5.0)
     take_off(autopilot)
@@ -195,7 +195,7 @@ def stream_script(end_s: float) -> Script:
         elif t < 18.0:
             offboard.trajectory(trajectory_setpoint((-5.0, 0.0, -7.0), nan3, nan3, 1.0, math.nan))
 
-    script: dict[float, Callable[[VehicleSim], object]] = {5.0: for_each_autopilot(take_off)}
+    script: dict[float, Callable[[SimulatedFleet], object]] = {5.0: for_each_autopilot(take_off)}
     script |= {15.0 + k * 0.02: for_each_autopilot(send) for k in range(round((end_s - 15.0) / 0.02))}
     script[15.5] = for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.OFFBOARD))
     script[25.21] = lambda sim: sim.set_parameter(0, "MPC_XY_P", 0.8)

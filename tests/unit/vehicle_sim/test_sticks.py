@@ -38,7 +38,7 @@ class JoystickStation(Station):
 
     def reposition(self):
         """Flies to 10 m above home at its current horizontal position, heading north."""
-        home = self.sim.simulation.home
+        home = self.sim.simulation.origin
         north, east, _ = self.position_m
         lat, lon = to_global(north, east, home.lat_deg, home.lon_deg)
         self.send(

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vehicle_sim.fleet import VehicleSim
+from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.script import script_from_fields
 from vehicle_sim.simulation import ControlLevel, Simulation, row_east
@@ -92,7 +92,7 @@ def test_an_invalid_noise_factor_is_refused(factor):
 
 def test_scripted_wind_gusts_and_noise_affect_only_the_named_vehicles():
     event = "{at_s: 0.1, vehicles: [2], wind_ned_m_s: [0, 8, 0], gusts_m_s: 2, sensor_noise: 3}"
-    sim = VehicleSim(
+    sim = SimulatedFleet(
         2, links=(), script=script_from_fields(parse_yaml(f"events:\n  - {event}\n", "wind.yaml"))
     )
     sim.step(0.5)

@@ -210,9 +210,9 @@ class MotionMessages(MessageGroup):
     def hil_state_quaternion(self) -> bytes:
         """Contains the true state, as in PX4's SIH; like PX4, it sends the acceleration in m/s²."""
         simulation, i = self._view.simulation, self._view.row
-        truth, home = simulation.truth, simulation.home
+        truth, origin = simulation.truth, simulation.origin
         north, east, down = truth.position_ned_m[i].tolist()
-        lat, lon = to_global(north, east, home.lat_deg, home.lon_deg)  # type: ignore[arg-type]
+        lat, lon = to_global(north, east, origin.lat_deg, origin.lon_deg)  # type: ignore[arg-type]
         vn, ve, vd = (i16(100.0 * speed) for speed in truth.velocity_ned_m_s[i].tolist())
         roll_rate, pitch_rate, yaw_rate = truth.rates_frd_rad_s[i].tolist()
         ax, ay, az = (i16(value) for value in truth.acceleration_ned_m_s2[i].tolist())
@@ -221,7 +221,7 @@ class MotionMessages(MessageGroup):
             attitude_quaternion=truth.q_ned_frd[i].tolist(),
             rollspeed=roll_rate, pitchspeed=pitch_rate, yawspeed=yaw_rate,
             lat=round(float(lat) * 1e7), lon=round(float(lon) * 1e7),
-            alt=round((home.alt_amsl_m - down) * 1000),
+            alt=round((origin.alt_amsl_m - down) * 1000),
             vx=vn, vy=ve, vz=vd, xacc=ax, yacc=ay, zacc=az,
         )[1]  # fmt: skip
 
