@@ -59,6 +59,7 @@ STYLE = (
     _tool("imports", "lint-imports"),
     _tool("format", "ruff", "format", "--check", "."),
     _tool("style", "ruff", "check", "."),
+    Check("size", (sys.executable, "-m", "tools.code_size", "--check")),
 )
 LINT = (_tool("types", "pyright"), _page("check:types"), *STYLE)
 """The longest check is first, so that the second processor runs all others meanwhile."""
