@@ -28,7 +28,7 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.commands.sides import Side
 from vehicle_sim.frames import quaternion_from_euler
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
-from vehicle_sim.sensors.faults import Driver
+from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.yaml_fields import Fields, read_yaml
 

@@ -23,9 +23,7 @@ from vehicle_sim.parameters import Parameters
 from vehicle_sim.physics.battery import Batteries
 from vehicle_sim.physics.rigid_body import RigidBodies
 from vehicle_sim.physics.wind import Wind
-from vehicle_sim.sensors.faults import Driver, SensorFaults
-from vehicle_sim.sensors.range_finder import RangeFinder
-from vehicle_sim.sensors.suite import SensorSuite
+from vehicle_sim.sensors.suite import Driver, RangeFinder, SensorFaults, SensorSuite
 from vehicle_sim.state import (
     BatteryState,
     EstimateState,

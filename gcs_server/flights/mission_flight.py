@@ -26,6 +26,7 @@ from missions.offboard.segments import CurveSegment
 from missions.runner.flown import FlightRecord, FlownMission, planned_by_mission, state_in_mission
 from missions.runner.reading import Reading
 from missions.runner.requests import (
+    CannotDo,
     ChangeScript,
     Notify,
     Photo,
@@ -38,7 +39,6 @@ from missions.runner.requests import (
     TakeOff,
 )
 from missions.runner.runner import Runner
-from missions.runner.status import CannotDo
 
 if TYPE_CHECKING:
     from gcs_server.flights.missions import JointMission

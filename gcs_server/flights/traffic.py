@@ -21,8 +21,8 @@ from missions.geodesy import LocalOrigin
 from missions.offboard.timeline import Timeline
 from missions.plan import Plan
 from missions.traffic.conflict import Conflict, conflicts
-from missions.traffic.offboard import predict_mission, predict_timeline
 from missions.traffic.path import PredictedPath, stationary_path
+from missions.traffic.waypoints import predict_mission, predict_timeline
 
 if TYPE_CHECKING:
     from gcs_server.flights.flights import Flights

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
-from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.flight import Flight, ReportProgress, fly
+from missions.dry_run.pilot import DryRunFinding
 from missions.dry_run.plans import Flyable
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, AnyObstacle, Conditions, Site
 from missions.dry_run.track import SAMPLE_PERIOD_S, Track

@@ -15,19 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Fleet
 from missions.dry_run.flight import ReportProgress, fly_fleet
 from missions.dry_run.offboard import RUNNER_EVERY_TICKS, OffboardPilot
-from missions.dry_run.offboard_plans import FlyableMission
-from missions.dry_run.plans import max_duration_s
+from missions.dry_run.pilot import DryRunFinding
+from missions.dry_run.plans import FlyableMission, max_duration_s
 from missions.dry_run.result import MAX_SAMPLES, DryRun, evaluate, finding_document
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.track import SAMPLE_PERIOD_S, Recorder, Track
 from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
-from missions.runner.status import CannotDo
+from missions.runner.requests import CannotDo
 from missions.runner.together import JointRunner
 from missions.separation import braking_separation_m, planned_margin_m
 

@@ -11,9 +11,8 @@ from missions.flight_times import land_time_s, takeoff_time_s
 from missions.geodesy import LocalOrigin
 from missions.offboard import compile_paths, mission_checks
 from missions.offboard.document import OffboardMission
-from missions.offboard.gimbals import GimbalTrack
 from missions.offboard.positions import MissingReference, Start, fence_area
-from missions.offboard.segments import Decision, Event, WaitKind, WaitSegment
+from missions.offboard.segments import Decision, Event, GimbalTrack, WaitKind, WaitSegment
 from missions.offboard.state import Compilation, MissionVehicle, State
 from missions.offboard.steps import (
     AttitudeStep,

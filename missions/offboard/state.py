@@ -15,9 +15,8 @@ from missions.fence import Fence, fence_from_json
 from missions.frames import Vector3
 from missions.offboard.document import Bounds, OffboardMission
 from missions.offboard.findings import MissionFinding
-from missions.offboard.gimbals import GimbalTrack
 from missions.offboard.positions import MissionPosition, Start, to_local
-from missions.offboard.segments import Segment
+from missions.offboard.segments import GimbalTrack, Segment
 from missions.offboard.steps import PathStep
 from missions.setpoints import Estimate
 from missions.trajectory.limits import MotionLimits

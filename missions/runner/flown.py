@@ -12,7 +12,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard.samples import Leg, legs, setpoint_time_s
 from missions.offboard.timeline import Timeline
 from missions.runner.reading import Reading
-from missions.runner.status import RunnerStatus
+from missions.runner.requests import RunnerStatus
 
 PERIOD_S = 0.5
 MAX_SAMPLES = 4000

@@ -11,31 +11,38 @@ from __future__ import annotations
 from missions.offboard.segments import Segment, WaitSegment
 from missions.offboard.timeline import Timeline
 from missions.runner.corridor import Corridor, CorridorWatch
-from missions.runner.ending import Ending
-from missions.runner.executor_control import REPLACED, ExecutorControl
 from missions.runner.flight import Flight
-from missions.runner.parts import LandPart, Part, TakeOffPart
-from missions.runner.payload import release_gimbal
+from missions.runner.parts import LandPart, Part, TakeOffPart, release_gimbal
 from missions.runner.reading import Reading
 from missions.runner.requests import (
     ACTION_TEXTS,
     MODE_BY_ACTION,
+    CannotDo,
+    Notify,
+    Photo,
     Request,
+    RunnerStatus,
     SetMode,
     StopStream,
     StreamScript,
     TakeOff,
 )
 from missions.runner.setpoint_part import SetpointPart
-from missions.runner.status import CannotDo, RunnerStatus
-from missions.runner.watch import IN_FLIGHT, FlightWatch, missing_estimate, takeover_reason
+from missions.runner.watch import (
+    IN_FLIGHT,
+    REPLACED,
+    ExecutorControl,
+    FlightWatch,
+    missing_estimate,
+    takeover_reason,
+)
 from missions.trajectory.limits import MotionLimits
 
 LOW_BATTERY_SHARE = 0.15
 """Default of BAT_LOW_THR."""
 
 
-class Runner(Ending):
+class Runner:
     """One flight of a mission.
 
     Args:
@@ -56,7 +63,6 @@ class Runner(Ending):
         corridor: Corridor | None = None,
         mode: str = "offboard",
     ) -> None:
-        super().__init__()
         self.flight = Flight(timeline, name, motion or MotionLimits(speed_m_s=5.0), mode)
         self._watch = FlightWatch(self.flight, low_battery_share)
         self._corridor = None if corridor is None else CorridorWatch(corridor)
@@ -64,6 +70,13 @@ class Runner(Ending):
         self._part: Part | None = None
         self._had_link = True
         self._was_in_air = False
+        self._final_state: str | None = None
+        self._reason: str | None = None
+        self._suspended = False
+        self._paused_in_hold = False
+        """Whether the mission is suspended because the operator paused it during take-off or landing."""
+        self._requests: list[Request] = []
+        self._reported_payload_failures: set[str] = set()
 
     # --- requests of clients ----------------------------------------------------------------------
 
@@ -233,6 +246,18 @@ class Runner(Ending):
         else:
             self._payload_failed(request, text)
         return self._take_requests()
+
+    @property
+    def over(self) -> bool:
+        """Whether the mission is done, aborted or stopped."""
+        return self._final_state is not None
+
+    @property
+    def early_end_reason(self) -> str | None:
+        """The reason why the mission ended early or is suspended; None: it is active, paused or done."""
+        if self._final_state in ("aborted", "stopped") or (self._suspended and not self._paused_in_hold):
+            return self._reason or "The mission was interrupted"
+        return None
 
     @property
     def state(self) -> str:
@@ -405,3 +430,29 @@ class Runner(Ending):
         if self._part is None or self._suspended:
             raise CannotDo("the mission does not control the vehicle now", "Resume the mission first.")
         return self._part
+
+    def _take_requests(self) -> list[Request]:
+        requests, self._requests = self._requests, []
+        return requests
+
+    def _suspend(self, reason: str) -> None:
+        self._paused_in_hold = False
+        self._suspended, self._reason = True, reason
+        self._notify("suspended", f"{reason}.", warning=True)
+
+    def _end(self, state: str, reason: str | None) -> None:
+        self._final_state, self._reason = state, reason
+        self._notify(state, f"{reason}." if reason else "The mission is done.", warning=state == "stopped")
+
+    def _notify(self, code: str, text: str, *, warning: bool = False) -> None:
+        self._requests.append(Notify(code, text, warning))
+
+    def _payload_failed(self, request: Request, text: str) -> None:
+        failure = "A photo was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
+        if failure not in self._reported_payload_failures:
+            self._reported_payload_failures.add(failure)
+            self._notify("payload", f"{failure}: {text}. The mission continues.", warning=True)
+
+    def _require_not_over(self, verb: str) -> None:
+        if self._final_state is not None:
+            raise CannotDo(f"the mission has ended: there is nothing to {verb}", "Start the mission again.")

@@ -14,8 +14,7 @@ from missions.offboard.segments import (
 )
 from missions.runner.course import ConditionWatch
 from missions.runner.flight import Flight
-from missions.runner.parts import Failure, Part
-from missions.runner.payload import photos_due, point_gimbal
+from missions.runner.parts import Failure, Part, photos_due, point_gimbal
 from missions.runner.reading import Reading
 from missions.runner.requests import ChangeScript, Notify, Request, StreamScript
 from missions.runner.sampler import ScriptSampler

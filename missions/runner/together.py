@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from missions.runner.reading import Reading
-from missions.runner.requests import Request
+from missions.runner.requests import CannotDo, Request
 from missions.runner.runner import Runner
-from missions.runner.status import CannotDo
 
 Requests = dict[str, list[Request]]
 """Requests of each runner, by role."""

@@ -22,8 +22,7 @@ import numpy as np
 from gcs_server.client import Gcs
 from missions import documents
 from missions.dry_run.monte_carlo import monte_carlo
-from missions.dry_run.offboard_plans import FlyableMission
-from missions.dry_run.plans import Flyable, FlyablePlan
+from missions.dry_run.plans import Flyable, FlyableMission, FlyablePlan
 from missions.dry_run.result import dry_run
 from missions.dry_run.setup import Aircraft, Conditions
 from missions.dry_run.track import Track

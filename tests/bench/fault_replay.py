@@ -21,7 +21,7 @@ from vehicle_sim.geodesy import to_global, to_local
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.sensors.faults import Driver
+from vehicle_sim.sensors.suite import Driver
 
 from .fault_recordings import (
     EVENTS,

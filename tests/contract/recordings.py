@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
-from vehicle_sim.mavlink.rates import API
+from vehicle_sim.mavlink.link import API
 
 Dialogue = dict[str, Any]
 SentMessage = tuple[float, str, str, dict[str, Any], tuple[int, int]]

@@ -10,7 +10,7 @@ from tests.contract import rules
 from tests.contract.recordings import STREAMED_TO_THE_END, mission_of_200_items, with_all_items
 from tests.contract.replay_vehicle import Received
 from tests.contract.unrecorded_states import RECEPTION_DELAY_S, UNRECORDED_STATES
-from vehicle_sim.mavlink.services.plan_id import add_to_id
+from vehicle_sim.mavlink.services.mission import add_to_id
 
 
 def statustext(dt_s: float, text: str) -> Received:

@@ -19,7 +19,7 @@ from gcs_server.flights import traffic, waypoint_flight
 from missions.geodesy import LocalOrigin
 from missions.offboard import document
 from missions.offboard.reader import read
-from missions.traffic import offboard as missions_in_flight
+from missions.traffic import waypoints as missions_in_flight
 from tests.protocol import two_vehicles
 from tests.protocol.api_calls import ANNA, json_of
 from tests.protocol.offboard_testbed import sleep

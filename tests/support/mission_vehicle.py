@@ -9,10 +9,18 @@ from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
 from missions.offboard.timeline import Timeline
 from missions.runner.reading import Reading
-from missions.runner.requests import ChangeScript, Notify, Request, SetMode, StopStream, StreamScript, TakeOff
+from missions.runner.requests import (
+    ChangeScript,
+    Notify,
+    Request,
+    RunnerStatus,
+    SetMode,
+    StopStream,
+    StreamScript,
+    TakeOff,
+)
 from missions.runner.runner import Runner
 from missions.runner.sampler import ScriptSampler
-from missions.runner.status import RunnerStatus
 from missions.setpoints import Estimate, Position, Trajectory, Velocity, zeros_for_none
 
 STEP_S = 0.1

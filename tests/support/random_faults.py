@@ -13,7 +13,7 @@ import numpy as np
 
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.geodesy import to_local
-from vehicle_sim.sensors.faults import Driver
+from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.simulation import Simulation
 
 SETTLED_S = 8.0

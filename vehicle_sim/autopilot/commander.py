@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.arming import REASONS, FlightStatistics, Reason, arming_denial, auto_disarm_after_s
@@ -10,8 +12,7 @@ from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
 from vehicle_sim.autopilot.land_detector import LandedState
-from vehicle_sim.autopilot.mode_refusals import ModeRefusals
-from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState
+from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState, event_number
 from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Offboard
@@ -24,6 +25,28 @@ from vehicle_sim.vehicle_view import VehicleView
 
 CHECK_EVERY_TICKS = 5
 """Interval of the checks: 10 Hz as in PX4; a change of the commander's state also makes them due."""
+REPORT_EVERY_S = 1.0
+"""Minimum interval between two reports."""
+
+
+class ModeRefusals:
+    """Reports the refused mode changes of one vehicle."""
+
+    def __init__(self, view: VehicleView, announcer: Announcer) -> None:
+        self._view, self._announcer = view, announcer
+        self._reported_at_s = -math.inf
+
+    def report(self, mode: NavState) -> None:
+        """Reports that a mode is not available; does nothing within REPORT_EVERY_S of the last report."""
+        now_s = self._view.time_s
+        if now_s - self._reported_at_s <= REPORT_EVERY_S:
+            return
+        self._reported_at_s = now_s
+        self._announcer.announce(
+            2, f"Switching to {MODES[mode].name} is currently not available",
+            "commander_modeswitch_not_avail", "IB",
+            MODES[mode].custom_mode, event_number(mode),
+        )  # fmt: skip
 
 
 class Commander:

@@ -6,14 +6,15 @@ Lengths in metres, NED. The flight tasks advance the trajectory once per tick (5
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from vehicle_sim.autopilot.resets import EstimateResets
-from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
+from vehicle_sim.autopilot.setpoint_writer import SetpointWriter, float_view
 from vehicle_sim.autopilot.smoothing import Smoothing, SpeedLimits, WaypointTriplet
 from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.autopilot.tick_arrays import TickArrays
 from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, advance_axis
 from vehicle_sim.frames import wrap_angle
+from vehicle_sim.state import FloatArray
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 TICK_S = 0.02
@@ -27,6 +28,56 @@ TAKEOFF_CLIMB_M_S = 0.3
 GROUND_VELOCITY_DOWN_M_S = 0.7
 """On the ground PX4 starts each trajectory with this descent speed. The climb begins after this speed is
 braked to zero: 1.4 s into the take-off ramp."""
+
+
+class Reset(NamedTuple):
+    """The quantities that the estimator has reset since the last call of `EstimateResets.take`."""
+
+    horizontal_velocity: bool
+    vertical_velocity: bool
+    horizontal_position: bool
+    height: bool
+    heading_rad: float
+    """Change of the heading; 0 without a reset."""
+
+
+class EstimateResets:
+    """Compares the estimator's reset counters from one tick to the next.
+
+    Args:
+        view: the vehicle.
+        heading_rad: (1,) array that stores the estimated heading of the last tick.
+    """
+
+    def __init__(self, view: VehicleView, heading_rad: FloatArray) -> None:
+        self._view = view
+        self._counts = self._counters()
+        self._heading_rad = float_view(heading_rad)
+
+    def _counters(self) -> list[int]:
+        """Counters of horizontal velocity, vertical velocity, horizontal position, height, heading."""
+        fusion, i = self._view.simulation.fusion, self._view.row
+        return [*fusion.resets[:, i].tolist(), int(fusion.heading_reset_counter[i])]
+
+    @property
+    def counts(self) -> list[int]:
+        """The counters at the last check."""
+        return self._counts
+
+    def discard(self) -> None:
+        """Ignores all resets so far."""
+        self._counts, self._heading_rad[0] = self._counters(), self._view.estimate.yaw_ned_rad
+
+    def take(self) -> Reset | None:
+        """The resets since the last call; None: no reset. Call it once per tick."""
+        previous, self._counts = self._counts, self._counters()
+        old_rad = self._heading_rad[0]
+        new_rad = self._heading_rad[0] = self._view.estimate.yaw_ned_rad
+        if self._counts == previous:
+            return None
+        changed = [new != old for new, old in zip(self._counts, previous, strict=True)]
+        turned_rad = wrap_angle(new_rad - old_rad) if changed[4] else 0.0
+        return Reset(changed[0], changed[1], changed[2], changed[3], turned_rad)
 
 
 class Path:

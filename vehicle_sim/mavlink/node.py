@@ -7,31 +7,23 @@ from collections.abc import Callable
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.commands.calibration import CalibrationCommands
-from vehicle_sim.commands.failures import FailureCommands
-from vehicle_sim.commands.flight import FlightCommands
+from vehicle_sim.commands.flight import FailureCommands, FlightCommands
 from vehicle_sim.commands.gimbal import GimbalCommands
 from vehicle_sim.logger.logger import Logger
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, Message
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.services.camera import CameraService
-from vehicle_sim.mavlink.services.commands import CommandService
-from vehicle_sim.mavlink.services.follow import FollowService
+from vehicle_sim.mavlink.services.commands import CommandService, OwnCommandService
 from vehicle_sim.mavlink.services.ftp import FtpService
-from vehicle_sim.mavlink.services.gimbal import GimbalService
+from vehicle_sim.mavlink.services.inputs import InputService
 from vehicle_sim.mavlink.services.logs import LogService
-from vehicle_sim.mavlink.services.manual import ManualService
 from vehicle_sim.mavlink.services.mission import MissionService
-from vehicle_sim.mavlink.services.modes import ModesMonitor
-from vehicle_sim.mavlink.services.offboard import OffboardService
-from vehicle_sim.mavlink.services.origin import OriginService
-from vehicle_sim.mavlink.services.own_commands import OwnCommandService
 from vehicle_sim.mavlink.services.params import ParamService
-from vehicle_sim.mavlink.services.ranging import RangingService
-from vehicle_sim.mavlink.services.requests import RequestService
+from vehicle_sim.mavlink.services.requests import ModesMonitor, RequestService
 from vehicle_sim.mavlink.services.shell import ShellService, Terminal
+from vehicle_sim.mavlink.services.streams import OriginService, RangingService, TimeService
 from vehicle_sim.mavlink.services.texts import TextService
-from vehicle_sim.mavlink.services.time import TimeService
 from vehicle_sim.mavlink.services.vision import VisionService
 from vehicle_sim.payload.camera import Camera
 from vehicle_sim.storage.files import VehicleFiles
@@ -68,10 +60,9 @@ class Node:
         """Numbers of the commands that PX4 handles only over MAVLink."""
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
         services = (
-            self._texts, self._time, self.params, self._mission, GimbalService(self.context),
-            CommandService(self.context, self.commands), OffboardService(self.context),
-            VisionService(self.context), ManualService(self.context), self._ftp, self._logs, self._shell,
-            FollowService(self.context), OriginService(self.context),
+            self._texts, self._time, self.params, self._mission, CommandService(self.context, self.commands),
+            InputService(self.context), VisionService(self.context), self._ftp, self._logs, self._shell,
+            OriginService(self.context),
         )  # fmt: skip
         for service in services:
             self._handlers |= service.handlers

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ from vehicle_sim.masks import any_nonzero, any_of
 from vehicle_sim.noise import NoisePurpose, WhiteNoise
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.rotations import rotated, rotated_back
-from vehicle_sim.sensors.faults import Driver, SensorFaults
 from vehicle_sim.state import SensorState, SimulationOrigin, TruthState
 
 FloatArray = NDArray[np.float64]
@@ -46,9 +46,6 @@ GPS_SPEED_ACCURACY_M_S = 0.4
 GPS_HDOP = 0.7
 GPS_VDOP = 1.1
 SATELLITES_FOR_A_FIX = 4
-STALE_SAMPLES = {Driver.BARO: 34, Driver.MAG: 334}
-"""Number of equal samples after which a sensor is stale. PX4 counts three values per sample, and accepts 100
-equal values of a barometer (1.7 s in a recording) and 1000 of a magnetometer (6.7 s)."""
 BARO_TEMPERATURE_DEG_C = 11.82
 """Temperature in SCALED_PRESSURE at home: 15 °C at sea level, minus 6.5 °C per kilometre."""
 
@@ -56,6 +53,46 @@ _SEA_LEVEL_PA = 101325.0
 _SEA_LEVEL_K = 288.15
 _LAPSE_K_M = 0.0065
 _PRESSURE_EXPONENT = 5.2558797
+
+
+class Driver(Enum):
+    """Simulated sensor drivers that can be stopped, by the names of PX4's modules."""
+
+    GPS = "sensor_gps_sim"
+    BARO = "sensor_baro_sim"
+    MAG = "sensor_mag_sim"
+
+
+STALE_SAMPLES = {Driver.BARO: 34, Driver.MAG: 334}
+"""Number of equal samples after which a sensor is stale. PX4 counts three values per sample, and accepts 100
+equal values of a barometer (1.7 s in a recording) and 1000 of a magnetometer (6.7 s)."""
+
+
+class SensorFaults:
+    """The sensor faults of N vehicles; callers may write the arrays.
+
+    Args:
+        count: N.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.stuck = {driver: np.zeros(count, dtype=np.bool_) for driver in Driver}
+        """For each sensor: (N,) whether the sensor repeats its last sample."""
+        self.gps_offset_ned_m = np.zeros((count, 3))
+        self.gps_offset_ned_m_s = np.zeros((count, 3))
+        self.imu_offset = np.zeros((count, 6))
+        """(N, 6) added to gyroscopes [rad/s] and accelerometers [m/s²], FRD."""
+
+    def set_imu_offset(self, i: int, gyro_frd_rad_s: FloatArray, accel_frd_m_s2: FloatArray) -> None:
+        """Sets the offsets (3,) of gyroscopes and accelerometers of vehicle `i`."""
+        self.imu_offset[i, :3], self.imu_offset[i, 3:] = gyro_frd_rad_s, accel_frd_m_s2
+
+    def clear(self, i: int) -> None:
+        """Removes all sensor faults of vehicle `i`."""
+        for stuck in self.stuck.values():
+            stuck[i] = False
+        self.gps_offset_ned_m[i] = self.gps_offset_ned_m_s[i] = 0.0
+        self.set_imu_offset(i, np.zeros(3), np.zeros(3))
 
 
 def pressure_hpa(alt_amsl_m: FloatArray) -> FloatArray:
@@ -333,3 +370,24 @@ def _measure_magnetometer(
             mag[i, k] = (measured - cal_offset[i, k]) * cal_scale[i, k]
         if board_rotated[i]:
             mag[i, 0], mag[i, 1], mag[i, 2] = rotated(board_matrix[i], mag[i, 0], mag[i, 1], mag[i, 2])
+
+
+class RangeFinder:
+    """The range finders of N vehicles."""
+
+    def __init__(self, count: int) -> None:
+        self._override_m = np.full(count, -1.0)
+        """(N,) distance that replaces the true distance; negative: no replacement."""
+        self._min_m = np.zeros(count)
+        self._max_m = np.full(count, np.inf)
+
+    def configure(self, i: int, parameters: Parameters) -> None:
+        """Reads SIH_DISTSNSR_OVR, _MIN and _MAX of vehicle `i`."""
+        self._override_m[i] = parameters.finite_value("SIH_DISTSNSR_OVR")
+        self._min_m[i] = parameters.finite_value("SIH_DISTSNSR_MIN")
+        self._max_m[i] = parameters.finite_value("SIH_DISTSNSR_MAX")
+
+    def measure_m(self, distance_m: FloatArray) -> FloatArray:
+        """Measured distances (N,) for true distances (N,); NaN: out of range."""
+        measured = np.where(self._override_m >= 0.0, self._override_m, distance_m)
+        return np.where((measured >= self._min_m) & (measured <= self._max_m), measured, np.nan)

@@ -8,7 +8,7 @@ from vehicle_sim.commands.command import Handler
 from vehicle_sim.logger.logger import Logger
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import LAYOUTS
-from vehicle_sim.sensors.faults import Driver
+from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.shell.console import Command, Console
 from vehicle_sim.shell.flight import CommanderCommand, FailureCommand, GimbalCommand
 from vehicle_sim.shell.listener import ListenerCommand

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from vehicle_sim import build
 from vehicle_sim.logger.logger import Logger
 from vehicle_sim.mavlink.link import Link
-from vehicle_sim.sensors.faults import Driver
+from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.shell.console import Arguments, Command, CommandFailed, UsageError, error, info, warning
 from vehicle_sim.vehicle_view import VehicleView
 

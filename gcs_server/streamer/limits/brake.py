@@ -35,7 +35,7 @@ from gcs_server.streamer.limits.region import (
     TAKEOVER_M_S2,
 )
 from missions.avoidance.scans import DEFAULT_HALF_ANGLE_RAD, LEVEL_MAX_SINE, Scan, recent_scans
-from missions.avoidance.stopping import braking_speed
+from missions.avoidance.values import braking_speed
 from missions.fence import NorthEast
 from missions.frames import Vector3
 

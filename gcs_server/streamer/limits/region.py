@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from gcs_server.streamer.values.limit_values import Bounds
-from missions.avoidance.stopping import braking_speed
+from missions.avoidance.values import braking_speed
 from missions.fence import NorthEast
 from missions.frames import Quaternion, Vector3
 

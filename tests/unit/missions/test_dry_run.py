@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from missions.dry_run.findings import CODES
 from missions.dry_run.flight import Flight
 from missions.dry_run.monte_carlo import MAX_FLIGHTS, MonteCarlo, monte_carlo
-from missions.dry_run.pilot import Step
+from missions.dry_run.pilot import CODES, Step
 from missions.dry_run.result import DryRun, dry_run, evaluate
 from missions.dry_run.setup import Conditions, Obstacle, Site
 from missions.dry_run.track import Track

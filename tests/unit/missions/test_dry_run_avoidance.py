@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from missions.dry_run.offboard_plans import FlyableMission
+from missions.dry_run.plans import FlyableMission
 from missions.dry_run.result import DryRun, dry_run
 from missions.dry_run.setup import Site, prisms_of
 from missions.dry_run.task import NOTHING_TO_AVOID, SIMULATED_SENSORS, run

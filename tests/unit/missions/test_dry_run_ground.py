@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from missions.dry_run.ground import MARGIN_M, MAX_SIDE, ground_grid
 from missions.dry_run.monte_carlo import monte_carlo
 from missions.dry_run.result import dry_run
 from missions.dry_run.setup import Conditions, GroundGrid, Site
+from missions.dry_run.task import MARGIN_M, MAX_SIDE, ground_grid
 from missions.dry_run.together import dry_run_together
 from missions.offboard.reader import read
 from missions.terrain.ground import Ground

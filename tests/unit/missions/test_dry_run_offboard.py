@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from missions.dry_run.fleet import Fleet
-from missions.dry_run.offboard_plans import FlyableMission
+from missions.dry_run.offboard import send
+from missions.dry_run.plans import FlyableMission
 from missions.dry_run.result import DryRun, dry_run
-from missions.dry_run.setpoint_input import send
 from missions.dry_run.setup import Conditions
 from missions.dry_run.task import run
 from missions.geodesy import LocalOrigin

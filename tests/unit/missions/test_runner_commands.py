@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from missions.runner.requests import SetMode, StopStream, StreamScript
-from missions.runner.status import CannotDo
+from missions.runner.requests import CannotDo, SetMode, StopStream, StreamScript
 from tests.support.mission_steps import (
     FLOWN_BY_SETPOINTS,
     FLY,

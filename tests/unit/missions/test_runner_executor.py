@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from missions.offboard.compiler import compile_mission
-from missions.runner.executor_control import CONFIRM_S, REPLACED, ExecutorControl
 from missions.runner.parts import HOVERS_AFTER_S
 from missions.runner.reading import Reading
 from missions.runner.requests import Request, SetMode, StopStream, StreamScript, TakeOff
 from missions.runner.runner import Runner
+from missions.runner.watch import CONFIRM_S, REPLACED, ExecutorControl
 from tests.support.mission_vehicle import ALL_ESTIMATES
 from tests.support.offboard_missions import flight_steps, mission
 

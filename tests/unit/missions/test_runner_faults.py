@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from missions.runner.requests import ChangeScript, Photo, SetMode, StreamScript, TakeOff
-from missions.runner.status import CannotDo
+from missions.runner.requests import CannotDo, ChangeScript, Photo, SetMode, StreamScript, TakeOff
 from tests.support.mission_steps import (
     FLOWN_BY_SETPOINTS,
     FLY,

@@ -11,8 +11,7 @@ from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from missions.offboard.roles import compile_roles
 from missions.offboard.state import MissionVehicle
-from missions.runner.requests import TakeOff
-from missions.runner.status import CannotDo
+from missions.runner.requests import CannotDo, TakeOff
 from tests.support.joint_flight import JointFlight
 
 TAKE_OFF, LAND = "{step: take_off, height_m: 10}", "{step: land}"

@@ -14,9 +14,8 @@ from missions.offboard.reader import read
 from missions.runner.flight import Flight
 from missions.separation import closest_m, planned_margin_m
 from missions.traffic.conflict import conflicts, first_conflict
-from missions.traffic.offboard import predict_mission
 from missions.traffic.path import stationary_path
-from missions.traffic.waypoints import ends_with_landing, predict_plan
+from missions.traffic.waypoints import ends_with_landing, predict_mission, predict_plan
 from missions.trajectory.limits import MotionLimits
 from missions.values import HomePosition
 from missions.vehicle import VehicleModel

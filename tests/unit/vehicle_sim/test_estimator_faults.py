@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from tests.bench import fault_recordings, faults
+from vehicle_sim.autopilot.checks import SensorWatch
 from vehicle_sim.autopilot.path import Path
-from vehicle_sim.autopilot.sensor_watch import SensorWatch
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.estimator.barometer import Barometer
 from vehicle_sim.estimator.fusion import blank_fusion
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.sensors.faults import Driver
+from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.simulation import Simulation
 
 pytestmark = pytest.mark.story

@@ -13,7 +13,7 @@ from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, Station
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
-from vehicle_sim.mavlink.rates import API, GCS
+from vehicle_sim.mavlink.link import API, GCS
 
 pytestmark = pytest.mark.flight
 

@@ -16,7 +16,7 @@ from vehicle_sim.autopilot.offboard import trajectory_setpoint
 from vehicle_sim.autopilot.plans import MISSION
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.geodesy import to_global
-from vehicle_sim.sensors.faults import Driver
+from vehicle_sim.sensors.suite import Driver
 
 pytestmark = pytest.mark.flight
 

@@ -8,8 +8,7 @@ import math
 import numpy as np
 
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.autopilot.path import TICK_S
-from vehicle_sim.autopilot.resets import EstimateResets
+from vehicle_sim.autopilot.path import TICK_S, EstimateResets
 from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.trajectory import Axis, advance_axis, plan

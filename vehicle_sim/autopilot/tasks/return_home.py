@@ -6,7 +6,7 @@ import math
 from enum import Enum
 
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.mission.leg import Leg
+from vehicle_sim.autopilot.mission.mission import Leg
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import RALLY, Plans

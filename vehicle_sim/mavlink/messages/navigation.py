@@ -7,8 +7,7 @@ import math
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.mavlink.dialect import pack
-from vehicle_sim.mavlink.messages.heartbeat import CRITICAL, system_status
-from vehicle_sim.mavlink.messages.message_group import MessageGroup, i16
+from vehicle_sim.mavlink.messages.message_group import CRITICAL, MessageGroup, i16, system_status
 
 ODID_EPOCH_UNIX_S = 1546300800
 """Start of the timestamp in OPEN_DRONE_ID_SYSTEM: 2019-01-01 00:00 UTC."""

@@ -18,8 +18,7 @@ from vehicle_sim.autopilot.health import (
 )
 from vehicle_sim.autopilot.modes import MODES
 from vehicle_sim.mavlink.dialect import pack
-from vehicle_sim.mavlink.messages.heartbeat import base_mode, system_status
-from vehicle_sim.mavlink.messages.message_group import MessageGroup
+from vehicle_sim.mavlink.messages.message_group import MessageGroup, base_mode, system_status
 
 ALWAYS_PRESENT = 0x200400B
 """MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, barometer, horizontal position control, battery."""

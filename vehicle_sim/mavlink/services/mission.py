@@ -5,14 +5,17 @@ As in PX4, each link has its own transfer, and all links share the stored plans.
 
 from __future__ import annotations
 
+import struct
+import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from typing import Any
 
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.services import stored_items
-from vehicle_sim.mavlink.services.plan_id import add_to_id
 from vehicle_sim.mavlink.services.stored_items import (
     ACCEPTED,
     ALL,
@@ -37,6 +40,22 @@ PLANNER_COMPONENT = 190
 """MAV_COMP_ID_MISSIONPLANNER, at which PX4's mission protocol also answers."""
 UNEXPECTED = "WPM: REJ. CMD: Req. WP was unexpected"
 BUSY = "WPM: REJ. CMD: Busy"
+_INT_ITEM, _FLOAT_ITEM = struct.Struct("<BHB4fiif"), struct.Struct("<BHB7f")
+_ALL_BITS = 0xFFFFFFFF
+
+
+def add_to_id(plan_id: int, item: Mapping[str, Any]) -> int:
+    """PX4's id of a stored plan with one more item (fields of MISSION_ITEM or MISSION_ITEM_INT).
+
+    A CRC32 over the items as received, with start value and final XOR zero: an empty plan has the id 0. It
+    covers positions in 1e-7 degrees, or in degrees if they were sent as floats.
+    """
+    layout = _INT_ITEM if isinstance(item["x"], int) else _FLOAT_ITEM
+    packed = layout.pack(
+        item["frame"], item["command"], item["autocontinue"], item["param1"], item["param2"],
+        item["param3"], item["param4"], item["x"], item["y"], item["z"],
+    )  # fmt: skip
+    return zlib.crc32(packed, plan_id ^ _ALL_BITS) ^ _ALL_BITS
 
 
 class _State(Enum):

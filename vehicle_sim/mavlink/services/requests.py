@@ -9,8 +9,7 @@ from vehicle_sim.autopilot.modes import LISTED_MODES, Mode
 from vehicle_sim.commands.command import ACCEPTED, DENIED, FAILED, Command
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
-from vehicle_sim.mavlink.link import Link
-from vehicle_sim.mavlink.rates import FIXED_INTERVAL
+from vehicle_sim.mavlink.link import FIXED_INTERVAL, Link
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.storage.metadata import GENERAL, general_crc
 
@@ -253,3 +252,27 @@ class RequestService:
             messages_received=counts.frames,
             messages_lost=counts.lost,
         )
+
+
+INTERVAL_S = 3.33
+"""PX4 streams the message at 0.3 Hz after the list of modes has changed once."""
+SEQ_MODULUS = 256
+
+
+class ModesMonitor:
+    """Sends AVAILABLE_MODES_MONITOR at the first change, and then periodically."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._external = context.autopilot.commander.external
+        self._started = False
+        self._external.on_mode_list_change = self._start
+
+    def _start(self) -> None:
+        if not self._started:
+            self._started = True
+            self._send()
+
+    def _send(self) -> None:
+        self._context.broadcast("AVAILABLE_MODES_MONITOR", seq=self._external.mode_list_seq % SEQ_MODULUS)
+        self._context.call_later(INTERVAL_S, self._send)
