@@ -5,23 +5,31 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.announcer import Announcer
+from vehicle_sim.autopilot.arming import auto_disarm_after_s
 from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
 from vehicle_sim.autopilot.goto import Goto, GotoControl
 from vehicle_sim.autopilot.land_detector import DetectorInputs, LandDetector, LandingThresholds
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.autopilot.navigator import MODES_WITH_WAYPOINT, Navigator
+from vehicle_sim.autopilot.navigator import LANDING_MODES, MODES_WITH_WAYPOINT, Navigator
 from vehicle_sim.autopilot.offboard import Offboard, Setpoint, SetpointKind, kind_for_controllers
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.setpoint_writer import SetpointWriter, float_view
-from vehicle_sim.autopilot.steady_ground import ground_task, is_on_ground_or_ramping
-from vehicle_sim.autopilot.steady_task import STREAM, SteadyLimits, SteadyTask
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S, TakeoffRamp, TakeoffState
 from vehicle_sim.autopilot.tasks.manual import ATTITUDE_RATE_MODES, STICK_MODES, StickTasks
-from vehicle_sim.autopilot.tick_arrays import DOWN, RAMP, SETPOINT_DOWN, TILT, TickArrays
+from vehicle_sim.autopilot.tick_arrays import (
+    DOWN,
+    ON_GROUND,
+    RAMP,
+    SETPOINT_DOWN,
+    STREAM,
+    TILT,
+    SteadyTask,
+    TickArrays,
+)
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.external_modes.registry import is_external
 from vehicle_sim.geodesy import to_global
@@ -74,8 +82,6 @@ class Autopilot:
         self.ran_full_tick = True
         """Whether the last tick was a full tick, not a tick in the compiled loops."""
         self._state_at_steady_start: tuple[object, ...] = ()
-        self.steady_limits = SteadyLimits.for_vehicle(view)
-        self._steady_limits_revision = view.parameter_changes
         view.parameters.add_listener(self._discard_thresholds)
 
     def update(self) -> None:
@@ -122,9 +128,7 @@ class Autopilot:
         self.steady = task is not None
         if task is not None:
             self._state_at_steady_start = self._commanded_state()
-            if self._steady_limits_revision != self.view.parameter_changes:
-                self._steady_limits_revision = self.view.parameter_changes
-                self.steady_limits = SteadyLimits.for_vehicle(self.view)
+            self.navigator.path.read_settings()
         return task
 
     def _steady_task(self) -> SteadyTask | None:
@@ -396,3 +400,40 @@ class Autopilot:
             )  # fmt: skip
         else:
             self._setpoints.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))
+
+
+def ground_task(
+    view: VehicleView,
+    commander: Commander,
+    navigator: Navigator,
+    takeoff: TakeoffRamp,
+    detector: LandDetector,
+) -> SteadyTask | None:
+    """The steady task until the take-off or landing state changes; None if the mode needs full ticks."""
+    mode, state = commander.active, takeoff.state
+    in_ground_contact = state is TakeoffState.FLIGHT and detector.ground_contact
+    if navigator.awaits_rally_check:
+        return None
+    if mode is NavState.TAKEOFF and state is TakeoffState.RAMPUP:
+        task = navigator.steady_task(mode) if view.parameter("MPC_TKO_RAMP_T") > TICK_S else None
+    elif mode is NavState.TAKEOFF and state is TakeoffState.SPOOLUP:
+        task = ON_GROUND._replace(
+            wait_start_s=takeoff.armed_at_s, wait_duration_s=view.parameter("COM_SPOOLUP_TIME")
+        )
+    elif mode in LANDING_MODES and (in_ground_contact or state is TakeoffState.READY):
+        task = ON_GROUND
+    else:
+        return None
+    if task is None:
+        return None
+    task = task._replace(takeoff=state, landing_stages=detector.stages)
+    if commander.landed and state is not TakeoffState.SPOOLUP:  # the task ends at the automatic disarming
+        since_s = commander.landed_at_s if commander.took_off else commander.armed_at_s
+        wait_s = auto_disarm_after_s(view, took_off=commander.took_off)
+        task = task._replace(wait_start_s=since_s, wait_duration_s=wait_s)
+    return task
+
+
+def is_on_ground_or_ramping(takeoff: TakeoffRamp, detector: LandDetector) -> bool:
+    """Whether the vehicle is on the ground or in its take-off ramp."""
+    return not takeoff.flying or detector.stages != 0.0

@@ -7,10 +7,9 @@ import math
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.arming import REASONS, FlightStatistics, Reason, arming_denial, auto_disarm_after_s
-from vehicle_sim.autopilot.check_skipper import CheckSkipper
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
-from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
+from vehicle_sim.autopilot.failsafe_watch import CheckSkipper, FailsafeWatch
 from vehicle_sim.autopilot.land_detector import LandedState
 from vehicle_sim.autopilot.modes import CANNOT_TAKE_OFF, MODES, NavState, event_number
 from vehicle_sim.autopilot.monitors import Monitors

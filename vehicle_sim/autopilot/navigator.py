@@ -13,13 +13,11 @@ from vehicle_sim.autopilot.own_commands import CHANGE_SPEED, OwnCommands
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import Plans
 from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
-from vehicle_sim.autopilot.steady_task import SteadyTask
 from vehicle_sim.autopilot.tasks.climb import Climb
-from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.autopilot.tasks.follow import Follow
 from vehicle_sim.autopilot.tasks.orbit import Circle, Orbit
 from vehicle_sim.autopilot.tasks.return_home import ReturnHome
-from vehicle_sim.autopilot.tick_arrays import TickArrays
+from vehicle_sim.autopilot.tick_arrays import Motion, SteadyTask, TickArrays
 from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
@@ -55,14 +53,11 @@ class Navigator:
         self.home = home
         self.path = Path(view, setpoints, arrays)
         self._climb = Climb(view, announcer, self.path, home)
-        self._descent = Descent(view, self.path)
-        self._return = ReturnHome(view, announcer, self.path, home, self._descent, plans, commands)
+        self._return = ReturnHome(view, announcer, self.path, home, plans, commands)
         self._orbit = Orbit(view, announcer, self.path, setpoints)
         self.follow = Follow(view, self.path, setpoints, home)
         self.fence = FenceWatch(view, announcer, home, plans)
-        self.mission = Mission(
-            view, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
-        )
+        self.mission = Mission(view, announcer, self.path, home, plans, self.fence, commands, self._climb)
         self._landing_position: Vector = (0.0, 0.0, 0.0)
         commands.add_handlers({CHANGE_SPEED: lambda values: self.change_speed(values[0], values[1])})
 
@@ -241,7 +236,7 @@ class Navigator:
         """Runs one tick of the active mode, and writes the setpoints."""
         self.path.follow_resets()
         if mode in LANDING_MODES:
-            self._descent.run()
+            self.path.descend()
         elif mode is NavState.TAKEOFF:
             self._climb.run()
         elif mode is NavState.RTL:
@@ -265,7 +260,7 @@ class Navigator:
             return self.mission.steady_task()
         if mode is NavState.TAKEOFF:
             return self._climb.steady_task(altitude_radius_m=self._view.parameter("NAV_MC_ALT_RAD"))
-        return self._descent.steady_task() if mode in LANDING_MODES else None
+        return self.path.steady_task(Motion.DESCENT) if mode in LANDING_MODES else None
 
     @property
     def awaits_rally_check(self) -> bool:

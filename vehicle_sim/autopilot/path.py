@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 from vehicle_sim.autopilot.setpoint_writer import SetpointWriter, float_view
 from vehicle_sim.autopilot.smoothing import Smoothing, SpeedLimits, WaypointTriplet
-from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
-from vehicle_sim.autopilot.tick_arrays import TickArrays
+from vehicle_sim.autopilot.tick_arrays import Motion, SteadyTask, TickArrays
 from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, advance_axis
 from vehicle_sim.frames import wrap_angle
 from vehicle_sim.state import FloatArray
@@ -25,9 +24,6 @@ MAX_CONTINUED_M_S2 = 10.0
 """`restart` ignores a larger acceleration setpoint, because it comes from ground contact."""
 TAKEOFF_CLIMB_M_S = 0.3
 """A vehicle on the ground takes off for a trajectory that climbs faster than this."""
-GROUND_VELOCITY_DOWN_M_S = 0.7
-"""On the ground PX4 starts each trajectory with this descent speed. The climb begins after this speed is
-braked to zero: 1.4 s into the take-off ramp."""
 
 
 class Reset(NamedTuple):
@@ -156,11 +152,8 @@ class Path:
 
     def stay_at_vehicle(self) -> None:
         """Sets the trajectory to the vehicle's position; for vehicles on the ground and in stick modes."""
-        x, y, z = self._view.estimate.position_ned_m
         self._resets.discard()
-        self.x.reset(x)
-        self.y.reset(y)
-        self.z.reset(z, GROUND_VELOCITY_DOWN_M_S)
+        self._smoothing.stay_at_vehicle()
 
     @property
     def yaw_target_rad(self) -> float:
@@ -241,13 +234,33 @@ class Path:
             Time by which the trajectory advanced [s], to be used for the vertical axis too; less than a tick
             while the vehicle lags behind the trajectory.
         """
+        return self._smoothing.fly_horizontal(TICK_S, self._horizontal_triplet(), self._limits)
+
+    def _horizontal_triplet(self) -> WaypointTriplet | None:
+        """The waypoints north and east; None: the trajectory brakes, then its target is where it stops."""
         north, east, down = self.target_ned_m
-        triplet = None
         if north is not None and east is not None:
-            triplet = self._triplet_to((north, east, self.z.position_m if down is None else down))
-        elif math.hypot(self.x.velocity_m_s, self.y.velocity_m_s) < 0.05:
+            return self._triplet_to((north, east, self.z.position_m if down is None else down))
+        if math.hypot(self.x.velocity_m_s, self.y.velocity_m_s) < 0.05:
             self.target_ned_m = (self.x.position_m, self.y.position_m, down)
-        return self._smoothing.fly_horizontal(TICK_S, triplet, self._limits)
+        return None
+
+    def climb(self, home_down_m: float) -> None:
+        """Advances by one tick of a take-off to the target's altitude.
+
+        Args:
+            home_down_m: the home position's down.
+        """
+        down = self.target_ned_m[2]
+        target_down_m = math.nan if down is None else down
+        triplet = self._horizontal_triplet()
+        self._smoothing.climb(TICK_S, triplet, self._limits, target_down_m, home_down_m)
+        self.write()
+
+    def descend(self) -> None:
+        """Advances by one tick of a landing, slower near the ground."""
+        self._smoothing.descend(TICK_S, self._horizontal_triplet(), self._limits)
+        self.write()
 
     def advance_vertical(self, tick_s: float = TICK_S) -> None:
         """Advances the vertical axis by one tick."""
@@ -258,10 +271,6 @@ class Path:
             velocity_m_s = math.copysign(self._smoothing.vertical_speed(distance_m, self._limits), distance_m)
         elif abs(self.z.velocity_m_s) < 0.05:
             self.target_ned_m = (north, east, self.z.position_m)
-        self.advance_vertical_speed(velocity_m_s, tick_s)
-
-    def advance_vertical_speed(self, velocity_m_s: float, tick_s: float = TICK_S) -> None:
-        """Advances the vertical axis by one tick towards a vertical speed (down is positive)."""
         advance_axis(self.z.row, tick_s)
         self._smoothing.plan_vertical(velocity_m_s)
 
@@ -292,6 +301,10 @@ class Path:
             return None
         down_m = math.nan if down is None else down
         return SteadyTask(motion, self.cruise_m_s, self.climb_m_s, self.descent_m_s, down_m)
+
+    def read_settings(self) -> None:
+        """Updates the parameters that the compiled ticks use."""
+        self._smoothing.read_settings()
 
     def follows(self, triplet: WaypointTriplet) -> bool:
         """Whether the trajectory follows these waypoints."""

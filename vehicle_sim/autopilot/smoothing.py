@@ -35,12 +35,20 @@ _SLOW_M_S = 0.5
 SETTINGS = (
     "MPC_XY_CRUISE", "MPC_XY_VEL_MAX", "MPC_Z_V_AUTO_UP", "MPC_Z_V_AUTO_DN", "MPC_ACC_HOR", "MPC_ACC_UP_MAX",
     "MPC_ACC_DOWN_MAX", "MPC_JERK_AUTO", "MPC_XY_ERR_MAX", "MPC_XY_TRAJ_P", "NAV_MC_ALT_RAD",
+    "MPC_LAND_ALT1", "MPC_LAND_ALT2", "MPC_LAND_ALT3", "MPC_LAND_SPEED", "MPC_LAND_CRWL", "MPC_TKO_SPEED",
+    "MPC_TKO_RAMP_T", "MPC_YAWRAUTO_MAX", "FD_FAIL_R", "FD_FAIL_P", "MPC_TILTMAX_AIR", "MPC_USE_HTE",
+    "MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_P_ACC",
 )  # fmt: skip
 (
     _CRUISE, _SPEED_MAX, _UP_SPEED, _DOWN_SPEED, _HORIZONTAL_ACCELERATION, _UP_ACCELERATION,
-    _DOWN_ACCELERATION, _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS,
-) = range(11)  # fmt: skip
-"""Columns of the settings."""
+    _DOWN_ACCELERATION, _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS, _LAND_ALT1, _LAND_ALT2,
+    _LAND_ALT3, _LAND_SPEED, _LAND_CRAWL, _TAKEOFF_SPEED, TAKEOFF_RAMP_S, YAW_RATE_MAX_DEG_S,
+    ROLL_FAILURE_DEG, PITCH_FAILURE_DEG, TILT_MAX_DEG, USES_HOVER_ESTIMATE, CLIMB_MAX_M_S, VELOCITY_GAIN,
+) = range(len(SETTINGS))  # fmt: skip
+"""Columns of the settings; the last seven are used by the compiled ticks only (`steady.py`)."""
+GROUND_VELOCITY_DOWN_M_S = 0.7
+"""On the ground PX4 starts each trajectory with this descent speed. The climb begins after this speed is
+braked to zero: 1.4 s into the take-off ramp."""
 PREVIOUS, TARGET, NEXT, ACCEPTANCE, TRIPLET_SIZE = 0, 3, 6, 9, 10
 """Columns of a waypoint triplet: the first column of each NED position, and the acceptance radius."""
 _X, _Y, _Z = 0, 1, 2
@@ -101,7 +109,7 @@ class Smoothing:
         self._set_triplet(triplet)
         fly_triplet(
             self._axes,
-            self._read_settings(),
+            self.read_settings(),
             self._triplet_row,
             self._before_turn_m_s,
             dt_s,
@@ -118,7 +126,7 @@ class Smoothing:
         """Velocity setpoint along the waypoints, NED, before the acceleration and jerk limits."""
         self._set_triplet(triplet)
         return _velocity_towards(
-            self._axes, self._read_settings(), self._triplet_row, self._before_turn_m_s, *limits
+            self._axes, self.read_settings(), self._triplet_row, self._before_turn_m_s, *limits
         )
 
     def fly_horizontal(self, dt_s: float, triplet: WaypointTriplet | None, limits: SpeedLimits) -> float:
@@ -131,19 +139,46 @@ class Smoothing:
         if triplet is not None:
             self._set_triplet(triplet)
         return fly_horizontal(
-            self._axes, self._read_settings(), self._triplet_row, self._before_turn_m_s,
+            self._axes, self.read_settings(), self._triplet_row, self._before_turn_m_s,
             dt_s, x, y, triplet is not None, limits.cruise_m_s,
         )  # fmt: skip
 
+    def climb(
+        self, dt_s: float, triplet: WaypointTriplet | None, limits: SpeedLimits, target_down_m: float,
+        home_down_m: float,
+    ) -> None:  # fmt: skip
+        """Advances all axes by one tick of a take-off; see the kernel `climb`."""
+        if triplet is not None:
+            self._set_triplet(triplet)
+        climb(
+            self._axes, self.read_settings(), self._triplet_row, self._before_turn_m_s, dt_s,
+            *self._view.estimate.position_ned_m, triplet is not None, limits.cruise_m_s, target_down_m,
+            home_down_m,
+        )  # fmt: skip
+
+    def descend(self, dt_s: float, triplet: WaypointTriplet | None, limits: SpeedLimits) -> None:
+        """Advances all axes by one tick of a landing; see the kernel `descend`."""
+        if triplet is not None:
+            self._set_triplet(triplet)
+        estimate = self._view.estimate
+        descend(
+            self._axes, self.read_settings(), self._triplet_row, self._before_turn_m_s, dt_s,
+            *estimate.position_ned_m, triplet is not None, limits.cruise_m_s, estimate.height_above_ground_m,
+        )  # fmt: skip
+
+    def stay_at_vehicle(self) -> None:
+        """Sets the trajectory to the vehicle's position (`stay_at`)."""
+        stay_at(self._axes, *self._view.estimate.position_ned_m)
+
     def plan_vertical(self, velocity_m_s: float) -> None:
         """Plans a vertical speed (down is positive) with the acceleration limit of a climb or descent."""
-        plan_vertical(self.z.row, self._read_settings(), velocity_m_s)
+        plan_vertical(self.z.row, self.read_settings(), velocity_m_s)
 
     def vertical_speed(self, remaining_m: float, limits: SpeedLimits) -> float:
         """Speed for a climb (negative distance) or descent over this distance; never negative."""
-        return _vertical_speed(self._read_settings(), remaining_m, limits.climb_m_s, limits.descent_m_s)
+        return _vertical_speed(self.read_settings(), remaining_m, limits.climb_m_s, limits.descent_m_s)
 
-    def _read_settings(self) -> Column:
+    def read_settings(self) -> Column:
         """Current parameter values."""
         if self._settings_version != self._view.parameter_changes:
             self._settings_version = self._view.parameter_changes
@@ -347,3 +382,67 @@ def fly_triplet(
     _plan_horizontal(axes, settings, north, east)
     plan_vertical(axes[_Z], settings, down)
     synchronise(axes, 3)
+
+
+@kernel
+def climb(
+    axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
+    z: float, has_triplet: bool, cruise_m_s: float, target_down_m: float, home_down_m: float,
+) -> None:  # fmt: skip
+    """Advances all axes of one vehicle by one tick of a take-off to an altitude (NaN: none yet).
+
+    Up to MPC_LAND_ALT1 above home, the take-off ramp limits the acceleration, and the trajectory starts each
+    tick at the vehicle's altitude, so that the trajectory does not descend at first.
+    """
+    advanced_s = fly_horizontal(axes, settings, triplet, before_turn_m_s, dt_s, x, y, has_triplet, cruise_m_s)
+    axis = axes[_Z]
+    near_home = home_down_m - z < settings[_LAND_ALT1]
+    if near_home:
+        axis[POSITION] = z
+    remaining_m = 0.0 if math.isnan(target_down_m) else target_down_m - axis[POSITION]
+    advance_axis(axis, advanced_s)
+    max_speed, acceleration = settings[_UP_SPEED], settings[_UP_ACCELERATION]
+    if remaining_m > 0.0:
+        max_speed, acceleration = settings[_DOWN_SPEED], settings[_DOWN_ACCELERATION]
+    elif near_home:
+        max_speed, ramp_s = settings[_TAKEOFF_SPEED], settings[TAKEOFF_RAMP_S]
+        if ramp_s > 0.0:
+            acceleration = min(acceleration, max_speed / ramp_s)
+    speed_m_s = min(max_speed, max_speed_for_distance(settings[_JERK], acceleration, abs(remaining_m), 0.0))
+    plan(axis, math.copysign(speed_m_s, remaining_m), acceleration, settings[_JERK])
+
+
+@formula
+def _land_speed(settings: Column, down_m: float, range_m: float) -> float:
+    """Speed of a landing at this height above ground; without a range, at this position down, and without
+    the crawl speed MPC_LAND_CRWL."""
+    height_m = -down_m if math.isnan(range_m) else range_m
+    fast, slow = settings[_DOWN_SPEED], settings[_LAND_SPEED]
+    high_m, low_m = settings[_LAND_ALT1], settings[_LAND_ALT2]
+    if range_m <= settings[_LAND_ALT3]:
+        return settings[_LAND_CRAWL]
+    if height_m >= high_m:
+        return fast
+    if height_m > low_m and high_m > low_m:
+        return slow + (fast - slow) * (height_m - low_m) / (high_m - low_m)
+    return slow
+
+
+@kernel
+def descend(
+    axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
+    z: float, has_triplet: bool, cruise_m_s: float, range_m: float,
+) -> None:  # fmt: skip
+    """Advances all axes of one vehicle by one tick of a landing; `range_m` is the height above ground that
+    the range finder measures, NaN without a measurement."""
+    advanced_s = fly_horizontal(axes, settings, triplet, before_turn_m_s, dt_s, x, y, has_triplet, cruise_m_s)
+    advance_axis(axes[_Z], advanced_s)
+    plan_vertical(axes[_Z], settings, _land_speed(settings, z, range_m))
+
+
+@kernel
+def stay_at(axes: Rows, x: float, y: float, z: float) -> None:
+    """Sets the trajectory to a position, with the descent speed with which PX4 starts on the ground."""
+    axes[:] = 0.0
+    axes[_X, POSITION], axes[_Y, POSITION], axes[_Z, POSITION] = x, y, z
+    axes[_Z, VELOCITY] = GROUND_VELOCITY_DOWN_M_S

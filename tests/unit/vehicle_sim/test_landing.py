@@ -10,7 +10,6 @@ import pytest
 from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, LAND_MODE, NAN, OFFBOARD_MODE, Station
 from vehicle_sim.autopilot.land_detector import DetectorInputs, LandDetector, LandingThresholds
 from vehicle_sim.autopilot.path import Path
-from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.estimator.terrain import VALID_FOR_S, VALID_FROM_GROUND_S, Terrain
 from vehicle_sim.parameters import Parameters
 
@@ -286,7 +285,6 @@ def test_a_vehicle_away_from_its_trajectory_descends_more_slowly(beside_m: float
     for axis, start_m in ((path.x, 0.0), (path.y, 0.0), (path.z, -20.0)):
         axis.reset(start_m)
     path.z.reset(-20.0, 1.5)
-    descent = Descent(vehicle, path)  # type: ignore[arg-type]
     for _ in range(20):
-        descent.run()
+        path.descend()
     assert vehicle.down_m + 20.0 == pytest.approx(20 * TICK_S * 1.5 * fraction, rel=0.02)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.autopilot.check_skipper import CheckSkipper
+from vehicle_sim.autopilot.failsafe_watch import CheckSkipper
 from vehicle_sim.autopilot.mission.items import POSITION_ITEMS, Item
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.offboard import trajectory_setpoint

@@ -58,23 +58,17 @@ class Heading:
     def setpoint_rad(self, target_ned_m: Vector, acceptance_m: float) -> float:
         """The heading setpoint [rad, NED]; unchanged if neither item nor parameters define a heading."""
         north, east, _ = self._path.position_ned_m
-        if self._roi_ne_m is not None:
-            roi_n, roi_e = self._roi_ne_m
-            return self._direction_rad(roi_n - north, roi_e - east, _MIN_ROI_DISTANCE_M)
-        if math.isfinite(self.item_yaw_rad):
-            return self.item_yaw_rad
-        mode = self._view.choice("MPC_YAW_MODE")
-        home_n, home_e, _ = self._home.position_ned_m
-        if mode in (TOWARDS_WAYPOINT, YAW_FIRST):
-            return self._direction_rad(target_ned_m[0] - north, target_ned_m[1] - east, acceptance_m)
-        if mode == TOWARDS_HOME:
-            return self._direction_rad(home_n - north, home_e - east, acceptance_m)
-        if mode == AWAY_FROM_HOME:
+        point = self.fixed_target(target_ned_m, acceptance_m)
+        if point is not None:
+            point_n, point_e, min_distance_m = point
+            if math.isinf(min_distance_m) and math.isfinite(self.item_yaw_rad):
+                return self.item_yaw_rad
+            return self._direction_rad(point_n - north, point_e - east, min_distance_m)
+        if self._view.choice("MPC_YAW_MODE") == AWAY_FROM_HOME:
+            home_n, home_e, _ = self._home.position_ned_m
             return self._direction_rad(north - home_n, east - home_e, acceptance_m)
-        if mode == ALONG_TRAJECTORY:
-            vn, ve = self._path.x.velocity_m_s, self._path.y.velocity_m_s
-            return self._direction_rad(vn, ve, _MIN_TRAJECTORY_SPEED_M_S)
-        return self._path.yaw_target_rad
+        vn, ve = self._path.x.velocity_m_s, self._path.y.velocity_m_s
+        return self._direction_rad(vn, ve, _MIN_TRAJECTORY_SPEED_M_S)
 
     def fixed_target(self, target_ned_m: Vector, acceptance_m: float) -> tuple[float, float, float] | None:
         """The fixed point that the nose points to: north [m], east [m], minimum distance [m].

@@ -26,9 +26,8 @@ from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import FENCE, MISSION, Plans
 from vehicle_sim.autopilot.smoothing import WaypointTriplet
-from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.autopilot.tasks.climb import Climb
-from vehicle_sim.autopilot.tasks.descent import Descent
+from vehicle_sim.autopilot.tick_arrays import Motion, SteadyTask
 from vehicle_sim.frames import wrap_angle
 from vehicle_sim.geodesy import to_local
 from vehicle_sim.home import Home
@@ -114,11 +113,10 @@ class Mission:
         fence: FenceWatch,
         commands: OwnCommands,
         climb: Climb,
-        descent: Descent,
     ) -> None:
         self._view, self._announcer, self._path, self._home = view, announcer, path, home
         self._plans, self._fence, self._commands = plans, fence, commands
-        self._climb, self._descent = climb, descent
+        self._climb = climb
         self._leg = Leg(path)
         self.heading = Heading(view, path, home)
         self._replay = Replay(self._issue)
@@ -425,7 +423,7 @@ class Mission:
             self._climb.run()
             return
         if self._phase is Phase.LAND:
-            self._descent.run()
+            self._path.descend()
             return
         self._path.yaw_target_rad = self.heading.setpoint_rad(self._leg.target_ned_m, self._leg.acceptance_m)
         self._leg.fly()
@@ -449,7 +447,7 @@ class Mission:
             end_amsl_m = self._climb.goal_alt_amsl_m - self._altitude_acceptance_m(item)
             return self._climb.steady_task(end_alt_amsl_m=end_amsl_m)
         if self._phase is Phase.LAND:
-            return self._descent.steady_task()
+            return self._path.steady_task(Motion.DESCENT)
         if self._phase is Phase.NONE or item.command in (GATE, LOITER_UNLIMITED, RETURN):
             return None
         arrived_at_s = self._arrived_at_s if math.isfinite(self._arrived_at_s) else None

@@ -6,8 +6,7 @@ import math
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.path import Path
-from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
-from vehicle_sim.autopilot.trajectory import advance_axis, max_speed_for_distance, plan
+from vehicle_sim.autopilot.tick_arrays import Motion, SteadyTask
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -80,27 +79,5 @@ class Climb:
         return task._replace(end_alt_amsl_m=end_alt_amsl_m)
 
     def run(self) -> None:
-        """Runs one tick of the climb.
-
-        Up to MPC_LAND_ALT1 above home, the take-off ramp limits the acceleration, and the trajectory starts
-        each tick at the vehicle's altitude, so that the trajectory does not descend at first.
-        """
-        path, parameter = self._path, self._view.parameter
-        _, _, down = path.target_ned_m
-        z = self._view.estimate.position_ned_m[2]
-        advanced_s = path.advance_horizontal()
-        near_home = self._home.position_ned_m[2] - z < parameter("MPC_LAND_ALT1")
-        if near_home:
-            path.z.position_m = z
-        remaining_m = 0.0 if down is None else down - path.z.position_m
-        advance_axis(path.z.row, advanced_s)
-        max_speed, acceleration = parameter("MPC_Z_V_AUTO_UP"), parameter("MPC_ACC_UP_MAX")
-        if remaining_m > 0.0:
-            max_speed, acceleration = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_ACC_DOWN_MAX")
-        elif near_home:
-            max_speed, ramp_s = parameter("MPC_TKO_SPEED"), parameter("MPC_TKO_RAMP_T")
-            acceleration = min(acceleration, max_speed / ramp_s) if ramp_s > 0.0 else acceleration
-        jerk = parameter("MPC_JERK_AUTO")
-        speed_m_s = min(max_speed, max_speed_for_distance(jerk, acceleration, abs(remaining_m), 0.0))
-        plan(path.z.row, math.copysign(speed_m_s, remaining_m), acceleration, jerk)
-        path.write()
+        """Runs one tick of the climb."""
+        self._path.climb(self._home.position_ned_m[2])

@@ -10,7 +10,6 @@ from vehicle_sim.autopilot.mission.mission import Leg
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import RALLY, Plans
-from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.autopilot.tasks.destination import Destination, DestinationChooser, DestinationKind
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
@@ -46,7 +45,6 @@ class ReturnHome:
         announcer: Announcer,
         path: Path,
         home: Home,
-        descent: Descent,
         plans: Plans,
         commands: OwnCommands,
     ) -> None:
@@ -54,7 +52,6 @@ class ReturnHome:
         self._announcer = announcer
         self._path = path
         self._home = home
-        self._descent = descent
         self._plans = plans
         self._commands = commands
         self._chooser = DestinationChooser(view, announcer, home, plans)
@@ -150,7 +147,7 @@ class ReturnHome:
 
     def _move(self) -> None:
         if self.phase is ReturnPhase.LAND:
-            self._descent.run()
+            self._path.descend()
         elif self.phase is ReturnPhase.ROUTE:
             self._path.face(*self._leg.target_ned_m[:2])
             self._leg.fly()
