@@ -59,6 +59,7 @@ POINTS = [{"t_s": t_s, "position_ned_m": [0, 0, -10]} for t_s in (0, 5)]
             "setpoint.points.0.t_s",
             "number",
         ),
+        ({"type": "path", "points": [{**POINTS[0], "t_s": "0"}] * 5000}, "setpoint.points.0.t_s", "valid"),
         ({"type": "path", "points": [{**POINTS[0], "x": 0}, POINTS[1]]}, "setpoint.points.0.x", "Extra"),
     ],
 )
