@@ -40,7 +40,7 @@ const { paramPanel } = await import('./params/controllers');
 const { readinessPanel } = await import('./readiness/controllers');
 const { vehicleList } = await import('./vehicles/controllers');
 const { mapPointMenu } = await import('./stage/controllers');
-const { replay } = await import('./replay/controllers');
+const { replay, vehicleLogs } = await import('./replay/controllers');
 
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
 provide('gimbal', gimbalControl);
@@ -124,6 +124,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'set a parameter': { click: (facts) => paramPanel.set(page.api, facts.id, 'MPC_XY_CRUISE', 3) },
   'switch to a ready mode': { click: (facts) => readinessPanel.switchMode(page.api, facts.id, 'hold') },
   'run the checks': { click: (facts) => readinessPanel.check(page.api, facts.id) },
+  'download a log': { click: (facts) => vehicleLogs.download(page.api, facts.id, 0) },
   'hold all flying': { click: (facts) => vehicleList.hold(page.api, [facts]) },
   'remove a vehicle': { click: (facts) => vehicleList.remove(page.api, facts) },
   'start offboard': { click: (facts) => actions.request('offboard_start', facts, 'offboard') },

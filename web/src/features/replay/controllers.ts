@@ -1,7 +1,9 @@
-/** The page's only ReplayControl instance. */
+/** The page's only instances. */
 
 import { page } from '../../app/page.svelte';
 import { registry } from '../../app/registry.svelte';
+import { commandGate } from '../../app/vehicle-actions.svelte';
+import { VehicleLogs } from './logs.svelte';
 import { ReplayControl } from './replay.svelte';
 
 export const replay = new ReplayControl({
@@ -11,3 +13,5 @@ export const replay = new ReplayControl({
   select: (id) => page.select(id),
   onOpened: () => registry.close('recordings'),
 });
+
+export const vehicleLogs = new VehicleLogs(commandGate);

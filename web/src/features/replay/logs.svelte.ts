@@ -1,0 +1,84 @@
+/** The flight logs on a vehicle: the list, and the download of one log to the server. */
+
+import { ofVehicle, type ApiClient } from '../../api/client';
+import type { Problem } from '../../api/problems';
+import type { components } from '../../api/schema';
+import { CommandGate, DOUBLE_CLICK } from '../../app/actions/command.svelte';
+
+export type VehicleLog = components['schemas']['LogView'];
+type Operation = components['schemas']['Operation'];
+
+const POLL_MS = 500;
+
+export class VehicleLogs {
+  private list = $state.raw<{ readonly vehicle: string; readonly logs: readonly VehicleLog[] } | null>(null);
+  private lastProblem = $state.raw<{ readonly vehicle: string; readonly problem: Pick<Problem, 'title' | 'detail'> } | null>(null);
+  /** The newest download that this page has started. */
+  operation = $state.raw<Operation | null>(null);
+  /** Id of the vehicle whose list is being read. */
+  reading = $state<string | null>(null);
+
+  constructor(private readonly gate = new CommandGate()) {}
+
+  /** The logs of a vehicle; null: not read yet. */
+  logsOf(vehicle: string): readonly VehicleLog[] | null {
+    return this.list?.vehicle === vehicle ? this.list.logs : null;
+  }
+
+  /** Why the last request about this vehicle failed; null: it did not fail. */
+  problemOf(vehicle: string): Pick<Problem, 'title' | 'detail'> | null {
+    return this.lastProblem?.vehicle === vehicle ? this.lastProblem.problem : null;
+  }
+
+  /** The running download of this vehicle's log. */
+  downloadOf(vehicle: string, number: number): Operation | null {
+    const { operation } = this;
+    return operation?.state === 'running' && operation.vehicle === vehicle && operation.subject === String(number) ? operation : null;
+  }
+
+  async read(api: ApiClient, vehicle: string): Promise<void> {
+    this.lastProblem = null;
+    this.reading = vehicle;
+    const response = await api.get('/vehicles/{v}/logs', ofVehicle(vehicle));
+    if (this.reading !== vehicle) return;
+    this.reading = null;
+    if (response.ok) this.list = { vehicle, logs: response.value.logs };
+    else this.lastProblem = { vehicle, problem: response.problem };
+  }
+
+  /** Downloads a log to the server, and follows the download to its end. */
+  async download(api: ApiClient, vehicle: string, number: number): Promise<void> {
+    this.lastProblem = null;
+    const outcome = await this.gate.run({ name: 'Download a log', vehicles: [vehicle], part: String(number) }, () =>
+      api.post('/vehicles/{v}/logs/{number}/download', { params: { path: { v: vehicle, number } } }),
+    );
+    if (!outcome.ok) {
+      if (outcome.problem.code !== DOUBLE_CLICK) this.lastProblem = { vehicle, problem: outcome.problem };
+      return;
+    }
+    let current: Operation = outcome.value;
+    this.operation = current;
+    while (current.state === 'running') {
+      await new Promise((resolve) => setTimeout(resolve, POLL_MS));
+      const response = await api.get('/operations/{o}', { params: { path: { o: current.id } } });
+      if (this.operation?.id !== current.id) return;
+      if (!response.ok) break;
+      this.operation = current = response.value;
+    }
+    const { state, error, result } = current;
+    if (error !== null) this.lastProblem = { vehicle, problem: error };
+    if (state !== 'succeeded' || this.list?.vehicle !== vehicle) return;
+    const { file } = result as unknown as { file: string };
+    this.list = { vehicle, logs: this.list.logs.map((log) => (log.number === number ? { ...log, downloaded: file } : log)) };
+  }
+
+  /** Cancels the running download; it may be continued only from its beginning. */
+  async cancel(api: ApiClient): Promise<void> {
+    const { operation } = this;
+    if (operation?.vehicle == null) return;
+    const outcome = await this.gate.run({ name: 'Cancel the download', vehicles: [operation.vehicle] }, () =>
+      api.delete('/operations/{o}', { params: { path: { o: operation.id } } }),
+    );
+    if (!outcome.ok && outcome.problem.code !== DOUBLE_CLICK) this.lastProblem = { vehicle: operation.vehicle, problem: outcome.problem };
+  }
+}
