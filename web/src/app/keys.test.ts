@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { KeyGuard } from './key-guard';
+import { KeyGuard } from './key-targets';
 import { characterOf, isControl, isShortcut, mayRepeat, takesText, hasTypeAhead, type KeyTarget } from './key-targets';
 import { Shortcuts } from './shortcuts.svelte';
 

@@ -4,7 +4,7 @@
  * Space and Enter are not shortcuts: they belong to the focused control (`ui/Slide.svelte` uses them to confirm).
  */
 
-import { KeyGuard } from './key-guard';
+import { KeyGuard } from './key-targets';
 import { characterOf, isShortcut, mayRepeat, type KeyTarget } from './key-targets';
 import { page } from './page.svelte';
 import { registry } from './registry.svelte';

@@ -7,7 +7,7 @@
 import type { Component } from 'svelte';
 import type { IconName } from '../ui/icons';
 import type { VehicleFacts } from '../vehicle/facts';
-import { hasProtocol, linkSupports, type Feature, type Protocol } from '../vehicle/protocols';
+import { hasProtocol, linkSupports, type Feature, type Protocol } from '../vehicle/facts';
 
 export interface VehicleProps {
   facts: VehicleFacts;

@@ -9,10 +9,10 @@ import { ActionController } from '../app/actions/controller.svelte';
 import { GimbalControl } from './gimbal/control.svelte';
 import { QUANTITIES_BY_ID, CATALOGUE, searchValues, moveItem, readChoice, DEFAULT_IDS, type Source } from './instruments/catalogue';
 import { severityName } from '../ui/severity';
-import { fullTime, filterMessages, countUnread } from './messages/messages';
+import { fullTime, filterMessages, countUnread } from './messages/panel.svelte';
 import { readOffboard, streamText } from '../vehicle/offboard';
 import { batteryIndicator, componentLines, linkIndicator } from './status/indicators';
-import { lossPercent } from './status/links';
+import { lossPercent } from './status/links.svelte';
 
 const reading = <T>(value: T, stale = false): Reading<T> => ({ value, age_s: 0.2, stale });
 

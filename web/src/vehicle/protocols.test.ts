@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { isOffered, type Panel } from '../app/registry.svelte';
 import type { VehicleFacts } from './facts';
-import { linkSupports, protocolLines, type Protocols } from './protocols';
+import { linkSupports, protocolLines, type Protocols } from './facts';
 
 const BOTH_PROTOCOLS: Protocols = { protocols: ['MAVLink', 'ROS 2'], telemetry: 'MAVLink', commands: 'MAVLink', setpoints: 'ROS 2', missing: [] };
 const ONLY_ROS_2: Protocols = { protocols: ['ROS 2'], telemetry: 'ROS 2', commands: 'ROS 2', setpoints: 'ROS 2', missing: ['parameters', 'files'] };

@@ -6,7 +6,6 @@ import type { ApiClient, Outcome } from '../../api/client';
 import type { FixedVehicles } from '../../app/actions/command.svelte';
 import { commandTo, type Command } from '../../app/actions/command.svelte';
 import type { ActionController } from '../../app/actions/controller.svelte';
-import { LatestSender } from './latest-sender';
 import { gimbalKey, angleLimits, gimbalParams, withGimbal, type Angles } from '../../vehicle/gimbal';
 import { clamp } from './pad';
 
@@ -202,4 +201,29 @@ function round(value: number): number {
 
 function wrap180(value_deg: number): number {
   return ((((value_deg + 180) % 360) + 360) % 360) - 180;
+}
+
+export class LatestSender<T> {
+  private waitingRequest: { value: T } | null = null;
+  private busy = false;
+
+  constructor(private readonly send: (value: T) => Promise<unknown>) {}
+
+  push(value: T): void {
+    this.waitingRequest = { value };
+    if (!this.busy) void this.sendWaiting();
+  }
+
+  private async sendWaiting(): Promise<void> {
+    this.busy = true;
+    try {
+      while (this.waitingRequest !== null) {
+        const { value } = this.waitingRequest;
+        this.waitingRequest = null;
+        await this.send(value);
+      }
+    } finally {
+      this.busy = false;
+    }
+  }
 }

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
-import { LatestSender } from './latest-sender';
-import { controlHolder } from './control-holder';
+import { LatestSender } from './control.svelte';
+import { controlHolder } from './pad';
 import { gimbalKey, gimbalsOf, angleLimits, gimbalParams, withGimbal } from '../../vehicle/gimbal';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { Gimbal } from '../../live/topics';

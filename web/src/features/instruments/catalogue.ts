@@ -7,9 +7,8 @@ import { FIELDS } from '../../api/fields';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { FlightClock } from '../../live/flight-time';
 import type { Reading } from '../../live/vehicle-state';
-import { DEG_PER_RAD, fixed, heading, metres, UNKNOWN } from '../../ui/format';
+import { DEG_PER_RAD, fixed, heading, metres, UNKNOWN, duration } from '../../ui/format';
 import { headingDeg } from './attitude';
-import { flightTimeText, verticalSpeed } from './values';
 
 /** The data from which a value is read. */
 export interface Source {
@@ -287,4 +286,30 @@ export function searchValues(searchText: string, chosenIds: readonly string[]): 
     const text = `${q.label} ${q.group} ${q.unit} ${q.id}`.toLowerCase();
     return !chosenIds.includes(q.id) && words.every((w) => text.includes(w));
   });
+}
+
+export interface VerticalSpeed {
+  speed_m_s: number | null;
+  stale: boolean;
+  age_s: number | null;
+}
+
+/** Vertical speed (up is positive) from the HUD message; if there is none, from the global position. */
+export function verticalSpeed(facts: Pick<VehicleFacts, 'hud' | 'globalPosition'>): VerticalSpeed {
+  const source = facts.hud ?? facts.globalPosition;
+  const speed_m_s = facts.hud?.value.climb_m_s ?? (facts.globalPosition === null ? null : -facts.globalPosition.value.velocity_ned_m_s[2]);
+  return { speed_m_s, stale: source?.stale ?? false, age_s: source?.age_s ?? null };
+}
+
+/**
+ * Time since take-off, with "> " if the page connected during the flight. On the ground: the duration of the last
+ * flight.
+ */
+export function flightTimeText(facts: Pick<VehicleFacts, 'lost' | 'now_unix_s'>, clock: FlightClock | undefined): string {
+  if (clock === undefined) return UNKNOWN;
+  if (clock.airborneSince_unix_s !== null) {
+    const until_unix_s = facts.lost ? clock.updated_unix_s : facts.now_unix_s;
+    return `${clock.exact ? '' : '> '}${duration(until_unix_s - clock.airborneSince_unix_s)}`;
+  }
+  return duration(clock.lastFlight_s);
 }

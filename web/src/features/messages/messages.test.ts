@@ -1,6 +1,6 @@
 import { expect, it } from 'vitest';
 import { severityName } from '../../ui/severity';
-import { filterMessages } from './messages';
+import { filterMessages } from './panel.svelte';
 
 it('shows the severity of severe messages as a word, and hides debug messages', () => {
   expect(severityName(2)).toMatchObject({ label: 'Critical', tone: 'danger' });

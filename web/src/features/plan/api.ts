@@ -7,7 +7,7 @@ import type { Plan } from './document/document';
 import type { Finding } from './document/fixes';
 import type { Power } from './dry-run/conditions';
 import type { Document, PlanKind } from './document-kinds';
-import type { CompiledFlight } from './offboard/compiled-path';
+import type { CompiledFlight } from './offboard/mission';
 import type { Mission, JsonPath } from './offboard/mission';
 import type { Pattern } from './patterns/shape';
 

@@ -4,7 +4,7 @@ import { page } from '../../app/page.svelte';
 import { availableStorage } from '../../app/identity';
 import { actions, commandGate, nameOf } from '../../app/vehicle-actions.svelte';
 import { AcceptedErrors } from './flight/accepted-errors.svelte';
-import { RoleAssignment } from './flight/role-assignment.svelte';
+import { RoleAssignment } from './flight/accepted-errors.svelte';
 import type { PlannedHome } from './document/document';
 import { PlanApi } from './api';
 import { DryRun } from './dry-run/dry-run.svelte';

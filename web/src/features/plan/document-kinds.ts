@@ -7,7 +7,7 @@ import * as planEdit from './document/edit';
 import { newItem } from './document/items';
 import { parseMidpointId, planLayer, type Sketch } from './document/layer';
 import * as missionEdit from './offboard/edit';
-import type { CompiledFlight } from './offboard/compiled-path';
+import type { CompiledFlight } from './offboard/mission';
 import { isMission, nodesOf, pathOf, positionsOf, pointId, pointRefOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
 import { missionEntries, missionLayer, parseLegMidpointId } from './offboard/mission-layer';
 import { geoPointOf, type MissionFrame } from './offboard/positions';

@@ -11,7 +11,7 @@ import { homeOf, type Document } from './document-kinds';
 import type { DownloadedPlan } from './flight/vehicle-mission.svelte';
 import { isMission, roleNames, type StepNode } from './offboard/mission';
 import { missionFrameOf } from './offboard/positions';
-import { MAX_TABLES, withTable } from './offboard/tables';
+import { MAX_TABLES, withTable } from './offboard/edit';
 import { fixed } from '../../ui/format';
 
 /** A plan as it was last read from the server or saved there. */

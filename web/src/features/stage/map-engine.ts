@@ -3,7 +3,7 @@
  * module controls MapLibre.
  */
 
-import { addProtocol, LngLatBounds, Map as MapLibre, setWorkerCount, setWorkerUrl, type MapMouseEvent } from 'maplibre-gl';
+import { addProtocol, LngLatBounds, Map as MapLibre, setWorkerCount, setWorkerUrl, type MapMouseEvent, type StyleSpecification } from 'maplibre-gl';
 import workerUrl from 'maplibre-gl/dist/maplibre-gl-worker.mjs?url';
 import { Protocol } from 'pmtiles';
 import { mercator, type MapView, type Pixel, type GeoPosition } from '../../vehicle/geo';
@@ -11,8 +11,7 @@ import idleUrl from './idle-worker.js?url';
 import type { LayerContent } from '../../app/map-layers.svelte';
 import { LayerPainter } from './layer-draw';
 import type { Palette } from './map-draw';
-import { BACKGROUND_ID, mapStyle } from './map-style';
-import { tileLayers, type OfflineMap } from './offline-maps';
+import { tileLayers, type OfflineMap } from './maps.svelte';
 
 const RAD = Math.PI / 180;
 const ZOOM = { min: 7, max: 22 } as const;
@@ -183,4 +182,16 @@ export class MapEngine {
       for (const layer of tileLayers(offlineMap, name, this.palette)) this.map.addLayer(layer);
     });
   }
+}
+
+export const BACKGROUND_ID = 'ground';
+
+export function mapStyle(palette: Palette): StyleSpecification {
+  // No transitions: a slow computer draws too few frames for them.
+  return {
+    version: 8,
+    transition: { duration: 0, delay: 0 },
+    sources: {},
+    layers: [{ id: BACKGROUND_ID, type: 'background', paint: { 'background-color': palette.map } }],
+  };
 }

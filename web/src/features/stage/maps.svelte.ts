@@ -1,7 +1,9 @@
 /** The server's offline maps. The page requests them when it first shows the map. */
 
+import type { Palette } from './map-draw';
+import type { components } from '../../api/schema';
+import type { LayerSpecification, SourceSpecification } from 'maplibre-gl';
 import type { ApiClient } from '../../api/client';
-import { offlineMap, type OfflineMap } from './offline-maps';
 
 class Maps {
   list = $state.raw<readonly OfflineMap[]>([]);
@@ -21,3 +23,61 @@ class Maps {
 }
 
 export const maps = new Maps();
+
+export type MapFile = components['schemas']['MapFile'];
+
+export interface OfflineMap {
+  file: MapFile;
+  source: SourceSpecification;
+}
+
+/** A file as a MapLibre source. A PMTiles file contains its own description; tiles of an MBTiles file are requested one by one. */
+export function offlineMap(file: MapFile, origin: string): OfflineMap {
+  const url = `${origin}${file.url}`;
+  const type = file.tiles === 'vector' ? ('vector' as const) : ('raster' as const);
+  const tileSize = type === 'raster' ? { tileSize: 256 } : {};
+  if (file.format === 'pmtiles') return { file, source: { type, url: `pmtiles://${url}`, ...tileSize } as SourceSpecification };
+  const bounds = file.bounds_deg === null ? {} : { bounds: file.bounds_deg };
+  const zoomRange = { minzoom: file.min_zoom, maxzoom: file.max_zoom };
+  return { file, source: { type, tiles: [`${url}/{z}/{x}/{y}`], ...zoomRange, ...bounds, ...tileSize } as SourceSpecification };
+}
+
+/**
+ * The layers of a map: a dimmed raster, so that paths and vehicles are clearly visible, or plain shapes of vector
+ * tiles.
+ */
+export function tileLayers(map: OfflineMap, sourceId: string, palette: Palette): LayerSpecification[] {
+  if (map.file.tiles !== 'vector') {
+    const rasterPaint = palette.dark ? { 'raster-brightness-max': 0.55, 'raster-saturation': -0.45 } : { 'raster-saturation': -0.25, 'raster-opacity': 0.85 };
+    return [{ id: sourceId, type: 'raster', source: sourceId, paint: rasterPaint }];
+  }
+  return map.file.layers.flatMap((layer, index): LayerSpecification[] => [
+    {
+      id: `${sourceId}-${index}-area`,
+      type: 'fill',
+      source: sourceId,
+      'source-layer': layer,
+      filter: ['==', ['geometry-type'], 'Polygon'],
+      paint: { 'fill-color': palette.line, 'fill-opacity': 0.5 },
+    },
+    {
+      id: `${sourceId}-${index}-line`,
+      type: 'line',
+      source: sourceId,
+      'source-layer': layer,
+      filter: ['!=', ['geometry-type'], 'Point'],
+      paint: { 'line-color': palette.line2, 'line-width': 1.2 },
+    },
+  ]);
+}
+
+/** The attribution that the licences of the maps require, without markup. */
+export function attributionText(files: readonly MapFile[]): string {
+  const attributions = files.map((f) =>
+    (f.attribution ?? '')
+      .replace(/<[^>]*>/g, '')
+      .replace(/\s+/g, ' ')
+      .trim(),
+  );
+  return [...new Set(attributions.filter((text) => text !== ''))].join(' · ');
+}

@@ -2,7 +2,7 @@
 
 import { covered } from '../../app/covered-edges.svelte';
 import { randomId } from '../../app/identity';
-import { freeAreaOffset } from '../../app/free-area';
+import { freeAreaOffset } from '../../app/covered-edges.svelte';
 import type { Camera } from '../../app/services';
 import type { SceneDryRun, ScenePreview } from '../../app/preview.svelte';
 import type { LayerPosition } from '../../app/map-layers.svelte';

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../vehicle/facts';
-import { offsetFractions, freeAreaOffset, coveredAtEdges } from '../../app/free-area';
+import { offsetFractions, freeAreaOffset, coveredAtEdges } from '../../app/covered-edges.svelte';
 import {
   eastNorth,
   fromPixel,
@@ -17,7 +17,7 @@ import {
 } from '../../vehicle/geo';
 import { edgeLabels, gridLines, gridStep_m, viewBox } from './grid';
 import { isTargetActive } from './map-model';
-import { attributionText, offlineMap, type MapFile } from './offline-maps';
+import { attributionText, offlineMap, type MapFile } from './maps.svelte';
 import {
   flightTime_s,
   altitudeInRange,

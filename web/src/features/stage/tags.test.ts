@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { TAG_HEIGHT_PX, tagBox, type TagBox } from './tags';
+import { TAG_HEIGHT_PX, tagBox, type TagBox } from './map-draw';
 
 function boxesAt(points: readonly { x: number; y: number }[], width = 60): TagBox[] {
   const placed: TagBox[] = [];

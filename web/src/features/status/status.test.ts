@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { Status } from '../../live/topics';
 import { batteryIndicator, gpsIndicator } from './indicators';
-import { linkDetails, recordingIndicator, type ServerLink } from './links';
+import { linkDetails, recordingIndicator, type ServerLink } from './links.svelte';
 import { statusLabel, type StatusFacts } from './status-label';
 
 const status = (more: Partial<Status> = {}): Status => ({

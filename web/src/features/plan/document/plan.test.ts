@@ -4,7 +4,7 @@ import { EMPTY_PLAN, positionOf, type Item, type Plan } from './document';
 import { insertItem, movePoint, remove, reorder, raisePoint } from './edit';
 import { parseNumber } from '../../../vehicle/fields';
 import { fixOf, type Finding } from './fixes';
-import * as history from './history';
+import * as history from './document';
 import { newItem } from './items';
 import { planLayer, ringOf } from './layer';
 import { groundAreas, polylines, profile } from '../profile/profile';

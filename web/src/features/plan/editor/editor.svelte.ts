@@ -15,7 +15,7 @@ import {
   type Plan,
 } from '../document/document';
 import * as planEdit from '../document/edit';
-import * as history from '../document/history';
+import * as history from '../document/document';
 import { newItem, titleOf } from '../document/items';
 import * as documents from '../document-kinds';
 import type { Document } from '../document-kinds';

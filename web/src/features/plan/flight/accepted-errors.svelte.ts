@@ -42,3 +42,21 @@ export const findingText = ({ text, place }: Finding): string => (place.step ===
 export function acceptedErrorsText(texts: readonly string[]): string {
   return texts.length === 0 ? '' : `You accepted ${texts.length} ${texts.length === 1 ? 'error' : 'errors'}: ${texts.join(' ')}`;
 }
+
+export class RoleAssignment {
+  vehicles = $state.raw<Readonly<Record<string, string>>>({});
+
+  choose(role: string, vehicle: string): void {
+    this.vehicles = { ...this.vehicles, [role]: vehicle };
+  }
+
+  rename(old: string, name: string): void {
+    const { [old]: vehicle = '', ...otherVehicles } = this.vehicles;
+    this.vehicles = { ...otherVehicles, [name]: vehicle };
+  }
+
+  /** The vehicles of these roles; an empty text for a role without a vehicle. */
+  forRoles(roles: readonly string[]): Record<string, string> {
+    return Object.fromEntries(roles.map((role) => [role, this.vehicles[role] ?? '']));
+  }
+}

@@ -15,7 +15,7 @@ import { selectTexts, type MissionMode } from '../offboard/mission-modes';
 import type { SavedPlan } from '../plans.svelte';
 import { findingCodes, findingText } from './accepted-errors.svelte';
 import { resumeBody, resumeTexts, startBody, startTexts, type MissionProgress, type ResumeOffer } from './mission-start';
-import { dryRunIdFor } from './waypoint-flight';
+import { dryRunIdFor } from './mission-start';
 
 /** The errors that a person has accepted before a start. */
 interface Acceptance {

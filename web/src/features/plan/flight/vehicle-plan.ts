@@ -3,7 +3,7 @@
 import type { components } from '../../../api/schema';
 import type { Status } from '../../../live/topics';
 import { fixed } from '../../../ui/format';
-import type { WaypointFlight } from './waypoint-flight';
+import type { WaypointFlight } from './mission-start';
 
 type Schemas = components['schemas'];
 /** The server's knowledge of the plan on a vehicle. */

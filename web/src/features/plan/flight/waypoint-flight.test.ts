@@ -3,7 +3,7 @@ import { positionAt } from '../../../vehicle/geo';
 import { EMPTY_PLAN } from '../document/document';
 import type { DryRunResult } from '../dry-run/dry-run.svelte';
 import { startBody, startTexts } from './mission-start';
-import { dryRunIdFor, flightLabel, flightProgress, flightText, hasEnded, type WaypointFlight } from './waypoint-flight';
+import { dryRunIdFor, flightLabel, flightProgress, flightText, hasEnded, type WaypointFlight } from './mission-start';
 
 const FLIGHT: WaypointFlight = {
   state: 'flying',

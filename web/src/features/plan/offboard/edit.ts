@@ -1,5 +1,6 @@
 /** Edits of a mission. Pure: each function returns a new mission. */
 
+import { pointLabel } from './mission-layer';
 import { moveHomeOrArea, removeHomeAndAreas } from '../document/edit';
 import type { GeoPosition } from '../../../vehicle/geo';
 import {
@@ -18,9 +19,10 @@ import {
   type Step,
   type StepKind,
   type StepNode,
+  type PointRef,
 } from './mission';
 import { movedTo, raisedBy, positionInFrame, geoPointOf, positionFrameOf, type MissionFrame, type GeoPoint, type PositionFrame } from './positions';
-import { newStep, KINDS_WITH_POSITION } from './step-titles';
+import { newStep, KINDS_WITH_POSITION, stepTitle } from './step-titles';
 
 /** Altitude of a new point without a neighbour, above the start [m]. */
 const DEFAULT_UP_M = 10;
@@ -261,4 +263,72 @@ export function reorder(mission: Mission, ids: readonly string[], direction: -1 
       .filter((node) => movedKeys.has(pathKey(node.path)))
       .map((node) => stepId(node.place)),
   };
+}
+
+export interface SelectedStep {
+  readonly node: StepNode;
+  /** The selected point; null: the whole step. */
+  readonly ref: PointRef | null;
+  /** Title of the card that edits the step. */
+  readonly title: string;
+}
+
+/** The selected step; null: no step is selected, or several steps are. */
+export function selectedStep(mission: Mission, ids: readonly string[]): SelectedStep | null {
+  const [firstId, ...otherIds] = ids;
+  const node = firstId === undefined ? null : nodeOf(mission, firstId);
+  if (firstId === undefined || node === null || otherIds.some((id) => stepPlaceOf(id) !== node.place)) return null;
+  const ref = otherIds.length === 0 ? pointRefOf(firstId) : null;
+  const ownTitle = stepTitle(node.step);
+  const count = node.step.points?.length ?? 0;
+  const title =
+    ref?.field === 'points'
+      ? `Point ${pointLabel(node, ref.index, count)}`
+      : node.step.name != null && node.step.name !== ''
+        ? ownTitle
+        : `${ownTitle} ${node.numberText}`;
+  return { node, ref: ref?.field === 'points' ? ref : null, title };
+}
+
+/** Limits of the document format. */
+export const MAX_TABLES = 20;
+const MAX_NAME_LENGTH = 100;
+
+/** A trajectory from a file, as the server read it. */
+export interface Table {
+  readonly name: string;
+  readonly text: string;
+}
+
+/** All steps, including those of lists that no step calls. */
+function allSteps(mission: Mission): Step[] {
+  const lists = [mission.steps, ...Object.values(mission.roles ?? {}).map((role) => role.steps), ...Object.values(mission.missions)];
+  const withNestedSteps = (steps: readonly Step[]): Step[] =>
+    steps.flatMap((step) => [step, ...withNestedSteps(step.steps ?? []), ...withNestedSteps(step.then ?? []), ...withNestedSteps(step.otherwise ?? [])]);
+  return lists.flatMap(withNestedSteps);
+}
+
+/** The name of the table, with a number if the mission has another table with this name and other content. */
+function uniqueName(tables: Readonly<Record<string, string>>, { name, text }: Table): string {
+  let candidate = name;
+  for (let number = 2; tables[candidate] !== undefined && tables[candidate] !== text; number += 1) {
+    const suffix = ` ${number}.csv`;
+    candidate = name.replace(/\.csv$/, '').slice(0, MAX_NAME_LENGTH - suffix.length) + suffix;
+  }
+  return candidate;
+}
+
+/**
+ * Stores a table in the mission and makes the step fly it. The previous table of the step is removed unless another
+ * step uses it.
+ * @returns null: the mission has too many tables.
+ */
+export function withTable(mission: Mission, node: StepNode, table: Table): Mission | null {
+  const oldName = node.step['file'];
+  const withoutTable = setStep(mission, node, { ...node.step, file: null });
+  const isStillUsed = allSteps(withoutTable).some((step) => step['file'] === oldName);
+  const keptTables = Object.fromEntries(Object.entries(mission.tables ?? {}).filter(([name]) => isStillUsed || name !== oldName));
+  const name = uniqueName(keptTables, table);
+  if (keptTables[name] === undefined && Object.keys(keptTables).length >= MAX_TABLES) return null;
+  return setStep({ ...mission, tables: { ...keptTables, [name]: table.text } }, node, { ...node.step, file: name });
 }

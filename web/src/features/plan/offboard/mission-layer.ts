@@ -8,7 +8,7 @@ import { midpoint } from '../document/edit';
 import { homeEntry, areaEntries, type ListEntry } from '../document/list-entries';
 import { nodesOf, stepPlaceOf, positionsOf, pointId, pointRefOf, stepId, type Mission, type StepNode } from './mission';
 import { altitudeText, geoPointOf, type MissionFrame, type GeoPoint } from './positions';
-import type { CompiledFlight, StepTime } from './compiled-path';
+import type { CompiledFlight, StepTime } from './mission';
 import { detailOf, stepTitle } from './step-titles';
 
 /** Above this number of points, midpoints are shown only beside the selection. */

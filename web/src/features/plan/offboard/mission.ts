@@ -166,3 +166,7 @@ export function withValue<T>(document: T, path: JsonPath, value: unknown): T {
   const fields = document as Record<string | number, unknown>;
   return { ...fields, [key]: withValue(fields[key], rest, value) } as T;
 }
+
+export type StepTime = Readonly<Schemas['PlanStepTime']>;
+export type Leg = Readonly<Omit<Schemas['PlanLeg'], 'points'>> & { readonly points: readonly (readonly [number, number, number, number])[] };
+export type CompiledFlight = Readonly<Omit<Schemas['OffboardFlight'], 'legs'>> & { readonly legs: readonly Leg[] };

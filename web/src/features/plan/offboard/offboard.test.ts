@@ -5,7 +5,7 @@ import type { Finding } from '../document/fixes';
 import { addCalledList, addStep, addToBranch, insertPoint, nodeOf, movePoint, raisePoint, remove, reorder } from './edit';
 import { fieldsOf, missionFields, pointFields, type Field } from './fields';
 import { fixOf } from './fixes';
-import type { CompiledFlight } from './compiled-path';
+import type { CompiledFlight } from './mission';
 import { nodesOf, assignmentProblem, stepId, type Mission, type MissionPosition, type Step } from './mission';
 import { missionLayer, missionEntries } from './mission-layer';
 import { addRole, nameProblem, removeRole, renameRole } from './roles';

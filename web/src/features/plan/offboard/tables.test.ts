@@ -5,7 +5,7 @@ import { PlanEditor } from '../editor/editor.svelte';
 import { Plans } from '../plans.svelte';
 import { nodesOf, type Mission, type StepNode } from './mission';
 import { newMission, newStep } from './step-titles';
-import { MAX_TABLES, withTable } from './tables';
+import { MAX_TABLES, withTable } from './edit';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const TABLE = { name: 'loop.csv', text: 't_s,north_m,east_m,down_m\n0,0,0,-9\n2,4,0,-9\n' };

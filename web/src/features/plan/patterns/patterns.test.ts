@@ -6,7 +6,7 @@ import { EMPTY_PLAN, type Altitude } from '../document/document';
 import { PlanEditor } from '../editor/editor.svelte';
 import { newItem } from '../document/items';
 import { GROUND_TOLERANCE_M, PatternDrawing } from './drawing.svelte';
-import { areaText, figuresOf } from './figures';
+import { areaText, figuresOf } from './shape';
 import { linesOnPath, patternLayer } from './pattern-layer';
 import { PATTERN_KINDS, missingPoints, pointChoices, PATTERNS, rectangle, usableRings, type PatternKind } from './shape';
 import { DEFAULT_VALUES, problemPlaceOf, requestOf, sectionsOf, withRow, type PatternValues, type RowName } from './values';
