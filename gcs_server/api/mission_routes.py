@@ -33,8 +33,7 @@ from gcs_server.flights.waypoint_start import WaypointStart, checked_start, is_s
 from gcs_server.operations.operations import Operation, ReportProgress
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS
-from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
-from gcs_server.vehicle.services.vehicle_plan import plan_from_items
+from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle, plan_from_items
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document

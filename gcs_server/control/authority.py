@@ -14,9 +14,15 @@ from dataclasses import asdict, dataclass
 from gcs_server.clock import Clock
 from gcs_server.control.commands import BY_NAME, Command
 from gcs_server.control.journal import Journal
-from gcs_server.control.lease import ControlChange, ControlRequest, Lease, LeaseTimes, OnControlLost
+from gcs_server.control.lease import (
+    MAX_REQUESTS,
+    ControlChange,
+    ControlRequest,
+    Lease,
+    LeaseTimes,
+    OnControlLost,
+)
 from gcs_server.control.principal import Principal
-from gcs_server.control.requests import MAX_REQUESTS
 from gcs_server.errors import GcsError, NotInControl, Refused, UnknownVehicle
 from gcs_server.mavlink import dialect as d
 from gcs_server.supervise import Supervisor

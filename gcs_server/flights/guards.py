@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 
 from gcs_server.clock import Clock
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.separation import Finding, GroupGuard
 

@@ -17,8 +17,7 @@ from gcs_server.storage.records import MAX_RECORDS, Records, Unreadable
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.limit_store import VehicleKey, key_of
 from gcs_server.vehicle.samples import GlobalPosition
-from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
-from gcs_server.vehicle.services.vehicle_plan import plan_from_items
+from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle, plan_from_items
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.geodesy import distance_m
 from missions.plan import Plan

@@ -12,8 +12,7 @@ from gcs_server.flights.readings import vehicle_reading
 from gcs_server.flights.resume import FlightProgress
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.samples import Mission
-from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
-from gcs_server.vehicle.services.vehicle_plan import plan_from_items
+from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle, plan_from_items
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.plan import Plan
 from missions.runner.corridor import Corridor

@@ -24,8 +24,7 @@ from gcs_server.flights.waypoint_flight import ClientStart, NamedDryRun
 from gcs_server.storage.folder import StorageError
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.samples import Mission
-from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
-from gcs_server.vehicle.services.vehicle_plan import plan_from_items
+from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle, plan_from_items
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document

@@ -13,10 +13,97 @@ from typing import Final
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
-from gcs_server.ros2.boot_time import BootTime
-from gcs_server.ros2.failsafe_texts import problems
 from gcs_server.ros2.message_types import MalformedMessage, Values
 from gcs_server.vehicle.modes import BY_NAME, BY_NAV_STATE
+
+MAX_UPTIME_US: Final = 10 * 365 * 86_400 * 1_000_000
+"""Larger timestamps count from 1970."""
+TIMESYNC_TIMEOUT_S: Final = 3.0
+"""Time without `timesync_status` after which the first timestamp is used as the time of the boot [s]."""
+MAX_OFFSET_US: Final = 2**62
+"""Larger offsets are implausible and are ignored."""
+
+
+class BootTime:
+    """Time since boot of one vehicle."""
+
+    def __init__(self) -> None:
+        self._offset_us: int | None = None
+        self._first_timestamp: tuple[float, int] | None = None
+        """Arrival time of the first timestamp that counts from 1970 [s, monotonic], and this timestamp
+        [µs]."""
+
+    def synchronize(self, estimated_offset_us: int) -> None:
+        """Stores the offset of `timesync_status` [µs]; it is added to timestamps that count from 1970."""
+        if abs(estimated_offset_us) < MAX_OFFSET_US:
+            self._offset_us = estimated_offset_us
+
+    def boot_ms(self, timestamp_us: int, now_s: float) -> int | None:
+        """Time since boot, in 32 bits as in MAVLink [ms]; None while it is not known.
+
+        Args:
+            timestamp_us: a message's timestamp.
+            now_s: time of the server [s, monotonic].
+        """
+        if timestamp_us < MAX_UPTIME_US:
+            return timestamp_us // 1000 & 0xFFFFFFFF
+        if self._offset_us is None:
+            if self._first_timestamp is None:
+                self._first_timestamp = now_s, timestamp_us
+            if now_s - self._first_timestamp[0] < TIMESYNC_TIMEOUT_S:
+                return None
+            self._offset_us = -self._first_timestamp[1]
+        return max(0, timestamp_us + self._offset_us) // 1000 & 0xFFFFFFFF
+
+
+MODE_REQUIREMENTS: Final = (
+    ("angular_velocity_invalid", "mode_req_angular_velocity", "no valid angular velocity"),
+    ("attitude_invalid", "mode_req_attitude", "no valid attitude estimate"),
+    ("local_altitude_invalid", "mode_req_local_alt", "no valid altitude estimate"),
+    ("local_position_invalid", "mode_req_local_position", "no valid local position estimate"),
+    (
+        "local_position_invalid_relaxed",
+        "mode_req_local_position_relaxed",
+        "no valid local position estimate",
+    ),
+    ("global_position_invalid", "mode_req_global_position", "no valid global position estimate"),
+    ("auto_mission_missing", "mode_req_mission", "no mission on the vehicle"),
+    ("offboard_control_signal_lost", "mode_req_offboard_signal", "no offboard setpoints are received"),
+    ("home_position_invalid", "mode_req_home_position", "no home position"),
+    ("manual_control_signal_lost", "mode_req_manual_control", "no manual control input"),
+)
+"""(flag, mask of the modes with this requirement, text); a mode's bit number is its `nav_state`."""
+IN_ANY_MODE: Final = (
+    ("battery_unhealthy", "battery unhealthy"),
+    ("battery_low_remaining_time", "remaining flight time too low"),
+    ("geofence_breached", "geofence breached"),
+    ("wind_limit_exceeded", "wind speed limit exceeded"),
+    ("flight_time_limit_exceeded", "flight time limit exceeded"),
+    ("navigator_failure", "navigator failure"),
+    ("fd_critical_failure", "critical failure (attitude or external failsafe)"),
+    ("fd_esc_arming_failure", "an ESC did not arm"),
+    ("fd_imbalanced_prop", "imbalanced propeller detected"),
+    ("fd_motor_failure", "motor failure"),
+)
+"""(flag, text) of problems that matter in every mode."""
+
+
+def problems(flags: Values, nav_state: int) -> Iterator[str]:
+    """Texts of the flags that prevent arming or flying in a mode.
+
+    Args:
+        flags: a decoded `failsafe_flags`.
+        nav_state: the mode, 0 to 31.
+    """
+    if nav_state < 32 and flags["mode_req_prevent_arming"] >> nav_state & 1:
+        yield "PX4 does not arm in this mode"
+    for flag, mask, text in MODE_REQUIREMENTS:
+        if flags[flag] and nav_state < 32 and flags[mask] >> nav_state & 1:
+            yield text
+    for flag, text in IN_ANY_MODE:
+        if flags[flag]:
+            yield text
+
 
 ARMED: Final = 2
 """VehicleStatus.ARMING_STATE_ARMED."""

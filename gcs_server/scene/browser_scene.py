@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.scene.dry_run_node import DryRunNode
 from gcs_server.scene.dry_runs import pose_at
 from gcs_server.scene.frames import enu_from_ned
@@ -22,9 +22,8 @@ from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import PALETTES, Palette, rgb
 from gcs_server.scene.pose import VehiclePose
 from gcs_server.scene.preview_node import PreviewNode
-from gcs_server.scene.shapes import Shapes, shapes
+from gcs_server.scene.shapes import Shapes, scale_marks, shapes
 from gcs_server.scene.smoothing import Smoother
-from gcs_server.scene.strokes import scale_marks
 from gcs_server.scene.tracks import Track
 from gcs_server.scene.vehicle_node import VehicleNode
 from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, camera_for_handles, in_world, world_pose

@@ -10,7 +10,7 @@ import msgspec
 
 from gcs_server.clock import SystemClock
 from gcs_server.errors import UnknownVehicle
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.snapshots import SampleData, SnapshotData, TargetData, VehicleData
 from gcs_server.vehicle.samples import TOPICS, Sample

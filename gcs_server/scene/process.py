@@ -22,10 +22,10 @@ from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.dry_runs import DryRunPath, DryRunResults, read_paths
 from gcs_server.scene.gizmo import Drag, SceneGizmo
 from gcs_server.scene.handle import REMEDY, SceneWorker
+from gcs_server.scene.messages import MAX_VIEWS, ViewRequest
 from gcs_server.scene.ports import OffboardTargets, SceneFleet
 from gcs_server.scene.proxy import Bridges, ShownView, scene_router
 from gcs_server.scene.snapshots import SnapshotBuilder
-from gcs_server.scene.view_request import MAX_VIEWS, ViewRequest
 
 PERIOD_S = 1.0 / 30.0
 IDLE_PERIOD_S = 0.25

@@ -30,9 +30,8 @@ from gcs_server.errors import Refused
 from gcs_server.origin import is_same_origin
 from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.gizmo import Drag, MovedMessage, ReleasedMessage, parse_drag
-from gcs_server.scene.messages import SECRET_HEADER, ViserAddress
+from gcs_server.scene.messages import BRIDGE_KEY, SECRET_HEADER, TOKEN, ViewRequest, ViserAddress
 from gcs_server.scene.page import content_policy, page
-from gcs_server.scene.view_request import BRIDGE_KEY, TOKEN, ViewRequest
 
 log = logging.getLogger(__name__)
 

@@ -15,11 +15,10 @@ from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.dry_runs import DryRunMoment, DryRunPath
 from gcs_server.scene.gizmo import Drag, SceneGizmo, apply_drag
 from gcs_server.scene.host import ViserHost
-from gcs_server.scene.messages import ViserAddress
+from gcs_server.scene.messages import BRIDGE_KEY, MAX_VIEWS, TOKEN, ViewRequest, ViserAddress
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.ports import OffboardTargets, SceneFleet
 from gcs_server.scene.tracks import Tracks
-from gcs_server.scene.view_request import BRIDGE_KEY, MAX_VIEWS, TOKEN, ViewRequest
 from gcs_server.scene.views import CAMERAS, Mode, Preview, View
 
 MAX_STEP_S = 0.25

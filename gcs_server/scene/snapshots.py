@@ -13,7 +13,7 @@ from collections.abc import Sequence, Set
 import msgspec
 
 from gcs_server.clock import Clock
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.scene.ports import OffboardTargets, SceneFleet, SceneVehicle
 from gcs_server.vehicle.samples import Sample
 from missions.frames import Vector3

@@ -13,14 +13,13 @@ from dataclasses import dataclass, field
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.scene.clicks import ground_point
 from gcs_server.scene.placement import Placement, VehiclePlace
 from gcs_server.scene.ports import OffboardTarget, OffboardTargets, SceneFleet, SceneVehicle
 from gcs_server.scene.pose import pose_of
-from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.smoothing import Smoother, Trail
 from gcs_server.scene.snapshots import MAX_ALL_UPDATED, UPDATE_DIVISOR
-from gcs_server.scene.trail import Trail
 from missions.frames import Vector3
 
 log = logging.getLogger(__name__)

@@ -9,15 +9,13 @@ import numpy as np
 import viser
 
 from gcs_server.scene.labels import Label
-from gcs_server.scene.measured_points import upright_lines
 from gcs_server.scene.model import GIMBAL_POSITION_M, ROTORS_FLU_M, Points, q_along, rotor_quaternions
 from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import Palette, tone_corrected
-from gcs_server.scene.pose import Target, VehiclePose
+from gcs_server.scene.pose import Target, VehiclePose, upright_lines
 from gcs_server.scene.shapes import Shapes
-from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.smoothing import Smoother, Trail
 from gcs_server.scene.texts import altitude_text
-from gcs_server.scene.trail import Trail
 from missions.frames import IDENTITY, Quaternion, Vector3, multiply, q_from_yaw
 
 FRUSTUM_MIN_M = 0.9

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused, UnknownVehicle
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.links.base import LinkInfo, Peer
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Disconnected, GcsError, NotVerified, Refused
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, decode, encode_payload, full_payload
 from gcs_server.mavlink.dialect import MAVLink_message
@@ -29,8 +29,8 @@ from gcs_server.vehicle.px4_events import VehicleEvent
 from gcs_server.vehicle.reach import Feature, Reach, reach_of, require_feature
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Sample, Status
+from gcs_server.vehicle.services.checks import VehicleFloor
 from gcs_server.vehicle.services.command import CommandService
-from gcs_server.vehicle.services.floor import VehicleFloor
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.gimbals import Gimbals
 from gcs_server.vehicle.services.health import HealthService

@@ -8,9 +8,15 @@ import pytest
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.vehicle import metadata_files
+from gcs_server.vehicle.event_logger import (
+    MAX_BURST_LINES,
+    MAX_CHUNKS,
+    MAX_LINES_PER_S,
+    MAX_PENDING,
+    TextJoiner,
+)
 from gcs_server.vehicle.px4_events import TEXTS
 from gcs_server.vehicle.services.health import DESCRIPTION_TIMEOUT_S
-from gcs_server.vehicle.texts import MAX_BURST_LINES, MAX_CHUNKS, MAX_LINES_PER_S, MAX_PENDING, TextJoiner
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.one_vehicle import HOLD_MODE_BIT, run_scenario, send_arming_report
 from tests.protocol.simulated_autopilot import SimulatedAutopilot

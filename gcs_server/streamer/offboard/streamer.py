@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, UnknownVehicle
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.offboard.limit_store import LimitStore, VehicleOperatorLimits
 from gcs_server.streamer.process.streams import Streams

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.vehicle.samples import GlobalPosition, Home
 from gcs_server.vehicle.services.port import VehiclePort
-from missions.floor import Floor
+from missions.floor import LANDING_HEIGHT_M, Floor
 from missions.geodesy import distance_m
+from missions.terrain.ground import Ground
 
 MAX_POSITION_AGE_S = 3.0
 MIN_CLIMB_M = 0.2
@@ -122,3 +124,32 @@ def require_near(
             f"The target is {target_distance_m:.0f} m away, more than the allowed {max_m:.0f} m.",
             remedy="Check the coordinates, or raise max_distance_m if this is intended.",
         )
+
+
+LANDING_HEIGHT_PARAMETER = "MPC_LAND_ALT3"
+MAX_LANDING_HEIGHT_M = 10.0
+
+
+class VehicleFloor:
+    """The floor of one vehicle. `grounds` is the known ground around the vehicle and its targets; the server
+    reads it from the elevation files."""
+
+    def __init__(self, vehicle: VehiclePort, parameter: Callable[[str], float | None]) -> None:
+        """
+        Args:
+            vehicle: the vehicle.
+            parameter: the newest known value of a parameter; None: unknown.
+        """
+        self._vehicle = vehicle
+        self._parameter = parameter
+        self.grounds: Sequence[Ground] = ()
+
+    def now(self) -> Floor:
+        """The lowest altitudes now."""
+        sample = self._vehicle.topic("home")
+        home = sample.value if sample is not None and isinstance(sample.value, Home) else None
+        landing_height_m = self._parameter(LANDING_HEIGHT_PARAMETER)
+        if landing_height_m is None or not 0.0 <= landing_height_m <= MAX_LANDING_HEIGHT_M:
+            landing_height_m = LANDING_HEIGHT_M
+        position = None if home is None else (home.lat_deg, home.lon_deg, home.alt_amsl_m)
+        return Floor(position, self.grounds, landing_height_m)

@@ -30,7 +30,7 @@ from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services import checks
-from gcs_server.vehicle.services.floor import VehicleFloor
+from gcs_server.vehicle.services.checks import VehicleFloor
 from gcs_server.vehicle.services.hold_disarmed import HoldDisarmed
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors

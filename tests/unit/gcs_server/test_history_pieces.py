@@ -9,7 +9,7 @@ import pytest
 
 from gcs_server.api.responses import SAMPLES_PER_PIECE, history_pieces, history_view, json_response
 from gcs_server.clock import SystemClock
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.vehicle.samples import Sample
 
 

@@ -18,10 +18,9 @@ from gcs_server.errors import Refused
 from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.gizmo import GROUND_HANDLE, SceneGizmo
 from gcs_server.scene.host import ViserHost
-from gcs_server.scene.messages import ViserAddress
+from gcs_server.scene.messages import ViewRequest, ViserAddress
 from gcs_server.scene.proxy import Bridges, ShownView, scene_router
 from gcs_server.scene.scene import Scene
-from gcs_server.scene.view_request import ViewRequest
 from gcs_server.supervise import Supervisor
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying_vehicle
 

@@ -16,10 +16,9 @@ from viser import _messages
 from websockets.asyncio.client import unix_connect
 
 from gcs_server.origin import is_same_origin
-from gcs_server.scene.messages import SECRET_HEADER
+from gcs_server.scene.messages import MAX_VIEWS, SECRET_HEADER
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.proxy import parse_message
-from gcs_server.scene.view_request import MAX_VIEWS
 from tests.integration.gcs_server.scene.scene_server import (
     PROTOCOL,
     message_types,

@@ -3,9 +3,14 @@ clock."""
 
 import pytest
 
-from gcs_server.control.lease import Lease, LeaseTimes
+from gcs_server.control.lease import (
+    MAX_REQUESTS,
+    MAX_REQUESTS_PER_ADDRESS,
+    REQUEST_LIFETIME_S,
+    Lease,
+    LeaseTimes,
+)
 from gcs_server.control.principal import Principal
-from gcs_server.control.requests import MAX_REQUESTS, MAX_REQUESTS_PER_ADDRESS, REQUEST_LIFETIME_S
 from gcs_server.errors import NotInControl, Refused
 
 ANNA, BOB, CARL = (Principal.from_identity(name, name * 3) for name in ("anna", "bob", "carl"))

@@ -8,10 +8,10 @@ import pytest
 
 from gcs_server.control.authority import Authority
 from gcs_server.errors import GcsError, UnknownVehicle
+from gcs_server.faults import Isolation
 from gcs_server.flights import mission_modes
 from gcs_server.flights.mission_modes import MissionModes
 from gcs_server.flights.mission_values import MissionAsMode, MissionName
-from gcs_server.isolation import Isolation
 from gcs_server.ros2.external_mode import Registration
 from gcs_server.supervise import Supervisor
 

@@ -9,8 +9,8 @@ import pytest
 
 from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.url import make_link
-from gcs_server.ros2.boot_time import BootTime
 from gcs_server.ros2.link import Ros2Link
+from gcs_server.ros2.to_mavlink import BootTime
 from gcs_server.ros2.topics import find_subscription, parse_status_topic, wire_name
 from gcs_server.ros2.url import ros2_link
 

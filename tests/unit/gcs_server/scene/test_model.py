@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_server.scene import model, strokes
+from gcs_server.scene import model, shapes
 from gcs_server.scene.palette import PALETTES, tone_corrected
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.pose import pose_of
-from gcs_server.scene.smoothing import Smoother
-from gcs_server.scene.trail import MAX_POINTS, Trail
+from gcs_server.scene.smoothing import MAX_POINTS, Smoother, Trail
 from gcs_server.scene.views import CAMERAS, WorldPose, in_world, world_pose
 from missions.frames import IDENTITY, q_from_yaw, rotate
 from tests.unit.gcs_server.scene.scene_fakes import flying_vehicle
@@ -65,7 +64,7 @@ def test_a_line_of_zero_length_is_not_turned():
 
 
 def test_text_is_centred_and_has_the_given_height():
-    segments = strokes.text_segments("10 m", height_m=2.0, at_m=(5.0, 7.0, 0.0))
+    segments = shapes.text_segments("10 m", height_m=2.0, at_m=(5.0, 7.0, 0.0))
     low, high = segments.reshape(-1, 3).min(axis=0), segments.reshape(-1, 3).max(axis=0)
     assert (low + high)[0] / 2 == pytest.approx(5.0, abs=0.2)
     assert high[1] - low[1] == pytest.approx(2.0)
@@ -73,7 +72,7 @@ def test_text_is_centred_and_has_the_given_height():
 
 @pytest.mark.parametrize("step_m", [10.0, 100.0, 1000.0])
 def test_every_grid_scale_has_a_label(step_m):
-    assert np.isfinite(strokes.scale_marks(step_m)).all()
+    assert np.isfinite(shapes.scale_marks(step_m)).all()
 
 
 def test_the_number_of_points_of_a_trail_is_limited_and_its_ends_are_kept():

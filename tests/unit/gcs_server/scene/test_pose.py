@@ -4,10 +4,16 @@ import math
 
 import pytest
 
-from gcs_server.scene.measured_points import DRAWN_FOR_S, HALF_HEIGHT_M, upright_lines
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.ports import OffboardTarget
-from gcs_server.scene.pose import gimbal_in_body, motor_efforts, pose_of
+from gcs_server.scene.pose import (
+    DRAWN_FOR_S,
+    HALF_HEIGHT_M,
+    gimbal_in_body,
+    motor_efforts,
+    pose_of,
+    upright_lines,
+)
 from gcs_server.vehicle.samples import DistanceSensor, DistanceSensors, ObstacleDistance, TargetLocal
 from missions.frames import rotate
 from tests.unit.gcs_server.scene.scene_fakes import (

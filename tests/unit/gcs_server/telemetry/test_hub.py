@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from gcs_server.clock import LoopClock, SystemClock
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.telemetry.hub import CLOSE_TOO_SLOW, EVENT_QUEUE_CHARACTERS, EVENT_QUEUE_LENGTH, Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.samples import Estimator, Hud, Sample

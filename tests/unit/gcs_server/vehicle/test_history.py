@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 from gcs_server.mavlink.codec import Frame, encode_frame
-from gcs_server.vehicle.history import HISTORY_S, PURGE_EVERY_S, History
+from gcs_server.vehicle.state import HISTORY_S, PURGE_EVERY_S, History
 
 ATTITUDE, HEARTBEAT = 30, 0
 

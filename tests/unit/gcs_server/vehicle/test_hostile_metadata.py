@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs_server.storage import cache as cache_module
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import event_document, metadata_files, param_document
 from gcs_server.vehicle.event_definitions import MAX_TEXT_LENGTH
@@ -186,9 +185,8 @@ def test_valid_entries_of_the_general_metadata_file_are_used():
         metadata_files.read_general(lzma.compress(b" " * 1_000_000), 0)
 
 
-def test_the_total_size_of_the_cache_is_limited(monkeypatch, tmp_path):
-    monkeypatch.setattr(cache_module, "MAX_TOTAL_BYTES", 1000)
-    cache = Cache(tmp_path)
+def test_the_total_size_of_the_cache_is_limited(tmp_path):
+    cache = Cache(tmp_path, max_total_bytes=1000)
     for n in range(20):
         cache.write(f"f{n}", bytes(300))
     assert sum(p.stat().st_size for p in tmp_path.iterdir()) <= 1000

@@ -4,8 +4,7 @@ import struct
 
 import pytest
 
-from gcs_server.vehicle.mission_rejections import rejection_reason
-from gcs_server.vehicle.px4_events import describe, has_description
+from gcs_server.vehicle.px4_events import describe, has_description, rejection_reason
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import pytest
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.vehicle import decoders, modes, px4_events, samples
+from gcs_server.vehicle.event_logger import TextJoiner
 from gcs_server.vehicle.gimbal_decoder import gimbal
 from gcs_server.vehicle.identity import read_version
-from gcs_server.vehicle.texts import TextJoiner
 from missions.frames import q_from_euler
 
 

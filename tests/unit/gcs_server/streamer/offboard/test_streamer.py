@@ -8,7 +8,7 @@ import pytest
 
 from gcs_server.clock import LoopClock
 from gcs_server.errors import NoReply, Refused, Rejected
-from gcs_server.isolation import Isolation
+from gcs_server.faults import Isolation
 from gcs_server.streamer.offboard import streamer as streamer_module
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.values.stream_request import StreamRequest
