@@ -139,16 +139,17 @@ def test_a_group_of_unknown_vehicles_gets_status_404_and_each_vehicle_is_journal
         assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_group")
 
 
-def test_changes_of_a_group_are_sent_as_events(client):
+def test_changes_of_a_group_are_sent_as_events(client, monkeypatch):
     groups = client.app.state.station.flights.groups
     status = GroupStatus(
         id="4", state="flying", client="anna", client_key="key", minimum_separation_m=5.0, margin_m=1.6,
         others_go_on=False, created_unix_s=1.0, start_unix_s=2.0, valid_left_s=3.0, members=(), nearest=None,
         findings=(), ended=None,
     )  # fmt: skip
+    monkeypatch.setattr(groups, "_status", lambda _group: status)
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
         assert socket.receive_json()["type"] == "hello"
-        client.portal.call(groups.on_change, "Group 4 has begun.", status, True)
+        client.portal.call(lambda: groups._announce(None, "Group 4 has begun.", warning=True))
         event = socket.receive_json()["event"]
     assert (event["kind"], event["vehicle"], event["severity"]) == ("group", None, 4)
     assert (event["text"], event["group"]["id"]) == ("Group 4 has begun.", "4")
