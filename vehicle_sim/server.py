@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from vehicle_sim.fleet import SimulatedFleet
-from vehicle_sim.lockstep import Lockstep
 from vehicle_sim.mavlink.context import GCS_TIMEOUT_S
+from vehicle_sim.mavlink.framing import FrameParser
 from vehicle_sim.mavlink.transports import PortUnavailable, TcpServer, UdpTransport
 
 CYCLE_S = 0.008
@@ -24,9 +24,40 @@ LOCKSTEP_WAIT_S = 0.05
 MAX_CATCH_UP_S = 0.1
 """Longest delay that one cycle makes up, in simulated time; at a speed above 1, multiplied by the speed. The
 rest of a longer delay is skipped, so simulated time falls behind real time on a slow machine."""
-
-
 LAST_OWN_API_PORT = 9
+
+
+@dataclass(frozen=True, slots=True)
+class TimeRequest:
+    """The time up to which the simulation may advance, and the client that requested this time."""
+
+    time_s: float
+    row: int
+    link: str
+
+
+class Lockstep:
+    """Lets a client control how far simulated time advances, so that flights are reproducible bit for bit.
+
+    The client sends SYSTEM_TIME on a link; its `time_boot_ms` is the time to advance to. The simulator
+    handles the earlier messages on this link, advances all vehicles to the time, and then sends SYSTEM_TIME
+    on the link.
+    """
+
+    def __init__(self) -> None:
+        self._parsers: dict[tuple[int, str], FrameParser] = {}
+        self._request: TimeRequest | None = None
+
+    def feed(self, row: int, link: str, data: bytes) -> None:
+        """Parses bytes received on one link."""
+        for message in self._parsers.setdefault((row, link), FrameParser()).feed(data):
+            if message.name == "SYSTEM_TIME":
+                self._request = TimeRequest(message.time_boot_ms / 1000.0, row, link)
+
+    def take(self) -> TimeRequest | None:
+        """The newest request since the last call; None: no request."""
+        request, self._request = self._request, None
+        return request
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,7 +77,12 @@ MIN_GOAL_DISTANCE_M = 0.5
 
 
 class Track:
-    """The straight track of one detour, from the start of the detour to the goal, which may move."""
+    """The straight track of one detour, from the start of the detour to the goal, which may move.
+
+    It keeps a vehicle that climbs over an obstacle, or descends behind it, on the track that it flew before.
+    The vehicle is then controlled by velocity: without a correction, wind or the error of the velocity
+    estimate would move it sideways by metres during the climb.
+    """
 
     def __init__(self) -> None:
         self._point_ne: NorthEast | None = None

@@ -133,7 +133,11 @@ REPLACED = "Another party commands the vehicle: PX4 no longer accepts commands o
 
 
 class ExecutorControl:
-    """Detects that the executor is no longer in charge; without an executor, `is_lost` is never true."""
+    """Detects that the executor of the mission's mode is no longer in charge of the vehicle, because another
+    party or a failsafe has changed the mode; without an executor, `is_lost` is never true.
+
+    PX4 reports this separately from the new mode, either before or after it.
+    """
 
     def __init__(self) -> None:
         self._was_in_charge = False

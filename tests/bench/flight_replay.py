@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim import frames
-from vehicle_sim.autopilot.control_mode import PUBLISH_EVERY_S
+from vehicle_sim.autopilot.offboard import PUBLISH_EVERY_S
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2

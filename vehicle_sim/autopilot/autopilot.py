@@ -7,12 +7,11 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.arming import auto_disarm_after_s
 from vehicle_sim.autopilot.commander import Commander
-from vehicle_sim.autopilot.control_mode import ControlMode
 from vehicle_sim.autopilot.goto import Goto, GotoControl
 from vehicle_sim.autopilot.land_detector import DetectorInputs, LandDetector, LandingThresholds
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import LANDING_MODES, MODES_WITH_WAYPOINT, Navigator
-from vehicle_sim.autopilot.offboard import Offboard, Setpoint, SetpointKind, kind_for_controllers
+from vehicle_sim.autopilot.offboard import ControlMode, Offboard, Setpoint, SetpointKind, kind_for_controllers
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans

@@ -47,7 +47,7 @@ FIX_3D = 3
 
 
 class SensorWatch:
-    """Checks the sensors of one vehicle."""
+    """Reports sensors of one vehicle without data, stale data, and start and stop of GNSS fusion."""
 
     def __init__(self, view: VehicleView, announcer: Announcer) -> None:
         self._view, self._announcer = view, announcer

@@ -201,7 +201,13 @@ class FailsafeWatch:
 
 
 class CheckSkipper:
-    """Compares the inputs of the checks of one vehicle with those of its last checks."""
+    """Skips the checks of one vehicle in a steady flight while they would give the same result as last time.
+
+    `Commander` runs the checks at 10 Hz, usually with the same inputs as last time. Their result depends only
+    on the values that are compared here; on commands, parameters and the commander's state, whose change ends
+    the steady flight; and on time, but only if a sensor sends no data, the position was lost, or a link has
+    been connected since boot. In these conditions no check is skipped.
+    """
 
     def __init__(
         self,

@@ -33,7 +33,7 @@ MESSAGE_GROUPS: tuple[type[MessageGroup], ...] = (
 
 
 class Telemetry:
-    """Telemetry payloads of one vehicle."""
+    """Telemetry payloads of one vehicle; each is built at most once per step and shared by all links."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._simulation = autopilot.view.simulation

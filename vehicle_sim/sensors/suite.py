@@ -69,7 +69,8 @@ equal values of a barometer (1.7 s in a recording) and 1000 of a magnetometer (6
 
 
 class SensorFaults:
-    """The sensor faults of N vehicles; callers may write the arrays.
+    """Faults of N vehicles' sensors that PX4's SIH cannot simulate; callers may write the arrays. A stuck
+    sensor repeats its last sample; offsets are added to the measurements.
 
     Args:
         count: N.
@@ -373,7 +374,7 @@ def _measure_magnetometer(
 
 
 class RangeFinder:
-    """The range finders of N vehicles."""
+    """The downward range finders of N vehicles, along the body's down axis (SIH_DISTSNSR_*)."""
 
     def __init__(self, count: int) -> None:
         self._override_m = np.full(count, -1.0)

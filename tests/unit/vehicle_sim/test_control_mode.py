@@ -2,7 +2,7 @@
 
 import pytest
 
-from vehicle_sim.autopilot.control_mode import ControlMode
+from vehicle_sim.autopilot.offboard import ControlMode
 from vehicle_sim.control.setpoints import ControlLevel
 
 TICK_S = 0.02
