@@ -12,6 +12,7 @@ from gcs_server.errors import GcsError, Refused
 from gcs_server.flights.resume import ProgressStore, ResumeOffer, ResumeOffers
 from gcs_server.flights.waypoint_flight import (
     ClientStart,
+    PlannedFlight,
     Prediction,
     WaypointFlight,
     WaypointFlightStatus,
@@ -20,7 +21,7 @@ from gcs_server.flights.waypoint_flight import (
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.limit_store import key_of
 from gcs_server.supervise import Supervisor
-from gcs_server.vehicle.services.mission_on_vehicle import Ids, ItemsOnVehicle
+from gcs_server.vehicle.services.mission_on_vehicle import Ids
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.runner.flown import FlownMission
 from missions.traffic.path import PredictedPath
@@ -202,24 +203,24 @@ class WaypointFlights:
         if not saw_start and self._waits_for_home(vehicle):
             return
         self._waiting_since_s.pop(vehicle.id, None)
-        work = self._begin(vehicle, on_vehicle, client_start, saw_start=saw_start)
-        self._beginning[vehicle.id] = self._supervisor.spawn(f"vehicle {vehicle.id}: waypoint flight", work)
-        self._beginning[vehicle.id].add_done_callback(lambda _: self._beginning.pop(vehicle.id, None))
-
-    async def _begin(
-        self,
-        vehicle: Vehicle,
-        on_vehicle: ItemsOnVehicle,
-        client_start: ClientStart | None,
-        *,
-        saw_start: bool,
-    ) -> None:
         path = None if client_start is None else client_start.path
-        planned = await asyncio.to_thread(plan_flight(vehicle, on_vehicle, path))
-        if self._vehicles.get(vehicle.id) is vehicle:  # otherwise it was removed meanwhile
-            flight = WaypointFlight(vehicle, on_vehicle, planned, client_start, saw_start=saw_start)
-            self._flights[vehicle.id] = flight
-            flight.update()
+        read = plan_flight(vehicle, on_vehicle, path)
+
+        def begin(planned: PlannedFlight | BaseException) -> None:
+            if isinstance(planned, BaseException):
+                raise planned
+            if self._vehicles.get(vehicle.id) is vehicle:  # otherwise it was removed meanwhile
+                flight = WaypointFlight(vehicle, on_vehicle, planned, client_start, saw_start=saw_start)
+                self._flights[vehicle.id] = flight
+                flight.update()
+
+        async def read_and_begin() -> None:
+            (planned,) = await asyncio.gather(asyncio.to_thread(read), return_exceptions=True)
+            vehicle.isolation.run("the begin of its waypoint flight", begin, planned)
+
+        task = self._supervisor.spawn(f"vehicle {vehicle.id}: waypoint flight", read_and_begin())
+        self._beginning[vehicle.id] = task
+        task.add_done_callback(lambda _: self._beginning.pop(vehicle.id, None))
 
     def _left_mission(self, vehicle: Vehicle) -> bool:
         """Whether an armed vehicle has left its mission while the server did not run: it is in the air in

@@ -138,6 +138,24 @@ def test_the_vehicles_plan_is_read_outside_the_event_loop(run_simulated, tmp_pat
     run_with_rig(run_simulated, tmp_path, scenario)
 
 
+def test_a_plan_that_cannot_be_read_is_a_fault_of_its_vehicle(run_simulated, tmp_path, monkeypatch):
+    def fail(_):
+        raise ValueError("no plan")
+
+    async def scenario(rig):
+        await upload(rig)
+        monkeypatch.setattr(waypoint_flight, "plan_from_items", fail)
+        await start(rig, item=0)
+        await monitor_for(rig, 1)
+        assert any("the begin of its waypoint flight" in text for text in rig.vehicle.isolation.faults)
+        monkeypatch.undo()
+        await monitor_for(rig, 1)
+        assert rig.vehicle.isolation.faults == []
+        assert (await mission_view(rig))["flight"] is not None
+
+    run_with_rig(run_simulated, tmp_path, scenario)
+
+
 def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_simulated, tmp_path):
     async def scenario(rig):
         assert ((await mission_view(rig))["resume"], (await mission_view(rig))["no_resume"]) == (None, None)
