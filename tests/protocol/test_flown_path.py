@@ -24,7 +24,8 @@ HOVER = "- {step: hold, duration_s: 120}\n"
 
 async def flown_path(missions, vehicle):
     """The flown path in the response of the route; the response must match its model."""
-    response = json_of(await routes.show_flown(vehicle, SimpleNamespace(missions=missions.offboard)))
+    station = SimpleNamespace(flights=SimpleNamespace(missions=missions.offboard))
+    response = json_of(await routes.show_flown(vehicle, station))
     models.FlownMissionView.model_validate(response)
     assert response["vehicle"] == vehicle.id
     return response["flown"]
