@@ -229,7 +229,7 @@ class Server:
         texts: list[tuple[str, Callable[[], Sequence[str] | str | None]]] = [
             ("fault", self.streamer.faults),
             ("limits", self.streamer.limits.warnings),
-            ("fault", self.flights.guards.faults),
+            ("fault", self.flights.groups.faults),
             ("plans", self.flights.plans.warnings),
             ("plans", self.flights.progress.warnings),
         ]

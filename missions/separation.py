@@ -115,7 +115,7 @@ def braking_decel_m_s2(tilt_rad: float) -> float:
     return max(0.2, min(STOP_M_S2, STOP_TILT_SHARE * G_M_S2 * math.tan(tilt_rad)))
 
 
-def braking_distance_m(speed_m_s: Any, decel_m_s2: float = STOP_M_S2) -> Any:
+def braking_distance_m(speed_m_s: Any, decel_m_s2: Any = STOP_M_S2) -> Any:
     """Braking distance from a speed [m]; for one number or an array."""
     return speed_m_s * STOP_DELAY_S + speed_m_s**2 / (2.0 * decel_m_s2)
 
@@ -167,29 +167,32 @@ def braking_separation_m(
     velocity_a: Vectors,
     position_b: Vectors,
     velocity_b: Vectors,
-    required_m: float,
-    decel_m_s2: float = STOP_M_S2,
+    required_m: Any,
+    decel_a_m_s2: Any = STOP_M_S2,
+    decel_b_m_s2: Any = STOP_M_S2,
 ) -> Vectors:
-    """For each time, the smallest distance if both vehicles started to brake at that time [m].
+    """For each row, the smallest distance if both vehicles started to brake now [m].
 
     Args:
         position_a: positions in the common frame, (N, 3) [m].
         velocity_a: velocities (N, 3) [m/s].
         position_b: position of the other vehicle.
         velocity_b: velocity of the other vehicle.
-        required_m: separation below which braking is computed; pairs that stay farther apart are skipped.
-        decel_m_s2: deceleration of both vehicles.
+        required_m: separation below which braking is computed; for a row whose vehicles stay farther apart,
+            the result is their present distance. One number, or one per row.
+        decel_a_m_s2: deceleration; one number, or one per row.
+        decel_b_m_s2: deceleration of the other vehicle.
     """
     distance_m = _norm(position_a - position_b)
-    braking_m = braking_distance_m(_norm(velocity_a), decel_m_s2) + braking_distance_m(
-        _norm(velocity_b), decel_m_s2
-    )
-    too_near = np.nonzero(distance_m - braking_m < required_m)[0]
+    decel_a, decel_b = (np.broadcast_to(each, distance_m.shape) for each in (decel_a_m_s2, decel_b_m_s2))
+    reach_m = braking_distance_m(_norm(velocity_a), decel_a) + braking_distance_m(_norm(velocity_b), decel_b)
+    too_near = np.nonzero(distance_m - reach_m < required_m)[0]
     for begin in range(0, len(too_near), SAMPLES_AT_ONCE):
         batch = too_near[begin : begin + SAMPLES_AT_ONCE]
         distance_m[batch] = closest_m(
-            position_a[batch], velocity_a[batch], position_b[batch], velocity_b[batch], decel_m_s2, decel_m_s2
-        )
+            position_a[batch], velocity_a[batch], position_b[batch], velocity_b[batch],
+            decel_a[batch], decel_b[batch],
+        )  # fmt: skip
     return distance_m
 
 

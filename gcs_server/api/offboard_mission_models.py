@@ -87,7 +87,7 @@ class StartMission(WhichMission):
     dry_run: OptionalDryRun = None
 
 
-class StartJointMission(WhichMission):
+class StartGroupMission(WhichMission):
     """A mission with roles, and the vehicle that flies each role."""
 
     vehicles: Annotated[dict[Role, VehicleId], Field(min_length=2, max_length=MAX_ROLES)] = Field(
@@ -129,7 +129,7 @@ FlownMissionModel = model_of(
 )
 
 
-class JointMissionView(ResponseBody):
+class GroupMissionView(ResponseBody):
     """A mission of several vehicles."""
 
     vehicles: list[OffboardMissionView]

@@ -22,7 +22,6 @@ from gcs_server.control.principal import Principal
 from gcs_server.flights.mission_flight import MissionFlight
 from gcs_server.flights.mission_modes import dds_address
 from gcs_server.flights.mission_start import begin_mission, mission_as_mode
-from gcs_server.vehicle.tickets import Ticket
 
 router = Routes(tags=["offboard mission"], responses=RESPONSES, route_class=DocumentRoute)
 MISSION, MODES = "/vehicles/{v}/offboard_mission", "/vehicles/{v}/mission_modes"
@@ -53,38 +52,24 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
     (`separation`), unless `despite` lists their codes.
     `if_stream_stops` is the vehicle's own action if the server fails.
     """
-    arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
-    with authorized_command(station, principal, "offboard_mission/start", v, arguments) as accepted:
-        ticket = accepted.ticket
-        station.flights.missions.require_free(v)
-        ticket.claim()
-
-        await _start(station, principal, body, {None: v}, {v: ticket}, vehicle_id=v)
-        return _view(station, v)
+    await start_mission(station, principal, "offboard_mission/start", body, {None: v}, vehicle_id=v)
+    return _view(station, v)
 
 
-@router.post("/offboard_missions/start", response_model=m.JointMissionView)
-async def start_joint_mission(
-    body: m.StartJointMission, station: StationDep, principal: PrincipalDep
-) -> Response:
+@router.post("/offboard_missions/start", response_model=m.GroupMissionView)
+async def start_group(body: m.StartGroupMission, station: StationDep, principal: PrincipalDep) -> Response:
     """Starts a mission with one vehicle for each role. All vehicles are checked first; if a check fails, none
     starts.
 
     Answers 409 `plan_findings` if a role or the separation of two vehicles has error findings, unless
-    `despite` lists their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume`
-    and `abort` of one vehicle act on all.
+    `despite` lists their codes. All vehicles begin together as a group (`/groups`), which ends with the
+    mission; `/vehicles/{v}/offboard_mission/pause`, `resume` and `abort` of one vehicle act on all.
     """
-    shared = body.model_dump(exclude={"mission"}, exclude_none=True)
-    with authorized_commands(
-        station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}
-    ) as accepted:
-        tickets = tickets_of(accepted)
-        for vehicle_id, ticket in tickets.items():
-            station.flights.missions.require_free(vehicle_id)
-            ticket.claim()
-        vehicle_ids = await _start(station, principal, body, {**body.vehicles}, tickets, vehicle_id=None)
-        views = [{"vehicle": each, "mission": station.flights.missions.status(each)} for each in vehicle_ids]
-        return json_response({"vehicles": views})
+    vehicle_ids = await start_mission(
+        station, principal, "offboard_mission/start", body, {**body.vehicles}, vehicle_id=None
+    )
+    views = [{"vehicle": each, "mission": station.flights.missions.status(each)} for each in vehicle_ids]
+    return json_response({"vehicles": views})
 
 
 @router.post(MISSION + "/pause", response_model=m.OffboardMissionView)
@@ -204,32 +189,50 @@ def command_mission(
             return _view(station, vehicle_id)
         flight = station.flights.missions.flight(vehicle_id)
         with ExitStack() as stack:
-            for each in (flight, *(() if flight.joint is None else flight.joint.flights.values())):
+            for each in (flight, *(() if flight.group is None else flight.group.flights.values())):
                 if each.vehicle_id in accepted and (each is flight or each.vehicle_id != vehicle_id):
                     stack.enter_context(each.commanded(accepted[each.vehicle_id].ticket))
             action(flight, principal.name, **arguments)
         return _view(station, vehicle_id)
 
 
-async def _start(
+async def start_mission(
     station: Station,
     principal: Principal,
-    body: m.StartMission | m.StartJointMission,
+    command: str,
+    body: m.StartMission | m.StartGroupMission,
     vehicle_ids: Mapping[str | None, str],
-    tickets: Mapping[str, Ticket],
     vehicle_id: str | None,
 ) -> list[str]:
-    return await as_operation(
-        station,
-        principal,
-        "offboard_mission/start",
-        tuple(tickets.values()),
-        lambda: begin_mission(
-            station.flights, body.source, vehicle_ids, tickets, principal.name,
-            despite=body.despite, dry_run_id=body.dry_run,
-        ),
-        vehicle_id=vehicle_id,
-    )  # fmt: skip
+    """Starts a mission; returns the ids of its vehicles in the order of the roles.
+
+    Args:
+        station: the running server.
+        principal: the caller.
+        command: the command's row in `control/commands.py`.
+        body: the mission.
+        vehicle_ids: the vehicle of each role; the role of a mission of one vehicle is None.
+        vehicle_id: the vehicle of the operation; None: several.
+    """
+    arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
+    with authorized_commands(
+        station, principal, command, {v: arguments for v in vehicle_ids.values()}
+    ) as accepted:
+        tickets = tickets_of(accepted)
+        for each, ticket in tickets.items():
+            station.flights.missions.require_free(each)
+            ticket.claim()
+        return await as_operation(
+            station,
+            principal,
+            command,
+            tuple(tickets.values()),
+            lambda: begin_mission(
+                station.flights, body.source, vehicle_ids, tickets, principal.name,
+                despite=body.despite, dry_run_id=body.dry_run,
+            ),
+            vehicle_id=vehicle_id,
+        )  # fmt: skip
 
 
 def _view(station: Station, vehicle_id: str) -> Response:

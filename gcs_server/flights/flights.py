@@ -6,7 +6,6 @@ from functools import partial
 
 from gcs_server.clock import Clock
 from gcs_server.flights.groups import Groups
-from gcs_server.flights.guards import Guards
 from gcs_server.flights.mission_modes import MissionModes
 from gcs_server.flights.mission_start import compile_inputs_of, prepare_mode
 from gcs_server.flights.missions import OffboardMissions
@@ -56,9 +55,8 @@ class Flights:
         self.fleet, self.operations, self.plans, self.plan_work = fleet, operations, plans, plan_work
         self.dry_runs = DryRuns()
         self.known_ground = KnownGround(clock, fleet, plan_work)
-        self.guards = Guards(clock, streams)
-        self.groups = Groups(clock, streams, self.guards, fleet.events, streamer.offboard)
-        self.missions = OffboardMissions(clock, streamer, streams, self.guards, supervisor)
+        self.groups = Groups(clock, streams, fleet.events, streamer.offboard)
+        self.missions = OffboardMissions(clock, streamer, streams, self.groups, supervisor)
         prepare, inputs = partial(prepare_mode, self), partial(compile_inputs_of, self)
         self.mission_modes = MissionModes(
             clock, streamer, streams, self.missions, supervisor, prepare, inputs

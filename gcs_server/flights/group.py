@@ -1,11 +1,12 @@
-"""One group of vehicles: its data and status, and whether the vehicles can fly as a group: each vehicle, the
-common start, and the separation."""
+"""One group of vehicles: its data and status, and whether the vehicles can fly setpoints as a group: each
+vehicle, the common start, and the separation."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Container, Generator, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
@@ -24,6 +25,9 @@ from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.runner.script import Script
 from missions.setpoints import Path, PositionBody, Setpoint
 
+if TYPE_CHECKING:
+    from gcs_server.flights.group_mission import GroupMission
+
 
 @dataclass(frozen=True, slots=True)
 class GroupMember:
@@ -31,8 +35,10 @@ class GroupMember:
 
     vehicle: str
     """Id of the vehicle."""
+    role: str | None
+    """Role of the vehicle in the group's mission; null: the group flies setpoints."""
     ordered_type: str
-    """Type of the vehicle's setpoint in the group."""
+    """Type of the vehicle's setpoint in the group; mission: the vehicle flies its role of a mission."""
     stream: str
     """State of the stream, as in the topic `offboard`. Before the start, the vehicle's current position is
     streamed."""
@@ -80,8 +86,11 @@ class GroupStatus:
     """Id of the group in the API."""
     state: str
     """starting (being brought into Offboard), waiting (for the common start), flying, holding, ended."""
+    mission: str | None
+    """Name of the mission that the group flies; the group ends with the mission. null: the group flies
+    setpoints."""
     client: str
-    """Client that sent the setpoints."""
+    """Client that sent the setpoints, or started the mission."""
     client_key: str
     """Distinguishes clients with the same name."""
     minimum_separation_m: float
@@ -96,9 +105,9 @@ class GroupStatus:
     start_unix_s: float | None
     """Common start [s since 1970 UTC]; null until all members have confirmed Offboard."""
     valid_left_s: float | None
-    """Time until the setpoints of all members expire [s]."""
+    """Time until the setpoints of all members expire [s]; null: no setpoints, or a mission."""
     members: tuple[GroupMember, ...]
-    """Members, in the order of the request."""
+    """Members, in the order of the request, or of the mission's roles."""
     nearest: ClosestPair | None
     """The closest members; null before the first check, and if fewer than two positions are known."""
     findings: tuple[GroupFinding, ...]
@@ -131,10 +140,12 @@ class Group:
     id: str
     request: GroupRequest
     setpoints: dict[str, Setpoint]
-    """Current setpoints."""
+    """Current setpoints; none in a mission."""
     members: dict[str, OffboardControl]
     """By vehicle id."""
     created_unix_s: float
+    mission: GroupMission | None = None
+    """What the members fly; None: setpoints."""
     state: str = "starting"
     guard: GuardState | None = None
     """The guard's state at the last reading; None before all members have confirmed."""
@@ -150,8 +161,10 @@ class Group:
     """Reason for the end; None while the group exists."""
 
     def phase(self, vehicle_id: str, stream: StreamState) -> str:
-        """Phase of the group's stream to a member; idle if the vehicle has another stream."""
-        return stream.phase if stream.number == self.stream_numbers.get(vehicle_id) else "idle"
+        """Phase of the group's stream to a member; idle if the vehicle has another stream. In a mission the
+        vehicle's stream is the mission's."""
+        is_own = self.mission is not None or stream.number == self.stream_numbers.get(vehicle_id)
+        return stream.phase if is_own else "idle"
 
     def require_following(self, streams: Mapping[str, StreamState]) -> None:
         """Raises NotTogether if a member that had confirmed has left before the start.
@@ -176,6 +189,11 @@ class Group:
             Refused: the group accepts no setpoints, or a member is held.
             InvalidRequest: a vehicle is not in the group.
         """
+        if self.mission is not None:
+            raise Refused(
+                f"Group {self.id} flies the mission {self.mission.name!r}: it accepts no setpoints.",
+                remedy="Pause or abort the mission (offboard_mission/pause, /abort), or hold the group.",
+            )
         if guard is None or self.state not in ("flying", "holding") or guard.phase != "flying":
             raise Refused(
                 f"Group {self.id} is {self.state}: it accepts no setpoints.",
@@ -202,9 +220,11 @@ class Group:
         margin_m = guard.margin_m if guard is not None and not has_ended else None
         valid = [s.valid_left_s for s in streams.values() if s.phase == "streaming"]
         valid_left_s = min((left_s for left_s in valid if left_s is not None), default=None)
+        roles = {} if self.mission is None else {f.vehicle_id: r for r, f in self.mission.flights.items()}
         return GroupStatus(
             id=self.id,
             state=self.state,
+            mission=None if self.mission is None else self.mission.name,
             client=self.request.client,
             client_key=self.request.client_key,
             minimum_separation_m=self.request.minimum_separation_m,
@@ -212,11 +232,12 @@ class Group:
             others_go_on=self.request.others_go_on,
             created_unix_s=self.created_unix_s,
             start_unix_s=self.start_unix_s,
-            valid_left_s=valid_left_s if self.state == "flying" else None,
+            valid_left_s=valid_left_s if self.state == "flying" and self.mission is None else None,
             members=tuple(
                 GroupMember(
                     vehicle=vehicle_id,
-                    ordered_type=self.setpoints[vehicle_id].type,
+                    role=roles.get(vehicle_id),
+                    ordered_type="mission" if self.mission is not None else self.setpoints[vehicle_id].type,
                     stream=self.phase(vehicle_id, streams[vehicle_id]),
                     mode=member.vehicle.status.mode,
                     held=guard is not None and vehicle_id in guard.held,

@@ -1,20 +1,25 @@
-"""Several vehicles in Offboard as one group: they start together and are stopped in one call.
+"""Vehicles that fly as one group: they start together, are kept apart, and are stopped in one call.
 
     starting ── all confirmed ──► waiting ── start time ──► flying ──► holding ──► ended
         └────────── one vehicle fails: all into Hold ────────────────────────────────┘
 
-Each member's own stream (`offboard/control.py`) sends the member's position until the scheduler sets the
-first setpoints of all members in one step. Then the guard (`streamer/separation.py`) keeps them apart.
+A group flies setpoints, or a mission in which each vehicle has a role. With setpoints, each member's own
+stream (`offboard/control.py`) sends the member's position until the scheduler sets the first setpoints of all
+members in one step. A group with a mission (`group_mission.py`) flies from its first moment until the mission
+ends. The guard (`streamer/separation.py`) keeps the vehicles apart.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, replace
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply, NotTogether, Refused, Rejected, UnknownGroup
+from gcs_server.faults import Isolation
 from gcs_server.flights.group import (
     MIN_LEAD_S,
     Group,
@@ -24,7 +29,7 @@ from gcs_server.flights.group import (
     GroupStatus,
     listed,
 )
-from gcs_server.flights.guards import Guards
+from gcs_server.flights.group_mission import GroupMission
 from gcs_server.mavlink.dialect import MAV_SEVERITY_INFO, MAV_SEVERITY_WARNING
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.streamer.process.streams import Streams
@@ -34,6 +39,8 @@ from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.tickets import Ticket
 from missions.setpoints import Position, Setpoint
+
+log = logging.getLogger(__name__)
 
 START_DELAY_S = 0.5
 """Time from the last confirmation to the common start, if the request gives no start time."""
@@ -50,7 +57,6 @@ class Groups:
     Args:
         clock: the server's clock.
         streams: sends the setpoints.
-        guards: the guards of groups and missions.
         events: receives an event for each change of a group.
         find: returns a vehicle's stream by its id; raises UnknownVehicle.
     """
@@ -59,12 +65,12 @@ class Groups:
         self,
         clock: Clock,
         streams: Streams,
-        guards: Guards,
         events: EventFeed,
         find: Callable[[str], OffboardControl],
     ) -> None:
         self._clock = clock
-        self._streams, self._guards, self._events = streams, guards, events
+        self._streams, self._events = streams, events
+        self._isolation = Isolation(clock, log, "The groups")
         self._find = find
         self._checks = GroupChecks(clock, streams)
         self._groups: dict[str, Group] = {}
@@ -72,9 +78,11 @@ class Groups:
 
     def start_updates(self, supervisor: Supervisor) -> None:
         """Starts the periodic update."""
-        supervisor.repeat(
-            "groups", lambda: self._guards.isolated("the check of the groups", self.update), UPDATE_PERIOD_S
-        )
+        supervisor.repeat("groups", self.update, UPDATE_PERIOD_S)
+
+    def faults(self) -> list[str]:
+        """Messages about current faults of this server's code."""
+        return self._isolation.faults
 
     # --- commands ---------------------------------------------------------------------------------
 
@@ -101,10 +109,7 @@ class Groups:
         await self._checks.check_separation(request.minimum_separation_m, members, requests)
         members = self._joinable(request)  # another request may have been accepted meanwhile
         self._checks.check_separation_now(request.minimum_separation_m, members, requests)
-        self._count += 1
-        group = Group(str(self._count), request, dict(request.setpoints), members, self._clock.unix_s())
-        self._groups[group.id] = group
-        self._forget_ended_groups()
+        group = self._add(request, members)
         self._announce(group, f"Group {group.id} ({listed(members)}) of {request.client} is being started.")
         waiting_requests: dict[str, StreamRequest] = {}
         try:
@@ -127,6 +132,23 @@ class Groups:
             raise
         self._start_together(group, waiting_requests, requests)
         return self._status(group)
+
+    def begin_mission(self, mission: GroupMission, minimum_m: float) -> None:
+        """Begins a mission with all its vehicles, or with none, as a group that ends with the mission.
+
+        Raises:
+            Refused: one vehicle cannot start.
+        """
+        requests = mission.begin()
+        members = {each.vehicle_id: self._find(each.vehicle_id) for each in mission.flights.values()}
+        # the mission renews its own setpoints, so those of the request are not used
+        request = GroupRequest({}, minimum_m, math.inf, OnExpiry("hold"), mission.client)
+        group = self._add(request, members)
+        group.mission, group.state, group.start_unix_s = mission, "flying", group.created_unix_s
+        self._watch_mission(group)
+        mission.execute(requests)
+        text = f"Group {group.id} ({listed(members)}) flies the mission {mission.name!r} of {mission.client}."
+        self._announce(group, text)
 
     async def setpoints(
         self,
@@ -200,13 +222,15 @@ class Groups:
         group.requested_end = f"{client} commanded Hold."
         if group.guard is not None:
             self._streams.disable_guard(group.id)
-        failed = await self._hold(group, group.members, tickets)
+        failed = await self._hold(group, group.members, tickets, client)
         if failed:
             raise NoReply(
                 " ".join(f"Vehicle {v} did not confirm Hold: {error}" for v, error in failed.items()),
                 deadline_s=HOLD_TIMEOUT_S,
                 remedy="Watch the vehicle; any client may command Hold, Land now and Stop motors.",
             )
+        if group.mission is not None:
+            group.mission.stop(group.requested_end.rstrip("."))
         if group.guard is not None:
             self._end(group, None)
         return self._status(group)
@@ -224,23 +248,38 @@ class Groups:
         return [self._status(group) for group in self._groups.values()]
 
     def update(self) -> None:
-        """Publishes the guards' findings, and ends groups that no vehicle follows; called periodically."""
-        self._guards.collect()
-        for group in self._groups.values():
-            guard = self._guard(group)
-            if guard is None or group.state == "ended":
-                continue
-            phases = {self._phase(group, v) for v in group.members}
-            if guard.phase == "over" or phases == {"idle"}:
-                self._end(group, None)
-            elif group.state == "waiting" and guard.phase == "flying" and not guard.held:
-                group.state = "flying"
-                self._announce(group, f"Group {group.id} has started: {listed(group.members)} fly together.")
-            elif group.state in ("waiting", "flying") and "streaming" not in phases:
-                group.state = "holding"
-                self._announce(group, f"Group {group.id} is being stopped.")
-            elif group.state == "holding" and "streaming" in phases:
-                group.state = "flying"
+        """Publishes the guards' findings, updates missions, and ends groups that no vehicle follows; called
+        periodically. A fault in one group affects only that group."""
+        # before the missions, so that a stop by the guard is not handled as a failure of the mission
+        self._collect_findings()
+        for group in list(self._groups.values()):
+            self._isolation.run(f"the update of group {group.id}", self._update, group)
+
+    def _update(self, group: Group) -> None:
+        guard = self._guard(group)
+        if guard is None or group.state == "ended":
+            return
+        if group.mission is not None:
+            self._update_mission(group, group.mission)
+            return
+        phases = {self._phase(group, v) for v in group.members}
+        if guard.phase == "over" or phases == {"idle"}:
+            self._end(group, None)
+        elif group.state == "waiting" and guard.phase == "flying" and not guard.held:
+            group.state = "flying"
+            self._announce(group, f"Group {group.id} has started: {listed(group.members)} fly together.")
+        elif group.state in ("waiting", "flying") and "streaming" not in phases:
+            group.state = "holding"
+            self._announce(group, f"Group {group.id} is being stopped.")
+        elif group.state == "holding" and "streaming" in phases:
+            group.state = "flying"
+
+    def _update_mission(self, group: Group, mission: GroupMission) -> None:
+        if self._streams.guard(group.id) is None:  # the stream process was restarted
+            self._watch_mission(group)
+        mission.update()
+        if mission.over:
+            self._end(group, None)
 
     def disable_guards(self) -> None:
         """Called at shutdown before all streams stop, so that the guards do not report the stops."""
@@ -250,6 +289,15 @@ class Groups:
                 self._streams.disable_guard(group.id)
 
     # --- starting ---------------------------------------------------------------------------------
+
+    def _add(self, request: GroupRequest, members: dict[str, OffboardControl]) -> Group:
+        self._count += 1
+        group = Group(str(self._count), request, dict(request.setpoints), members, self._clock.unix_s())
+        self._groups[group.id] = group
+        ended = [each.id for each in self._groups.values() if each.state == "ended"]
+        for group_id in ended[: max(0, len(self._groups) - GROUPS_KEPT)]:
+            del self._groups[group_id]
+        return group
 
     def _joinable(self, request: GroupRequest) -> dict[str, OffboardControl]:
         """All members; raises an error if a member cannot join now."""
@@ -333,10 +381,22 @@ class Groups:
             others_go_on=request.others_go_on,
         )
         group.state, group.guard = "waiting", guard.state()
-        self._guards.watch(guard, lambda finding: self._add_finding(group, finding))
+        self._streams.watch(guard)
         self._announce(
             group, f"Group {group.id}: all members are in Offboard and start together in {lead_s:.1f} s."
         )
+
+    def _watch_mission(self, group: Group) -> None:
+        guard = GroupGuard(
+            group.id,
+            {},
+            dict.fromkeys(group.members),
+            minimum_m=group.request.minimum_separation_m,
+            start_s=self._clock.monotonic_s(),
+            duration_s=math.inf,
+        )
+        group.guard = guard.state()
+        self._streams.watch(guard)
 
     async def _abort_start(self, group: Group, reason: str, tickets: Mapping[str, Ticket]) -> None:
         failed = await self._hold(group, list(group.stream_numbers), tickets)
@@ -345,27 +405,35 @@ class Groups:
         self._end(group, reason)
 
     async def _hold(
-        self, group: Group, members: Iterable[str], tickets: Mapping[str, Ticket] | None = None
+        self, group: Group, members: Iterable[str], tickets: Mapping[str, Ticket] | None, by: str = ""
     ) -> dict[str, GcsError]:
         """Stops all members whose stream belongs to the group; returns the errors by vehicle. A member whose
         ticket was cancelled follows the command that cancelled it."""
         failed: dict[str, GcsError] = {}
 
         async def stop(vehicle_id: str) -> None:
+            ticket = None if tickets is None else tickets.get(vehicle_id)
+            valid_ticket = ticket if ticket is not None and ticket.reason is None else None
+            member = group.members[vehicle_id]
             try:
-                ticket = None if tickets is None else tickets.get(vehicle_id)
-                valid = ticket is not None and ticket.reason is None
-                await group.members[vehicle_id].stop(ticket if valid else None)
+                if self._phase(group, vehicle_id) != "idle":
+                    await member.stop(valid_ticket)
+                elif group.mission is not None and member.vehicle.status.armed:  # PX4 flies a part by itself
+                    await member.vehicle.command.hold(by=by, ticket=valid_ticket)
             except GcsError as error:
                 failed[vehicle_id] = error
 
         async with asyncio.TaskGroup() as tasks:
             for vehicle_id in members:
-                if self._phase(group, vehicle_id) != "idle":
-                    tasks.create_task(stop(vehicle_id))
+                tasks.create_task(stop(vehicle_id))
         return failed
 
     # --- events -----------------------------------------------------------------------------------
+
+    def _collect_findings(self) -> None:
+        for group_id, finding in self._streams.take_findings():
+            if (group := self._groups.get(group_id)) is not None:
+                self._isolation.run(f"a finding of group {group_id}", self._add_finding, group, finding)
 
     def _add_finding(self, group: Group, finding: Finding) -> None:
         ago_s = self._clock.monotonic_s() - finding.at_s
@@ -381,18 +449,22 @@ class Groups:
             distance_m=finding.distance_m,
         )
         group.findings = [*group.findings, group_finding][-FINDINGS_KEPT:]
+        if group.mission is not None:
+            group.mission.stop(f"{finding.text.rstrip('.')}: all hold")
         self._announce(group, f"Group {group.id}: {group_finding.text}", warning=True)
 
     def _end(self, group: Group, reason: str | None) -> None:
         if group.state == "ended":
             return
-        self._guards.collect()
+        self._collect_findings()
         guard = self._guard(group)
         if reason is None and guard is not None:
             now_s = self._clock.monotonic_s()
             expired = not guard.held and now_s >= guard.until_s - EXPIRY_TOLERANCE_S
             reason = "The setpoints expired." if expired else "All vehicles have left the group."
-            if group.findings:
+            if group.mission is not None:
+                reason = group.mission.end_reason
+            elif group.findings:
                 reason = group.findings[-1].text
             reason = group.requested_end or reason
         group.state, group.end_reason = "ended", reason
@@ -433,9 +505,3 @@ class Groups:
     def _group_of(self, vehicle_id: str) -> Group | None:
         groups = self._groups.values()
         return next((g for g in groups if vehicle_id in g.members and g.state != "ended"), None)
-
-    def _forget_ended_groups(self) -> None:
-        ended = [group.id for group in self._groups.values() if group.state == "ended"]
-        for group_id in ended[: max(0, len(self._groups) - GROUPS_KEPT)]:
-            del self._groups[group_id]
-            self._guards.forget(group_id)

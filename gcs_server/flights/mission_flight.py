@@ -41,7 +41,7 @@ from missions.runner.requests import (
 from missions.runner.runner import Runner
 
 if TYPE_CHECKING:
-    from gcs_server.flights.missions import JointMission
+    from gcs_server.flights.group_mission import GroupMission
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -76,7 +76,7 @@ class MissionFlight:
         self._clock = clock
         self._control, self._vehicle, self._streams = control, control.vehicle, streams
         self._spawn = spawn
-        self._start = start
+        self.start = start
         self._executor = MissionExecutor(clock, control.vehicle, streams, start.mode)
         self.runner = Runner(
             start.timeline,
@@ -86,10 +86,8 @@ class MissionFlight:
             start.corridor,
             start.mode,
         )
-        self.joint: JointMission | None = None
-        """The mission of several vehicles to which this flight belongs; None before the start, and for a
-        mission of one vehicle.
-        """
+        self.group: GroupMission | None = None
+        """The mission of the vehicle's group; None before the start, and for a mission of one vehicle."""
         self.updated_s = self._now_s
         """Time of the runner's last update."""
         origin = VehicleEstimates(self._vehicle).origin()
@@ -143,22 +141,22 @@ class MissionFlight:
 
     def pause(self, by: str) -> None:
         """Pauses the mission for all its vehicles. Raises Refused if this is not possible now."""
-        if self.joint is not None:
-            self.joint.pause(by)
+        if self.group is not None:
+            self.group.pause(by)
         else:
             self._execute(call_runner(self.runner.pause, self._now_s, self.reading(), by))
 
     def resume(self, by: str) -> None:
         """Resumes the mission for all its vehicles. Raises Refused if this is not possible now."""
-        if self.joint is not None:
-            self.joint.resume(by)
+        if self.group is not None:
+            self.group.resume(by)
         else:
             self._execute(call_runner(self.runner.resume, self._now_s, self.reading(), by))
 
     def skip(self, by: str) -> None:
         """Skips the current step. Raises Refused if this is not possible now, or if the mission has several
         vehicles."""
-        if self.joint is not None:
+        if self.group is not None:
             raise Refused(
                 "A step of a mission of several vehicles cannot be skipped: "
                 "the vehicles would no longer fly together.",
@@ -173,8 +171,8 @@ class MissionFlight:
 
     def abort(self, by: str, then: str) -> None:
         """Ends the mission for all its vehicles. Raises Refused if the mission has ended."""
-        if self.joint is not None:
-            self.joint.abort(by, then)
+        if self.group is not None:
+            self.group.abort(by, then)
             return
         self._execute(call_runner(self.runner.abort, self.reading(), by, then))
 
@@ -205,7 +203,7 @@ class MissionFlight:
     @property
     def mode(self) -> str:
         """Mode in which the mission is flown (`Start.mode`)."""
-        return self._start.mode
+        return self.start.mode
 
     @property
     def over(self) -> bool:
@@ -225,23 +223,23 @@ class MissionFlight:
         """Status of the mission."""
         reading = self.reading()
         result = self.runner.status(reading)
-        mission = self._start.mission
+        mission = self.start.mission
         return OffboardMissionStatus(
             state=result.state,  # type: ignore[arg-type]
             name=mission.name,
             plan_id=mission.plan_id,
             version=mission.version,
-            client=self._start.client,
-            role=self._start.role,
-            others=() if self.joint is None else self.joint.other_vehicle_ids(self),
+            client=self.start.client,
+            role=self.start.role,
+            others=() if self.group is None else self.group.other_vehicle_ids(self),
             started_unix_s=self._record.started_unix_s,
             place=result.place,
             title=result.title,
-            duration_s=round(self._start.timeline.duration_s, 1),
+            duration_s=round(self.start.timeline.duration_s, 1),
             remaining_s=None if result.remaining_s is None else round(result.remaining_s, 1),
             deviation_m=_centimetres(result.deviation_m),
             outside_corridor_m=_centimetres(result.outside_corridor_m),
-            dry_run=self._start.dry_run,
+            dry_run=self.start.dry_run,
             mode=self.mode,
             executor_in_charge=reading.executor_in_charge,
             question=result.question,
@@ -257,7 +255,7 @@ class MissionFlight:
 
     def execute_requests(self, requests: list[Request]) -> None:
         """Executes requests of the runner, after setting whether the mission uses obstacle avoidance."""
-        self._control.avoidance.mission_way = self._start.timeline.avoidance
+        self._control.avoidance.mission_way = self.start.timeline.avoidance
         self._execute(requests)
 
     def run_isolated(self, work: Callable[[], None]) -> None:
@@ -278,7 +276,7 @@ class MissionFlight:
 
     @property
     def _by(self) -> str:
-        return f"The mission {self._start.mission.name!r}"
+        return f"The mission {self.start.mission.name!r}"
 
     def _execute(self, requests: list[Request]) -> None:
         for request in requests:
@@ -308,8 +306,8 @@ class MissionFlight:
             self._cancel_command()  # such as the take-off of a mission that was aborted meanwhile
 
     def _add_event(self, request: Notify) -> None:
-        data = {"source": "offboard_mission", "code": request.code, "mission": self._start.mission.name}
-        text = f"Mission {self._start.mission.name!r}: {request.text}"
+        data = {"source": "offboard_mission", "code": request.code, "mission": self.start.mission.name}
+        text = f"Mission {self.start.mission.name!r}: {request.text}"
         kind, severity = ("warning", WARNING) if request.warning else ("command", NOTICE)
         self._vehicle.events.add(kind, self._clock.unix_s(), text, severity=severity, data=data)
 
@@ -389,7 +387,7 @@ class MissionFlight:
     async def _stream_script(self, request: StreamScript, by_executor: bool, ticket: Ticket) -> None:
         self._check_approach(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
-        name = self._start.mission.name
+        name = self.start.mission.name
         stream_request = StreamRequest(
             request.script, RENEWAL_TIMEOUT_S, on_expiry, name, owner="mission", mode=self.mode
         )

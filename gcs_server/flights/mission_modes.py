@@ -349,7 +349,7 @@ class MissionModes:
                 flight.resume(by)
         elif vehicle.status.mode == mode and vehicle.status.armed:
             self._abort_in_lost_mode(vehicle, by)
-            self._missions.begin(vehicle.id, replace(start, mode=mode), ticket)
+            self._missions.begin({vehicle.id: replace(start, mode=mode)}, {vehicle.id: ticket})
 
     def _abort_in_lost_mode(self, vehicle: Vehicle, by: str) -> None:
         """Ends a suspended mission whose mode PX4 has under another number now, or no longer: it cannot be

@@ -4,7 +4,7 @@ one vehicle for each role."""
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -85,7 +85,7 @@ async def begin_mission(
         _require_ready(vehicles)
     prepared = await _compiled(flights, chosen, vehicles, client)
     dry_run = None if dry_run_id is None else await flights.dry_runs.result(dry_run_id)
-    starts: dict[str | None, tuple[str, Start]] = {}
+    starts: dict[str, Start] = {}
     for role, start in prepared.starts.items():
         vehicle, corridor = vehicles[role], None
         if dry_run is not None:
@@ -93,22 +93,18 @@ async def begin_mission(
             local = estimates.local()
             position = (0.0, 0.0, 0.0) if local is None else local.position_ned_m
             corridor = corridor_of(dry_run, position, estimates.origin(), role)
-        starts[role] = vehicle.id, replace(start, corridor=corridor, role=role, dry_run=dry_run_id)
+        starts[vehicle.id] = replace(start, corridor=corridor, role=role, dry_run=dry_run_id)
     async with flights.waypoint_flights.comparison_lock:
         if alone is not None:
-            timeline = starts[None][1].timeline
+            timeline = starts[alone.id].timeline
             prepared.findings.extend(await mission_separation_findings(flights, alone, timeline))
         _require_accepted_findings(prepared, despite)
-        await _wait_for_sensors(flights, starts.values())
-        if alone is not None:
-            flights.missions.begin(*starts[None], tickets[alone.id])
-            return [alone.id]
-        await flights.missions.ready()
-        _require_ready(vehicles)  # checked again, because the compilation takes seconds
-        assert prepared.separation_m is not None
-        by_role = {role: start for role, start in starts.items() if role is not None}
-        flights.missions.begin_together(by_role, prepared.separation_m, tickets)
-        return [vehicle_id for vehicle_id, _ in starts.values()]
+        await _wait_for_sensors(flights, starts)
+        if alone is None:
+            await flights.missions.ready()
+            _require_ready(vehicles)  # checked again, because the compilation takes seconds
+        flights.missions.begin(starts, tickets, prepared.separation_m)
+        return list(starts)
 
 
 async def mission_as_mode(
@@ -146,7 +142,7 @@ async def prepare_mode(flights: Flights, vehicle_id: str, mode: MissionAsMode) -
     chosen = ChosenPlan(reference, document, "mission")
     prepared = await _compiled(flights, chosen, {None: vehicle}, mode.client, overrides)
     _require_accepted_findings(prepared, mode.despite)
-    await _wait_for_sensors(flights, [(vehicle_id, prepared.starts[None])])
+    await _wait_for_sensors(flights, {vehicle_id: prepared.starts[None]})
     return prepared.starts[None]
 
 
@@ -254,9 +250,9 @@ def _require_accepted_findings(mission: PreparedMission, despite: Sequence[str])
     require_accepted([ErrorGroup(f"The mission {mission.name.name!r} has errors.", errors, remedy)], despite)
 
 
-async def _wait_for_sensors(flights: Flights, starts: Iterable[tuple[str, Start]]) -> None:
+async def _wait_for_sensors(flights: Flights, starts: Mapping[str, Start]) -> None:
     """Waits for the distance sensor of each vehicle that avoids obstacles; raises Refused without one."""
-    for vehicle_id, start in starts:
+    for vehicle_id, start in starts.items():
         if start.timeline.avoidance:
             await flights.offboard(vehicle_id).avoidance.wait_for_sensor()
 

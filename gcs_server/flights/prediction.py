@@ -20,12 +20,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs_server.streamer.frames import ResolvedSetpoint
-from gcs_server.streamer.separation import motion_of
+from gcs_server.streamer.separation import motion_of, pairs_of
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.curves import PathCurve
 from missions.frames import Vector3, ned_from_heading
 from missions.geodesy import LocalOrigin
-from missions.separation import Vectors, braking_distance_m, closest_m, margin_m, sample_count
+from missions.separation import (
+    MovingVehicle,
+    Vectors,
+    braking_distance_m,
+    closest_m,
+    margin_m,
+    sample_count,
+)
 from missions.setpoints import (
     Follow,
     Partial3,
@@ -160,33 +167,20 @@ def too_near_now(members: Sequence[PredictedMember], now_s: float, minimum_m: fl
         now_s: current time [s, monotonic].
         minimum_m: the minimum separation, braking distance included.
     """
-    positions = [(member, *_position_and_origin(member, now_s)) for member in members]
-    for (a, position_a, common), (b, position_b, origin) in itertools.combinations(positions, 2):
-        motion_a = motion_of(a.snapshot, now_s, position_a, a.setpoint)
-        motion_b = motion_of(b.snapshot, now_s, origin.to_frame_of(common, position_b), b.setpoint)
-        margin = margin_m(motion_a, motion_b)
-        required_m = minimum_m + margin
-        distance_m = closest_distance_m = math.dist(motion_a.position_ned_m, motion_b.position_ned_m)
-        reach_m = sum(
-            braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.decel_m_s2) for m in (motion_a, motion_b)
-        )
-        if distance_m >= required_m and distance_m - reach_m < required_m:
-            pos_a, vel_a, pos_b, vel_b = (
-                np.array(v)
-                for v in (
-                    motion_a.position_ned_m,
-                    motion_a.velocity_ned_m_s,
-                    motion_b.position_ned_m,
-                    motion_b.velocity_ned_m_s,
-                )
-            )
-            closest_distance_m = float(
-                closest_m(pos_a, vel_a, pos_b, vel_b, motion_a.decel_m_s2, motion_b.decel_m_s2)
-            )
-        if closest_distance_m < required_m:
-            return Conflict(
-                (a.vehicle, b.vehicle), 0.0, closest_distance_m, position_a, distance_m >= required_m, margin
-            )
+    positions = {member.vehicle: _position_and_origin(member, now_s) for member in members}
+    _, common = next(iter(positions.values()))
+    motions: dict[str, MovingVehicle] = {}
+    for member in members:
+        position, origin = positions[member.vehicle]
+        in_common_frame = origin.to_frame_of(common, position)
+        motions[member.vehicle] = motion_of(member.snapshot, now_s, in_common_frame, member.setpoint)
+    for pair in pairs_of(motions, minimum_m):
+        required_m = minimum_m + pair.margin_m
+        if pair.closest_m < required_m:
+            while_stopping = pair.distance_m >= required_m
+            distance_m = pair.closest_m if while_stopping else pair.distance_m
+            position = positions[pair.vehicles[0]][0]
+            return Conflict(pair.vehicles, 0.0, distance_m, position, while_stopping, pair.margin_m)
     return None
 
 

@@ -15,8 +15,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +33,7 @@ from missions.separation import (
     MovingVehicle,
     VelocityTrend,
     braking_decel_m_s2,
-    braking_distance_m,
-    closest_m,
+    braking_separation_m,
     margin_m,
 )
 from missions.setpoints import Acceleration, Actuators, Attitude, Rates, Setpoint, ThrustTorque
@@ -46,6 +46,7 @@ EXPIRY_TOLERANCE_S = 0.1
 group [s]."""
 FOLLOWING_PHASES = ("starting", "streaming")
 """Phases in which a member's stream follows the group's requests."""
+MOTION = ("position_ned_m", "velocity_ned_m_s", "decel_m_s2")
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,10 +108,15 @@ class GuardState:
 class GroupGuard:
     """Monitors one group; the module's docstring shows the phases.
 
+    A member without a request flies its part of a mission, from the beginning of the group: it has a setpoint
+    stream only between take-off and landing, so the end of its stream does not mean that it has left. It is
+    checked while it is armed, including PX4's own take-off and landing. The mission receives each finding,
+    and stops the vehicles that have no stream.
+
     Args:
         name: name of the group.
         waiting_requests: the request of each member before the common start.
-        requests: the first request of each member.
+        requests: the first request of each member; None: the member flies its part of a mission.
         minimum_m: the minimum separation [m].
         start_s: the common start [s, monotonic].
         duration_s: time from the common start until all setpoints expire.
@@ -121,7 +127,7 @@ class GroupGuard:
         self,
         name: str,
         waiting_requests: Mapping[str, StreamRequest],
-        requests: Mapping[str, StreamRequest],
+        requests: Mapping[str, StreamRequest | None],
         *,
         minimum_m: float,
         start_s: float,
@@ -129,7 +135,8 @@ class GroupGuard:
         others_go_on: bool = False,
     ) -> None:
         self.name = name
-        self.phase = "waiting"
+        self._requests = dict(requests)
+        self.phase = "flying" if self._flies_mission else "waiting"
         self.minimum_m = minimum_m
         self.start_s = start_s
         self.until_s = start_s + duration_s
@@ -141,10 +148,13 @@ class GroupGuard:
         """Largest current margin of any two members [m]."""
         self.findings: deque[Finding] = deque(maxlen=50)
         self._waiting_requests = dict(waiting_requests)
-        self._requests = dict(requests)
         self._others_go_on = others_go_on
         self._next_check_s = -math.inf
         self._trends = {vehicle: VelocityTrend() for vehicle in requests}
+
+    @property
+    def _flies_mission(self) -> bool:
+        return None in self._requests.values()
 
     @property
     def members(self) -> tuple[str, ...]:
@@ -163,7 +173,7 @@ class GroupGuard:
         return GuardState(self.phase, self.until_s, frozenset(self.held), self.nearest, self.margin_m)
 
     def pending_request(self, vehicle: str) -> StreamRequest | None:
-        """A member's first request; None after the common start."""
+        """A member's first request; None after the common start, and in a mission."""
         return self._requests[vehicle] if self.phase == "waiting" else None
 
     def set_expiry(self, until_s: float) -> None:
@@ -223,11 +233,13 @@ class GroupGuard:
 
     def _is_checked(self, view: MemberView) -> bool:
         """Whether the separation of this member is checked now."""
-        return True
+        return view.snapshot.armed or not self._flies_mission
 
     def _nothing_to_stop(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
         """Whether nothing must be stopped: no member follows the group's requests any more, or all requests
         expire now."""
+        if self._flies_mission:
+            return False
         if self.phase == "over":
             return True
         following = [v for v in flying if views[v].phase in FOLLOWING_PHASES]
@@ -241,7 +253,9 @@ class GroupGuard:
         )
 
     def _leave_reason(self, vehicle: str, view: MemberView) -> str | None:
-        """Why a member no longer flies its request; None while it flies the request."""
+        """Why a member no longer flies its request; None while it flies the request, and in a mission."""
+        if self._flies_mission:
+            return None
         if view.phase not in FOLLOWING_PHASES:
             suffix = f": {view.end_reason.rstrip('.')}" if view.end_reason else ""
             return f"Vehicle {vehicle} no longer follows the group's setpoints{suffix}"
@@ -273,42 +287,18 @@ class GroupGuard:
         return motions
 
     def _keep_apart(self, now_s: float, actions: Actions, motions: Mapping[str, MovingVehicle]) -> None:
-        self.nearest = self.margin_m = None
-        pairs: list[tuple[str, str, float, float]] = []
-        for a, b in itertools.combinations(motions, 2):
-            motion_a, motion_b = motions[a], motions[b]
-            distance_m, margin = (
-                math.dist(motion_a.position_ned_m, motion_b.position_ned_m),
-                margin_m(motion_a, motion_b),
-            )
-            if self.nearest is None or distance_m < self.nearest[2]:
-                self.nearest = (a, b, distance_m)
-            self.margin_m = max(self.margin_m or 0.0, margin)
-            reach_m = sum(
-                braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.decel_m_s2)
-                for m in (motion_a, motion_b)
-            )
-            if distance_m - reach_m < self.minimum_m + margin and not (a in self.held and b in self.held):
-                pairs.append((a, b, distance_m, margin))
-        if not pairs:
-            return
-        motions_a, motions_b = [motions[a] for a, *_ in pairs], [motions[b] for _, b, *_ in pairs]
-        closest_distances_m = closest_m(
-            np.array([m.position_ned_m for m in motions_a]),
-            np.array([m.velocity_ned_m_s for m in motions_a]),
-            np.array([m.position_ned_m for m in motions_b]),
-            np.array([m.velocity_ned_m_s for m in motions_b]),
-            np.array([m.decel_m_s2 for m in motions_a]),
-            np.array([m.decel_m_s2 for m in motions_b]),
-        )
-        for (a, b, distance_m, margin), closest_distance_m in zip(pairs, closest_distances_m, strict=True):
-            if closest_distance_m < self.minimum_m + margin:
+        pairs = pairs_of(motions, self.minimum_m)
+        nearest = min(pairs, key=lambda pair: pair.distance_m, default=None)
+        self.nearest = None if nearest is None else (*nearest.vehicles, nearest.distance_m)
+        self.margin_m = max((pair.margin_m for pair in pairs), default=None)
+        for pair in pairs:
+            if pair.closest_m < self.minimum_m + pair.margin_m:
                 reason = (
-                    f"Vehicles {a} and {b} are {distance_m:.1f} m apart, and stopping both now leaves "
-                    f"{closest_distance_m:.1f} m (the minimum is {self.minimum_m:g} m plus {margin:.1f} m "
-                    "margin for estimation errors)"
+                    f"Vehicles {' and '.join(pair.vehicles)} are {pair.distance_m:.1f} m apart, and stopping "
+                    f"both now leaves {pair.closest_m:.1f} m (the minimum is {self.minimum_m:g} m plus "
+                    f"{pair.margin_m:.1f} m margin for estimation errors)"
                 )
-                self._stop(now_s, actions, "separation", (a, b), reason, distance_m)
+                self._stop(now_s, actions, "separation", pair.vehicles, reason, pair.distance_m)
 
     def _begin(self, now_s: float, actions: Actions) -> None:
         late_s = now_s - self.start_s
@@ -317,7 +307,7 @@ class GroupGuard:
             self._stop(now_s, actions, "late", self.members, reason)
             return
         self.phase = "flying"
-        actions.new_requests = dict(self._requests)
+        actions.new_requests = {v: request for v, request in self._requests.items() if request is not None}
 
     def _stop(
         self,
@@ -367,40 +357,31 @@ def motion_of(
     )
 
 
-class MissionGuard(GroupGuard):
-    """The guard of one mission. The guard acts once, and stops all vehicles of the mission.
+class Pair(NamedTuple):
+    """Two vehicles of a group."""
 
-    Each vehicle has a setpoint stream only between take-off and landing, so the end of a stream does not mean
-    that the vehicle has left. A vehicle is checked while it is armed, including PX4's own take-off and
-    landing. The mission receives each finding, and stops the vehicles that have no stream.
+    vehicles: tuple[str, str]
+    distance_m: float
+    margin_m: float
+    """Margin that is added to the minimum separation [m]."""
+    closest_m: float
+    """Smallest distance if both vehicles brake now; exact only below minimum plus margin [m]."""
 
-    Args:
-        name: name of the guard, different from the names of all groups.
-        vehicles: ids of the mission's vehicles.
-        minimum_m: the minimum separation.
-        now_s: current time [s, monotonic].
-    """
 
-    def __init__(self, name: str, vehicles: Iterable[str], *, minimum_m: float, now_s: float) -> None:
-        super().__init__(name, {}, {}, minimum_m=minimum_m, start_s=now_s, duration_s=math.inf)
-        self.phase = "flying"
-        self._vehicles = tuple(vehicles)
-        self._trends = {vehicle: VelocityTrend() for vehicle in self._vehicles}
-
-    @property
-    def members(self) -> tuple[str, ...]:
-        """The vehicles of the mission."""
-        return self._vehicles
-
-    def pending_request(self, vehicle: str) -> StreamRequest | None:
-        """Always None, because the mission sets each vehicle's setpoints."""
-        return None
-
-    def _is_checked(self, view: MemberView) -> bool:
-        return view.snapshot.armed
-
-    def _leave_reason(self, vehicle: str, view: MemberView) -> str | None:
-        return None
-
-    def _nothing_to_stop(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
-        return False
+def pairs_of(motions: Mapping[str, MovingVehicle], minimum_m: float) -> list[Pair]:
+    """Every two of the vehicles, whose motions are in a common frame."""
+    pairs = list(itertools.combinations(motions, 2))
+    if not pairs:
+        return []
+    sides = [[motions[vehicle] for vehicle in side] for side in zip(*pairs, strict=True)]
+    margins_m = [margin_m(a, b) for a, b in zip(*sides, strict=True)]
+    (pos_a, vel_a, decel_a), (pos_b, vel_b, decel_b) = (
+        tuple(np.array([getattr(m, name) for m in side]) for name in MOTION) for side in sides
+    )
+    closest_m = braking_separation_m(
+        pos_a, vel_a, pos_b, vel_b, minimum_m + np.array(margins_m), decel_a, decel_b
+    )
+    distances_m = np.linalg.norm(pos_a - pos_b, axis=-1)
+    return [
+        Pair(*row) for row in zip(pairs, distances_m.tolist(), margins_m, closest_m.tolist(), strict=True)
+    ]

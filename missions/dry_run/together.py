@@ -26,8 +26,8 @@ from missions.dry_run.track import SAMPLE_PERIOD_S, Recorder, Track
 from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
+from missions.runner.group import GroupRunner
 from missions.runner.requests import CannotDo
-from missions.runner.together import JointRunner
 from missions.separation import braking_separation_m, planned_margin_m
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ class PilotsTogether:
 
     def __init__(self, pilots: Mapping[str, OffboardPilot]) -> None:
         self._pilots = pilots
-        self._joint_runner = JointRunner({role: pilot.runner for role, pilot in pilots.items()})
+        self._runner = GroupRunner({role: pilot.runner for role, pilot in pilots.items()})
         self._started = False
         self._ticks = 0
 
@@ -90,7 +90,7 @@ class PilotsTogether:
             return
         self._ticks += 1
         if self._ticks % RUNNER_EVERY_TICKS == 0:
-            for role, requests in self._joint_runner.update(now_s, self._readings()).items():
+            for role, requests in self._runner.update(now_s, self._readings()).items():
                 self._pilots[role].execute(now_s, requests)
 
     def _begin(self, now_s: float) -> None:
@@ -98,7 +98,7 @@ class PilotsTogether:
             return
         self._started = True
         try:
-            first_requests = self._joint_runner.start(now_s, self._readings())
+            first_requests = self._runner.start(now_s, self._readings())
         except CannotDo as error:
             for pilot in self._pilots.values():
                 pilot.refuse(error)

@@ -142,8 +142,8 @@ def test_a_group_of_unknown_vehicles_gets_status_404_and_each_vehicle_is_journal
 def test_changes_of_a_group_are_sent_as_events(client, monkeypatch):
     groups = client.app.state.station.flights.groups
     status = GroupStatus(
-        id="4", state="flying", client="anna", client_key="key", minimum_separation_m=5.0, margin_m=1.6,
-        others_go_on=False, created_unix_s=1.0, start_unix_s=2.0, valid_left_s=3.0, members=(), nearest=None,
+        id="4", state="flying", mission=None, client="anna", client_key="key", minimum_separation_m=5.0,
+        margin_m=1.6, others_go_on=False, created_unix_s=1.0, start_unix_s=2.0, valid_left_s=3.0, members=(), nearest=None,
         findings=(), ended=None,
     )  # fmt: skip
     monkeypatch.setattr(groups, "_status", lambda _group: status)

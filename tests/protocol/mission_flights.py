@@ -9,7 +9,7 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.lease import LeaseTimes
 from gcs_server.control.principal import Principal
-from gcs_server.flights.guards import Guards
+from gcs_server.flights.groups import Groups
 from gcs_server.flights.mission_flight import MissionFlight
 from gcs_server.flights.mission_values import MissionName, Start
 from gcs_server.flights.missions import UPDATE_PERIOD_S, OffboardMissions
@@ -37,9 +37,8 @@ class MissionsTestbed:
     def __init__(self, testbed: OffboardTestbed, folder: Path) -> None:
         self.testbed = testbed
         streams = testbed.streamer._streams
-        self.offboard = OffboardMissions(
-            testbed.clock, testbed.streamer, streams, Guards(testbed.clock, streams), testbed.supervisor
-        )
+        groups = Groups(testbed.clock, streams, testbed.fleet.events, testbed.streamer.offboard)
+        self.offboard = OffboardMissions(testbed.clock, testbed.streamer, streams, groups, testbed.supervisor)
         testbed.fleet.on_vehicle_added(self.offboard.attach)
         journal = Journal(testbed.clock, folder / "journal.jsonl")
         self.authority = Authority(
@@ -61,9 +60,9 @@ class MissionsTestbed:
         start = positions.Start(local.position_ned_m, attitude.yaw_ned_rad, estimates.origin(), in_air=in_air)
         timeline = compile_mission(mission, start=start, role=role)
         name = MissionName(mission.name, None, None)
-        self.flight = self.offboard.begin(
-            vehicle.id, Start(name, timeline, MotionLimits(speed_m_s=5.0), "Alice", low_battery_share=0.15)
-        )
+        part = Start(name, timeline, MotionLimits(speed_m_s=5.0), "Alice", low_battery_share=0.15)
+        self.offboard.begin({vehicle.id: part}, {})
+        self.flight = self.offboard.flight(vehicle.id)
         return self.flight
 
     def take_control(self, client: Principal, *, force: bool = False) -> None:

@@ -154,8 +154,8 @@ COMMANDS = {
     "offboard_missions/start": (
         False,
         None,
-        lambda rig: offboard_mission_routes.start_joint_mission(
-            offboard_mission_models.StartJointMission.model_validate(
+        lambda rig: offboard_mission_routes.start_group(
+            offboard_mission_models.StartGroupMission.model_validate(
                 {"mission": JOINT_MISSION, "vehicles": {"a": "1", "b": "2"}}
             ),
             rig.station,

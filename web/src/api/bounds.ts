@@ -317,7 +317,7 @@ export const BOUNDS = {
     minimum_separation_m: {"min":1,"max":100},
     rate_hz: {"min":2,"max":100},
   },
-  StartJointMission: {
+  StartGroupMission: {
     version: {"min":1},
   },
   StartMission: {

@@ -1285,15 +1285,15 @@ export interface paths {
         readonly get?: never;
         readonly put?: never;
         /**
-         * Start Joint Mission
+         * Start Group
          * @description Starts a mission with one vehicle for each role. All vehicles are checked first; if a check fails, none
          *     starts.
          *
          *     Answers 409 `plan_findings` if a role or the separation of two vehicles has error findings, unless
-         *     `despite` lists their codes. All vehicles begin together; `/vehicles/{v}/offboard_mission/pause`, `resume`
-         *     and `abort` of one vehicle act on all.
+         *     `despite` lists their codes. All vehicles begin together as a group (`/groups`), which ends with the
+         *     mission; `/vehicles/{v}/offboard_mission/pause`, `resume` and `abort` of one vehicle act on all.
          */
-        readonly post: operations["start_joint_mission_api_v1_offboard_missions_start_post"];
+        readonly post: operations["start_group_api_v1_offboard_missions_start_post"];
         readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
@@ -6022,8 +6022,14 @@ export interface components {
              */
             readonly state: "starting" | "waiting" | "flying" | "holding" | "ended";
             /**
+             * Mission
+             * @description Name of the mission that the group flies; the group ends with the mission. null: the group flies
+             *     setpoints.
+             */
+            readonly mission: string | null;
+            /**
              * Client
-             * @description Client that sent the setpoints.
+             * @description Client that sent the setpoints, or started the mission.
              */
             readonly client: string;
             /**
@@ -6059,12 +6065,12 @@ export interface components {
             readonly start_unix_s: number | null;
             /**
              * Valid Left S
-             * @description Time until the setpoints of all members expire [s].
+             * @description Time until the setpoints of all members expire [s]; null: no setpoints, or a mission.
              */
             readonly valid_left_s: number | null;
             /**
              * Members
-             * @description Members, in the order of the request.
+             * @description Members, in the order of the request, or of the mission's roles.
              */
             readonly members: readonly components["schemas"]["GroupMember"][];
             /** @description The closest members; null before the first check, and if fewer than two positions are known. */
@@ -6139,8 +6145,13 @@ export interface components {
              */
             readonly vehicle: string;
             /**
+             * Role
+             * @description Role of the vehicle in the group's mission; null: the group flies setpoints.
+             */
+            readonly role: string | null;
+            /**
              * Ordered Type
-             * @description Type of the vehicle's setpoint in the group.
+             * @description Type of the vehicle's setpoint in the group; mission: the vehicle flies its role of a mission.
              */
             readonly ordered_type: string;
             /**
@@ -6159,6 +6170,17 @@ export interface components {
              * @description Whether the vehicle was stopped or has left, so that it no longer follows the group.
              */
             readonly held: boolean;
+        };
+        /**
+         * GroupMissionView
+         * @description A mission of several vehicles.
+         */
+        readonly GroupMissionView: {
+            /**
+             * Vehicles
+             * @description Each vehicle's mission, in the order of roles.
+             */
+            readonly vehicles: readonly components["schemas"]["OffboardMissionView"][];
         };
         /**
          * GroupSetpoints
@@ -6216,8 +6238,14 @@ export interface components {
              */
             readonly state: "starting" | "waiting" | "flying" | "holding" | "ended";
             /**
+             * Mission
+             * @description Name of the mission that the group flies; the group ends with the mission. null: the group flies
+             *     setpoints.
+             */
+            readonly mission: string | null;
+            /**
              * Client
-             * @description Client that sent the setpoints.
+             * @description Client that sent the setpoints, or started the mission.
              */
             readonly client: string;
             /**
@@ -6253,12 +6281,12 @@ export interface components {
             readonly start_unix_s: number | null;
             /**
              * Valid Left S
-             * @description Time until the setpoints of all members expire [s].
+             * @description Time until the setpoints of all members expire [s]; null: no setpoints, or a mission.
              */
             readonly valid_left_s: number | null;
             /**
              * Members
-             * @description Members, in the order of the request.
+             * @description Members, in the order of the request, or of the mission's roles.
              */
             readonly members: readonly components["schemas"]["GroupMember"][];
             /** @description The closest members; null before the first check, and if fewer than two positions are known. */
@@ -6869,17 +6897,6 @@ export interface components {
              * @description Whether the trajectory has the column `yaw_ned_rad`.
              */
             readonly has_yaw: boolean;
-        };
-        /**
-         * JointMissionView
-         * @description A mission of several vehicles.
-         */
-        readonly JointMissionView: {
-            /**
-             * Vehicles
-             * @description Each vehicle's mission, in the order of roles.
-             */
-            readonly vehicles: readonly components["schemas"]["OffboardMissionView"][];
         };
         /**
          * Journal
@@ -12146,10 +12163,10 @@ export interface components {
             readonly others_go_on?: boolean;
         };
         /**
-         * StartJointMission
+         * StartGroupMission
          * @description A mission with roles, and the vehicle that flies each role.
          */
-        readonly StartJointMission: {
+        readonly StartGroupMission: {
             /**
              * Plan Id
              * @description Id of a stored plan.
@@ -18127,7 +18144,7 @@ export interface operations {
             };
         };
     };
-    readonly start_joint_mission_api_v1_offboard_missions_start_post: {
+    readonly start_group_api_v1_offboard_missions_start_post: {
         readonly parameters: {
             readonly query?: never;
             readonly header?: never;
@@ -18136,7 +18153,7 @@ export interface operations {
         };
         readonly requestBody: {
             readonly content: {
-                readonly "application/json": components["schemas"]["StartJointMission"];
+                readonly "application/json": components["schemas"]["StartGroupMission"];
             };
         };
         readonly responses: {
@@ -18146,7 +18163,7 @@ export interface operations {
                     readonly [name: string]: unknown;
                 };
                 content: {
-                    readonly "application/json": components["schemas"]["JointMissionView"];
+                    readonly "application/json": components["schemas"]["GroupMissionView"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -51,7 +51,8 @@ const GROUP = {
   state: 'flying',
   findings: [],
   client_key: null,
-  members: ['1', '3'].map((vehicle) => ({ vehicle, held: false, ordered_type: 'velocity' })),
+  mission: null,
+  members: ['1', '3'].map((vehicle) => ({ vehicle, role: null, held: false, ordered_type: 'velocity' })),
 };
 const MISSION = { name: 'Test', steps: [], actions: {}, fence: [], lists: {} } as never;
 const OFFER = {

@@ -15,6 +15,7 @@ AUTHORIZING = {
     "run_command",
     "run_flight_command",
     "command_mission",
+    "start_mission",
     "authorized_commands",
 }
 """Functions that get the name of a command and pass it to `authorized_command`."""

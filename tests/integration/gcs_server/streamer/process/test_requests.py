@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 from gcs_server.errors import Refused
-from gcs_server.streamer.separation import GroupGuard, MissionGuard
+from gcs_server.streamer.separation import GroupGuard
 from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.geodesy import LocalOrigin
@@ -203,7 +203,10 @@ async def test_the_guard_of_a_mission_watches_vehicles_that_have_no_stream_yet(s
         armed = replace(snapshot(), armed=True, bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
         return {"1": armed, "2": armed}
 
-    streams.watch(MissionGuard("mission 1", ("1", "2"), minimum_m=3.0, now_s=time.monotonic()))
+    members = dict.fromkeys(("1", "2"))
+    streams.watch(
+        GroupGuard("mission 1", {}, members, minimum_m=3.0, start_s=time.monotonic(), duration_s=float("inf"))
+    )
     assert streams.watched() == {"1": None, "2": None}
     await until(
         lambda: streams.update_snapshots(armed_snapshots()) or streams.guard("mission 1").held == {"1", "2"}

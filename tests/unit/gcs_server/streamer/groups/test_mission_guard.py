@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from gcs_server.streamer.separation import MemberView, MissionGuard
+from gcs_server.streamer.separation import GroupGuard, MemberView
 from gcs_server.streamer.values.limit_values import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.geodesy import LocalOrigin
@@ -23,8 +23,9 @@ def view_of(east_m: float, phase: str = "streaming", **changes: object) -> Membe
     return MemberView(phase, None, replace(snapshot, **changes), None)  # type: ignore[arg-type]
 
 
-def make_guard() -> MissionGuard:
-    return MissionGuard("mission 1", ("1", "2", "3"), minimum_m=5.0, now_s=NOW_S)
+def make_guard() -> GroupGuard:
+    members = dict.fromkeys(("1", "2", "3"))
+    return GroupGuard("1", {}, members, minimum_m=5.0, start_s=NOW_S, duration_s=math.inf)
 
 
 def test_the_guard_of_a_mission_checks_armed_vehicles_and_stops_all_vehicles() -> None:

@@ -65,7 +65,7 @@ export function stateLabel(group: Group, now_unix_s: number): { text: string; to
       return { text: `Waiting, starts in ${fixed(untilStart_s, 1)} s`, tone: 'target' };
     }
     case 'flying':
-      return { text: 'Flying', tone: 'ok' };
+      return { text: group.mission === null ? 'Flying' : `Flying the mission “${group.mission}”`, tone: 'ok' };
     case 'holding':
       return { text: 'Switching to Hold', tone: 'caution' };
     case 'ended':
@@ -83,9 +83,10 @@ const STREAM_TEXTS: Readonly<Record<string, string>> = {
   undoing: 'start failed: the server stops the stream',
 };
 
-/** Label of a member: the state of its stream and its reported mode. */
+/** Label of a member: its role in a mission, or the state of its stream, and its reported mode. */
 export function memberLabel(member: Member, modeLabel: string | null, isStarting = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
+  if (member.role !== null && !member.held) return { text: `${member.role} · ${mode}`, tone: 'dim' };
   const stream = STREAM_TEXTS[member.stream] ?? setpointsText(member.ordered_type).toLowerCase();
   if (isStarting && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
   if (member.held) return { text: member.mode === 'hold' ? 'in Hold' : `left the group · ${mode}`, tone: 'caution' };

@@ -29,6 +29,7 @@ import { vehicle } from './vehicle.fixture';
 const GROUP: Group = {
   id: '1',
   state: 'flying',
+  mission: null,
   client: 'Anna',
   client_key: 'me',
   minimum_separation_m: 5,
@@ -37,7 +38,7 @@ const GROUP: Group = {
   created_unix_s: 100,
   start_unix_s: 110,
   valid_left_s: 4,
-  members: ['1', '2'].map((id) => ({ vehicle: id, ordered_type: 'position', stream: 'streaming', mode: 'offboard', held: false })),
+  members: ['1', '2'].map((id) => ({ vehicle: id, role: null, ordered_type: 'position', stream: 'streaming', mode: 'offboard', held: false })),
   nearest: { vehicles: ['1', '2'], distance_m: 7 },
   findings: [],
   ended: null,
@@ -61,6 +62,10 @@ describe('a group’s state', () => {
     expect(memberLabel({ ...member, held: true, mode: 'land' }, null)).toEqual({ text: 'left the group · land', tone: 'caution' });
     expect(memberLabel({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');
     expect(memberLabel(member, 'Offboard', true).text).toBe('waiting · Offboard');
+    const inMission = { ...member, role: 'lead', ordered_type: 'mission', stream: 'idle', mode: 'takeoff' };
+    expect(memberLabel(inMission, 'Takeoff')).toEqual({ text: 'lead · Takeoff', tone: 'dim' });
+    expect(memberLabel({ ...inMission, held: true, mode: 'hold' }, 'Hold').text).toBe('in Hold');
+    expect(stateLabel(groupWith({ mission: 'Show' }), 0).text).toBe('Flying the mission “Show”');
     expect([4.9, 6, 6.3].map((d) => distanceTone(d, 5))).toEqual(['danger', 'caution', 'ok']);
   });
 

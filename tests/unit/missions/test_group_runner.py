@@ -12,7 +12,7 @@ from missions.offboard.reader import read
 from missions.offboard.roles import compile_roles
 from missions.offboard.state import MissionVehicle
 from missions.runner.requests import CannotDo, TakeOff
-from tests.support.joint_flight import JointFlight
+from tests.support.group_flight import GroupFlight
 
 TAKE_OFF, LAND = "{step: take_off, height_m: 10}", "{step: land}"
 HIGH_TAKE_OFF = "{step: take_off, height_m: 30}"
@@ -38,10 +38,10 @@ LONG_MISSION = mission_text(f"{TAKE_OFF}, {fly_step(200)}, {LAND}", f"{TAKE_OFF}
 IN_FLIGHT_MISSION = mission_text(fly_step(200), fly_step(200))
 
 
-def in_flight(**actions: str) -> JointFlight:
+def in_flight(**actions: str) -> GroupFlight:
     """Two vehicles in the middle of a flight."""
     return (
-        JointFlight(mission_text(fly_step(200), fly_step(200), **actions), in_air=("lead", "left"))
+        GroupFlight(mission_text(fly_step(200), fly_step(200), **actions), in_air=("lead", "left"))
         .start()
         .until_states(lead="flying", left="flying")
         .fly(5.0)
@@ -49,78 +49,78 @@ def in_flight(**actions: str) -> JointFlight:
 
 
 def test_both_vehicles_take_off_at_the_same_time_and_complete_the_mission():
-    joint_flight = JointFlight(mission_text(f"{TAKE_OFF}, {LAND}", f"{HIGH_TAKE_OFF}, {LAND}")).start()
-    joint_flight.until(lambda: joint_flight.flights["lead"].count_requests(TakeOff) > 0)
-    assert joint_flight.flights["left"].count_requests(TakeOff) == 1
-    joint_flight.until_states(lead="done", left="done")
-    assert joint_flight.runner.over
+    group_flight = GroupFlight(mission_text(f"{TAKE_OFF}, {LAND}", f"{HIGH_TAKE_OFF}, {LAND}")).start()
+    group_flight.until(lambda: group_flight.flights["lead"].count_requests(TakeOff) > 0)
+    assert group_flight.flights["left"].count_requests(TakeOff) == 1
+    group_flight.until_states(lead="done", left="done")
+    assert group_flight.runner.over
 
 
 def test_no_vehicle_starts_if_one_vehicle_cannot_start():
-    joint_flight = JointFlight(LONG_MISSION)
-    joint_flight.flights["left"].set_reading(estimates=frozenset({"velocity"}))
+    group_flight = GroupFlight(LONG_MISSION)
+    group_flight.flights["left"].set_reading(estimates=frozenset({"velocity"}))
     with pytest.raises(CannotDo, match="role left: there is no valid estimate of position"):
-        joint_flight.start()
-    joint_flight.fly(2)
-    assert all(flight.requests == [] for flight in joint_flight.flights.values())
+        group_flight.start()
+    group_flight.fly(2)
+    assert all(flight.requests == [] for flight in group_flight.flights.values())
 
 
 def test_no_vehicle_in_flight_moves_until_all_are_in_offboard():
-    joint_flight = JointFlight(IN_FLIGHT_MISSION, in_air=("lead", "left"))
-    delayed_flight = joint_flight.flights["left"]
+    group_flight = GroupFlight(IN_FLIGHT_MISSION, in_air=("lead", "left"))
+    delayed_flight = group_flight.flights["left"]
     delayed_requests, real_execute = [], delayed_flight.execute
     # The switch of "left" to Offboard is still pending.
     delayed_flight.execute = lambda requests: delayed_requests.extend(requests)
-    joint_flight.start().fly(5)
-    assert joint_flight.current_steps() == {"lead": "lead, start", "left": "left, start"}
-    assert joint_flight.flights["lead"].flown_path[-1][0] == 0.0
+    group_flight.start().fly(5)
+    assert group_flight.current_steps() == {"lead": "lead, start", "left": "left, start"}
+    assert group_flight.flights["lead"].flown_path[-1][0] == 0.0
     delayed_flight.execute = real_execute
     delayed_flight.execute(delayed_requests)
-    joint_flight.until(
-        lambda: set(joint_flight.current_steps().values()) == {"lead, step 1", "left, step 1"}, 2
+    group_flight.until(
+        lambda: set(group_flight.current_steps().values()) == {"lead, step 1", "left, step 1"}, 2
     )
-    joint_flight.fly(5)
-    lead, left = (flight.flown_path[-1][0] for flight in joint_flight.flights.values())
+    group_flight.fly(5)
+    lead, left = (flight.flown_path[-1][0] for flight in group_flight.flights.values())
     assert lead == left > 5.0
 
 
 def test_the_first_vehicle_at_a_meeting_waits_and_both_leave_at_the_same_time():
-    joint_flight = JointFlight(
+    group_flight = GroupFlight(
         mission_text(
             f"{TAKE_OFF}, {meet_step('up')}, {fly_step(20)}, {LAND}",
             f"{HIGH_TAKE_OFF}, {meet_step('up')}, {fly_step(20)}, {LAND}",
         )
     ).start()
-    joint_flight.until_states(lead="waiting", left="taking_off").fly(3)
-    assert joint_flight.current_steps()["lead"] == "lead, step 2"
-    joint_flight.until(lambda: joint_flight.current_steps()["lead"] == "lead, step 3")
-    joint_flight.step()
-    assert joint_flight.current_steps()["left"] == "left, step 3"
-    joint_flight.until_states(lead="done", left="done")
+    group_flight.until_states(lead="waiting", left="taking_off").fly(3)
+    assert group_flight.current_steps()["lead"] == "lead, step 2"
+    group_flight.until(lambda: group_flight.current_steps()["lead"] == "lead, step 3")
+    group_flight.step()
+    assert group_flight.current_steps()["left"] == "left, step 3"
+    group_flight.until_states(lead="done", left="done")
 
 
 def test_a_meeting_that_one_vehicle_does_not_reach_ends_the_mission_and_all_hold():
-    joint_flight = JointFlight(
+    group_flight = GroupFlight(
         mission_text(f"{meet_step('x', 5)}, {fly_step(20)}", f"{fly_step(500)}, {meet_step('x')}"),
         ("lead", "left"),
     ).start()
-    joint_flight.until_states(lead="stopped", left="stopped")
+    group_flight.until_states(lead="stopped", left="stopped")
     assert "Not all vehicles arrived at the meeting 'x' within 5 s" in str(
-        joint_flight.flights["left"].status.reason
+        group_flight.flights["left"].status.reason
     )
-    assert [flight.requested_modes() for flight in joint_flight.flights.values()] == [["hold"], ["hold"]]
+    assert [flight.requested_modes() for flight in group_flight.flights.values()] == [["hold"], ["hold"]]
 
 
-def at_meeting() -> JointFlight:
+def at_meeting() -> GroupFlight:
     """The vehicle "lead" waits at a meeting, and the vehicle "left" is flying to the meeting."""
-    joint_flight = JointFlight(
+    group_flight = GroupFlight(
         mission_text(f"{fly_step(5)}, {meet_step('x')}", f"{fly_step(200)}, {meet_step('x')}"),
         in_air=("lead", "left"),
     )
     return (
-        joint_flight.start()
+        group_flight.start()
         .until_states(lead="waiting", left="flying")
-        .until(lambda: joint_flight.current_steps()["lead"] == "lead, step 2")
+        .until(lambda: group_flight.current_steps()["lead"] == "lead, step 2")
     )
 
 
@@ -149,34 +149,34 @@ EVENTS = {
 @pytest.mark.parametrize("start_flight", [in_flight, at_meeting])
 @pytest.mark.parametrize("event", EVENTS)
 def test_when_one_vehicle_leaves_the_mission_the_other_holds_and_the_mission_ends(event, start_flight):
-    joint_flight = start_flight()
-    EVENTS[event](joint_flight.flights["lead"])
-    joint_flight.until(lambda: joint_flight.runner.over, 2)
-    assert joint_flight.flights["left"].requested_modes() == ["hold"]
-    assert joint_flight.flights["left"].status.state == "stopped"
-    assert "lead has left the mission" in str(joint_flight.flights["left"].status.reason)
+    group_flight = start_flight()
+    EVENTS[event](group_flight.flights["lead"])
+    group_flight.until(lambda: group_flight.runner.over, 2)
+    assert group_flight.flights["left"].requested_modes() == ["hold"]
+    assert group_flight.flights["left"].status.state == "stopped"
+    assert "lead has left the mission" in str(group_flight.flights["left"].status.reason)
     with pytest.raises(CannotDo, match="the mission has ended"):
-        joint_flight.runner.resume(joint_flight.now_s, joint_flight.readings(), "Alice")
+        group_flight.runner.resume(group_flight.now_s, group_flight.readings(), "Alice")
 
 
 def test_when_one_vehicle_does_not_follow_all_hold():
-    joint_flight = in_flight()
-    joint_flight.flights["lead"].interrupt()
-    joint_flight.until(lambda: joint_flight.runner.over, 2)
-    assert all(flight.requested_modes() == ["hold"] for flight in joint_flight.flights.values())
-    assert "lead does not follow" in str(joint_flight.flights["left"].status.reason)
+    group_flight = in_flight()
+    group_flight.flights["lead"].interrupt()
+    group_flight.until(lambda: group_flight.runner.over, 2)
+    assert all(flight.requested_modes() == ["hold"] for flight in group_flight.flights.values())
+    assert "lead does not follow" in str(group_flight.flights["left"].status.reason)
 
 
 def test_when_one_vehicle_leaves_a_take_off_is_stopped_and_a_landing_continues():
-    joint_flight = JointFlight(
+    group_flight = GroupFlight(
         mission_text(f"{HIGH_TAKE_OFF}, {fly_step(20)}", f"{TAKE_OFF}, {LAND}")
     ).start()
-    joint_flight.until_states(lead="taking_off", left="landing")
-    joint_flight.flights["lead"].change_mode("position", "pilot")
-    joint_flight.until(lambda: joint_flight.runner.over, 2)
-    assert joint_flight.flights["left"].requested_modes() == ["land"]
+    group_flight.until_states(lead="taking_off", left="landing")
+    group_flight.flights["lead"].change_mode("position", "pilot")
+    group_flight.until(lambda: group_flight.runner.over, 2)
+    assert group_flight.flights["left"].requested_modes() == ["land"]
     second_flight = (
-        JointFlight(mission_text(f"{HIGH_TAKE_OFF}, {fly_step(20)}", f"{TAKE_OFF}, {fly_step(90)}"))
+        GroupFlight(mission_text(f"{HIGH_TAKE_OFF}, {fly_step(20)}", f"{TAKE_OFF}, {fly_step(90)}"))
         .start()
         .until_states(lead="taking_off", left="flying")
     )
@@ -186,56 +186,56 @@ def test_when_one_vehicle_leaves_a_take_off_is_stopped_and_a_landing_continues()
 
 
 def test_a_pause_holds_all_vehicles_and_resume_continues_all():
-    joint_flight = in_flight()
-    joint_flight.execute(joint_flight.runner.pause(joint_flight.now_s, joint_flight.readings(), "Alice"))
-    joint_flight.until_states(lead="paused", left="paused").fly(3)
-    positions_before = [flight.flown_path[-1] for flight in joint_flight.flights.values()]
-    joint_flight.execute(joint_flight.runner.resume(joint_flight.now_s, joint_flight.readings(), "Alice"))
-    joint_flight.fly(5)
+    group_flight = in_flight()
+    group_flight.execute(group_flight.runner.pause(group_flight.now_s, group_flight.readings(), "Alice"))
+    group_flight.until_states(lead="paused", left="paused").fly(3)
+    positions_before = [flight.flown_path[-1] for flight in group_flight.flights.values()]
+    group_flight.execute(group_flight.runner.resume(group_flight.now_s, group_flight.readings(), "Alice"))
+    group_flight.fly(5)
     assert all(
         flight.flown_path[-1][0] > position[0]
-        for flight, position in zip(joint_flight.flights.values(), positions_before, strict=True)
+        for flight, position in zip(group_flight.flights.values(), positions_before, strict=True)
     )
 
 
 def test_a_change_of_control_of_one_vehicle_pauses_all_vehicles():
-    joint_flight = in_flight()
-    joint_flight.flights["left"].set_reading(control_holder="bob", control_holder_name="Bob")
-    joint_flight.until_states(lead="paused", left="paused")
-    assert not joint_flight.runner.over
+    group_flight = in_flight()
+    group_flight.flights["left"].set_reading(control_holder="bob", control_holder_name="Bob")
+    group_flight.until_states(lead="paused", left="paused")
+    assert not group_flight.runner.over
 
 
 def test_vehicles_paused_at_a_meeting_leave_it_only_after_resume():
-    joint_flight = JointFlight(
+    group_flight = GroupFlight(
         mission_text(
             f"{fly_step(10)}, {meet_step('x')}, {fly_step(90)}",
             f"{fly_step(60)}, {meet_step('x')}, {fly_step(0)}",
         ),
         ("lead", "left"),
     )
-    joint_flight.start().until_states(lead="waiting", left="flying")
-    joint_flight.execute(joint_flight.runner.pause(joint_flight.now_s, joint_flight.readings(), "Alice"))
-    joint_flight.fly(60)
-    assert joint_flight.current_steps()["lead"] == "lead, step 2"
-    joint_flight.execute(joint_flight.runner.resume(joint_flight.now_s, joint_flight.readings(), "Alice"))
-    joint_flight.until(
-        lambda: joint_flight.current_steps() == {"lead": "lead, step 3", "left": "left, step 3"}
+    group_flight.start().until_states(lead="waiting", left="flying")
+    group_flight.execute(group_flight.runner.pause(group_flight.now_s, group_flight.readings(), "Alice"))
+    group_flight.fly(60)
+    assert group_flight.current_steps()["lead"] == "lead, step 2"
+    group_flight.execute(group_flight.runner.resume(group_flight.now_s, group_flight.readings(), "Alice"))
+    group_flight.until(
+        lambda: group_flight.current_steps() == {"lead": "lead, step 3", "left": "left, step 3"}
     )
 
 
 def test_no_vehicle_is_resumed_if_one_vehicle_cannot_be_resumed():
-    joint_flight = in_flight()
+    group_flight = in_flight()
     with pytest.raises(CannotDo, match="role lead: the mission is not paused"):
-        joint_flight.runner.resume(joint_flight.now_s, joint_flight.readings(), "Alice")
-    assert joint_flight.states() == {"lead": "flying", "left": "flying"}
+        group_flight.runner.resume(group_flight.now_s, group_flight.readings(), "Alice")
+    assert group_flight.states() == {"lead": "flying", "left": "flying"}
 
 
 def test_an_abort_ends_the_mission_of_all_vehicles():
-    joint_flight = in_flight()
-    joint_flight.execute(joint_flight.runner.abort(joint_flight.readings(), "Alice", "land"))
-    joint_flight.fly(1)
-    assert joint_flight.states() == {"lead": "aborted", "left": "aborted"}
-    assert [flight.requested_modes() for flight in joint_flight.flights.values()] == [["land"], ["land"]]
+    group_flight = in_flight()
+    group_flight.execute(group_flight.runner.abort(group_flight.readings(), "Alice", "land"))
+    group_flight.fly(1)
+    assert group_flight.states() == {"lead": "aborted", "left": "aborted"}
+    assert [flight.requested_modes() for flight in group_flight.flights.values()] == [["land"], ["land"]]
 
 
 def test_the_two_vehicle_example_is_safe_at_7_m_and_is_flown_to_its_end():
@@ -247,5 +247,5 @@ def test_the_two_vehicle_example_is_safe_at_7_m_and_is_flown_to_its_end():
         "left": Start(position_ned_m=(0.0, 7.0, 0.0), origin=origin),
     }
     assert compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts).findings == ()
-    joint_flight = JointFlight(text).start().until_states(lead="done", left="done")
-    assert [flight.requested_modes() for flight in joint_flight.flights.values()] == [["land"], ["land"]]
+    group_flight = GroupFlight(text).start().until_states(lead="done", left="done")
+    assert [flight.requested_modes() for flight in group_flight.flights.values()] == [["land"], ["land"]]

@@ -1,7 +1,7 @@
 """Coordinates the runners of a mission of several vehicles: they continue from each meeting at the same time,
 and end at the same time.
 
-Each role's runner flies its own vehicle. `JointRunner` is updated after all runners. If one vehicle leaves
+Each role's runner flies its own vehicle. `GroupRunner` is updated after all runners. If one vehicle leaves
 the mission early, or does not follow its setpoints, all other vehicles hold and the mission ends. If one
 vehicle is paused, all vehicles are paused.
 """
@@ -18,7 +18,7 @@ Requests = dict[str, list[Request]]
 """Requests of each runner, by role."""
 
 
-class JointRunner:
+class GroupRunner:
     """All roles of one mission.
 
     Args:

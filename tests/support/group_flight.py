@@ -8,12 +8,12 @@ from missions.offboard.positions import Start
 from missions.offboard.reader import read
 from missions.offboard.roles import compile_roles
 from missions.offboard.state import MissionVehicle
+from missions.runner.group import GroupRunner
 from missions.runner.requests import Request
-from missions.runner.together import JointRunner
 from tests.support.mission_vehicle import FakeFlight
 
 
-class JointFlight:
+class GroupFlight:
     """A runner for all roles of a mission, and a fake vehicle for each role.
 
     Args:
@@ -30,10 +30,10 @@ class JointFlight:
         }
         for role in in_air:
             self.flights[role].set_reading(armed=True, landed="in_air")
-        self.runner = JointRunner({role: flight.runner for role, flight in self.flights.items()})
+        self.runner = GroupRunner({role: flight.runner for role, flight in self.flights.items()})
         self.now_s = 100.0
 
-    def start(self) -> JointFlight:
+    def start(self) -> GroupFlight:
         self.execute(self.runner.start(self.now_s, self.readings()))
         return self
 
@@ -51,7 +51,7 @@ class JointFlight:
         self.now_s = next(iter(self.flights.values())).now_s
         self.execute(self.runner.update(self.now_s, self.readings()))
 
-    def until(self, condition: Callable[[], bool], within_s: float = 300.0) -> JointFlight:
+    def until(self, condition: Callable[[], bool], within_s: float = 300.0) -> GroupFlight:
         """Flies until the condition is true.
 
         Raises:
@@ -63,7 +63,7 @@ class JointFlight:
             self.step()
         return self
 
-    def fly(self, for_s: float) -> JointFlight:
+    def fly(self, for_s: float) -> GroupFlight:
         """Flies for this time [s]."""
         end_s = self.now_s + for_s
         return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
@@ -75,6 +75,6 @@ class JointFlight:
         """The current step of each role, such as "lead, step 2"."""
         return {role: flight.status.place for role, flight in self.flights.items()}
 
-    def until_states(self, **states: str) -> JointFlight:
+    def until_states(self, **states: str) -> GroupFlight:
         """Flies until each of these roles is in its state."""
         return self.until(lambda: states.items() <= self.states().items())

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gcs_server.api import command_routes, offboard_mission_routes
+from gcs_server.api import command_routes, group_models, group_routes, offboard_mission_routes
 from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refused
@@ -49,8 +49,8 @@ run_with_two_vehicles = functools.partial(two_vehicles.run_with_two_vehicles, ap
 async def start(rig, mission, by=ANNA, **fields):
     mission_fields = json.loads(document.write(mission))
     request = {"mission": mission_fields, "vehicles": {"lead": "1", "left": "2"}, **fields}
-    body = models.StartJointMission.model_validate(request)
-    return json_of(await offboard_mission_routes.start_joint_mission(body, rig.station, by))["vehicles"]
+    body = models.StartGroupMission.model_validate(request)
+    return json_of(await offboard_mission_routes.start_group(body, rig.station, by))["vehicles"]
 
 
 def states(rig):
@@ -82,7 +82,8 @@ def test_two_vehicles_cross_at_different_altitudes_and_each_lands_at_the_start_o
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
         east_m = rig.testbed.sim.simulation.truth.position_ned_m[:, 1]
         assert east_m == pytest.approx([APART_M, 0.0], abs=4)
-        assert rig.station.flights.groups.all() == []
+        (group,) = rig.station.flights.groups.all()
+        assert (group.state, group.ended, group.findings) == ("ended", "The mission is done.", ())
         assert rig.station.flights.missions.others_on_mission("1") == ()
 
     run_with_two_vehicles(run_simulated, scenario)
@@ -176,6 +177,40 @@ def test_hold_of_one_vehicle_puts_the_other_into_hold_and_ends_the_mission(run_s
     run_with_two_vehicles(run_simulated, scenario)
 
 
+def test_the_vehicles_of_a_mission_are_a_group_that_accepts_no_setpoints(run_simulated):
+    async def scenario(rig):
+        await start_crossing(rig)
+        (group,) = json_of(await group_routes.show_all(rig.station))["groups"]
+        assert (group["state"], group["mission"], group["client"]) == ("flying", "Show", ANNA.name)
+        assert [(m["vehicle"], m["role"], m["ordered_type"]) for m in group["members"]] == [
+            ("1", "lead", "mission"),
+            ("2", "left", "mission"),
+        ]
+        assert group["nearest"]["distance_m"] == pytest.approx(APART_M, abs=6)
+        renewal = group_models.GroupSetpoints(setpoints=())
+        with pytest.raises(Refused, match="flies the mission 'Show': it accepts no setpoints"):
+            await group_routes.setpoints(group["id"], renewal, rig.station, ANNA)
+        assert states(rig) == ["flying", "flying"]
+
+    run_with_two_vehicles(run_simulated, scenario)
+
+
+@pytest.mark.parametrize("phase", ["taking_off", "flying"])
+def test_hold_of_the_group_ends_the_mission_and_all_hold(run_simulated, phase):
+    async def scenario(rig):
+        await start(rig, crossing_mission(), despite=["separation"])
+        await reach(rig, phase, phase)
+        group = json_of(await group_routes.hold("1", rig.station, BOB))
+        assert (group["state"], group["ended"]) == ("ended", f"{BOB.name} commanded Hold.")
+        assert states(rig) == ["stopped", "stopped"]
+        assert [vehicle.status.mode for vehicle in rig.vehicles] == ["hold", "hold"]
+        await sleep(5)
+        assert [vehicle.status.mode for vehicle in rig.vehicles] == ["hold", "hold"]
+        assert rig.station.flights.groups.get("1").findings == ()
+
+    run_with_two_vehicles(run_simulated, scenario)
+
+
 @pytest.mark.story
 def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(run_simulated):
     async def scenario(rig):
@@ -210,7 +245,7 @@ def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(run_
     run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_a_joint_mission_with_an_error_in_plan_roles_vehicles_or_control_is_refused(run_simulated):
+def test_a_group_mission_with_an_error_in_plan_roles_vehicles_or_control_is_refused(run_simulated):
     async def scenario(rig):
         with pytest.raises(PlanFindings) as refused:
             await start(rig, crossing_mission(10, 12))
