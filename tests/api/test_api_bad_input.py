@@ -143,8 +143,8 @@ def test_changes_of_a_group_are_sent_as_events(client, monkeypatch):
     groups = client.app.state.station.flights.groups
     status = GroupStatus(
         id="4", state="flying", mission=None, client="anna", client_key="key", minimum_separation_m=5.0,
-        margin_m=1.6, others_go_on=False, created_unix_s=1.0, start_unix_s=2.0, valid_left_s=3.0, members=(), nearest=None,
-        findings=(), ended=None,
+        margin_m=1.6, others_go_on=False, created_unix_s=1.0, start_unix_s=2.0, valid_left_s=3.0, members=(),
+        nearest=None, findings=(), ended=None,
     )  # fmt: skip
     monkeypatch.setattr(groups, "_status", lambda _group: status)
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
