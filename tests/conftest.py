@@ -40,7 +40,7 @@ def pytest_collection() -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Repeats a failed test of real processes once, and names it in the summary.
+    """Repeats a failed test of real processes once; the summary has the failure's text.
 
     On a busy machine a process may stand still for longer than a timeout of PX4 or of a client.
     """
@@ -48,6 +48,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         in_real_time = any(item.get_closest_marker(mark) for mark in REAL_TIME_MARKS)
         if in_real_time or item.nodeid.split("/")[1] in REAL_PROCESSES:
             item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Prints why a test was repeated, so that its cause can be found although it passed later."""
+    for report in terminalreporter.stats.get("rerun", []):
+        terminalreporter.write_sep("=", f"repeated: {report.nodeid} ({report.when})")
+        terminalreporter.write_line(report.longreprtext)
+        for title, text in report.sections:
+            terminalreporter.write_line(f"--- {title} ---\n{text}")
 
 
 @pytest.fixture(scope="session")

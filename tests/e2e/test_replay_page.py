@@ -16,7 +16,15 @@ from playwright.sync_api import Browser, Page, expect
 
 from gcs_server.replay.records import Batch, Cursor, message_id, open_log, read_batch
 from tests.e2e.browser import first_number, open_page, serious_violations, shown_value
-from tests.station import free_port, is_up, running_process, server_command, wait_until
+from tests.station import (
+    free_port,
+    is_up,
+    running_process,
+    running_server,
+    running_vehicles,
+    server_command,
+    wait_until,
+)
 from vehicle_sim.mavlink import generated_dialect as mavlink
 
 pytestmark = pytest.mark.browser
@@ -172,3 +180,23 @@ def test_a_replay_shows_the_values_of_the_log(
         replay_bar.get_by_role("button", name="Close the replay").click()
         expect(replay_bar).to_have_count(0)
         expect(page.get_by_text("No vehicle connected yet")).to_be_visible()
+
+
+@pytest.mark.story
+def test_a_log_of_the_vehicle_is_listed_downloaded_and_saved(browser: Browser) -> None:
+    link_port = free_port()
+    with (
+        running_server([f"udpin://127.0.0.1:{link_port}"]) as (url, _),
+        running_vehicles(link_port),
+        open_page(browser, url, scene=False) as page,
+    ):
+        page.get_by_role("button", name="Recorded flights").click()
+        logs = page.get_by_role("region", name="Logs on")
+        logs.get_by_role("button", name="List logs").click()
+        logs.get_by_role("button", name="Download").click()
+        save = logs.get_by_role("link", name=re.compile(r"^Save .*\.ulg$"))
+        expect(save).to_be_visible(timeout=30_000)
+        assert serious_violations(page) == []
+        with page.expect_download() as download:
+            save.click()
+        assert download.value.path().read_bytes()[:7] == b"ULog\x01\x12\x35"
