@@ -15,7 +15,7 @@ from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.ros2.mode_executor import ExecutorCommand, ExecutorState
 from gcs_server.streamer.process.streams import Streams
-from gcs_server.vehicle.modes import BY_NAME
+from gcs_server.vehicle.px4.modes import BY_NAME
 from gcs_server.vehicle.samples import GlobalPosition
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle

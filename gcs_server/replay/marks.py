@@ -12,8 +12,7 @@ from gcs_server.replay.playback import ReplayClock
 from gcs_server.replay.records import open_log, read_at
 from gcs_server.vehicle.event_logger import EventLogger
 from gcs_server.vehicle.events import EventFeed
-from gcs_server.vehicle.modes import name_and_label
-from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
+from gcs_server.vehicle.px4.events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 
 MAX_MESSAGES = 1000
@@ -126,7 +125,7 @@ def _marks(system_id: int, reader: _VehicleReader, end_unix_s: float) -> Vehicle
     return VehicleMarks(
         system_id,
         tuple(
-            ModeSpan(begin_s, end_s, *name_and_label(flight_state.custom_mode, flight_state.autopilot))
+            ModeSpan(begin_s, end_s, *flight_state.mode_name)
             for begin_s, end_s, flight_state in _spans(reader.changes, end_unix_s, lambda f: f.custom_mode)
         ),
         tuple(

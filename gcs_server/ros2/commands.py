@@ -15,7 +15,7 @@ from gcs_server.mavlink.codec import Frame, full_payload
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.ros2.message_types import Values
-from gcs_server.vehicle.modes import BY_NAME
+from gcs_server.vehicle.px4.modes import BY_NAME
 
 MAVLINK_COMPONENT: Final = d.MAV_COMP_ID_MISSIONPLANNER
 """Component id of the server's commands over MAVLink, 190."""

@@ -14,7 +14,7 @@ from typing import Final
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.ros2.message_types import MalformedMessage, Values
-from gcs_server.vehicle.modes import BY_NAME, BY_NAV_STATE
+from gcs_server.vehicle.px4.modes import BY_NAME, BY_NAV_STATE
 
 MAX_UPTIME_US: Final = 10 * 365 * 86_400 * 1_000_000
 """Larger timestamps count from 1970."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from gcs_server.clock import Clock
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.mode_cause import ModeCause
-from gcs_server.vehicle.modes import ModeNames
-from gcs_server.vehicle.px4_events import LEVEL_PROTOCOL, VehicleEvent
+from gcs_server.vehicle.px4.events import LEVEL_PROTOCOL, VehicleEvent
+from gcs_server.vehicle.px4.modes import ModeNames
 from gcs_server.vehicle.reducers import FlightState
 
 _text = struct.Struct("<B50sHB")
@@ -191,7 +191,7 @@ class EventLogger:
         if has_earlier_state and after.armed != before.armed:
             self._line("armed" if after.armed else "disarmed", NOTICE, "Armed" if after.armed else "Disarmed")
         if has_earlier_state and after.custom_mode != before.custom_mode:
-            name, label = self._mode_names.name_and_label(after.custom_mode, after.autopilot)
+            name, label = self._mode_names.registered(after.mode_name)
             text, severity = f"Mode {label}", NOTICE
             data: dict[str, object] = {"mode": name}
             if cause is not None:

@@ -60,9 +60,9 @@ class ExternalControl:
         self._reclassify_as_failsafe(before, after)
         if after.custom_mode == before.custom_mode or before.heartbeat_s == float("-inf"):
             return None
-        if after.autopilot != d.MAV_AUTOPILOT_PX4:
+        if not vehicle.identity.software.supported:
             return None
-        name, label = vehicle.mode_names.name_and_label(after.custom_mode, after.autopilot)
+        name, label = vehicle.mode_names.registered(after.mode_name)
         own_command = self._command.recent_command(name)
         was_failsafe = self.mode_cause is not None and self.mode_cause.source == "failsafe"
         if was_failsafe and own_command is not None and own_command.since_s < self._changed_s:

@@ -9,23 +9,11 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, replace
 
-from gcs_server.mavlink import dialect as d
+from gcs_server.vehicle.autopilot import Autopilot, autopilot_of
 
 PX4_SITL_UID = 0x4954414C44494E4F
 SITL_BOARD_VERSION = 1
 """Board version that only PX4's simulator reports; the simulator reports no USB vendor and product id."""
-COMMANDABLE_TYPES = frozenset(
-    {
-        d.MAV_TYPE_QUADROTOR,
-        d.MAV_TYPE_HEXAROTOR,
-        d.MAV_TYPE_OCTOROTOR,
-        d.MAV_TYPE_TRICOPTER,
-        d.MAV_TYPE_COAXIAL,
-        d.MAV_TYPE_DODECAROTOR,
-        d.MAV_TYPE_DECAROTOR,
-    }
-)
-AUTOPILOT_NAMES = {d.MAV_AUTOPILOT_PX4: "PX4", d.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
 _version = struct.Struct("<QQIIIIHH24s18s")
 
 
@@ -54,14 +42,14 @@ class Identity:
     """Warnings about this identity, as sentences."""
 
     @property
-    def autopilot_name(self) -> str:
-        """Name of the autopilot, as the page shows it."""
-        return AUTOPILOT_NAMES.get(self.autopilot, f"autopilot type {self.autopilot}")
+    def software(self) -> Autopilot:
+        """The autopilot, in the version that the vehicle reported."""
+        return autopilot_of(self.autopilot, self.firmware)
 
     @property
     def commandable(self) -> bool:
-        """Whether the vehicle is a multicopter with PX4; commands were not tested with other vehicles."""
-        return self.autopilot == d.MAV_AUTOPILOT_PX4 and self.vehicle_type in COMMANDABLE_TYPES
+        """Whether this server commands such a vehicle."""
+        return self.software.commands(self.vehicle_type)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,5 +86,5 @@ def with_version(identity: Identity, version: Version) -> Identity:
         firmware=version.firmware,
         capabilities=version.capabilities,
         simulated=identity.simulated
-        or (version.is_sitl if identity.autopilot == d.MAV_AUTOPILOT_PX4 else identity.simulated),
+        or (version.is_sitl if identity.software.supported else identity.simulated),
     )

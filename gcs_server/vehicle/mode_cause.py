@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle.modes import BY_CUSTOM_MODE
+from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE
 from gcs_server.vehicle.reducers import FlightState
 
 FOREIGN_ACK_S = 3.0

@@ -12,9 +12,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from gcs_server.vehicle.check_texts import HEALTH_COMPONENTS, MANUAL_CONTROL_ID, MODE_NEEDS
 from gcs_server.vehicle.metadata_limits import cut
-from gcs_server.vehicle.modes import BY_NAME, MODES, Mode
+from gcs_server.vehicle.px4.checks import HEALTH_COMPONENTS, MANUAL_CONTROL_ID, MODE_NEEDS
+from gcs_server.vehicle.px4.modes import BY_NAME, MODES, Mode
 
 ALL_MODES = 0xFFFFFFFF
 LEVEL_ERROR, LEVEL_WARNING = 3, 4

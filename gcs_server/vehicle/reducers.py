@@ -6,7 +6,8 @@ import struct
 from dataclasses import dataclass, replace
 
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle.modes import LANDED_STATES
+from gcs_server.vehicle.autopilot import autopilot_of
+from gcs_server.vehicle.px4.modes import LANDED_STATES
 
 _heartbeat = struct.Struct("<I5B")
 _current_mode = struct.Struct("<IIB")
@@ -29,6 +30,11 @@ class FlightState:
     mode_s: float = float("-inf")
     """Time at which `custom_mode` was last reported (HEARTBEAT or CURRENT_MODE)."""
     landed_s: float = float("-inf")
+
+    @property
+    def mode_name(self) -> tuple[str, str]:
+        """Name in the API, and label, of the mode."""
+        return autopilot_of(self.autopilot).mode_name(self.custom_mode)
 
 
 def heartbeat(flight_state: FlightState, payload: bytes, now_s: float) -> FlightState:

@@ -15,8 +15,8 @@ from gcs_server.mavlink.codec import Frame, full_payload, known_frame
 from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.gimbals import GimbalAddress, frames_by_gimbal
 from gcs_server.vehicle.instances import ID_MASK, INSTANCE_OFFSET, Instances, active_instances, instance_of
-from gcs_server.vehicle.modes import ModeNames, name_and_label
 from gcs_server.vehicle.numbers import Unusable
+from gcs_server.vehicle.px4.modes import ModeNames
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Gimbal, GimbalReading, Sample, Status
 
@@ -196,14 +196,14 @@ class VehicleState:
     @property
     def mode(self) -> str:
         """Name of the current mode."""
-        return name_and_label(self.flight_state.custom_mode, self.flight_state.autopilot)[0]
+        return self.flight_state.mode_name[0]
 
     def status(self) -> Status:
         """Current status of the vehicle."""
         return self._status(self._clock.monotonic_s(), self.flight_state, self._lost_since_s())
 
     def _status(self, at_s: float, flight_state: FlightState, lost_since_s: float | None) -> Status:
-        name, label = self._mode_names.name_and_label(flight_state.custom_mode, flight_state.autopilot)
+        name, label = self._mode_names.registered(flight_state.mode_name)
         return Status(
             armed=flight_state.armed,
             mode=name,

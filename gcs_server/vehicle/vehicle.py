@@ -24,8 +24,8 @@ from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.external_control import ExternalControl
 from gcs_server.vehicle.identity import Identity, Version, with_version
 from gcs_server.vehicle.mode_cause import ModeCause
-from gcs_server.vehicle.modes import BY_CUSTOM_MODE, ModeNames
-from gcs_server.vehicle.px4_events import VehicleEvent
+from gcs_server.vehicle.px4.events import VehicleEvent
+from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE, ModeNames
 from gcs_server.vehicle.reach import Feature, Reach, reach_of, require_feature
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
 from gcs_server.vehicle.samples import Sample, Status
@@ -265,9 +265,9 @@ class Vehicle:
         if identity.replayed:
             raise Refused(f"Vehicle {self.id} is a recording; it cannot be commanded.")
         if not identity.commandable:
-            kind = "an " if identity.autopilot_name[0] in "Aa" else "a "
+            kind = "an " if identity.software.name[0] in "Aa" else "a "
             raise NotVerified(
-                f"Vehicle {self.id} is {kind}{identity.autopilot_name} vehicle "
+                f"Vehicle {self.id} is {kind}{identity.software.name} vehicle "
                 f"of type {identity.vehicle_type}. "
                 "Commands are verified only for multicopters with PX4, so nothing was sent.",
                 remedy="Use a ground station that supports it.",

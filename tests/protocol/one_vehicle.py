@@ -2,8 +2,8 @@
 
 import struct
 
-from gcs_server.vehicle.modes import BY_NAME
-from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
+from gcs_server.vehicle.px4.events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
+from gcs_server.vehicle.px4.modes import BY_NAME
 from tests.protocol.memory_testbed import MemoryTestbed
 
 HOLD_MODE_BIT = 1 << BY_NAME["hold"].nav_state

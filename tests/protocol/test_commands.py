@@ -10,7 +10,7 @@ import pytest
 from gcs_server.api.authorized import progress_reporter
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
-from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
+from gcs_server.vehicle.px4.events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_REPOSITION,

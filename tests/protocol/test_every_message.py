@@ -21,11 +21,11 @@ from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.scene.texts import metres_text
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import world_pose
-from gcs_server.streamer.offboard.configuration import FAILSAFE_PARAMETERS
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
 from gcs_server.telemetry.hub import ALL_TOPICS, EncodedSamples
 from gcs_server.vehicle import decoders, gimbal_decoder
+from gcs_server.vehicle.px4.stream_loss import PARAMETERS as FAILSAFE_PARAMETERS
 from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.fake_autopilot import OFFBOARD_MODE
 from tests.protocol.offboard_testbed import OffboardTestbed, stream_request

@@ -15,7 +15,7 @@ from gcs_server.vehicle.event_logger import (
     MAX_PENDING,
     TextJoiner,
 )
-from gcs_server.vehicle.px4_events import TEXTS
+from gcs_server.vehicle.px4.events import TEXTS
 from gcs_server.vehicle.services.health import DESCRIPTION_TIMEOUT_S
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.one_vehicle import HOLD_MODE_BIT, run_scenario, send_arming_report

@@ -4,87 +4,21 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, NoReply
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
 from gcs_server.vehicle.numbers import number
+from gcs_server.vehicle.px4 import stream_loss
+from gcs_server.vehicle.px4.stream_loss import StreamLoss
 from gcs_server.vehicle.vehicle import Vehicle
-
-DEFAULT_COM_OF_LOSS_T_S = 1.0
-
-ACTION_MODES = ("position", "altitude", "stabilized", "rtl", "land", "hold", "terminate", "disarm")
-"""The mode for each value of COM_OBL_RC_ACT, from 0."""
-
-# By COM_OBL_RC_ACT: the action with an RC transmitter, and the action without one. The text of action 0
-# without a transmitter describes what PX4 v1.16 does in flight.
-_ACTIONS: dict[int, tuple[str, str]] = {
-    0: (
-        "is flown by the RC pilot in Position mode",
-        "descends and lands at its current position; it reports Position mode",
-    ),
-    1: (
-        "is flown by the RC pilot in Altitude mode",
-        "drifts and descends without control; it reports Altitude mode",
-    ),
-    2: (
-        "is flown by the RC pilot in Stabilized mode",
-        "drifts and descends without control; it reports Stabilized mode",
-    ),
-    3: ("returns to launch and lands there", "returns to launch and lands there"),
-    4: ("lands at its current position", "lands at its current position"),
-    5: ("holds its position in Hold mode", "holds its position in Hold mode"),
-    6: (
-        "terminates the flight: the motors stop and it falls",
-        "terminates the flight: the motors stop and it falls",
-    ),
-    7: ("disarms: the motors stop and it falls", "disarms: the motors stop and it falls"),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Failsafe:
-    """The vehicle's parameters for its action when setpoints stop; None: not known."""
-
-    loss_timeout_s: float | None
-    """COM_OF_LOSS_T."""
-    action: int | None
-    """COM_OBL_RC_ACT."""
-    transmitter: bool
-    """Whether an RC transmitter is connected."""
-
-    @property
-    def action_mode(self) -> str | None:
-        """The action's mode; None if unknown."""
-        known = self.action is not None and 0 <= self.action < len(ACTION_MODES)
-        return ACTION_MODES[self.action] if known and self.action is not None else None
-
-    def text(self) -> str:
-        """The action as a sentence."""
-        rc_state = "RC connected" if self.transmitter else "no RC"
-        if self.action is None:
-            return (
-                "Action when setpoints stop: unknown (COM_OBL_RC_ACT could not be read; "
-                f"{rc_state}). PX4's default without RC is to land at the current position, after 1 s."
-            )
-        after_s = DEFAULT_COM_OF_LOSS_T_S if self.loss_timeout_s is None else self.loss_timeout_s
-        options = _ACTIONS.get(self.action)
-        action_text = (
-            "does an action that is unknown to this server"
-            if options is None
-            else options[0 if self.transmitter else 1]
-        )
-        return f"after {after_s:g} s the vehicle {action_text} (COM_OBL_RC_ACT {self.action}, {rc_state})."
-
 
 PARAMETERS_TIMEOUT_S = 3.0
 """Maximum wait for the parameters [s]; parameters that have not arrived by then stay unknown."""
 REQUEST_PERIOD_S = 10.0
 """Minimum time between two requests for the parameters [s]."""
-FAILSAFE_PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")
-PARAMETERS = (*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS)
+PARAMETERS = (*stream_loss.PARAMETERS, *VEHICLE_PARAMETERS)
 
 
 class OffboardConfiguration:
@@ -109,7 +43,7 @@ class OffboardConfiguration:
         self._read_s: float | None = None
         """Time of the last call of `read` [s, monotonic]; None: not called yet."""
 
-    async def read(self) -> Failsafe:
+    async def read(self) -> StreamLoss:
         """Reads the vehicle's limits and its action when setpoints stop; missing values stay unknown.
 
         ROS 2 carries no parameters, so nothing is requested from a vehicle without a MAVLink link.
@@ -161,19 +95,14 @@ class OffboardConfiguration:
             self._values = {
                 name: value
                 for name, value in {**self._read_values, **newest}.items()
-                if number(value) is not None and (value >= 0.0 or name in FAILSAFE_PARAMETERS)
+                if number(value) is not None and (value >= 0.0 or name in stream_loss.PARAMETERS)
             }
         return self._values
 
-    def failsafe(self) -> Failsafe | None:
+    def failsafe(self) -> StreamLoss | None:
         """The vehicle's action when the stream stops; None before the parameters were read."""
         parameters = self.parameters()
         return self._failsafe_of(parameters) if parameters or self._read_s is not None else None
 
-    def _failsafe_of(self, parameters: Mapping[str, float]) -> Failsafe:
-        action = parameters.get("COM_OBL_RC_ACT")
-        return Failsafe(
-            parameters.get("COM_OF_LOSS_T"),
-            None if action is None else int(action),
-            self._estimates.has_transmitter(),
-        )
+    def _failsafe_of(self, parameters: Mapping[str, float]) -> StreamLoss:
+        return self._vehicle.identity.software.stream_loss(parameters, self._estimates.has_transmitter())

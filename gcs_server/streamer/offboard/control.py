@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.streamer.offboard.avoidance import AvoidanceControl
-from gcs_server.streamer.offboard.configuration import ACTION_MODES, Failsafe, OffboardConfiguration
+from gcs_server.streamer.offboard.configuration import OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.limit_store import VehicleOperatorLimits
 from gcs_server.streamer.offboard.snapshots import FindVehicle, VehicleSnapshots
@@ -26,6 +26,7 @@ from gcs_server.streamer.values.limit_values import vehicle_limits
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2, protocol_in_use, unusable_topics
+from gcs_server.vehicle.px4.stream_loss import ACTION_MODES, StreamLoss
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
@@ -227,7 +228,7 @@ class OffboardControl:
             raise Refused(ended.text if ended else "The stream was stopped while it started.")
 
     @staticmethod
-    def _check_rate(failsafe: Failsafe, rate_hz: float) -> None:
+    def _check_rate(failsafe: StreamLoss, rate_hz: float) -> None:
         """Checks that two setpoints are sent within COM_OF_LOSS_T, so that one setpoint may be lost."""
         loss_timeout_s = failsafe.loss_timeout_s
         if loss_timeout_s is not None and 2.0 / rate_hz > loss_timeout_s:
@@ -324,7 +325,7 @@ class OffboardControl:
             raise InvalidRequest("action", f"There is no action {action!r}: {', '.join(ACTION_MODES[:6])}.")
         state = self._streams.state(self.vehicle.id)
         if after_s is not None and state.phase != "idle":
-            self._check_rate(Failsafe(after_s, None, False), state.rate_hz)
+            self._check_rate(StreamLoss(after_s, None, False), state.rate_hz)
         if after_s is not None:
             await self.vehicle.params.set("COM_OF_LOSS_T", after_s)
         if action is not None:
@@ -353,7 +354,7 @@ class OffboardControl:
         return self._failsafe_view(self._configuration.failsafe())
 
     @staticmethod
-    def _failsafe_view(failsafe: Failsafe | None) -> FailsafeView | None:
+    def _failsafe_view(failsafe: StreamLoss | None) -> FailsafeView | None:
         if failsafe is None:
             return None
         return FailsafeView(

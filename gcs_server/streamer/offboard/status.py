@@ -6,12 +6,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from gcs_server.streamer.offboard.configuration import DEFAULT_COM_OF_LOSS_T_S, Failsafe
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.limit_store import LimitsOrigin
 from gcs_server.streamer.schedule.scheduler import StreamState
 from gcs_server.streamer.values.limit_values import OperatorLimits, VehicleLimits
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamOwner
+from gcs_server.vehicle.px4.stream_loss import DEFAULT_COM_OF_LOSS_T_S, StreamLoss
 from missions.avoidance.values import AvoidanceState, AvoidanceWay
 from missions.frames import Quaternion, Vector3, ned_from_heading
 from missions.setpoints import (
@@ -171,7 +171,7 @@ def setpoint_view(setpoint: Setpoint) -> dict[str, object]:
     return {"type": setpoint.type, **{name: value for name, value in values.items() if value is not None}}
 
 
-def health_of(state: StreamState, estimates: VehicleEstimates, failsafe: Failsafe | None) -> StreamHealth:
+def health_of(state: StreamState, estimates: VehicleEstimates, failsafe: StreamLoss | None) -> StreamHealth:
     """Health of a stream, from its state and the vehicle's newest samples."""
     sent = state.sent
     loss_timeout_s = failsafe.loss_timeout_s if failsafe is not None else None

@@ -21,7 +21,7 @@ from gcs_server.streamer.transport.mavlink import (
     PX4_MAIN_MODE_AUTO,
 )
 from gcs_server.streamer.values.stream_request import OFFBOARD, ModeRequest, Outgoing
-from gcs_server.vehicle.modes import BY_NAME
+from gcs_server.vehicle.px4.modes import BY_NAME
 from missions.frames import Vector3
 from missions.setpoints import (
     UNCONTROLLED,

@@ -27,7 +27,7 @@ from gcs_server.errors import (
 )
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
-from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAME, Mode
+from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services import checks
 from gcs_server.vehicle.services.checks import VehicleFloor

@@ -75,7 +75,7 @@ class Gimbals:
             return
         self._next_s = now_s + LIMITS_REQUEST_PERIOD_S
         managers = state.senders(STATUS_ID)
-        if identity.autopilot == d.MAV_AUTOPILOT_PX4:
+        if identity.software.supported:
             managers |= {identity.component_id}
         for component_id in sorted(managers):
             sent = self._requests_sent.get(component_id, 0)

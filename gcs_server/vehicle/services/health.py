@@ -16,11 +16,10 @@ from dataclasses import replace
 from gcs_server.errors import NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import readiness
-from gcs_server.vehicle.check_texts import CHECKS
 from gcs_server.vehicle.event_definitions import Definitions
 from gcs_server.vehicle.event_stream import EventStream
-from gcs_server.vehicle.modes import BY_CUSTOM_MODE
-from gcs_server.vehicle.px4_events import (
+from gcs_server.vehicle.px4.checks import CHECKS
+from gcs_server.vehicle.px4.events import (
     ARMING_SUMMARY_ID,
     HEALTH_SUMMARY_ID,
     LEVEL_PROTOCOL,
@@ -30,6 +29,7 @@ from gcs_server.vehicle.px4_events import (
     describe,
     has_description,
 )
+from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE
 from gcs_server.vehicle.readiness import Finding, HealthReport, Readiness, ReportJoiner
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.port import VehiclePort

@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 
 from gcs_server.errors import GcsError, Interrupted
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle.modes import BY_NAME, Mode
+from gcs_server.vehicle.px4.modes import BY_NAME, Mode
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.tickets import Ticket
 

@@ -18,7 +18,7 @@ from gcs_server.errors import Disconnected, GcsError, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply, Waiter
-from gcs_server.vehicle.px4_events import VehicleEvent, rejection_reason
+from gcs_server.vehicle.px4.events import VehicleEvent, rejection_reason
 from gcs_server.vehicle.samples import Mission
 from gcs_server.vehicle.services.items_cache import ItemsCache
 from gcs_server.vehicle.services.mission_compare import differences

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle.modes import BY_CUSTOM_MODE, MODES
+from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE, MODES
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Request
@@ -39,7 +39,11 @@ class ModeList:
     def entered(self, before: FlightState, after: FlightState) -> None:
         """Requests the list if the vehicle has entered an external mode of another program."""
         mode = BY_CUSTOM_MODE.get(after.custom_mode)
-        if after.custom_mode == before.custom_mode or mode is None or after.autopilot != d.MAV_AUTOPILOT_PX4:
+        if (
+            after.custom_mode == before.custom_mode
+            or mode is None
+            or not self._vehicle.identity.software.supported
+        ):
             return
         if mode.name in EXTERNAL and mode.name not in self._vehicle.mode_names.external:
             self._start_requesting()

@@ -12,7 +12,7 @@ from gcs_server.vehicle.components import Components
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.gimbals import GimbalAddress
 from gcs_server.vehicle.identity import Identity
-from gcs_server.vehicle.modes import ModeNames
+from gcs_server.vehicle.px4.modes import ModeNames
 from gcs_server.vehicle.reach import Feature
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Sample, Status

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from gcs_server.vehicle.px4_events import describe, has_description, rejection_reason
+from gcs_server.vehicle.px4.events import describe, has_description, rejection_reason
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.mode_cause import cause_of
-from gcs_server.vehicle.modes import BY_NAME
+from gcs_server.vehicle.px4.modes import BY_NAME
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Mission
 from gcs_server.vehicle.services.mission import MissionService

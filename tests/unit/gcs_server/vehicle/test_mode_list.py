@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from gcs_server.mavlink import dialect as d
-from gcs_server.vehicle.modes import BY_NAME, ModeNames
+from gcs_server.vehicle.autopilot import autopilot_of
+from gcs_server.vehicle.px4.modes import BY_NAME, ModeNames
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services.mode_list import ATTEMPT_EVERY_S, ATTEMPTS, EXTERNAL, ModeList
 
@@ -24,7 +25,7 @@ class Vehicle:
         self.now_s, self.sent = 100.0, list[Any]()
         self.mode_names = ModeNames()
         self.clock = SimpleNamespace(monotonic_s=lambda: self.now_s)
-        self.identity = SimpleNamespace(system_id=1, component_id=1)
+        self.identity = SimpleNamespace(system_id=1, component_id=1, software=autopilot_of(12))
         self.status = SimpleNamespace(link_lost=False)
         self.mode_list = ModeList(self)  # type: ignore[arg-type]
 

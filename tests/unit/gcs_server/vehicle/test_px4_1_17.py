@@ -9,9 +9,10 @@ import pytest
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import FrameParser, encode_frame, encode_payload
-from gcs_server.vehicle import decoders, modes
+from gcs_server.vehicle import decoders
 from gcs_server.vehicle.identity import read_version
 from gcs_server.vehicle.mode_cause import PILOT_MODES
+from gcs_server.vehicle.px4 import modes
 from gcs_server.vehicle.readiness import STICK_MODES
 
 GLOBAL_POSITION = 296
@@ -35,7 +36,7 @@ def test_mission_current_without_a_mission_is_decoded_as_zero_items_in_both_vers
 
 
 def test_altitude_cruise_is_a_manual_mode_and_cannot_be_requested() -> None:
-    name, label = modes.name_and_label(0x000B0000, d.MAV_AUTOPILOT_PX4)
+    name, label = modes.mode_name(0x000B0000)
     assert (name, label) == ("altitude_cruise", "Altitude cruise")
     assert name in PILOT_MODES
     mode = modes.BY_NAME[name]

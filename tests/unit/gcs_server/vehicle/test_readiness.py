@@ -11,10 +11,10 @@ from gcs_server.mavlink.codec import FrameParser, full_payload
 from gcs_server.mavlink.dialect import MAVLINK_MSG_ID_EVENT
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle import event_document, readiness
-from gcs_server.vehicle.check_texts import CHECKS, MANUAL_CONTROL_ID, MODE_NEEDS
 from gcs_server.vehicle.event_stream import EventStream
-from gcs_server.vehicle.modes import BY_NAME
-from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
+from gcs_server.vehicle.px4.checks import CHECKS, MANUAL_CONTROL_ID, MODE_NEEDS
+from gcs_server.vehicle.px4.events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, decode_event
+from gcs_server.vehicle.px4.modes import BY_NAME
 from gcs_server.vehicle.readiness import (
     MAX_CAUSES,
     MAX_FINDINGS,

@@ -4,7 +4,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.vehicle import reducers
 from gcs_server.vehicle.mode_cause import is_overruled
-from gcs_server.vehicle.modes import BY_NAME
+from gcs_server.vehicle.px4.modes import BY_NAME
 from gcs_server.vehicle.reducers import FlightState
 
 TAKEOFF, HOLD, RTL = (BY_NAME[name].custom_mode for name in ("takeoff", "hold", "rtl"))

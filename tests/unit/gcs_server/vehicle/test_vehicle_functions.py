@@ -8,10 +8,12 @@ import pytest
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
-from gcs_server.vehicle import decoders, modes, px4_events, samples
+from gcs_server.vehicle import decoders, samples
+from gcs_server.vehicle.autopilot import autopilot_of
 from gcs_server.vehicle.event_logger import TextJoiner
 from gcs_server.vehicle.gimbal_decoder import gimbal
 from gcs_server.vehicle.identity import read_version
+from gcs_server.vehicle.px4 import events, modes
 from missions.frames import q_from_euler
 
 
@@ -152,10 +154,10 @@ def test_px4_defines_all_event_ids_in_the_servers_code(reference_data):
         for group in content.get("event_groups", {}).values():
             px4_event_ids |= {int(component) << 24 | int(event) for event in group["events"]}
     event_ids_in_code = {
-        *px4_events.CHECKS,
-        *px4_events.TEXTS,
-        px4_events.ARMING_SUMMARY_ID,
-        px4_events.HEALTH_SUMMARY_ID,
+        *events.CHECKS,
+        *events.TEXTS,
+        events.ARMING_SUMMARY_ID,
+        events.HEALTH_SUMMARY_ID,
     }
     assert event_ids_in_code - px4_event_ids == set()
 
@@ -163,9 +165,9 @@ def test_px4_defines_all_event_ids_in_the_servers_code(reference_data):
 def test_each_mode_has_its_own_name_and_custom_mode():
     assert len(modes.BY_NAME) == len(modes.MODES) == len(modes.BY_CUSTOM_MODE)
     assert modes.BY_NAME["hold"].custom_mode == 50593792
-    assert modes.name_and_label(33816576, 12) == ("takeoff", "Take off")
-    assert modes.name_and_label(99 << 16, 12) == ("px4_99_0", "PX4 mode 99/0")
-    assert modes.name_and_label(5, 3) == ("custom_5", "Mode 5")
+    assert modes.mode_name(33816576) == ("takeoff", "Take off")
+    assert modes.mode_name(99 << 16) == ("px4_99_0", "PX4 mode 99/0")
+    assert autopilot_of(3).mode_name(5) == ("custom_5", "Mode 5")
 
 
 def test_the_modes_match_the_list_of_px4(reference_data):

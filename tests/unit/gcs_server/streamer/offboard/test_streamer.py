@@ -13,6 +13,7 @@ from gcs_server.streamer.offboard import streamer as streamer_module
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.supervise import Supervisor
+from gcs_server.vehicle.autopilot import autopilot_of
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.reach import reach_of
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
@@ -35,7 +36,9 @@ class Vehicle:
 
     def __init__(self, clock):
         self.id = "1"
-        self.identity = SimpleNamespace(system_id=1, component_id=1, replayed=False, firmware=None)
+        self.identity = SimpleNamespace(
+            system_id=1, component_id=1, replayed=False, firmware=None, software=autopilot_of(12)
+        )
         self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
         self.events = EventFeed("1")
         self.isolation = Isolation(clock, logging.getLogger("test"), "Vehicle 1")

@@ -11,7 +11,7 @@ from gcs_server.streamer.schedule.stream import MAX_MODE_REQUESTS, VehicleStream
 from gcs_server.streamer.transport.vehicle_transport import MavlinkTransport
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
-from gcs_server.vehicle.modes import BY_CUSTOM_MODE
+from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE
 from missions.setpoints import Path, PathPoint, Position, Velocity
 
 SETPOINT, COMMAND = 84, 76

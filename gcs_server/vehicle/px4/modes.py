@@ -66,10 +66,8 @@ LANDED_STATES = {
 }
 
 
-def name_and_label(custom_mode: int, autopilot: int) -> tuple[str, str]:
-    """Name and label of a mode; its numbers if the mode is not a known PX4 mode."""
-    if autopilot != dialect.MAV_AUTOPILOT_PX4:
-        return f"custom_{custom_mode}", f"Mode {custom_mode}"
+def mode_name(custom_mode: int) -> tuple[str, str]:
+    """Name and label of a mode; its numbers if the mode is not known."""
     mode = BY_CUSTOM_MODE.get(custom_mode)
     if mode is not None:
         return mode.name, mode.label
@@ -86,9 +84,9 @@ class ModeNames:
     announced: dict[str, str] = field(default_factory=dict[str, str])
     """Registered names of all external modes, as the vehicle last sent them, by name in the API."""
 
-    def name_and_label(self, custom_mode: int, autopilot: int) -> tuple[str, str]:
-        """Name in the API, and registered name or label, of a mode; see the function `name_and_label`."""
-        name, label = name_and_label(custom_mode, autopilot)
+    def registered(self, mode_name: tuple[str, str]) -> tuple[str, str]:
+        """A mode's name in the API with its registered name, otherwise with its label."""
+        name, label = mode_name
         return name, self.name_or_label(name, label)
 
     def label(self, mode: Mode) -> str:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from gcs_server.vehicle.check_texts import CHECKS
 from gcs_server.vehicle.event_definitions import Definitions
-from gcs_server.vehicle.modes import BY_CUSTOM_MODE, BY_NAV_STATE
+from gcs_server.vehicle.px4.checks import CHECKS
+from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE, BY_NAV_STATE
 
 _BOTH_OR_NEITHER = "and the vehicle requires both or neither (MIS_TKO_LAND_REQ)"
 _REASONS: dict[int, tuple[str, str]] = {
