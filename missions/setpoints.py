@@ -46,7 +46,7 @@ PartialAcceleration = tuple[MetresPerSecond2 | None, MetresPerSecond2 | None, Me
 
 def _json(**example: object) -> dict[str, Any]:
     """Pydantic's settings for the JSON of a kind, with an example of its fields."""
-    config: dict[str, Any] = {"extra": "forbid", "use_attribute_docstrings": True}
+    config: dict[str, Any] = {"extra": "forbid"}
     return config | ({"json_schema_extra": {"examples": [example]}} if example else {})
 
 

@@ -1,8 +1,9 @@
 """Pydantic models of dataclasses for the OpenAPI description, so that fields, units and descriptions are
 written once.
 
-Descriptions are the attribute docstrings of the dataclass, or else derived from the frame and unit in the
-name. Responses themselves are encoded by msgspec (`telemetry/wire.py`) and never pass through these models.
+Descriptions are the attribute docstrings of the class, or else derived from the frame and unit in the name.
+They are read when the API is described, because reading all sources would take a fifth of the server's
+start. Responses themselves are encoded by msgspec (`telemetry/wire.py`) and never pass through these models.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import sys
 import typing
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, create_model
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 _UNITS = {
     "_rad_s": "[rad/s]",
@@ -56,8 +59,18 @@ def field_description(name: str) -> str:
     return " ".join(part for part in (label, f"({frame})" if frame else "", unit) if part) + "."
 
 
+_SOURCES: dict[type, type] = {}
+"""The dataclass of each model that `model_of` has made."""
+
+
 def attribute_docs(cls: type) -> dict[str, str]:
-    """The docstrings of the attributes of a class and of its base dataclasses."""
+    """The docstrings of the attributes of a class and of its base dataclasses; each field of a model of a
+    dataclass has a description."""
+    source = _SOURCES.get(cls)
+    if source is not None:
+        return {each.name: field_description(each.name) for each in dataclasses.fields(source)} | (
+            attribute_docs(source)
+        )
     docs: dict[str, str] = {}
     for base in cls.__bases__:
         if dataclasses.is_dataclass(base) or issubclass(base, BaseModel):
@@ -77,11 +90,35 @@ def attribute_docs(cls: type) -> dict[str, str]:
     return docs
 
 
+class Described(BaseModel):
+    """Describes each field by the docstring below it, when the API is described."""
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        reference = handler(core_schema)
+        properties = handler.resolve_ref_schema(reference).get("properties", {})
+        describe_properties(properties, attribute_docs(cls))
+        return reference
+
+
+def describe_properties(properties: dict[str, Any], docs: dict[str, str]) -> None:
+    """Describes the properties of a JSON schema that have no description."""
+    for name, text in docs.items():
+        if name in properties:
+            properties[name].setdefault("description", text)
+
+
 @functools.cache
 def _classes(module: str) -> dict[str, ast.ClassDef]:
     """The syntax trees of a module's classes."""
     tree = ast.parse(inspect.getsource(sys.modules[module]))
     return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+
+
+class _Reflected(Described):
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
 def model_of(dataclass_type: type, name: str | None = None, **overrides: Any) -> type[BaseModel]:
@@ -92,15 +129,12 @@ def model_of(dataclass_type: type, name: str | None = None, **overrides: Any) ->
         name: name of the schema; default: the class's name.
         overrides: other types for some fields.
     """
-    docs = attribute_docs(dataclass_type)
-    hints = typing.get_type_hints(dataclass_type)
-    fields: dict[str, Any] = {}
-    for field in dataclasses.fields(dataclass_type):
-        description = docs.get(field.name) or field_description(field.name)
-        fields[field.name] = (overrides.get(field.name, hints[field.name]), Field(description=description))
-    return create_model(
-        name or dataclass_type.__name__,
-        __config__=ConfigDict(frozen=True, extra="forbid", defer_build=True),
-        __doc__=inspect.getdoc(dataclass_type),
-        **fields,
+    types = typing.get_type_hints(dataclass_type) | overrides
+    fields: dict[str, Any] = {
+        field.name: (types[field.name], ...) for field in dataclasses.fields(dataclass_type)
+    }
+    model = create_model(
+        name or dataclass_type.__name__, __base__=_Reflected, __doc__=dataclass_type.__doc__, **fields
     )
+    _SOURCES[model] = dataclass_type
+    return model

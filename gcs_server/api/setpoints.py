@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal, cast
 
-from pydantic import Field, GetCoreSchemaHandler, model_validator
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from gcs_server.api.authorized import authorized_command
+from gcs_server.api.reflect import attribute_docs, describe_properties
 from gcs_server.api.station import Station
 from gcs_server.api.strict_body import StrictBody, example, make_strict
 from gcs_server.control.principal import Principal
@@ -73,6 +75,21 @@ class _Kind:
             fields[1]["schema"]["fail_fast"] = True
         checked = core_schema.no_info_after_validator_function(_refuse_contradictions, reference)
         return core_schema.no_info_before_validator_function(_refuse_mavlink_fields, checked)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        reference = handler(schema)
+        json_schema = handler.resolve_ref_schema(reference)
+        _describe(json_schema)
+        if json_schema["title"] == s.Path.__name__:
+            _describe(handler.resolve_ref_schema(json_schema["properties"]["points"]["items"]))
+        return reference
+
+
+def _describe(json_schema: JsonSchemaValue) -> None:
+    """Describes the fields of a setpoint class by their docstrings."""
+    describe_properties(json_schema["properties"], attribute_docs(getattr(s, json_schema["title"])))
 
 
 Quaternion = tuple[s.Normalized, s.Normalized, s.Normalized, s.Normalized]
