@@ -116,6 +116,8 @@ class SimulatedFleet:
     def _add_node(self, row: int, system_id: int, recorders: Recorders | None, *, camera: bool) -> None:
         """Adds what connects a vehicle's autopilot to the outside: log, MAVLink node, shell, camera."""
         autopilot, files = self.autopilots[row], self.files[row]
+        parameter_file = autopilot.view.parameters.file
+        files.add_changing({"parameters.bson": parameter_file, "parameters_backup.bson": parameter_file})
         states = States(autopilot, system_id)
         logger = Logger(autopilot, states, files, recorders)
         node = Node(autopilot, system_id, files, logger)

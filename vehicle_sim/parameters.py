@@ -275,6 +275,17 @@ class Parameters:
                 content += struct.pack("<i" if self._by_name[name].type == "INT32" else "<f", value)
         return zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
+    def file(self) -> bytes:
+        """PX4's parameter file: a BSON document of the parameters that were set at boot or changed, with
+        floats as doubles."""
+        set_names = {*self.set_at_boot, *self.changed_names()}
+        content = bytearray()
+        for name in sorted(set_names):
+            is_integer = self._by_name[name].type == "INT32"
+            content += (b"\x10" if is_integer else b"\x01") + name.encode("ascii") + b"\0"
+            content += struct.pack("<i" if is_integer else "<d", self._values[name])
+        return struct.pack("<i", len(content) + 5) + bytes(content) + b"\0"
+
     def _boot_parameter(self, name: str) -> BootParameter:
         try:
             return self._by_name[name]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.control.allocation import mixer_from_parameters
-from vehicle_sim.control.cascade import OUTER_EVERY_STEPS, Cascade
+from vehicle_sim.control.cascade import Cascade
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.estimator.estimator import RANGE_EVERY_STEPS, Estimator
 from vehicle_sim.estimator.fusion import Fusion
@@ -56,6 +56,9 @@ STEP_S = 0.004
 """PX4's SIH runs at 250 Hz."""
 AUTOPILOT_EVERY_STEPS = 5
 """The autopilots run at 50 Hz, like PX4's flight tasks."""
+FOREIGN_FROM_STEP = (2, 2, 1)
+"""First step, in an autopilot's successive ticks, in which a foreign trajectory setpoint takes effect; by
+recordings of streams at 10, 20 and 50 Hz."""
 BATTERY_EVERY_STEPS = 5
 WIND_EVERY_STEPS = 5
 
@@ -212,10 +215,15 @@ class Simulation:
         self._estimates = None
 
     @property
-    def setpoints_applied(self) -> bool:
-        """Whether the position controller has run since the autopilots' last step."""
-        autopilot_step = self.steps - self.steps % AUTOPILOT_EVERY_STEPS
-        return self.steps // OUTER_EVERY_STEPS > autopilot_step // OUTER_EVERY_STEPS
+    def takes_foreign_trajectory(self) -> bool:
+        """Whether a trajectory setpoint from outside takes effect in a mode with its own setpoints.
+
+        In PX4 the position controller runs two or three times for each setpoint of a mode, the first time
+        directly after it. A foreign setpoint before the last of these runs controls the rest of them; a later
+        one is overwritten. So a stream at the mode's own rate controls about a quarter of the time.
+        """
+        tick, step = divmod(self.steps, AUTOPILOT_EVERY_STEPS)
+        return step >= FOREIGN_FROM_STEP[tick % len(FOREIGN_FROM_STEP)]
 
     def _update_contact(self, contact: Contact) -> None:
         """Detects collisions, which stop the vehicle's motors, and updates the surface below each body."""

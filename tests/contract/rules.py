@@ -136,8 +136,12 @@ def return_altitudes(arguments: list[int]) -> list[float]:
 
 
 def listed_entries(payload: dict[str, Any], data_hex: str) -> list[str]:
-    """The entries of a directory, sorted; for a later part of the directory only their number."""
+    """The entries of a directory, sorted; for a later part of the directory only their number.
+
+    The size of a parameter file depends on what was set before the recording.
+    """
     entries = bytes.fromhex(data_hex).decode("utf-8", "replace").split("\0")
+    entries = [re.sub(r"(\.bson)\t\d+", r"\1", entry) for entry in entries]
     return sorted(entries) if payload["offset"] == 0 else [str(len(entries))]
 
 

@@ -7,7 +7,6 @@ the dialogue as evidence, which `test_rules.py` verifies. Then the dialogue is c
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -166,23 +165,6 @@ def _close_console(vehicle: Vehicle, _: Dialogue) -> None:
     vehicle.run(0.2)
 
 
-def _create_listed_files(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """Creates the folders, files and links that the recorded listing of the vehicle's folder shows."""
-    root = vehicle.sim.files[0].root
-    for name in ("dataman", "parameters_backup.bson"):
-        (root / name).touch()
-    (root / "log").mkdir(exist_ok=True)
-    for entry in bytes.fromhex(dialogue["received"][0]["fields"]["payload"]["data_hex"]).decode().split("\0"):
-        if entry.startswith("D"):
-            (root / entry[1:]).mkdir(exist_ok=True)
-        elif entry.startswith("F"):
-            name, size = entry[1:].split("\t")
-            with (root / name).open("wb") as file:
-                file.truncate(int(size))
-    with contextlib.suppress(FileExistsError):
-        (root / "test_data").symlink_to("log")
-
-
 UNRECORDED_STATES: dict[str, UnrecordedState] = {
     "air_takeoff_again": UnrecordedState("Already higher than takeoff altitude", _fly_to_altitude(14.0)),
     "air_setmode_auto_none": UnrecordedState("Climb to 10.0 meters above home", _fly_to_altitude(7.5)),
@@ -215,11 +197,6 @@ UNRECORDED_STATES: dict[str, UnrecordedState] = {
     "setmode_disarmed_posctl": UnrecordedState('"system_status": 2', _start_compass_calibration),
     "setmode_disarmed_base_29": UnrecordedState('"system_status": 2', _start_compass_calibration),
     "shell_again_after_exit": UnrecordedState("again_after_exit", _close_console),
-    **{
-        # hexadecimal "Fparameters.bson" and the tab before its size
-        name: UnrecordedState("46706172616d65746572732e62736f6e09", _create_listed_files)
-        for name in ("ftp_list_root_offset_5", "ftp_list_dot", "ftp_list_empty", "armed_ground_ftp_list")
-    },
     "offboard_air_no_stream": UnrecordedState('"custom_mode": 33816576', _start_take_off),
     **{
         name: UnrecordedState('"custom_mode": 50593792, "intended', _select_mode(*HOLD_MODE))

@@ -10,7 +10,7 @@ from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.goto import Goto, GotoControl
 from vehicle_sim.autopilot.land_detector import DetectorInputs, LandDetector, LandingThresholds
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.autopilot.navigator import LANDING_MODES, MODES_WITH_WAYPOINT, Navigator
+from vehicle_sim.autopilot.navigator import MODES_WITH_WAYPOINT, Navigator
 from vehicle_sim.autopilot.offboard import ControlMode, Offboard, Setpoint, SetpointKind, kind_for_controllers
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
@@ -278,7 +278,8 @@ class Autopilot:
         )
         if uses_external:
             self._motion[SETPOINT_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
-        if self._flies_by_sticks and commander.active in ATTITUDE_RATE_MODES:
+        if commander.active in ATTITUDE_RATE_MODES:
+            # Without stick input too: PX4 keeps the last stick positions, or centred sticks.
             self._stick_tasks.run(commander.active)
         elif external_below_trajectory:
             if self.offboard.level is not ControlLevel.TRAJECTORY:
@@ -317,8 +318,7 @@ class Autopilot:
         """Applies a setpoint of a uORB topic in any mode: the controllers use the newest setpoint.
 
         A mode with its own setpoints overwrites a trajectory, attitude or rate setpoint within a tick; the
-        controllers overwrite motor signals, thrust and torque within 4 ms. In PX4 a mode runs directly before
-        the position controller, so a trajectory setpoint that is received between two runs has no effect.
+        controllers overwrite motor signals, thrust and torque within 4 ms.
         """
         self.offboard.store_topic_setpoint(setpoint)
         commander, level = self.commander, setpoint.kind.level
@@ -333,7 +333,8 @@ class Autopilot:
         elif setpoint.kind in (SetpointKind.THRUST_TORQUE, SetpointKind.ACTUATORS):
             self._setpoints.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
         elif (
-            not (uses_external or self._setpoints.below_trajectory) and self.view.simulation.setpoints_applied
+            not (uses_external or self._setpoints.below_trajectory)
+            and self.view.simulation.takes_foreign_trajectory
         ):
             self._write_trajectory(setpoint)
 
@@ -419,7 +420,11 @@ def ground_task(
         task = ON_GROUND._replace(
             wait_start_s=takeoff.armed_at_s, wait_duration_s=view.parameter("COM_SPOOLUP_TIME")
         )
-    elif mode in LANDING_MODES and (in_ground_contact or state is TakeoffState.READY):
+    elif (
+        mode is not NavState.RTL
+        and navigator.lands_in(mode)
+        and (in_ground_contact or state is TakeoffState.READY)
+    ):
         task = ON_GROUND
     else:
         return None

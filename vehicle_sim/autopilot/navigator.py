@@ -16,13 +16,13 @@ from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.follow import Follow
 from vehicle_sim.autopilot.tasks.orbit import Circle, Orbit
+from vehicle_sim.autopilot.tasks.precision_landing import PrecisionLanding
 from vehicle_sim.autopilot.tasks.return_home import ReturnHome
 from vehicle_sim.autopilot.tick_arrays import Motion, SteadyTask, TickArrays
 from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
-LANDING_MODES = frozenset({NavState.LAND, NavState.PRECISION_LAND})
 HOLDING_MODES = frozenset({NavState.HOLD, NavState.VTOL_TAKEOFF})
 STOP_REACTION_S = 0.6
 """Delay before braking that PX4 assumes when it predicts the stopping position."""
@@ -30,7 +30,12 @@ MODES_WITHOUT_TASK = frozenset(
     {NavState.OFFBOARD, NavState.MANUAL, NavState.STABILIZED, NavState.ACRO, NavState.TERMINATION}
 )
 """Modes without a flight task, and so without a trajectory that the next mode could continue."""
-MODES_WITH_WAYPOINT = LANDING_MODES | {NavState.TAKEOFF, NavState.HOLD, NavState.MISSION, NavState.RTL}
+MODES_WITH_WAYPOINT = frozenset(
+    {
+        NavState.TAKEOFF, NavState.HOLD, NavState.MISSION, NavState.RTL, NavState.LAND,
+        NavState.PRECISION_LAND,
+    }
+)  # fmt: skip
 """Modes that fly to a position."""
 
 
@@ -55,6 +60,7 @@ class Navigator:
         self._climb = Climb(view, announcer, self.path, home)
         self._return = ReturnHome(view, announcer, self.path, home, plans, commands)
         self._orbit = Orbit(view, announcer, self.path, setpoints)
+        self._precision_landing = PrecisionLanding(view, self.path)
         self.follow = Follow(view, self.path, setpoints, home)
         self.fence = FenceWatch(view, announcer, home, plans)
         self.mission = Mission(view, announcer, self.path, home, plans, self.fence, commands, self._climb)
@@ -134,8 +140,6 @@ class Navigator:
             self.path.restart(in_air=in_air, continue_setpoint=previous not in MODES_WITHOUT_TASK)
             if mode in HOLDING_MODES and in_air:
                 self.path.target_ned_m, self.path.face_target = self._stopping_position(), True
-        if mode in LANDING_MODES:
-            self._landing_position = self._view.estimate.position_ned_m
         if mode is NavState.TAKEOFF:
             self._climb.enter()
         elif mode is NavState.RTL:
@@ -143,7 +147,10 @@ class Navigator:
             self._commands.park_gimbal()
             self._return.enter(self.mission.current)
         elif mode is NavState.LAND:
+            self._landing_position = self._view.estimate.position_ned_m
             self._commands.park_gimbal()
+        elif mode is NavState.PRECISION_LAND:
+            self._precision_landing.enter()
         elif mode is NavState.ORBIT:
             self._orbit.enter()
         elif mode is NavState.FOLLOW:
@@ -182,8 +189,10 @@ class Navigator:
 
         A landing at the current position has the altitude 0, as in PX4.
         """
-        if mode in LANDING_MODES:
+        if mode is NavState.LAND:
             return (*self._landing_position[:2], 0.0)
+        if mode is NavState.PRECISION_LAND:
+            return self._precision_landing.waypoint
         north, east, down = self.path.target_ned_m
         if mode not in MODES_WITH_WAYPOINT or north is None or east is None or down is None:
             return None
@@ -194,17 +203,17 @@ class Navigator:
         """Duration of a return from the current position [s]."""
         return self._return.duration_s(self.home.position_ned_m)
 
-    @property
-    def landing(self) -> bool:
-        """Whether the vehicle descends to land at the destination of a return."""
-        return self._return.landing
+    def lands_in(self, mode: NavState) -> bool:
+        """Whether the vehicle descends to land in this mode, but for a mission."""
+        if mode is NavState.PRECISION_LAND:
+            return self._precision_landing.landing
+        return mode is NavState.LAND or (mode is NavState.RTL and self._return.landing)
 
     def landed_state_in_air(self, mode: NavState) -> LandedState:
         """MAV_LANDED_STATE of a vehicle in the air."""
         if mode is NavState.TAKEOFF or (mode is NavState.MISSION and self.mission.taking_off):
             return LandedState.TAKEOFF
-        lands = mode in LANDING_MODES or (mode is NavState.RTL and self.landing)
-        if lands or (mode is NavState.MISSION and self.mission.landing):
+        if self.lands_in(mode) or (mode is NavState.MISSION and self.mission.landing):
             return LandedState.LANDING
         return LandedState.IN_AIR
 
@@ -224,7 +233,7 @@ class Navigator:
             return self.mission.taking_off
         if mode is NavState.FOLLOW:
             return self.follow.has_target  # the task climbs to at least 1 m above ground
-        if mode is NavState.RTL and self.landing:
+        if mode is NavState.RTL and self.lands_in(mode):
             return False
         if mode is NavState.HOLD:
             return self.path.starts_takeoff
@@ -235,8 +244,10 @@ class Navigator:
     def run(self, mode: NavState) -> None:
         """Runs one tick of the active mode, and writes the setpoints."""
         self.path.follow_resets()
-        if mode in LANDING_MODES:
+        if mode is NavState.LAND:
             self.path.descend()
+        elif mode is NavState.PRECISION_LAND:
+            self._precision_landing.run()
         elif mode is NavState.TAKEOFF:
             self._climb.run()
         elif mode is NavState.RTL:
@@ -260,7 +271,9 @@ class Navigator:
             return self.mission.steady_task()
         if mode is NavState.TAKEOFF:
             return self._climb.steady_task(altitude_radius_m=self._view.parameter("NAV_MC_ALT_RAD"))
-        return self.path.steady_task(Motion.DESCENT) if mode in LANDING_MODES else None
+        if mode is NavState.PRECISION_LAND:
+            return self._precision_landing.steady_task()
+        return self.path.steady_task(Motion.DESCENT) if mode is NavState.LAND else None
 
     @property
     def awaits_rally_check(self) -> bool:

@@ -40,6 +40,10 @@ class ArmingCheckReply:
     events: tuple[ExternalEvent, ...] = ()
 
 
+NO_REPLY = ArmingCheckReply(request_id=0, registration_id=0, can_run=False)
+"""Reply in a slot that has never had one, in PX4 a message of zeros: it counts for registration 0."""
+
+
 @dataclass(slots=True)
 class ArmingCheck:
     """One registered arming check."""
@@ -47,7 +51,10 @@ class ArmingCheck:
     mode: int = NONE
     """Navigation state of the component's mode; NONE: the check applies to every mode."""
     replaces: int = NONE
-    reply: ArmingCheckReply | None = None
+    reply: ArmingCheckReply = NO_REPLY
+    """The last reply in this slot, which may be that of the component that was registered here before."""
+    replied: bool = False
+    """Whether this component has replied."""
     misses: int = 0
     unresponsive: bool = False
     times_unresponsive: int = 0
@@ -61,7 +68,7 @@ class ArmingCheck:
         """Counts an unanswered request; True: the component has just become unresponsive."""
         self.misses += 1
         if self.unresponsive or self.misses <= (
-            TOLERATED_MISSES_BEFORE_REPLY if self.reply is None else TOLERATED_MISSES
+            TOLERATED_MISSES if self.replied else TOLERATED_MISSES_BEFORE_REPLY
         ):
             return False
         self.unresponsive = True
@@ -70,7 +77,7 @@ class ArmingCheck:
 
     def store_reply(self, reply: ArmingCheckReply) -> None:
         """Stores a reply; an unresponsive component becomes responsive again, at most RECOVERIES times."""
-        self.reply, self.misses = reply, 0
+        self.reply, self.replied, self.misses = reply, True, 0
         if self.times_unresponsive <= RECOVERIES:
             self.unresponsive = False
 
@@ -100,6 +107,8 @@ class ArmingChecks:
 
     def __init__(self) -> None:
         self._checks: dict[int, ArmingCheck] = {}
+        self._slots: dict[int, ArmingCheck] = {}
+        """The newest check of each slot, also after its removal."""
         self._replies: deque[ArmingCheckReply] = deque(maxlen=REPLY_QUEUE_LENGTH)
         self._answered: set[int] = set()
         self._request_id = 0
@@ -115,7 +124,9 @@ class ArmingChecks:
     def add(self, mode: int, replaces: int) -> int:
         """Registers a check in the first free slot; returns its registration id."""
         registration_id = next(slot for slot in range(SLOTS) if slot not in self._checks)
-        self._checks[registration_id] = ArmingCheck(mode, replaces)
+        previous = self._slots.get(registration_id)
+        check = ArmingCheck(mode, replaces, NO_REPLY if previous is None else previous.reply)
+        self._checks[registration_id] = self._slots[registration_id] = check
         return registration_id
 
     def remove(self, registration_id: int, mode: int) -> None:
@@ -168,24 +179,26 @@ class ArmingChecks:
                 del self._checks[registration_id]
 
     def health(self) -> ExternalHealth:
-        """Requirements and results of all checks."""
+        """Requirements and results of all checks.
+
+        As in PX4, the reply in a slot counts for the registration that it names, also before the component of
+        the slot has replied. So a component alone prevents arming until its first reply; the second and later
+        ones do not, nor does one in a slot in which another has replied that the vehicle can arm.
+        """
         if not self._checks:
             return NOTHING_REGISTERED
         requirements, unresponsive, not_armable, registered = BUILT_IN_REQUIREMENTS, 0, 0, 0
         events: list[tuple[int, ExternalEvent]] = []
-        for check in self._checks.values():
-            modes = check.modes if check.mode != NONE else EVERY_MODE
-            registered |= 0 if check.mode == NONE else 1 << check.mode
+        for slot in self._checks.values():
+            registered |= 0 if slot.mode == NONE else 1 << slot.mode
+            reply = slot.reply
+            check = self._slots[reply.registration_id]
             if check.unresponsive:
-                unresponsive |= 1 << check.mode
-            elif check.reply is None:
-                not_armable |= modes
-            else:
-                if check.mode != NONE:
-                    requires = check.reply.requires
-                    requirements = with_external_mode(
-                        requirements, modes, requires, can_run=check.reply.can_run
-                    )
-                not_armable |= 0 if check.reply.can_run else modes
-                events += [(modes, event) for event in check.reply.events]
+                unresponsive |= 0 if check.mode == NONE else 1 << check.mode
+                continue
+            modes = check.modes if check.mode != NONE else EVERY_MODE
+            if check.mode != NONE and slot.replied:
+                requirements = with_external_mode(requirements, modes, reply.requires, can_run=reply.can_run)
+            not_armable |= 0 if reply.can_run else modes
+            events += [(modes, event) for event in reply.events]
         return ExternalHealth(requirements, unresponsive, not_armable, registered, tuple(events))

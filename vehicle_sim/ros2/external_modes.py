@@ -173,7 +173,7 @@ class _CompletedModes:
 
     def _has_completed(self, active: NavState) -> bool:
         if active is NavState.RTL:
-            return self._commander.landed and self._navigator.landing
+            return self._commander.landed and self._navigator.lands_in(active)
         return active is NavState.MISSION and self._navigator.mission.finished
 
     def _landing_due(self) -> bool:

@@ -19,8 +19,8 @@ TICK_US = 20_000
 TIMESYNC_US, TRIPLET_US = 1_000_000, 50_000
 DDS_PROTOCOL = 2
 """TimesyncStatus.SOURCE_PROTOCOL_DDS."""
-SETPOINT_TYPES = {NavState.TAKEOFF: 3, NavState.HOLD: 2, NavState.LAND: 4, NavState.PRECISION_LAND: 4}
-"""PositionSetpoint.type of a mode's waypoint; in other modes the waypoint is a position to fly to (0)."""
+SETPOINT_TYPES, LANDING_TYPE = {NavState.TAKEOFF: 3, NavState.HOLD: 2}, 4
+"""PositionSetpoint.type of a mode's waypoint, and of a landing; else it is a position to fly to (0)."""
 DEFAULT_SETPOINT = {
     "type": 5, "loiter_radius": 80.0, "acceptance_radius": 2.0, "cruising_speed": -1.0,
     "cruising_throttle": math.nan, "lat": math.nan, "lon": math.nan, "yaw": math.nan,
@@ -173,7 +173,8 @@ class Outputs:
     def _publish_triplet(self, now_us: int) -> None:
         """Publishes the waypoint when it or its type changes, and while disarmed also at 20 Hz."""
         commander, waypoint = self._autopilot.commander, self._autopilot.waypoint
-        setpoint_type = SETPOINT_TYPES.get(commander.active, 0)
+        lands = self._autopilot.navigator.lands_in(commander.active)
+        setpoint_type = LANDING_TYPE if lands else SETPOINT_TYPES.get(commander.active, 0)
         published = None if waypoint is None else (waypoint, setpoint_type)
         if published == self._published_waypoint and (commander.armed or now_us < self._next_triplet_at_us):
             return

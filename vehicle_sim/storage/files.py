@@ -16,6 +16,8 @@ from pathlib import Path, PurePosixPath
 
 DIRECTORY_SIZE = 4096
 """Size that PX4 on Linux reports for a directory opened as a file."""
+FOLDERS, LINKS = ("eeprom", "log"), frozenset({"test_data"})
+"""Folders that PX4 makes at its start, and links into its build, which are listed but lead nowhere."""
 
 
 class PathOutsideError(OSError):
@@ -37,15 +39,23 @@ class VehicleFiles:
         self._folder = folder
         self._built_in = dict(built_in or {})
         self._contents: dict[str, bytes] = {}
+        self._changing: frozenset[str] = frozenset()
 
     @cached_property
     def root(self) -> Path:
-        """The folder; created on first use."""
-        if self._folder is None:
+        """The folder; created on first use, with FOLDERS in it."""
+        root = self._folder
+        if root is None:
             self._temporary = tempfile.TemporaryDirectory(prefix="vehicle-sim-", ignore_cleanup_errors=True)
-            return Path(self._temporary.name).resolve()
-        self._folder.mkdir(parents=True, exist_ok=True)
-        return self._folder.resolve()
+            root = Path(self._temporary.name)
+        for folder in FOLDERS:
+            (root / folder).mkdir(parents=True, exist_ok=True)
+        return root.resolve()
+
+    def add_changing(self, files: Mapping[str, Callable[[], bytes]]) -> None:
+        """Adds read-only files whose content may change: it is created at each access."""
+        self._built_in |= files
+        self._changing |= files.keys()
 
     def listing(self, path: str) -> list[tuple[str, int | None]]:
         """(name, size) of a directory's entries, sorted by name; size None for a directory.
@@ -54,7 +64,7 @@ class VehicleFiles:
             OSError: the directory does not exist.
         """
         directory = _relative_path(path)
-        entries: dict[str, int | None] = {}
+        entries: dict[str, int | None] = {} if directory else dict.fromkeys(LINKS)
         prefix = f"{directory}/" if directory else ""
         for file_path in self._built_in:
             if file_path.startswith(prefix):
@@ -75,7 +85,7 @@ class VehicleFiles:
         The folder of the built-in files counts as a link, because `etc` is a link in PX4's simulation.
         """
         directory = _relative_path(path)
-        if not directory and self._is_built_in_directory(name):
+        if not directory and (name in LINKS or self._is_built_in_directory(name)):
             return True
         return (self.root / directory / name).is_symlink()
 
@@ -176,7 +186,7 @@ class VehicleFiles:
             shutil.rmtree(self._writable_path(path))
 
     def _content(self, relative: str) -> bytes:
-        if relative not in self._contents:
+        if relative not in self._contents or relative in self._changing:
             self._contents[relative] = self._built_in[relative]()
         return self._contents[relative]
 

@@ -90,10 +90,14 @@ def general_crc(file: bytes) -> int:
     return crc32(lzma.decompress(file))
 
 
+DATAMAN_BYTES = 1_208_528
+"""Size of PX4's store of missions, fences and rally points."""
 BUILT_IN: dict[str, Callable[[], bytes]] = {
+    "dataman": lambda: bytes(DATAMAN_BYTES),
     GENERAL: lambda: lzma.compress(_general_document(), check=lzma.CHECK_CRC32),
     PARAMETERS: _parameters_file,
     EVENTS: _events_file,
     ACTUATORS: _actuators_file,
 }
-"""Functions that create the content of the documents' files, by path."""
+"""Functions that create the content of the files of every vehicle, by path: the documents, and the store of
+missions, whose records are not simulated (all bytes are zero)."""

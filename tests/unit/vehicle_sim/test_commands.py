@@ -92,11 +92,17 @@ def test_a_mode_change_takes_effect_before_the_command_sent_after_it(hovering_st
     assert hovering_station.active_mode == HOLD_MODE
 
 
-def test_a_precision_landing_is_reported_as_landing(hovering_station):
+def test_a_precision_landing_without_a_target_searches_before_it_is_reported_as_landing(hovering_station):
     begin_s = hovering_station.now_s
+    hovering_station.sim.set_parameter(0, "PLD_SRCH_ALT", 7.0)
     hovering_station.command(SET_MODE, 1, 4, 9)
-    hovering_station.run(1.0)
-    assert hovering_station.received("EXTENDED_SYS_STATE", since_s=begin_s)[-1].landed_state == 4
+    hovering_station.run(11.5)
+    assert {m.landed_state for m in hovering_station.received("EXTENDED_SYS_STATE", since_s=begin_s)} == {2}
+    assert hovering_station.height_m == pytest.approx(7.0, abs=0.7)
+    hovering_station.run(2.0)
+    assert hovering_station.received("EXTENDED_SYS_STATE")[-1].landed_state == 4
+    hovering_station.run(25.0)
+    assert not hovering_station.sim.autopilots[0].commander.armed
 
 
 def test_a_change_of_altitude_ends_a_go_to_and_is_flown_at_the_current_position(hovering_station):

@@ -164,6 +164,28 @@ def test_a_check_without_a_mode_is_removed_when_its_component_is_unresponsive():
     assert registry.health().not_armable == 0
 
 
+def test_before_its_first_reply_a_component_counts_as_the_last_reply_in_its_slot_says():
+    registry = Registry()
+    check = Registration("A", arming_check=True)
+    registry.register(check)
+    registry.run(0.5, reply_function())
+    registry.unregister("A", 0, -1)
+    registry.register(check)
+    registry.run(0.012)
+    assert registry.health().not_armable == 0, "the slot still has a reply that the vehicle can arm"
+    registry.register(Registration("B", arming_check=True))
+    assert registry.health().not_armable == 0xFFFFFFFF, "zeros in a new slot count for registration 0"
+
+
+def test_a_second_component_that_has_not_replied_counts_for_the_first_registration():
+    registry = Registry()
+    registry.register_mode("M")
+    registry.run(0.5, reply_function())
+    registry.register(Registration("A", arming_check=True))
+    registry.run(0.012)
+    assert registry.health().not_armable == 1 << 23
+
+
 def test_only_the_last_four_simultaneous_replies_count():
     registry = Registry()
     for n in range(5):

@@ -1,6 +1,7 @@
 """MAVLink FTP: replies, errors, bursts and repeated requests, as recorded from a PX4."""
 
 import lzma
+import struct
 
 import pytest
 
@@ -39,6 +40,26 @@ def test_a_file_is_created_written_read_listed_renamed_and_removed(client):
     assert client.request_one(ftp.REMOVE, b"d/b.txt") == (ftp.ACK, b"")
     assert client.request_one(ftp.REMOVE, b"d/b.txt") == (ftp.NAK, bytes((ftp.FILE_NOT_FOUND,)))
     assert client.request_one(ftp.REMOVE_DIRECTORY, b"d") == (ftp.ACK, b"")
+
+
+def test_the_vehicles_folder_has_px4s_files_folders_and_links(client):
+    reply, data = client.request_one(ftp.LIST, b"/")
+    entries = [entry.split("\t")[0] for entry in data.decode().split("\0")]
+    assert reply == ftp.ACK
+    assert sorted(entries) == sorted(
+        ["S"] * 4 + ["Dlog", "Deeprom", "Fdataman", "Fparameters.bson", "Fparameters_backup.bson", ""]
+    )
+    assert "Fdataman\t1208528" in data.decode()
+
+
+def test_the_parameter_file_holds_what_was_set():
+    sim = SimulatedFleet()
+    before = sim.files[0].read("parameters.bson", 0, 4096)
+    sim.set_parameter(0, "MIS_TAKEOFF_ALT", 7.5)
+    content = sim.files[0].read("parameters.bson", 0, 4096)
+    assert len(before) < int.from_bytes(content[:4], "little") == len(content)
+    assert b"\x01MIS_TAKEOFF_ALT\0" + struct.pack("<d", 7.5) in content
+    assert b"\x10SYS_AUTOSTART\0" + struct.pack("<i", 10040) in content
 
 
 @pytest.mark.parametrize(
@@ -157,6 +178,6 @@ def test_a_directory_longer_than_one_message_is_listed_by_offset(client):
             break
         entries += data.split(b"\0")[:-1]
     assert data == bytes((ftp.END_OF_FILE,))
-    assert [entry for entry in entries if entry.startswith(b"D")] == [
+    assert [entry for entry in entries if entry.startswith(b"Ddirectory")] == [
         f"Ddirectory_{n:02}".encode() for n in range(40)
     ]

@@ -12,7 +12,8 @@ from vehicle_sim.control.setpoints import ControlLevel
 NAN = math.nan
 NAN3 = [NAN, NAN, NAN]
 SET_MODE, OFFBOARD = 176, (1.0, 6.0)
-POSITION_MODE, HOLD_MODE, OFFBOARD_MODE = 2, 4, 14
+POSITION_MODE, HOLD_MODE, OFFBOARD_MODE, LAND_MODE = 2, 4, 14, 18
+LAND = 21
 CONTROL_MODE, TRAJECTORY = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_setpoint"
 ATTITUDE, RATES = "/fmu/in/vehicle_attitude_setpoint", "/fmu/in/vehicle_rates_setpoint"
 THRUST, TORQUE = "/fmu/in/vehicle_thrust_setpoint", "/fmu/in/vehicle_torque_setpoint"
@@ -136,6 +137,20 @@ def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(hoveri
     assert 0.1 < moved_m[0] < 0.8
     assert 1.0 < moved_m[1] < 2.5  # PX4 overwrites two thirds of the setpoints before it uses them
     assert abs(hovering_vehicle.position_ned_m[0]) < 0.5
+
+
+def test_a_stream_at_50_hz_that_goes_on_after_land_lets_the_vehicle_sink_but_not_land(hovering_vehicle):
+    setpoint = control_mode("position"), trajectory((0.0, 0.0, -4.0))
+    switch_to_offboard(hovering_vehicle, *setpoint)
+    hovering_vehicle.stream(5.0, 50.0, *setpoint)
+    hovering_vehicle.command(LAND, 0.0)
+    hovering_vehicle.stream(20.0, 50.3, *setpoint)  # not in step with the vehicle's clock, as in a flight
+    assert hovering_vehicle.position_ned_m[2] > -1.5
+    hovering_vehicle.stream(10.0, 50.3, *setpoint)
+    status = hovering_vehicle.newest_fields("/fmu/out/vehicle_status_v1")
+    assert (status["nav_state"], status["arming_state"]) == (LAND_MODE, 2)
+    hovering_vehicle.run(15.0)
+    assert hovering_vehicle.newest_fields("/fmu/out/vehicle_status_v1")["arming_state"] == 1
 
 
 def test_setpoints_do_not_move_a_disarmed_vehicle_and_are_not_flown_after_arming():

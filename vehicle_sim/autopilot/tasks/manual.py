@@ -78,10 +78,10 @@ class StickTasks:
         PX4 keeps the flight task and its speed setpoints while the vehicle stops.
 
         Returns:
-            False if the last tick did not run this mode, or if its sticks control attitude or rates.
+            False if the last tick did not run this mode.
         """
         now_s = self._view.time_s
-        if mode in ATTITUDE_RATE_MODES or mode is not self._mode or now_s - self._last_run_at_s > MAX_GAP_S:
+        if mode is not self._mode or now_s - self._last_run_at_s > MAX_GAP_S:
             return False
         self._last_run_at_s = now_s
         self._setpoints.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))
