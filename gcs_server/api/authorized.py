@@ -4,13 +4,15 @@ writes a journal line. A command that moves a vehicle runs as an operation."""
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Generator, Sequence
+from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TypeVar
 
 from starlette.requests import HTTPConnection, Request
 
+from gcs_server.api.permission import check_permission
+from gcs_server.api.principals import principal_of
 from gcs_server.api.station import Station
 from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
@@ -66,7 +68,7 @@ def authorized_command(
     principal: Principal,
     name: str,
     vehicle_id: str | None,
-    arguments: dict[str, object],
+    arguments: dict[str, object] | Callable[[], dict[str, object]],
     *,
     refusal: GcsError | None = None,
 ) -> Generator[AcceptedCommand]:
@@ -78,7 +80,7 @@ def authorized_command(
         principal: the caller.
         name: the command's row in `control/commands.py`.
         vehicle_id: the commanded vehicle; None for commands to no vehicle or to several.
-        arguments: arguments of the command, written to the journal.
+        arguments: arguments of the command, written to the journal; or returns them if they are written.
         refusal: error of an earlier check; raised here, so that the journal contains the refusal.
 
     Raises:
@@ -118,16 +120,33 @@ def authorized_command(
         if name == SETPOINT and result in ("ok", "not_in_control"):
             _write_setpoint_line(station, principal, vehicle_id or "", arguments, outcome)
         else:
-            station.journal.add(principal.name, name, vehicle_id, plain(arguments), *outcome)
+            written = arguments() if callable(arguments) else arguments
+            station.journal.add(principal.name, name, vehicle_id, plain(written), *outcome)
 
 
 _caller: ContextVar[Request | None] = ContextVar("caller", default=None)
 """The request that is being answered; None: the route was called without HTTP."""
 
 
-async def note_caller(connection: HTTPConnection) -> None:
-    """Dependency of all routes: notes the request, so that `as_operation` sees the end of its connection."""
-    _caller.set(connection if isinstance(connection, Request) else None)
+async def enter(connection: HTTPConnection) -> AsyncGenerator[None]:
+    """Dependency of all routes, and the only one, because each costs a setpoint a tenth of a millisecond:
+    checks the permission, notes the request, so that `as_operation` sees the end of its connection, and
+    renews the caller's control of vehicles until the request is answered. A WebSocket keeps control only if
+    its route says so.
+
+    Raises:
+        NotPermitted: the caller's role does not include the command.
+    """
+    await check_permission(connection)
+    authority, principal = connection.app.state.station.authority, principal_of(connection)
+    if isinstance(connection, Request):
+        _caller.set(connection)
+        with authority.answering(principal):
+            yield
+    else:
+        _caller.set(None)
+        authority.renew(principal)
+        yield
 
 
 async def as_operation(
@@ -215,7 +234,7 @@ def _write_setpoint_line(
     station: Station,
     principal: Principal,
     vehicle_id: str,
-    arguments: dict[str, object],
+    arguments: dict[str, object] | Callable[[], dict[str, object]],
     outcome: tuple[str, str | None, float],
 ) -> None:
     """Writes one journal line per second for a stream of setpoints: the newest setpoint, and the number of
@@ -230,5 +249,6 @@ def _write_setpoint_line(
         station.setpoint_lines[key] = (last_s, count + 1)
         return
     station.setpoint_lines[key] = (now_s, 0)
-    arguments = {**plain(arguments), "setpoints_since_last_line": count + 1}
-    station.journal.add(principal.name, SETPOINT, vehicle_id, arguments, *outcome)
+    written = arguments() if callable(arguments) else arguments
+    line: dict[str, object] = {**plain(written), "setpoints_since_last_line": count + 1}
+    station.journal.add(principal.name, SETPOINT, vehicle_id, line, *outcome)

@@ -10,7 +10,7 @@ from fastapi.routing import iter_route_contexts
 from starlette.exceptions import WebSocketException
 from starlette.requests import HTTPConnection
 
-from gcs_server.api.principals import PrincipalDep
+from gcs_server.api.principals import principal_of
 from gcs_server.control.commands import BY_CALL, Command
 from gcs_server.control.principal import Principal
 from gcs_server.errors import NotPermitted
@@ -60,13 +60,13 @@ def require_permission(principal: Principal, command: Command) -> None:
         raise NotPermitted(str(principal), command.name, command.permission)
 
 
-async def check_permission(connection: HTTPConnection, principal: PrincipalDep) -> None:
-    """Dependency of every route; a refusal is written to the journal.
+async def check_permission(connection: HTTPConnection) -> None:
+    """Checks the permission for the matched route; a refusal is written to the journal.
 
     Raises:
         NotPermitted: the caller's role does not include the command.
     """
-    command = command_of(connection)
+    command, principal = command_of(connection), principal_of(connection)
     try:
         require_permission(principal, command)
     except NotPermitted as error:

@@ -15,11 +15,10 @@ from starlette.routing import BaseRoute
 
 from gcs_server import api
 from gcs_server.api import problems, reference_page
-from gcs_server.api.authorized import note_caller
+from gcs_server.api.authorized import enter
 from gcs_server.api.described import describe_plans, describe_refusals, flatten_unions, rename_schemas
 from gcs_server.api.permission import check_permission
 from gcs_server.api.setpoints import SCHEMA_NAMES
-from gcs_server.api.station import renew_control
 from gcs_server.control.commands import API, BY_CALL
 from gcs_server.version import __version__
 
@@ -76,7 +75,7 @@ class _DocumentedApp(FastAPI):
 
 
 PERMISSION_CHECK = [Depends(check_permission)]
-"""Checks the permission before every route."""
+"""Checks the permission before the routes that are not below /api/v1."""
 
 
 @functools.cache
@@ -84,9 +83,9 @@ def api_routes(*, described: bool = False) -> tuple[BaseRoute, ...]:
     """The routes, created once for all applications, because this takes half a second.
     `dependency_overrides` of an application have no effect on them.
     """
-    dependencies = [*PERMISSION_CHECK, Depends(renew_control), Depends(note_caller)]
     # Directly in the application, because each nested router costs time per request.
-    routes = [route for part in PARTS for route in part.router.build(API, dependencies, described=described)]
+    entered = [Depends(enter)]
+    routes = [route for part in PARTS for route in part.router.build(API, entered, described=described)]
     return (*routes, *reference_page.router.build("", PERMISSION_CHECK, described=described))
 
 

@@ -275,5 +275,5 @@ async def apply_setpoint(
     station: Station, principal: Principal, vehicle_id: str, body: SetpointRequest
 ) -> OffboardStatus:
     """Applies one setpoint, from HTTP or WebSocket."""
-    with authorized_command(station, principal, "offboard/setpoint", vehicle_id, body.arguments()):
+    with authorized_command(station, principal, "offboard/setpoint", vehicle_id, body.arguments):
         return await station.offboard(vehicle_id).setpoint(body.to_stream_request(principal))

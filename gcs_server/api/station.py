@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,6 @@ from typing import Annotated
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.request_queue import LargeSetpoints, RequestQueue
 from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
@@ -91,19 +90,6 @@ async def get_station(connection: HTTPConnection) -> Station:
 
 
 StationDep = Annotated[Station, Depends(get_station)]
-
-
-async def renew_control(
-    connection: HTTPConnection, station: StationDep, principal: PrincipalDep
-) -> AsyncGenerator[None]:
-    """Dependency of all routes: each request renews the caller's control of vehicles until it is answered.
-    A WebSocket keeps control only if its route says so."""
-    if connection.scope["type"] == "websocket":
-        station.authority.renew(principal)
-        yield
-    else:
-        with station.authority.answering(principal):
-            yield
 
 
 async def get_vehicle(v: str, station: StationDep) -> Vehicle:

@@ -143,6 +143,8 @@ def preferred_endpoints(endpoints: Sequence[Endpoint], protocol: str) -> Sequenc
     which supports all kinds of setpoints; they use MAVLink if the server does not know the versions of the
     vehicle's ROS 2 topics for commands and setpoints.
     """
+    if len(endpoints) < 2:
+        return endpoints
     candidates = [e for e in endpoints if protocol != ROS2 or not _has_unusable_inputs(e)]
     matching = [e for e in candidates if e.connection.protocol == protocol]
     if not matching and len(candidates) < len(endpoints):

@@ -1,13 +1,16 @@
 """Which client may command a vehicle: refusals send nothing; Hold, Land now and Stop motors work for all."""
 
 import contextlib
+from types import SimpleNamespace
 
 import pytest
-from starlette.requests import HTTPConnection
+from starlette.requests import HTTPConnection, Request
 
 from gcs_server.api import command_routes, control_models, control_routes, models, offboard_routes
+from gcs_server.api.authorized import enter
+from gcs_server.api.principals import SCOPE_KEY
 from gcs_server.api.setpoints import SetpointRequest
-from gcs_server.api.station import renew_control
+from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import (
@@ -34,6 +37,12 @@ from vehicle_sim.mavlink import generated_dialect as sim
 SETPOINT = SetpointRequest.model_validate(
     {"setpoint": {"type": "position", "position_ned_m": [0, 0, -6]}, "valid_for_s": 60}
 )
+
+
+def scope_of(station, kind):
+    """The scope of a connection of ANNA, for a route that takes control."""
+    state = SimpleNamespace(station=station, commands={None: BY_NAME["control/take"]})
+    return {"type": kind, "app": SimpleNamespace(state=state), "endpoint": None, SCOPE_KEY: ANNA}
 
 
 def control_changes(vehicle):
@@ -167,7 +176,7 @@ def test_any_request_renews_control_and_leaving_releases_control(run_simulated):
 def test_a_long_request_keeps_its_clients_control_until_it_is_answered(run_simulated):
     async def scenario(rig):
         await control_routes.take("1", rig.station, ANNA)
-        request = renew_control(HTTPConnection({"type": "http"}), rig.station, ANNA)
+        request = enter(Request(scope_of(rig.station, "http")))
         await anext(request)
         await sleep(100)
         assert rig.station.authority.controlled_by(ANNA) == ["1"]
@@ -176,7 +185,7 @@ def test_a_long_request_keeps_its_clients_control_until_it_is_answered(run_simul
         assert rig.station.authority.controlled_by(ANNA) == ["1"]
         await sleep(2)
         assert rig.station.authority.controlled_by(ANNA) == []
-        socket = renew_control(HTTPConnection({"type": "websocket"}), rig.station, ANNA)
+        socket = enter(HTTPConnection(scope_of(rig.station, "websocket")))
         await control_routes.take("1", rig.station, ANNA)
         await anext(socket)
         await sleep(31)
