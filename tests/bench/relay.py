@@ -68,10 +68,10 @@ class Relay:
         """Arrival times of the setpoints of each vehicle."""
         return list(self.arrivals_s().values())
 
-    def sent_at_s(self, north_m: float, skip: int) -> float | None:
-        """Arrival time of a local setpoint with this position; skips the first `skip` setpoints."""
+    def sent_at_s(self, north_m: float) -> float | None:
+        """Arrival time of the first local setpoint with this position."""
         expected_north = struct.pack("<f", north_m)
-        for arrival_s, frame in self.setpoints[skip:]:
+        for arrival_s, frame in self.setpoints:
             if int.from_bytes(frame[7:10], "little") == LOCAL_NED and frame[14:18] == expected_north:
                 return arrival_s
         return None

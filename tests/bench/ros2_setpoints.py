@@ -16,7 +16,7 @@ from tests.station import FIRST_TEST_INSTANCE, free_port, running_server, runnin
 from .process import load_average, quantiles_ms, tree_cpu_s
 from .relay import Relay
 from .ros2_tap import Ros2Tap
-from .setpoints import SETPOINTS, SetpointRecorder, latencies_s, rest_and_websocket
+from .setpoints import SETPOINTS, SetpointRecorder, latencies_s
 from .stream import lateness_s
 
 RATE_HZ = 100.0
@@ -31,10 +31,6 @@ class Tap(SetpointRecorder, Protocol):
 
     def streams_s(self) -> list[list[float]]:
         """Times of the setpoints of each vehicle."""
-        ...
-
-    def clear(self) -> None:
-        """Deletes the recorded setpoints."""
         ...
 
 
@@ -56,7 +52,7 @@ class Measurement:
     load: str
     streams_s: list[list[float]]
     latency_s: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
-    """Latencies from the client's call, by API (REST or WebSocket), of one vehicle."""
+    """Latencies from the client's call, by API, of one vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +125,7 @@ def measure(station: Station, vehicles: int) -> Measurement:
         time.sleep(WINDOW_S)
         measurement = Measurement(idle, streaming, load_average(), [list(each) for each in tap.streams_s()])
         if vehicles == 1:
-            with rest_and_websocket(station.url) as apis:
-                for number, (api, send) in enumerate(apis.items()):
-                    measurement.latency_s[api] = latencies_s(tap, send, 1 + 10_000 * number)
+            measurement.latency_s = latencies_s(tap, station.url)
         return measurement
 
 

@@ -65,13 +65,11 @@ class Ros2Tap:
         """Times of the setpoints recorded so far, of each vehicle."""
         return list(self._sent_s.values())
 
-    def sent_at_s(self, north_m: float, skip: int) -> float | None:
-        """Time of the first setpoint with this position; the first `skip` recorded setpoints are skipped."""
+    def sent_at_s(self, north_m: float) -> float | None:
+        """Time of the first setpoint with this position."""
         expected_north = struct.pack("<f", north_m)
         times_s = (
-            at_s
-            for at_s, cdr in self.setpoints[skip:]
-            if cdr[NORTH_OFFSET : NORTH_OFFSET + 4] == expected_north
+            at_s for at_s, cdr in self.setpoints if cdr[NORTH_OFFSET : NORTH_OFFSET + 4] == expected_north
         )
         return next(times_s, None)
 

@@ -1,12 +1,18 @@
-"""Time from a client's setpoint to its datagram to the vehicle: over REST and over a WebSocket."""
+"""Time from a client's setpoint to its datagram to the vehicle: over REST and over a WebSocket.
+
+The client is a program of its own (`python -m tests.bench.setpoints URL`), because the relay in the bench's
+process would delay it. It calls health, REST and the WebSocket in turn: after a pause of 20 ms the same call
+takes several times as long as without a pause, so only calls at the same pace can be compared.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import struct
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import httpx
@@ -22,58 +28,25 @@ SETPOINTS = 400
 PERIOD_S = 0.02
 LOST_AFTER_S = 1.0
 CLIENT_HEADERS = {"X-Client": "bench", "X-Client-Id": "bench"}
-
-
-def setpoint_request(north_m: float) -> dict[str, object]:
-    """A position setpoint; `north_m` is different for each setpoint of the run."""
-    setpoint = {"type": "position", "position_ned_m": [north_m, 0, -5], "yaw_ned_rad": 0}
-    return {"setpoint": setpoint, "valid_for_s": 60}
+Send = Callable[[dict[str, object]], None]
+ALONE = "REST alone (health), until the answer"
 
 
 class SetpointRecorder(Protocol):
     """Records the setpoints on their way to a vehicle."""
 
-    @property
-    def setpoints(self) -> Sequence[object]:
-        """The setpoints recorded so far."""
+    def sent_at_s(self, north_m: float) -> float | None:
+        """Time of the first setpoint with this position. None: not found."""
         ...
 
-    def sent_at_s(self, north_m: float, skip: int) -> float | None:
-        """Time of a setpoint with this position; ignores the first `skip` setpoints. None: not found."""
+    def clear(self) -> None:
+        """Deletes the recorded setpoints."""
         ...
 
 
-Send = Callable[[dict[str, object]], None]
-
-
-def wait_for_setpoint(recorder: SetpointRecorder, skip: int, north_m: float) -> float | None:
-    """Time of a setpoint with that position; None if none was sent in time."""
-    end_s = time.monotonic() + LOST_AFTER_S
-    while time.monotonic() < end_s:
-        at_s = recorder.sent_at_s(north_m, skip)
-        if at_s is not None:
-            return at_s
-        time.sleep(0.0005)
-    return None
-
-
-def latencies_s(recorder: SetpointRecorder, send: Send, first_index: int) -> list[float]:
-    """Latencies of `SETPOINTS` setpoints, 50 per second."""
-    latencies: list[float] = []
-    for index in range(first_index, first_index + SETPOINTS):
-        north_m = struct.unpack("<f", struct.pack("<f", index / 1000.0))[0]  # as a 32-bit float
-        skip, sent_s = len(recorder.setpoints), time.monotonic()
-        send(setpoint_request(north_m))
-        recorded_s = wait_for_setpoint(recorder, skip, north_m)
-        if recorded_s is not None:
-            latencies.append(recorded_s - sent_s)
-        time.sleep(max(0.0, sent_s + PERIOD_S - time.monotonic()))
-    return latencies
-
-
-@contextlib.contextmanager
-def rest_and_websocket(url: str) -> Generator[dict[str, Send]]:
-    """Functions that send a setpoint over REST and over a WebSocket, to a stream of vehicle 101."""
+def send_setpoints(url: str) -> list[tuple[str, float, float, float]]:
+    """Calls each API `SETPOINTS` times; returns API, north of the setpoint [m], start and end of each call
+    [s, monotonic]."""
     path = "/api/v1/vehicles/101/offboard"
     with (
         httpx.Client(base_url=url, headers=CLIENT_HEADERS, timeout=10) as http,
@@ -87,12 +60,43 @@ def rest_and_websocket(url: str) -> Generator[dict[str, Send]]:
             socket.send(json.dumps(body))
             assert "applied" in json.loads(socket.recv(timeout=LOST_AFTER_S))
 
-        post(setpoint_request(0.0))
-        yield {"REST": post, "WebSocket": send}
+        def health(_: dict[str, object]) -> None:
+            http.get("/api/v1/health").raise_for_status()
+
+        apis: dict[str, Callable[[dict[str, object]], None]] = {
+            ALONE: health,
+            "REST": post,
+            "WebSocket": send,
+        }
+        calls: list[tuple[str, float, float, float]] = []
+        for index in range(1, 3 * SETPOINTS + 1):
+            api = list(apis)[index % 3]
+            north_m = struct.unpack("<f", struct.pack("<f", index / 1000.0))[0]  # as a 32-bit float
+            setpoint = {"type": "position", "position_ned_m": [north_m, 0, -5], "yaw_ned_rad": 0}
+            began_s = time.monotonic()
+            apis[api]({"setpoint": setpoint, "valid_for_s": 60})
+            calls.append((api, north_m, began_s, time.monotonic()))
+            time.sleep(max(0.0, began_s + PERIOD_S - time.monotonic()))
+        return calls
+
+
+def latencies_s(recorder: SetpointRecorder, url: str) -> dict[str, list[float]]:
+    """Latencies of the setpoints by API, and durations of the health requests between them; vehicle 101 has a
+    stream."""
+    recorder.clear()
+    command = [sys.executable, "-m", "tests.bench.setpoints", url]
+    calls = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    time.sleep(LOST_AFTER_S)
+    latencies: dict[str, list[float]] = {}
+    for api, north_m, began_s, ended_s in calls:
+        until_s = ended_s if api == ALONE else recorder.sent_at_s(north_m)
+        if until_s is not None:
+            latencies.setdefault(api, []).append(until_s - began_s)
+    return latencies
 
 
 def measure() -> dict[str, list[float]]:
-    """Latencies by API (REST or WebSocket)."""
+    """Latencies by API (REST or WebSocket), and of REST alone."""
     link_port = free_port()
     with (
         Relay(link_port) as relay,
@@ -101,19 +105,21 @@ def measure() -> dict[str, list[float]]:
         SyncGcs(url, client="bench", client_id="bench") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True)
-        with (
-            drone.offboard(position_ned_m=(0.0, 0.0, -5.0), valid_for_s=60),
-            rest_and_websocket(url) as apis,
-        ):
-            return {
-                api: latencies_s(relay, send, 1 + 10_000 * number)
-                for number, (api, send) in enumerate(apis.items())
-            }
+        with drone.offboard(position_ned_m=(0.0, 0.0, -5.0), valid_for_s=60):
+            return latencies_s(relay, url)
 
 
 def table() -> Iterator[str]:
     """Rows of Markdown."""
-    yield "| API | load average | setpoints | ms to the datagram: p50 / p99 / max |"
-    yield "|---|---|---|---|"
-    for api, latencies in measure().items():
-        yield f"| {api} | {load_average()} | {len(latencies)} of {SETPOINTS} | {quantiles_ms(latencies)} |"
+    yield "| API | load average | calls | ms to the datagram: p50 / p99 / max | p50 / p50 of REST alone |"
+    yield "|---|---|---|---|---|"
+    measured = {api: sorted(each) for api, each in measure().items()}
+    alone_s = measured[ALONE][len(measured[ALONE]) // 2]
+    for api, latencies in measured.items():
+        ratio = latencies[len(latencies) // 2] / alone_s
+        cells = f"{len(latencies)} of {SETPOINTS} | {quantiles_ms(latencies)} | {ratio:.2f}"
+        yield f"| {api} | {load_average()} | {cells} |"
+
+
+if __name__ == "__main__":
+    print(json.dumps(send_setpoints(sys.argv[1])))
