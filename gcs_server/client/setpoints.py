@@ -4,7 +4,7 @@ given"."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Literal
+from typing import Literal, TypedDict, Unpack
 
 ExpiryAction = Literal["hold", "land", "stop_stream"]
 """Action when a setpoint expires."""
@@ -16,171 +16,110 @@ PathPoints = Iterable[tuple[float, Sequence[float]] | tuple[float, Sequence[floa
 have a yaw, or none."""
 
 
+class Yaw(TypedDict, total=False):
+    """The yaw of a setpoint; omitted: the vehicle keeps its yaw."""
+
+    yaw_ned_rad: float | None
+    """From north, clockwise [rad]."""
+    yaw_rate_ned_rad_s: float | None
+    """[rad/s]."""
+
+
+class Altitude(Yaw, total=False):
+    """Exactly one altitude, and the yaw."""
+
+    alt_amsl_m: float | None
+    alt_home_m: float | None
+
+
+class Motion(Yaw, total=False):
+    """Position, velocity and acceleration in the local frame, and the yaw."""
+
+    position_ned_m: Partial | None
+    velocity_ned_m_s: Partial | None
+    acceleration_ned_m_s2: Partial | None
+
+
+class Rotation(Yaw, total=False):
+    """Three angles (with the yaw), or a quaternion (w, x, y, z)."""
+
+    roll_rad: float | None
+    pitch_rad: float | None
+    q_ned_frd: Sequence[float] | None
+
+
 def _body(setpoint_type: str, **fields: object) -> Body:
     sent_fields = {
-        name: list(value) if isinstance(value, tuple) else value  # type: ignore[arg-type]
+        name: value if isinstance(value, float | int | str) else list(value)  # type: ignore[call-overload]
         for name, value in fields.items()
         if value is not None
     }
     return {"type": setpoint_type, **sent_fields}
 
 
-def position_ned(
-    north_m: float,
-    east_m: float,
-    down_m: float,
-    *,
-    yaw_ned_rad: float | None = None,
-    yaw_rate_ned_rad_s: float | None = None,
-) -> Body:
-    """A position in the vehicle's local frame."""
-    return _body(
-        "position",
-        position_ned_m=(north_m, east_m, down_m),
-        yaw_ned_rad=yaw_ned_rad,
-        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
-    )
+def position_ned(north_m: float, east_m: float, down_m: float, **yaw: Unpack[Yaw]) -> Body:
+    """Flies to a position in the vehicle's local frame and keeps it."""
+    return _body("position", position_ned_m=(north_m, east_m, down_m), **yaw)
 
 
-def position_global(
-    lat_deg: float,
-    lon_deg: float,
-    *,
-    alt_amsl_m: float | None = None,
-    alt_home_m: float | None = None,
-    yaw_ned_rad: float | None = None,
-    yaw_rate_ned_rad_s: float | None = None,
-) -> Body:
-    """A global position, with exactly one altitude."""
-    return _body(
-        "position_global",
-        lat_deg=lat_deg,
-        lon_deg=lon_deg,
-        alt_amsl_m=alt_amsl_m,
-        alt_home_m=alt_home_m,
-        yaw_ned_rad=yaw_ned_rad,
-        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
-    )
+def position_global(lat_deg: float, lon_deg: float, **altitude: Unpack[Altitude]) -> Body:
+    """Flies to a global position, with exactly one altitude."""
+    return _body("position_global", lat_deg=lat_deg, lon_deg=lon_deg, **altitude)
 
 
 def position_body(
     forward_m: float, right_m: float, down_m: float, *, yaw_offset_rad: float | None = None
 ) -> Body:
-    """An offset along the heading from the vehicle's position at the time when the server accepts the
-    setpoint; with zeros the vehicle keeps its position.
+    """Flies to an offset along the heading from the vehicle's position at the time when the server accepts
+    the setpoint; with zeros the vehicle keeps its position.
     """
     return _body("position_body", offset_frd_m=(forward_m, right_m, down_m), yaw_offset_rad=yaw_offset_rad)
 
 
-def velocity_ned(
-    north_m_s: float,
-    east_m_s: float,
-    down_m_s: float,
-    *,
-    yaw_ned_rad: float | None = None,
-    yaw_rate_ned_rad_s: float | None = None,
-) -> Body:
-    """A velocity in the local NED frame."""
-    return _body(
-        "velocity",
-        velocity_ned_m_s=(north_m_s, east_m_s, down_m_s),
-        yaw_ned_rad=yaw_ned_rad,
-        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
-    )
+def velocity_ned(north_m_s: float, east_m_s: float, down_m_s: float, **yaw: Unpack[Yaw]) -> Body:
+    """Flies at a velocity in the local NED frame."""
+    return _body("velocity", velocity_ned_m_s=(north_m_s, east_m_s, down_m_s), **yaw)
 
 
-def velocity_body(
-    forward_m_s: float,
-    right_m_s: float,
-    down_m_s: float,
-    *,
-    yaw_ned_rad: float | None = None,
-    yaw_rate_ned_rad_s: float | None = None,
-) -> Body:
-    """A velocity in the level heading frame, which turns with the vehicle."""
-    return _body(
-        "velocity_body",
-        velocity_frd_m_s=(forward_m_s, right_m_s, down_m_s),
-        yaw_ned_rad=yaw_ned_rad,
-        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
-    )
+def velocity_body(forward_m_s: float, right_m_s: float, down_m_s: float, **yaw: Unpack[Yaw]) -> Body:
+    """Flies at a velocity in the level heading frame, which turns with the vehicle."""
+    return _body("velocity_body", velocity_frd_m_s=(forward_m_s, right_m_s, down_m_s), **yaw)
 
 
-def acceleration_ned(
-    north_m_s2: float,
-    east_m_s2: float,
-    down_m_s2: float,
-    *,
-    yaw_ned_rad: float | None = None,
-    yaw_rate_ned_rad_s: float | None = None,
-) -> Body:
-    """An acceleration in the local NED frame, without gravity."""
-    return _body(
-        "acceleration",
-        acceleration_ned_m_s2=(north_m_s2, east_m_s2, down_m_s2),
-        yaw_ned_rad=yaw_ned_rad,
-        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
-    )
+def acceleration_ned(north_m_s2: float, east_m_s2: float, down_m_s2: float, **yaw: Unpack[Yaw]) -> Body:
+    """Flies at an acceleration in the local NED frame, without gravity."""
+    return _body("acceleration", acceleration_ned_m_s2=(north_m_s2, east_m_s2, down_m_s2), **yaw)
 
 
-def trajectory(
-    *,
-    position_ned_m: Partial | None = None,
-    velocity_ned_m_s: Partial | None = None,
-    acceleration_ned_m_s2: Partial | None = None,
-    yaw_ned_rad: float | None = None,
-    yaw_rate_ned_rad_s: float | None = None,
-) -> Body:
+def trajectory(**motion: Unpack[Motion]) -> Body:
     """Position, velocity and acceleration: on each axis, the vehicle controls the first of them that is
     given; the others are feed-forward."""
-    return _body(
-        "trajectory",
-        position_ned_m=_tuple(position_ned_m),
-        velocity_ned_m_s=_tuple(velocity_ned_m_s),
-        acceleration_ned_m_s2=_tuple(acceleration_ned_m_s2),
-        yaw_ned_rad=yaw_ned_rad,
-        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
-    )
+    return _body("trajectory", **motion)
 
 
-def attitude(
-    thrust: float,
-    *,
-    roll_rad: float | None = None,
-    pitch_rad: float | None = None,
-    yaw_ned_rad: float | None = None,
-    q_ned_frd: Sequence[float] | None = None,
-    yaw_rate_ned_rad_s: float | None = None,
-) -> Body:
-    """An attitude, given by three angles or a quaternion (w, x, y, z), with collective thrust (0 to 1)."""
-    return _body(
-        "attitude",
-        thrust=thrust,
-        roll_rad=roll_rad,
-        pitch_rad=pitch_rad,
-        yaw_ned_rad=yaw_ned_rad,
-        q_ned_frd=_tuple(q_ned_frd),
-        yaw_rate_ned_rad_s=yaw_rate_ned_rad_s,
-    )
+def attitude(thrust: float, **rotation: Unpack[Rotation]) -> Body:
+    """Flies an attitude, given by three angles or a quaternion (w, x, y, z), with collective thrust (0 to
+    1)."""
+    return _body("attitude", thrust=thrust, **rotation)
 
 
 def rates(roll_rad_s: float, pitch_rad_s: float, yaw_rad_s: float, thrust: float) -> Body:
-    """Body rates with collective thrust (0 to 1)."""
+    """Flies body rates with collective thrust (0 to 1)."""
     return _body("rates", rates_frd_rad_s=(roll_rad_s, pitch_rad_s, yaw_rad_s), thrust=thrust)
 
 
 def thrust_torque(thrust_frd: Sequence[float], torque_frd: Sequence[float]) -> Body:
-    """Body thrust and torque, which bypass all controllers; refused on MAVLink links."""
-    return _body("thrust_torque", thrust_frd=_tuple(thrust_frd), torque_frd=_tuple(torque_frd))
+    """Applies body thrust and torque, which bypass all controllers; refused on MAVLink links."""
+    return _body("thrust_torque", thrust_frd=thrust_frd, torque_frd=torque_frd)
 
 
 def actuators(motors: Partial = (), servos: Partial = ()) -> Body:
-    """Values of individual motors and servos, -1 to 1, None: disarmed; refused on MAVLink links."""
-    return _body("actuators", motors=tuple(motors), servos=tuple(servos))
+    """Sets individual motors and servos, -1 to 1, None: disarmed; refused on MAVLink links."""
+    return _body("actuators", motors=motors, servos=servos)
 
 
 def path(points: PathPoints) -> Body:
-    """A curve through timed points; the server flies it even if this program ends."""
+    """Starts a curve through timed points; the server flies it even if this program ends."""
     sent_points: list[Body] = []
     for t_s, position_ned_m, *yaw in points:
         point: Body = {"t_s": t_s, "position_ned_m": list(position_ned_m)}
@@ -195,15 +134,9 @@ def follow(
     offset_frd_m: Sequence[float] | None = None,
     yaw: Literal["keep", "same", "face"] = "keep",
 ) -> Body:
-    """A position relative to another vehicle, in NED or along that vehicle's heading; the server updates the
+    """Keeps a position relative to another vehicle, in NED or along its heading; the server updates the
     setpoint as that vehicle moves."""
-    return _body(
-        "follow",
-        vehicle=vehicle_id,
-        offset_ned_m=_tuple(offset_ned_m),
-        offset_frd_m=_tuple(offset_frd_m),
-        yaw=yaw,
-    )
+    return _body("follow", vehicle=vehicle_id, offset_ned_m=offset_ned_m, offset_frd_m=offset_frd_m, yaw=yaw)
 
 
 def first_setpoint(
@@ -225,9 +158,9 @@ def first_setpoint(
         return body
     yaw = {"yaw_ned_rad": yaw_ned_rad, "yaw_rate_ned_rad_s": yaw_rate_ned_rad_s}
     if position_ned_m is not None:
-        return _body("position", position_ned_m=_tuple(position_ned_m), **yaw)
+        return _body("position", position_ned_m=position_ned_m, **yaw)
     if velocity_ned_m_s is not None:
-        return _body("velocity", velocity_ned_m_s=_tuple(velocity_ned_m_s), **yaw)
+        return _body("velocity", velocity_ned_m_s=velocity_ned_m_s, **yaw)
     if yaw_ned_rad is not None or yaw_rate_ned_rad_s is not None:
         raise ValueError("Give a yaw only together with position_ned_m or velocity_ned_m_s.")
     return position_body(0, 0, 0)
@@ -246,7 +179,3 @@ def validity_fields(
             expiry["hold_for_s"] = hold_for_s
         body["on_expiry"] = expiry
     return body
-
-
-def _tuple(values: Sequence[float | None] | None) -> tuple[float | None, ...] | None:
-    return None if values is None else tuple(values)

@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 from urllib.parse import quote
@@ -17,7 +17,7 @@ from gcs_server.mavlink.router import Router
 from gcs_server.replay.catalogue import Catalogue, FileVersion, RecordingInfo, file_version
 from gcs_server.replay.index import Index, UnreadableRecording, explain
 from gcs_server.replay.index_process import IndexProcess
-from gcs_server.replay.link import TlogLink
+from gcs_server.replay.link import ReplayState, TlogLink
 from gcs_server.replay.marks import VehicleMarks, make_marks
 from gcs_server.vehicle.fleet import Fleet
 
@@ -32,7 +32,7 @@ FileKey = tuple[Path, FileVersion]
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
+class Replay(ReplayState):
     """An open replay."""
 
     name: str
@@ -41,19 +41,6 @@ class Replay:
     """Name of the file."""
     vehicles: tuple[str, ...]
     """Ids of the vehicles that are replayed."""
-    state: str
-    """connecting (the file is being read), open, or ended (at the end, or the file cannot be played: see
-    `detail`)."""
-    detail: str
-    """Text of a problem; empty if there is none."""
-    playing: bool
-    speed: float
-    """Playback speed; 1 is real time, 0 is as fast as possible."""
-    position_unix_s: float | None
-    """Current time in the recording, by the clock of the computer that recorded it; null while the file is
-    being read."""
-    begin_unix_s: float | None
-    end_unix_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,18 +211,7 @@ class Replays:
     def _replay(self, link: TlogLink) -> Replay:
         vehicles = tuple(v.id for v in self._fleet.all() if v.identity.replayed and link.name in v.links)
         state = link.replay_state()
-        return Replay(
-            link.name,
-            link.path.name,
-            vehicles,
-            state.state,
-            state.detail,
-            state.playing,
-            state.speed,
-            state.position_unix_s,
-            state.begin_unix_s,
-            state.end_unix_s,
-        )
+        return Replay(**asdict(state), name=link.name, recording=link.path.name, vehicles=vehicles)
 
     async def _recording_index(self, path: Path, index: Index) -> RecordingIndex:
         marks = await self._compute_once(self._marks, path, lambda: make_marks(path, index))

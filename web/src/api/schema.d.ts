@@ -11249,21 +11249,6 @@ export interface components {
          */
         readonly Replay: {
             /**
-             * Name
-             * @description Name in the API, the same as the name of its link.
-             */
-            readonly name: string;
-            /**
-             * Recording
-             * @description Name of the file.
-             */
-            readonly recording: string;
-            /**
-             * Vehicles
-             * @description Ids of the vehicles that are replayed.
-             */
-            readonly vehicles: readonly string[];
-            /**
              * State
              * @description connecting (the file is being read), open, or ended (at the end, or the file cannot be played: see
              *     `detail`).
@@ -11271,7 +11256,7 @@ export interface components {
             readonly state: string;
             /**
              * Detail
-             * @description Text of a problem; empty if there is none.
+             * @description Message for the operator; empty if there is no problem.
              */
             readonly detail: string;
             /**
@@ -11300,6 +11285,21 @@ export interface components {
              * @description End [s since 1970 UTC].
              */
             readonly end_unix_s: number | null;
+            /**
+             * Name
+             * @description Name in the API, the same as the name of its link.
+             */
+            readonly name: string;
+            /**
+             * Recording
+             * @description Name of the file.
+             */
+            readonly recording: string;
+            /**
+             * Vehicles
+             * @description Ids of the vehicles that are replayed.
+             */
+            readonly vehicles: readonly string[];
         };
         /**
          * ReplayChange
