@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import sys
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import asdict
@@ -45,6 +46,7 @@ from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
 from gcs_server.plans.store import PlanChange, PlanStore
 from gcs_server.plans.work import PlanWork
+from gcs_server.px4_sitl.runner import read_state
 from gcs_server.replay.link import replay_link
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
@@ -88,7 +90,15 @@ The API works without it: /docs describes it.
 def _simulator(settings: Settings, clock: Clock, folder: DataFolder) -> SimulatorProcess | None:
     if not settings.sim:
         return None
-    return SimulatorProcess(clock, settings.sim, folder, extra_arguments=settings.sim_args)
+    if not settings.px4:
+        command = [sys.executable, "-m", "vehicle_sim", "--instances", str(settings.sim)]
+        return SimulatorProcess(clock, [*command, *settings.sim_args], folder)
+    command = [sys.executable, "-m", "gcs_server.px4_sitl", "--instances", str(settings.sim)]
+    command += ["--data", str(folder.path)]
+    if settings.px4_path is not None:
+        command += ["--px4-path", str(settings.px4_path)]
+    command += settings.sim_args
+    return SimulatorProcess(clock, command, folder, state=lambda: read_state(folder.px4_sitl))
 
 
 def _router(settings: Settings, clock: Clock, supervisor: Supervisor, folder: DataFolder) -> Router:
@@ -201,7 +211,7 @@ class Server:
             maps=folder.maps,
             logs=Cache(folder.logs, MAX_LOG_BYTES, LOGS_TOTAL_BYTES),
             has_scene=self.scene is not None,
-            simulator=self._simulator is not None,
+            simulator=self._simulator,
         )
         hub.set_replays_source(replays.all)
         hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)

@@ -19,6 +19,7 @@ from gcs_server.addresses import page_urls
 from gcs_server.clock import SystemClock
 from gcs_server.errors import GcsError
 from gcs_server.log_limit import LogLimit
+from gcs_server.px4_sitl.programs import ImageMissing, find_px4, pull
 from gcs_server.settings import Settings, load, split_arguments, token_of
 from gcs_server.storage.folder import DataFolder
 from gcs_server.version import __version__
@@ -42,6 +43,8 @@ examples:
   gcs key new field; gcs serve --link 'udpin://0.0.0.0:14550?key=field'     MAVLink signing
   gcs replay flight.tlog --speed 2         replay a recording
   gcs sim --help                           only the simulated PX4
+  gcs serve --sim px4                      a real PX4 in simulation: PX4's package or container image
+  gcs serve --sim px4:3 --px4-path ~/PX4-Autopilot    three, from a build
 
 Every setting can also come from the environment (GCS_HOST, GCS_PORT, GCS_LINKS, GCS_SIM, GCS_SIM_ARGS,
 GCS_DATA, GCS_TOKEN, GCS_SYSTEM_ID, …) or a TOML file (--config FILE or GCS_CONFIG) that begins with
@@ -58,7 +61,7 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"gcs {__version__}")
-    commands = parser.add_subparsers(dest="command", metavar="{serve,sim,replay,key}")
+    commands = parser.add_subparsers(dest="command", metavar="{serve,sim,px4,replay,key}")
     serve = commands.add_parser(
         "serve",
         help="run the server (the default)",
@@ -76,9 +79,19 @@ def build_parser() -> argparse.ArgumentParser:
         help="link to open instead of udpin://127.0.0.1:14550; may be given several times",
     )
     simulated = serve.add_mutually_exclusive_group()
-    simulated.add_argument("--sim", type=int, metavar="N", help="simulated vehicles to start (default 1)")
+    simulated.add_argument(
+        "--sim",
+        metavar="N|px4[:N]",
+        help="simulated vehicles to start (default 1); px4: real PX4s in simulation, if one is installed",
+    )
     simulated.add_argument(
         "--no-sim", dest="sim", action="store_const", const=0, help="start no simulated vehicle"
+    )
+    serve.add_argument(
+        "--px4-path",
+        type=Path,
+        metavar="PATH",
+        help="with --sim px4: PX4's build folder, a source folder with a build, or its program px4",
     )
     serve.add_argument(
         "--sim-args",
@@ -95,6 +108,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands.add_parser(
         "sim", help="run only the simulated PX4", description="Passes all arguments to vehicle_sim."
     )
+    commands.add_parser("px4", help="run only real PX4s in simulation")
     key_command.add_flags(commands.add_parser("key", help="signing keys of MAVLink links"))
     return parser
 
@@ -130,9 +144,9 @@ def _add_server_flags(parser: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command; returns the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    if arguments[:1] == ["sim"]:
-        command = [sys.executable, "-m", "vehicle_sim", *arguments[1:]]
-        os.execv(sys.executable, command)
+    programs = {"sim": "vehicle_sim", "px4": "gcs_server.px4_sitl"}
+    if arguments and arguments[0] in programs:
+        os.execv(sys.executable, [sys.executable, "-m", programs[arguments[0]], *arguments[1:]])
     if not arguments or (arguments[0].startswith("-") and arguments[0] not in ("-h", "--help", "--version")):
         arguments.insert(0, "serve")
     parsed = build_parser().parse_args(arguments)
@@ -161,7 +175,27 @@ def _serve(command: str, options: dict[str, Any], config: Path | None) -> int:
     if options.get("sim_args") is not None:
         options["sim_args"] = split_arguments(options["sim_args"], "--sim-args")
     settings = load({k: v for k, v in options.items() if v is not None}, config=config)
+    if settings.sim and settings.px4:
+        _require_px4(settings)
     return serve(settings, more_links)
+
+
+def _require_px4(settings: Settings) -> None:
+    """Checks before the start that there is a PX4; offers to download its image, if that is what is missing.
+
+    Raises:
+        GcsError: there is no PX4.
+    """
+    try:
+        program = find_px4(settings.px4_path)
+    except ImageMissing as missing:
+        if not sys.stdin.isatty():
+            raise
+        answer = input(f"{missing.message} Download it now (about 100 MB)? [y/N] ")
+        if answer.strip().lower() not in ("y", "yes") or not pull(missing.engine):
+            raise
+        program = find_px4(settings.px4_path)
+    logging.getLogger(__name__).info("simulating with %s", program.label)
 
 
 def _run_and_report(work: Callable[[], int]) -> int:

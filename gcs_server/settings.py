@@ -11,7 +11,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SecretStr,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from gcs_server.errors import InvalidRequest
 from gcs_server.storage.folder import DataFolder, default_folder
@@ -36,6 +44,12 @@ class Settings(BaseModel):
         default=("udpin://127.0.0.1:14550",), description="Links to open, as URLs."
     )
     sim: int = Field(default=1, ge=0, le=50, description="Number of simulated vehicles to start.")
+    px4: bool = Field(
+        default=False, description='Whether the simulated vehicles are real PX4s (`sim = "px4:3"`).'
+    )
+    px4_path: Path | None = Field(
+        default=None, description="The PX4 to simulate with: a build folder, or the program px4."
+    )
     sim_args: tuple[str, ...] = Field(
         default=(), description="Further arguments of the simulator, such as its ports (`gcs sim --help`)."
     )
@@ -69,6 +83,13 @@ class Settings(BaseModel):
     control_answer_s: float = Field(
         default=15.0, ge=3, le=120, description="Time to answer a request for control [s]."
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _split_sim(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """`px4` or `px4:3` as the number of vehicles: real PX4s."""
+        kind, _, count = str(values.get("sim", "")).partition(":")
+        return {**values, "sim": count or "1", "px4": True} if kind == "px4" else values
 
     @field_validator("token")
     @classmethod

@@ -18,11 +18,11 @@ import os
 import signal
 import socket
 import subprocess
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gcs_server.clock import Clock
+from gcs_server.px4_sitl.runner import RunnerState, console_tail
 from gcs_server.storage.folder import DataFolder
 from gcs_server.vehicle.fleet import Notice
 
@@ -31,6 +31,8 @@ log = logging.getLogger(__name__)
 PX4_GCS_LOCAL_PORT = 18570
 """PX4 SITL instance N sends from 18570 + N."""
 TERM_WAIT_S = 3.0
+CONSOLE_BYTES = 16_000
+"""Length of the output of an instance that is shown."""
 WATCH_PERIOD_S = 0.5
 RESTART_PERIOD_S = 2.0
 FIRST_BACK_OFF_S, MAX_BACK_OFF_S = 1.0, 30.0
@@ -87,42 +89,34 @@ def is_simulator(pid: int) -> bool | None:
         return False  # PermissionError: the process of another user
     except OSError:
         return None
-    return b"vehicle_sim" in command and state != "Z"
+    return any(name in command for name in (b"vehicle_sim", b"px4_sitl")) and state != "Z"
 
 
 class SimulatorProcess:
     """Starts, finds, watches and ends the simulator.
 
     Args:
-        count: number of simulated vehicles.
+        command: the simulator with its arguments: `vehicle_sim` or `px4_sitl`.
         folder: data folder for the log and the process id.
-        extra_arguments: further arguments of `vehicle_sim`, such as its ports.
-        command: program to run; default: the simulator of this installation.
         probe_port: port that is in use while a simulator runs; default: the port of its first
             vehicle.
+        state: reads what `px4_sitl` reports of its instances.
     """
 
     def __init__(
         self,
         clock: Clock,
-        count: int,
+        command: list[str],
         folder: DataFolder,
         *,
-        extra_arguments: Sequence[str] = (),
-        command: list[str] | None = None,
         probe_port: int | None = None,
+        state: Callable[[], RunnerState | None] = lambda: None,
     ) -> None:
         self._clock = clock
         self._folder = folder
-        self._command = command or [
-            sys.executable,
-            "-m",
-            "vehicle_sim",
-            "--instances",
-            str(count),
-            *extra_arguments,
-        ]
-        self._probe_port = first_port(extra_arguments) if probe_port is None else probe_port
+        self._command = command
+        self.state = state
+        self._probe_port = first_port(command) if probe_port is None else probe_port
         self._child: subprocess.Popen[bytes] | None = None
         self._pid: int | None = None
         self._warning: str | None = None
@@ -155,7 +149,7 @@ class SimulatorProcess:
     def _start(self) -> None:
         self._pid = self._stored_pid()
         self._start_again = False
-        if is_port_in_use(self._probe_port) if self._probe_port else self._pid is not None:
+        if self._pid is not None or (self._probe_port and is_port_in_use(self._probe_port)):
             owner = f"process {self._pid}" if self._pid else "not started by this data folder's server"
             if not self.uses_running_simulator:
                 log.info(
@@ -226,7 +220,14 @@ class SimulatorProcess:
 
     def warnings(self) -> list[Notice]:
         """Current warnings."""
-        return [] if self._warning is None else [Notice("simulator", self._warning)]
+        state = self.state()
+        problems = [] if state is None else [each.problem for each in state.instances]
+        return [Notice("simulator", text) for text in (self._warning, *problems) if text is not None]
+
+    def consoles(self, state: RunnerState) -> list[str]:
+        """The last output of each PX4 instance of a state."""
+        folder = self._folder.px4_sitl
+        return [console_tail(folder / str(each.instance), CONSOLE_BYTES) for each in state.instances]
 
     async def stop(self) -> None:
         """Ends the simulator, with SIGTERM first; does not end a simulator that another

@@ -334,6 +334,36 @@ class Version(ResponseBody):
     """Whether links are recorded; details are in /links."""
 
 
+class SimulatorInstance(ResponseBody):
+    """A real PX4 in simulation."""
+
+    instance: int
+    """Number of the instance; its vehicle has the system id instance + 1."""
+    system_id: int
+    """MAVLink system id."""
+    state: Literal["starting", "running", "crashed", "ended"]
+    """`crashed`: it is started again; `ended`: it was shut down."""
+    restarts: int
+    """How often it has ended by itself."""
+    problem: str | None
+    """Why it does not run, or that it was started again."""
+    console: str
+    """The last 16 kB that it printed."""
+
+
+class Simulator(ResponseBody):
+    """The simulated vehicles that this server runs."""
+
+    kind: Literal["bundled", "px4"] | None
+    """`bundled`: the own simulator; `px4`: real PX4s; null: none."""
+    source: str | None = None
+    """Where PX4 comes from: a build, an installed package, or a container image."""
+    agent: str | None = None
+    """State of the DDS agent."""
+    instances: list[SimulatorInstance]
+    """The real PX4s; empty for the own simulator."""
+
+
 def json_response(value: object, status_code: int = 200) -> Response:
     """A JSON response; NaN and infinity become null."""
     return Response(encode(value), status_code=status_code, media_type="application/json")

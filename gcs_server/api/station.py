@@ -19,6 +19,7 @@ from gcs_server.mavlink.router import Router
 from gcs_server.operations.operations import Operations
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
+from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.telemetry.hub import Hub
@@ -51,8 +52,8 @@ class Station:
     request_queue: RequestQueue = field(init=False)
     large_setpoints: LargeSetpoints = field(init=False)
     has_scene: bool = False
-    simulator: bool = False
-    """Whether this server started or found a simulated vehicle."""
+    simulator: SimulatorProcess | None = None
+    """The simulator that this server started or found."""
     warning_sources: list[Callable[[], list[Notice]]] = field(
         default_factory=list[Callable[[], list[Notice]]]
     )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 from contextlib import nullcontext
+from dataclasses import asdict
 from typing import Annotated
 
 from fastapi import Query, Response, WebSocket, WebSocketDisconnect
@@ -37,10 +39,26 @@ async def version(station: StationDep) -> Response:
             "name": "offboard-gcs",
             "version": __version__,
             "schema_version": SCHEMA_VERSION,
-            "simulator": station.simulator,
+            "simulator": station.simulator is not None,
             "scene": station.has_scene,
             "recording": station.router.settings.recording_dir is not None,
         }
+    )
+
+
+@router.get("/simulator", response_model=responses.Simulator)
+async def simulator(station: StationDep) -> Response:
+    """The simulated vehicles that this server runs, and what each real PX4 last printed."""
+    process = station.simulator
+    state = None if process is None else process.state()
+    if process is None or state is None:
+        return json_response({"kind": None if process is None else "bundled", "instances": []})
+    consoles = await asyncio.to_thread(process.consoles, state)
+    instances = [
+        {**asdict(each), "console": text} for each, text in zip(state.instances, consoles, strict=True)
+    ]
+    return json_response(
+        {"kind": "px4", "source": state.source, "agent": state.agent, "instances": instances}
     )
 
 

@@ -342,7 +342,16 @@ ALL: tuple[Command, ...] = (
         "GET /replays/{name}/index",
     ),
     _view("maps", "GET /maps", "GET /maps/{name}", "GET /maps/{name}/{zoom}/{x}/{y}"),
-    _view("server", "GET /health", "GET /version", "GET /warnings", "GET /links", "GET /journal", "GET /me"),
+    _view(
+        "server",
+        "GET /health",
+        "GET /version",
+        "GET /simulator",
+        "GET /warnings",
+        "GET /links",
+        "GET /journal",
+        "GET /me",
+    ),
     _view(
         "scene",
         "GET //scene/",

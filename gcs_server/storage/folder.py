@@ -97,6 +97,11 @@ class DataFolder:
         """File with the simulator's process id, for a restarted server."""
         return self.path / "simulator.json"
 
+    @property
+    def px4_sitl(self) -> Path:
+        """Working folders of real PX4s in simulation, one for each instance."""
+        return self.path / "px4"
+
     def prepare(self) -> None:
         """Creates the folders.
 

@@ -11,6 +11,8 @@ from gcs_server.vehicle.px4.modes import mode_name
 from gcs_server.vehicle.px4.stream_loss import StreamLoss
 
 _NAMES = {d.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
+_OLDEST, _NEWEST = (1, 14), (1, 17)
+"""Releases of PX4 with which this server was tested, or whose differences are known."""
 _COMMANDED_TYPES = frozenset(
     {
         d.MAV_TYPE_QUADROTOR,
@@ -39,6 +41,11 @@ class Autopilot:
         self.name = _NAMES.get(kind, f"autopilot type {kind}")
         self.release = release
 
+    @property
+    def untested(self) -> str | None:
+        """A clause about a release with which this server was not tested; None: it was, or is not known."""
+        return None
+
     def commands(self, vehicle_type: int) -> bool:
         """Whether this server commands vehicles of this MAV_TYPE with it."""
         return False
@@ -60,6 +67,17 @@ class Px4(Autopilot):
     def __init__(self, release: tuple[int, int] | None = None) -> None:
         super().__init__(d.MAV_AUTOPILOT_PX4, release)
         self.name = "PX4"
+
+    @property
+    def untested(self) -> str | None:
+        """See `Autopilot`."""
+        if self.release is None or _OLDEST <= self.release <= _NEWEST:
+            return None
+        which = "older" if self.release < _OLDEST else "newer"
+        name = f"PX4 v{self.release[0]}.{self.release[1]}"
+        return (
+            f"{name}, which is {which} than what this server was tested with: it may act otherwise than said"
+        )
 
     def commands(self, vehicle_type: int) -> bool:
         """Multicopters; commands were not tested with other vehicles."""

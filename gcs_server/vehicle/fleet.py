@@ -45,7 +45,7 @@ class Notice:
 
     kind: str
     """link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
-    be used), fault (of this program)."""
+    be used), untested_release (of its autopilot), simulator, fault (of this program)."""
     text: str
     link: str | None = None
     vehicle: str | None = None
@@ -148,6 +148,10 @@ class Fleet(FrameSink):
             notices += [
                 Notice("duplicate_id", text, vehicle=vehicle.id) for text in vehicle.identity.warnings
             ]
+            untested = vehicle.identity.software.untested
+            if untested is not None and not vehicle.identity.replayed:
+                text = f"Vehicle {vehicle.id} has {untested}."
+                notices.append(Notice("untested_release", text, vehicle=vehicle.id))
             notices += [
                 Notice("telemetry", f"Vehicle {vehicle.id}: {topic} is not shown: {why}.", vehicle=vehicle.id)
                 for topic, why in vehicle.unusable().items()

@@ -9,6 +9,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -255,3 +256,49 @@ def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_veh
             wait_until(lambda: "101" in second_server.vehicles(), "the vehicle")
             status = second_server.vehicles()["101"]["status"]
             assert (status["armed"], status["mode"]) == (True, "hold")
+
+
+STAND_IN_PX4 = """#!{python}
+import os, sys
+assert os.environ["PX4_SIM_MODEL"] == "sihsim_quadx" and os.environ["PX4_PARAM_COM_OBL_RC_ACT"] == "5"
+assert sys.argv[3:5] == ["-d", "-w"], sys.argv
+print("INFO  [px4] startup", flush=True)
+options = ["--first-instance", sys.argv[2], "--no-api", "--no-log", "--param", "COM_OBL_RC_ACT=5"]
+os.execv(sys.executable, [sys.executable, "-m", "vehicle_sim", *options, "--gcs-remote-port", "{port}"])
+"""
+
+
+@pytest.mark.story
+def test_a_px4_that_is_named_flies_crashes_and_is_started_again(tmp_path: Path) -> None:
+    build, link_port, instance = tmp_path / "build", free_port(), 140
+    (build / "bin").mkdir(parents=True)
+    (build / "etc/init.d-posix").mkdir(parents=True)
+    (build / "etc/init.d-posix/rcS").touch()
+    (build / "bin/px4").write_text(STAND_IN_PX4.format(python=sys.executable, port=link_port))
+    (build / "bin/px4").chmod(0o755)
+    command = command_without_scene([f"udpin://127.0.0.1:{link_port}"], tmp_path / "data")
+    command.remove("--no-sim")
+    command += ["--sim", "px4", "--px4-path", str(build)]
+    command += [f"--sim-args=--no-agent --first-instance {instance} --param COM_OBL_RC_ACT=5"]
+    with run_server(command) as server, SyncGcs(server.url, client="e2e") as gcs:
+        drone = gcs.wait_for_vehicle(str(instance + 1), ready=True, timeout_s=120)
+        (px4,) = server.get("/simulator")["instances"]
+        assert (px4["state"], px4["problem"]) == ("running", None)
+        assert "INFO  [px4] startup" in px4["console"]
+        assert drone.param("COM_OBL_RC_ACT") == 5
+        before = _process_of(f"--first-instance\0{instance}\0--no-api")
+        os.kill(before, signal.SIGKILL)
+        wait_until(lambda: any("was started again" in t for t in server.warning_texts()), "the warning")
+        gcs.wait_for_vehicle(str(instance + 1), ready=True, timeout_s=120)
+    wait_until(
+        lambda: _process_of(f"--first-instance\0{instance}\0--no-api") == 0, "the end of all processes"
+    )
+
+
+def _process_of(arguments: str) -> int:
+    """Pid of the process with these arguments, each followed by a zero byte; 0: there is none."""
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            if arguments.encode() in file.read_bytes():
+                return int(file.parent.name)
+    return 0

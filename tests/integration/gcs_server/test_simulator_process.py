@@ -29,7 +29,7 @@ def free_port():
 def simulator(folder, port, code=STAND_IN_PROGRAM):
     """A `SimulatorProcess` that starts a stand-in program instead of the simulator."""
     command = [sys.executable, "-c", code, str(port), "vehicle_sim"]
-    return SimulatorProcess(SystemClock(), 1, folder, command=command, probe_port=port)
+    return SimulatorProcess(SystemClock(), command, folder, probe_port=port)
 
 
 async def until(condition):

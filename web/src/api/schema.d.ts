@@ -2112,6 +2112,26 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/simulator": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Simulator
+         * @description The simulated vehicles that this server runs, and what each real PX4 last printed.
+         */
+        readonly get: operations["simulator_api_v1_simulator_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/links": {
         readonly parameters: {
             readonly query?: never;
@@ -8539,7 +8559,7 @@ export interface components {
             /**
              * Kind
              * @description link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
-             *     be used), fault (of this program).
+             *     be used), untested_release (of its autopilot), simulator, fault (of this program).
              */
             readonly kind: string;
             /**
@@ -12008,6 +12028,69 @@ export interface components {
              * @description Frames refused because there are more senders with this key than the server can track.
              */
             readonly too_many_streams: number;
+        };
+        /**
+         * Simulator
+         * @description The simulated vehicles that this server runs.
+         */
+        readonly Simulator: {
+            /**
+             * Kind
+             * @description `bundled`: the own simulator; `px4`: real PX4s; null: none.
+             */
+            readonly kind: ("bundled" | "px4") | null;
+            /**
+             * Source
+             * @description Where PX4 comes from: a build, an installed package, or a container image.
+             */
+            readonly source?: string | null;
+            /**
+             * Agent
+             * @description State of the DDS agent.
+             */
+            readonly agent?: string | null;
+            /**
+             * Instances
+             * @description The real PX4s; empty for the own simulator.
+             */
+            readonly instances: readonly components["schemas"]["SimulatorInstance"][];
+        };
+        /**
+         * SimulatorInstance
+         * @description A real PX4 in simulation.
+         */
+        readonly SimulatorInstance: {
+            /**
+             * Instance
+             * @description Number of the instance; its vehicle has the system id instance + 1.
+             */
+            readonly instance: number;
+            /**
+             * System Id
+             * @description MAVLink system id.
+             */
+            readonly system_id: number;
+            /**
+             * State
+             * @description `crashed`: it is started again; `ended`: it was shut down.
+             * @enum {string}
+             */
+            readonly state: "starting" | "running" | "crashed" | "ended";
+            /**
+             * Restarts
+             * @description How often it has ended by itself.
+             */
+            readonly restarts: number;
+            /**
+             * Problem
+             * @description Why it does not run, or that it was started again.
+             */
+            readonly problem: string | null;
+            /**
+             * Console
+             * @description The last 16 kB that it printed.
+             */
+            readonly console: string;
         };
         /**
          * Spiral
@@ -20732,6 +20815,36 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["Version"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            readonly 408: components["responses"]["Refused408"];
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+        };
+    };
+    readonly simulator_api_v1_simulator_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Simulator"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

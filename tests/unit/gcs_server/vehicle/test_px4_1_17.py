@@ -10,6 +10,7 @@ import pytest
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import FrameParser, encode_frame, encode_payload
 from gcs_server.vehicle import decoders
+from gcs_server.vehicle.autopilot import autopilot_of
 from gcs_server.vehicle.identity import read_version
 from gcs_server.vehicle.mode_cause import PILOT_MODES
 from gcs_server.vehicle.px4 import modes
@@ -57,3 +58,14 @@ def test_a_message_unknown_to_the_dialect_does_not_affect_other_frames() -> None
     frames = parser.feed(heartbeat + header + payload + b"\x12\x34" + heartbeat, 0.0)
     assert [frame.msg_id for frame in frames] == [0, GLOBAL_POSITION, 0]
     assert (parser.frames_unknown, parser.bytes_skipped, parser.crc_errors) == (1, 0, 0)
+
+
+def test_a_release_that_is_older_or_newer_than_those_tested_is_told() -> None:
+    texts = {
+        v: autopilot_of(d.MAV_AUTOPILOT_PX4, v).untested for v in ("1.13.3", "1.14.0", "1.17.2", "1.18.0")
+    }
+    assert "PX4 v1.13, which is older" in str(texts["1.13.3"])
+    assert "PX4 v1.18, which is newer" in str(texts["1.18.0"])
+    assert (texts["1.14.0"], texts["1.17.2"]) == (None, None)
+    assert autopilot_of(d.MAV_AUTOPILOT_PX4).untested is None
+    assert autopilot_of(d.MAV_AUTOPILOT_ARDUPILOTMEGA, "4.5.0").untested is None
