@@ -9,7 +9,7 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help run test suite test-fast test-clients nightly bench screenshots lint checks web types wheel clean setup kernels
+.PHONY: help run test suite test-fast test-clients nightly bench compat screenshots lint checks web types wheel clean setup kernels
 
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
@@ -19,6 +19,7 @@ help:
 	@echo "make nightly       all that the others sample: whole stories, many seeds, all dialogues, attacks; an hour"
 	@echo "make lint          style, imports and types alone"
 	@echo "make bench         print the table of measurements"
+	@echo "make compat        print which versions of other programs work, and which are installed"
 	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only offboard,connection_lost\")"
 	@echo "make web           build the page;  make types: generate its API types"
 	@echo "make wheel         an installable wheel in dist/, with the page in it"
@@ -123,6 +124,9 @@ nightly: $(VENV)/.clients web kernels
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
 	@PAGE_SEEDS=30 $(BIN)/python -m tools.build_page npm run test -- src/features/commands.test.ts
 	@ALL_DIALOGUES=1 $(BIN)/python -m pytest -n 2 --dist loadscope tests/contract
+
+compat: $(VENV)/.installed
+	@$(BIN)/python -m tools.compat
 
 bench: $(VENV)/.clients kernels
 	@$(BIN)/python -m tests.bench

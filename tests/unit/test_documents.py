@@ -1,6 +1,7 @@
 """The documents: their links lead somewhere, what they name of page and simulator exists."""
 
 import re
+import sys
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tools import compat
 from vehicle_sim.script import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -104,3 +106,11 @@ def test_the_fault_script_of_the_document_is_valid(tmp_path: Path) -> None:
     file = tmp_path / "faults.yaml"
     file.write_text(script, encoding="utf-8")
     assert len(load_script(str(file)).events) == len(yaml.safe_load(script)["events"])
+
+
+def test_the_table_of_compatibility_is_the_one_that_make_compat_prints() -> None:
+    assert compat.table() in (ROOT / "docs/compatibility.md").read_text(encoding="utf-8")
+    assert {compat.installed(row) for row in compat.ROWS if row.name in ("Python", "pymavlink")} == {
+        ".".join(map(str, sys.version_info[:3])),
+        "2.4.50",
+    }
