@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -13,6 +13,7 @@ from gcs_server.api.plan_models import OriginModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody, StrictBody
 from missions.documents import PlanKind
+from missions.dry_run import document
 from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles
 from missions.offboard.document import MAX_ROLES
 from missions.values import DisplayText
@@ -112,219 +113,63 @@ class DryRunRequest(SourceBody):
         return self
 
 
+QUANTILES = ("duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m")
+"""Fields of the result of many flights that are quantiles."""
 ChanceModel = model_of(Chance, "DryRunChance")
 QuantilesModel = model_of(Quantiles, "DryRunQuantiles")
 
 
-class DryRunStep(ResponseBody):
-    """One execution of a step; a repeated step is listed once for each execution."""
-
-    place: str
-    """`item 3` of a waypoint plan, `step 4.2` of an offboard mission."""
-    title: str
-    """Title of the step."""
-    row: int | None
-    """Index in the plan's `items`; null for an offboard mission."""
-    start_s: float
-    """Begin, since the start of the flight [s]."""
-    end_s: float
-    """End, since the start of the flight [s]."""
-    fence_distance_m: float | None
-    """Smallest distance to the geofence [m]; negative: outside; null: no geofence."""
-    obstacle_distance_m: float | None
-    """Smallest distance to an obstacle [m]; null: no obstacles."""
-
-
-class DryRunFindingModel(ResponseBody):
-    """A problem that the dry run found."""
-
-    code: str = Field(examples=["fence_touched"])
-    """Stable code; `docs/missions.md` lists all."""
-    severity: Literal["error", "warning"]
-    """error: do not fly this plan; warning: check the plan."""
-    text: str
-    """Message for the pilot."""
-    step: str | None
-    """Step in which the problem occurred (its `place`)."""
-    t_s: float | None
-    """Time since the start of the flight [s]."""
-    position_ned_m: Vector3 | None
-    """Position of the vehicle, from `origin` [m]."""
-
-
-class DryRunPath(ResponseBody):
-    """The flown path; all lists are equally long."""
-
-    t_s: list[float]
-    """Time since the start [s]; 10 Hz, for long flights reduced to 4000 samples."""
-    position_ned_m: list[Vector3]
-    """Position from `origin` [m]."""
-    velocity_ned_m_s: list[Vector3]
-    """Velocity [m/s]."""
-    q_ned_frd: list[tuple[float, float, float, float]]
-    """Attitude: rotation from body FRD to NED, order w, x, y, z."""
-    gimbal_rad: list[tuple[float, float]]
-    """Pitch (up is positive), yaw from north [rad]."""
-    battery_share: list[float] | None
-    """Battery charge, 0 to 1; null: not known."""
-    ground_m: list[float] | None
-    """Altitude of the ground below the vehicle, above `origin` [m]; null: level ground."""
-    step: list[int]
-    """Index in `step_places`; -1: no step."""
-    step_places: list[str]
-    """Names of the flown steps."""
-
-
-class DryRunFlight(ResponseBody):
-    """The flight in the requested conditions."""
-
-    origin: OriginModel  # type: ignore[valid-type]
-    """Start position of the vehicle; origin of all local positions."""
-    conditions: DryRunConditions
-    """Conditions of this flight."""
-    finished: bool
-    """Whether the whole plan was flown."""
-    landed: bool
-    """Whether the vehicle was on the ground and disarmed at the end."""
-    duration_s: float
-    """Time from arming to the end [s]."""
-    length_m: float
-    """Length of the flown path [m]."""
-    battery_start_share: float
-    """Battery charge at the start, 0 to 1."""
-    battery_end_share: float | None
-    """Battery charge at the end; null: the battery's drain is not known."""
-    fence_distance_m: float | None
-    """Smallest distance to the geofence [m]; negative: outside; null: no geofence."""
-    obstacle_distance_m: float | None
-    """Smallest distance to an obstacle [m]; null: no obstacles."""
-    steps: list[DryRunStep]
-    """Steps in flown order."""
-    findings: list[DryRunFindingModel]
-    """Errors first; at most 100."""
-    path: DryRunPath | None
-    """The flown path; null: the flight did not start."""
-    times_real_time: float
-    """Simulation speed relative to real time."""
-
-
-class DryRunBand(ResponseBody):
-    """Quantiles of a deviation at each point of the corridor [m]."""
-
-    p5: list[float]
-    """5 % quantile."""
-    p50: list[float]
-    """Median."""
-    p95: list[float]
-    """95 % quantile."""
-    greatest: list[float]
-    """Largest absolute value."""
-
-
-class DryRunCorridor(ResponseBody):
-    """Deviation of the flights from the nominal flight, at up to 400 points of the nominal path."""
-
-    t_s: list[float]
-    """Time since the start of the nominal flight [s]."""
-    position_ned_m: list[Vector3]
-    """Position of the nominal flight, from `origin` [m]."""
-    horizontal_m: DryRunBand
-    """Horizontal deviation."""
-    vertical_m: DryRunBand
-    """Vertical deviation; positive: higher."""
-
-
-class DryRunSummary(ResponseBody):
-    """Summary of one flight."""
-
-    wind_ned_m_s: Vector3
-    """Steady wind [m/s]."""
-    gusts_m_s: float
-    """Standard deviation of the gusts [m/s]."""
-    mass_scale: float
-    """Factor on the vehicle's mass."""
-    battery_scale: float
-    """Factor on the battery's capacity."""
-    sensor_noise: float
-    """Factor on the usual sensor noise."""
-    finished: bool
-    """Whether the whole plan was flown."""
-    duration_s: float
-    """Time from arming to the end [s]."""
-    battery_end_share: float | None
-    """Battery charge at the end; null: not known."""
-    fence_distance_m: float | None
-    """Smallest distance to the geofence [m]; null: no geofence."""
-    obstacle_distance_m: float | None
-    """Smallest distance to an obstacle [m]; null: no obstacles."""
-    findings: list[str]
-    """Codes of the flight's findings."""
-
-
-class DryRunMonteCarlo(ResponseBody):
-    """Many flights, each in different conditions."""
-
-    spread: DryRunSpread
-    """How the conditions varied."""
-    seed: int
-    """Seed of the varied conditions, noise and gusts."""
-    flights: list[DryRunSummary]
-    """All flights except the nominal flight."""
-    corridor: DryRunCorridor | None
-    """Null: the nominal flight did not start."""
-    duration_s: QuantilesModel | None  # type: ignore[valid-type]
-    """Duration of the finished flights [s]; null: no flight was finished."""
-    battery_end_share: QuantilesModel | None  # type: ignore[valid-type]
-    """Battery charge at the end, 0 to 1; null: unknown."""
-    fence_distance_m: QuantilesModel | None  # type: ignore[valid-type]
-    """Smallest distance to the geofence [m]."""
-    obstacle_distance_m: QuantilesModel | None  # type: ignore[valid-type]
-    """Smallest distance to an obstacle [m]."""
-    chances: dict[str, ChanceModel]  # type: ignore[valid-type]
-    """Probability of `not_finished`, `fence_touched`, `obstacle_hit`, `obstacle_near` (2 m), `failsafe` and
-    `battery_reserve`; with roles also of `separation` (the separation guard would act) and
-    `nearer_than_minimum` (two vehicles come nearer than the minimum separation)."""
-    times_real_time: float
-    """Simulated time of all flights divided by computing time."""
-
-
-class DryRunClosest(ResponseBody):
-    """Smallest distance between two vehicles."""
-
-    roles: tuple[str, str]
-    """Their roles."""
-    distance_m: float
-    """Distance between the vehicles' centres [m]."""
-    t_s: float
-    """Time since the common start [s]."""
-
-
-class DryRunPairDistance(ResponseBody):
-    """Smallest distance between two vehicles in many flights."""
-
-    roles: tuple[str, str]
-    """Their roles."""
-    distance_m: QuantilesModel  # type: ignore[valid-type]
-    """Smallest distance of each flight, between the centres [m]."""
-    nearer_than_minimum: ChanceModel  # type: ignore[valid-type]
-    """Probability that the two vehicles come nearer than the mission's minimum separation."""
+ORIGIN = "Start position of the vehicle; origin of all local positions."
+BANDS = ("p5", "p50", "p95", "greatest")
+PathModel = model_of(document.FlownPath, "DryRunPath")
+FlightModel = model_of(
+    document.FlightResult,
+    "DryRunFlight",
+    origin=Annotated[OriginModel, Field(description=ORIGIN)],
+    conditions=DryRunConditions,
+    steps=list[model_of(document.StepTime, "DryRunStep")],
+    findings=list[model_of(document.DryRunFinding, "DryRunFindingModel")],
+    path=Annotated[PathModel | None, Field(description="The flown path; null: the flight did not start.")],
+)
+BandModel = model_of(document.Band, "DryRunBand", **dict.fromkeys(BANDS, list[float]))
+CorridorModel = model_of(
+    document.Corridor,
+    "DryRunCorridor",
+    t_s=list[float],
+    position_ned_m=list[Vector3],
+    horizontal_m=BandModel,
+    vertical_m=BandModel,
+)
+MonteCarloModel = model_of(
+    document.MonteCarloResult,
+    "DryRunMonteCarlo",
+    spread=DryRunSpread,
+    flights=list[model_of(document.FlightSummary, "DryRunSummary")],
+    corridor=CorridorModel | None,
+    **dict.fromkeys(QUANTILES, QuantilesModel | None),
+    chances=dict[str, ChanceModel],
+)
+ClosestModel = model_of(document.ClosestApproach, "DryRunClosest")
+PairDistanceModel = model_of(
+    document.PairDistance, "DryRunPairDistance", distance_m=QuantilesModel, nearer_than_minimum=ChanceModel
+)
 
 
 class DryRunMonteCarloTogether(ResponseBody):
     """Many flights of all vehicles. The vehicles of one flight have the same wind."""
 
-    roles: dict[str, DryRunMonteCarlo]
+    roles: dict[str, MonteCarloModel]  # type: ignore[valid-type]
     """For each role the corridor, quantiles and chances of its vehicle."""
-    closest: list[DryRunPairDistance]
+    closest: list[PairDistanceModel]  # type: ignore[valid-type]
     """One entry for each pair of roles that flew."""
 
 
 class DryRunTogetherModel(ResponseBody):
     """All vehicles of a mission with roles, flown together; all positions are relative to one `origin`."""
 
-    roles: dict[str, DryRunFlight]
+    roles: dict[str, FlightModel]  # type: ignore[valid-type]
     """The flight of each role."""
-    closest: list[DryRunClosest]
+    closest: list[ClosestModel]  # type: ignore[valid-type]
     """One entry for each pair of roles, from the time in which both were flying."""
     monte_carlo: DryRunMonteCarloTogether | None
     """Result of all flights; null: only one flight was simulated."""
@@ -349,11 +194,11 @@ class DryRunView(ResponseBody):
     """For a mission with roles: the vehicle whose values were used, for each role."""
     assumed: list[str]
     """Assumptions made because values were unknown; sentences."""
-    nominal: DryRunFlight
+    nominal: FlightModel  # type: ignore[valid-type]
     """The flight in the requested conditions. For a mission with roles: the flight of the first role, with
     the findings of all roles."""
     together: DryRunTogetherModel | None
     """Result of all vehicles together; null: one vehicle was simulated."""
-    monte_carlo: DryRunMonteCarlo | None
+    monte_carlo: MonteCarloModel | None  # type: ignore[valid-type]
     """Result of all flights; null: only one flight was simulated. For a mission with roles: the result of the
     first role, with `chances` that one of the vehicles has the outcome."""

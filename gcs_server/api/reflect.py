@@ -127,12 +127,11 @@ def model_of(dataclass_type: type, name: str | None = None, **overrides: Any) ->
     Args:
         dataclass_type: the dataclass.
         name: name of the schema; default: the class's name.
-        overrides: other types for some fields.
+        overrides: other types for some fields, and the types of further fields.
     """
-    types = typing.get_type_hints(dataclass_type) | overrides
-    fields: dict[str, Any] = {
-        field.name: (types[field.name], ...) for field in dataclasses.fields(dataclass_type)
-    }
+    hints = typing.get_type_hints(dataclass_type)
+    own = {field.name: hints[field.name] for field in dataclasses.fields(dataclass_type)}
+    fields: dict[str, Any] = {name: (kind, ...) for name, kind in (own | overrides).items()}
     model = create_model(
         name or dataclass_type.__name__, __base__=_Reflected, __doc__=dataclass_type.__doc__, **fields
     )

@@ -16,6 +16,7 @@ import msgspec
 from gcs_server.errors import ClientHasTooMany, Refused, UnknownDryRun
 from gcs_server.operations.operations import ReportProgress
 from gcs_server.operations.process import WorkerFailed, run_process
+from missions.frames import Quaternion, Vector3
 
 MAX_RUNNING = 2
 """Maximum number of processes; they have low priority, but a small computer has only two cores."""
@@ -35,26 +36,24 @@ class _Values(TypedDict):
 
 
 class _Corridor(TypedDict):
-    position_ned_m: list[tuple[float, float, float]]
+    position_ned_m: list[Vector3]
     horizontal_m: _Values
     vertical_m: _Values
 
 
 class _WithCorridor(TypedDict):
-    corridor: _Corridor
+    corridor: _Corridor | None
 
 
 class _MonteCarloOfRoles(TypedDict):
     roles: dict[str, _WithCorridor]
 
 
-class _Together(TypedDict):
-    monte_carlo: _MonteCarloOfRoles | None
-
-
 class _Path(TypedDict):
     t_s: list[float]
-    position_ned_m: list[tuple[float, float, float]]
+    position_ned_m: list[Vector3]
+    q_ned_frd: list[Quaternion]
+    gimbal_rad: list[tuple[float, float]]
 
 
 class _Step(TypedDict):
@@ -65,7 +64,7 @@ class _Step(TypedDict):
     end_s: float
 
 
-class _Nominal(TypedDict):
+class _Flight(TypedDict):
     finished: bool
     duration_s: float | None
     origin: dict[str, float]
@@ -73,12 +72,17 @@ class _Nominal(TypedDict):
     path: _Path | None
 
 
+class _Together(TypedDict):
+    roles: dict[str, _Flight]
+    monte_carlo: _MonteCarloOfRoles | None
+
+
 class DryRunResult(TypedDict):
-    """What the server itself uses of a result: for the comparison with a flight."""
+    """What the server itself uses of a result: for the comparison with a flight, and for the 3D view."""
 
     id: str
     kind: str
-    nominal: _Nominal
+    nominal: _Flight
     monte_carlo: _WithCorridor | None
     together: _Together | None
 
@@ -169,7 +173,7 @@ class DryRuns:
 
     async def result(self, dry_run_id: str) -> DryRunResult:
         """The result of a dry run, read in a thread; raises the same errors as `body`."""
-        return await asyncio.to_thread(msgspec.json.decode, self.body(dry_run_id), type=DryRunResult)
+        return await asyncio.to_thread(read_result, self.body(dry_run_id))
 
     def _get(self, dry_run_id: str) -> _Stored:
         stored = self._stored.get(dry_run_id)
@@ -195,3 +199,8 @@ class DryRuns:
             and sum(len(each.body) + len(each.plan) for each in self._stored.values()) > MAX_TOTAL_BYTES
         ):
             self._stored.popitem(last=False)
+
+
+def read_result(body: bytes) -> DryRunResult:
+    """Reads a result that was stored as JSON."""
+    return msgspec.json.decode(body, type=DryRunResult)

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from gcs_server.plans.dry_runs import read_result
 from gcs_server.scene.frames import enu_from_ned, q_enu_flu_from_q_ned_frd
 from gcs_server.scene.model import Mesh, Points
 from gcs_server.scene.pose import VehiclePose
@@ -44,48 +44,6 @@ class DryRunRequest(BaseModel):
         default=False,
         description="Whether the camera follows the simulated vehicle instead of the real vehicle.",
     )
-
-
-_Vectors = list[tuple[float, float, float]]
-
-
-class _Path(TypedDict):
-    t_s: list[float]
-    position_ned_m: _Vectors
-    q_ned_frd: list[tuple[float, float, float, float]]
-    gimbal_rad: list[tuple[float, float]]
-
-
-class _Flight(TypedDict):
-    origin: dict[str, float]
-    path: _Path | None
-
-
-class _Corridor(TypedDict):
-    position_ned_m: _Vectors
-    horizontal_m: dict[str, list[float]]
-    vertical_m: dict[str, list[float]]
-
-
-class _MonteCarlo(TypedDict):
-    corridor: _Corridor | None
-
-
-class _MonteCarloOfRoles(TypedDict):
-    roles: dict[str, _MonteCarlo]
-
-
-class _Together(TypedDict):
-    roles: dict[str, _Flight]
-    monte_carlo: _MonteCarloOfRoles | None
-
-
-class _Result(TypedDict):
-    """The part of a result that is drawn."""
-
-    nominal: _Flight
-    monte_carlo: _MonteCarlo | None
-    together: _Together | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +83,7 @@ class DryRunMoment:
 
 def read_paths(result: bytes) -> tuple[DryRunPath, ...]:
     """`paths_of` a result as JSON."""
-    return paths_of(msgspec.json.decode(result, type=_Result))
+    return paths_of(read_result(result))
 
 
 def paths_of(result: Mapping[str, Any]) -> tuple[DryRunPath, ...]:

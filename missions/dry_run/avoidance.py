@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from missions.avoidance.scans import Scan
 from missions.avoidance.setpoints import SetpointAvoidance, Surroundings
 from missions.avoidance.values import DetourLimits, MotionState
+from missions.dry_run.document import DryRunFinding
 from missions.dry_run.fleet import TICK_S, Vehicle
-from missions.dry_run.pilot import DryRunFinding, Step, finding_now
+from missions.dry_run.pilot import Step, finding_now
 from missions.frames import Quaternion, Vector3, rotate
 from missions.runner.sampler import ScriptSampler
 from missions.setpoints import DirectSetpoint

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from missions.dry_run.document import Band, Corridor
 from missions.dry_run.track import Track
 
 Array = NDArray[np.float64]
@@ -29,50 +30,6 @@ SEARCHED_STATIONS = 3
 """Number of stations before and after the aligned station in which the nearest point is searched, because the
 alignment compares whole stations."""
 QUANTILES = (0.05, 0.5, 0.95)
-
-
-@dataclass(frozen=True, slots=True)
-class Band:
-    """Quantiles of one deviation at each station (S,) [m]."""
-
-    p5: Array
-    p50: Array
-    p95: Array
-    greatest: Array
-    """The deviation with the largest magnitude, signed."""
-
-
-@dataclass(frozen=True, slots=True)
-class Corridor:
-    """Deviations along the nominal path."""
-
-    t_s: Array
-    """(S,) time of the nominal flight since its start."""
-    position_ned_m: Array
-    """(S, 3) position of the nominal flight."""
-    horizontal: Band
-    """Horizontal distance."""
-    vertical: Band
-    """Positive: above the nominal path."""
-
-    @property
-    def width_m(self) -> float:
-        """The largest horizontal deviation."""
-        return float(self.horizontal.greatest.max(initial=0.0))
-
-    def document(self) -> dict[str, object]:
-        """As JSON values."""
-
-        def band(each: Band) -> dict[str, list[float]]:
-            names = ("p5", "p50", "p95", "greatest")
-            return {name: np.round(getattr(each, name), 2).tolist() for name in names}
-
-        return {
-            "t_s": np.round(self.t_s, 2).tolist(),
-            "position_ned_m": np.round(self.position_ned_m, 2).tolist(),
-            "horizontal_m": band(self.horizontal),
-            "vertical_m": band(self.vertical),
-        }
 
 
 def corridor(nominal: Track, flights: Sequence[Track]) -> Corridor:

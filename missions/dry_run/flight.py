@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from missions.dry_run.document import DryRunFinding
 from missions.dry_run.fleet import Fleet, Vehicle
-from missions.dry_run.pilot import READY_WITHIN_S, DryRunFinding, Pilot, finding_now
+from missions.dry_run.pilot import READY_WITHIN_S, Pilot, finding_now
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.track import SAMPLE_EVERY_TICKS, Recorder, Track
 

@@ -7,10 +7,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from missions.dry_run.corridor import Corridor, corridor
+from missions.dry_run.corridor import corridor
+from missions.dry_run.document import FlightSummary, MonteCarloResult
 from missions.dry_run.flight import ReportProgress, fly
 from missions.dry_run.plans import Flyable
-from missions.dry_run.result import DryRun, evaluate, rounded
+from missions.dry_run.result import DryRun, evaluate
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.spread import MAX_FLIGHTS, Chance, Quantiles, Spread
 from missions.errors import PlanError
@@ -27,56 +28,11 @@ OUTCOMES = {
 
 
 @dataclass(frozen=True, slots=True)
-class FlightSummary:
-    """Summary of one flight."""
-
-    conditions: Conditions
-    finished: bool
-    duration_s: float
-    battery_end_share: float | None
-    """Remaining battery charge at the end, 0 to 1; None: not known."""
-    fence_distance_m: float | None
-    obstacle_distance_m: float | None
-    findings: tuple[str, ...]
-    """Codes of the findings."""
-
-
-@dataclass(frozen=True, slots=True)
-class MonteCarlo:
+class MonteCarlo(MonteCarloResult):
     """Result of the nominal flight and of all flights with varied conditions."""
 
     nominal: DryRun
     """The flight in the mean conditions."""
-    spread: Spread
-    seed: int
-    flights: tuple[FlightSummary, ...]
-    corridor: Corridor | None
-    """None: the nominal flight did not start."""
-    duration_s: Quantiles | None
-    """Duration of the finished flights."""
-    battery_end_share: Quantiles | None
-    """Remaining battery charge at the end, 0 to 1."""
-    fence_distance_m: Quantiles | None
-    obstacle_distance_m: Quantiles | None
-    chances: dict[str, Chance]
-    times_real_time: float
-    """Simulated time divided by computing time, for the whole batch."""
-
-    def document(self) -> dict[str, Any]:
-        """As JSON values."""
-        return {
-            "nominal": self.nominal.document(),
-            "spread": asdict(self.spread),
-            "seed": self.seed,
-            "flights": [_summary_document(each) for each in self.flights],
-            "corridor": None if self.corridor is None else self.corridor.document(),
-            "duration_s": quantiles_document(self.duration_s),
-            "battery_end_share": quantiles_document(self.battery_end_share),
-            "fence_distance_m": quantiles_document(self.fence_distance_m),
-            "obstacle_distance_m": quantiles_document(self.obstacle_distance_m),
-            "chances": {name: asdict(chance) for name, chance in self.chances.items()},
-            "times_real_time": round(self.times_real_time, 2),
-        }
 
 
 def monte_carlo(
@@ -131,14 +87,14 @@ def summarise(evaluated: Sequence[DryRun], spread: Spread, seed: int, computing_
     tracks = [each.track for each in varied if each.track is not None]
     longest_flight_s = max(each.duration_s for each in evaluated)
     return MonteCarlo(
-        nominal, spread, seed, summaries,
+        spread, seed, summaries,
         None if nominal.track is None else corridor(nominal.track, tracks),
         Quantiles.from_values([each.duration_s for each in summaries if each.finished]),
         Quantiles.from_values(_without_none(each.battery_end_share for each in summaries)),
         Quantiles.from_values(_without_none(each.fence_distance_m for each in summaries)),
         Quantiles.from_values(_without_none(each.obstacle_distance_m for each in summaries)),
         outcome_probabilities([each.findings for each in summaries], OUTCOMES),
-        longest_flight_s / max(computing_s, 1e-9),
+        longest_flight_s / max(computing_s, 1e-9), nominal,
     )  # fmt: skip
 
 
@@ -166,29 +122,7 @@ def _without_none(values: Any) -> list[float]:
 def _summary_of(run: DryRun) -> FlightSummary:
     codes = tuple(dict.fromkeys(finding.code for finding in run.findings))
     return FlightSummary(
-        run.conditions, run.finished, run.duration_s, run.battery_end_share, run.fence_distance_m,
-        run.obstacle_distance_m, codes,
+        **asdict(run.conditions), finished=run.finished, duration_s=run.duration_s,
+        battery_end_share=run.battery_end_share, fence_distance_m=run.fence_distance_m,
+        obstacle_distance_m=run.obstacle_distance_m, findings=codes,
     )  # fmt: skip
-
-
-def _summary_document(flight: FlightSummary) -> dict[str, Any]:
-    return {
-        "wind_ned_m_s": [round(each, 2) for each in flight.conditions.wind_ned_m_s],
-        "gusts_m_s": round(flight.conditions.gusts_m_s, 2),
-        "mass_scale": round(flight.conditions.mass_scale, 3),
-        "battery_scale": round(flight.conditions.battery_scale, 3),
-        "sensor_noise": round(flight.conditions.sensor_noise, 2),
-        "finished": flight.finished,
-        "duration_s": round(flight.duration_s, 2),
-        "battery_end_share": rounded(flight.battery_end_share, 4),
-        "fence_distance_m": rounded(flight.fence_distance_m, 2),
-        "obstacle_distance_m": rounded(flight.obstacle_distance_m, 2),
-        "findings": list(flight.findings),
-    }
-
-
-def quantiles_document(quantiles: Quantiles | None) -> dict[str, float] | None:
-    """As JSON values; None without values."""
-    if quantiles is None:
-        return None
-    return {name: round(value, 4) for name, value in asdict(quantiles).items()}

@@ -4,17 +4,12 @@ vehicles."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
+from missions.dry_run.document import MonteCarloResult, PairDistance, plain
 from missions.dry_run.flight import ReportProgress
-from missions.dry_run.monte_carlo import (
-    OUTCOMES,
-    MonteCarlo,
-    outcome_probabilities,
-    quantiles_document,
-    summarise,
-)
+from missions.dry_run.monte_carlo import OUTCOMES, MonteCarlo, outcome_probabilities, summarise
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles, Spread
 from missions.dry_run.together import DryRunTogether, fly_together
@@ -23,17 +18,6 @@ from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
 
 TOO_NEAR = "nearer_than_minimum"
-
-
-@dataclass(frozen=True, slots=True)
-class PairDistance:
-    """Distance between two vehicles over all flights."""
-
-    roles: tuple[str, str]
-    distance_m: Quantiles
-    """Quantiles of the smallest distance in each flight, between the centres."""
-    nearer_than_minimum: Chance
-    """Flights with a smaller distance than the mission's minimum separation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +36,9 @@ class MonteCarloTogether:
     def document(self) -> dict[str, Any]:
         """As JSON values, without `nominal`."""
         return {
-            "roles": {role: _without_nominal(each) for role, each in self.roles.items()},
-            "closest": [
-                {
-                    "roles": list(each.roles),
-                    "distance_m": quantiles_document(each.distance_m),
-                    TOO_NEAR: asdict(each.nearer_than_minimum),
-                }
-                for each in self.closest
-            ],
-            "chances": {name: asdict(chance) for name, chance in self.chances.items()},
+            "roles": {role: plain(each, MonteCarloResult) for role, each in self.roles.items()},
+            "closest": plain(self.closest),
+            "chances": plain(self.chances),
         }
 
 
@@ -144,9 +121,3 @@ def _chances(runs_together: Sequence[DryRunTogether], minimum_m: float) -> dict[
         for each in runs_together
     ]
     return outcome_probabilities(codes, {**OUTCOMES, "separation": ("separation",), TOO_NEAR: (TOO_NEAR,)})
-
-
-def _without_nominal(result: MonteCarlo) -> dict[str, Any]:
-    document = result.document()
-    del document["nominal"]
-    return document

@@ -9,8 +9,9 @@ import math
 from functools import cache
 
 from missions.dry_run.avoidance import SimulatedAvoidance
+from missions.dry_run.document import DryRunFinding
 from missions.dry_run.fleet import Vehicle
-from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, DryRunFinding, FailsafeWatch, Step, finding_now
+from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Step, finding_now
 from missions.frames import Vector3
 from missions.offboard.segments import Segment
 from missions.runner.reading import Reading, StreamPhase

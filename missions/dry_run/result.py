@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
+from missions.dry_run.document import DryRunFinding, FlightResult, FlownPath, StepTime, plain
 from missions.dry_run.flight import Flight, ReportProgress, fly
-from missions.dry_run.pilot import DryRunFinding
 from missions.dry_run.plans import Flyable
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, AnyObstacle, Conditions, Site
 from missions.dry_run.track import SAMPLE_PERIOD_S, Track
@@ -32,72 +32,41 @@ touching the ground; take-off and landing are slower."""
 
 
 @dataclass(frozen=True, slots=True)
-class StepTime:
-    """A flown step: its time and its smallest distances."""
-
-    place: str
-    """Label of the step, such as "item 3"."""
-    title: str
-    row: int | None
-    """Index in the plan's items; None: the step is not an item of a waypoint plan."""
-    start_s: float
-    end_s: float
-    fence_distance_m: float | None
-    """Smallest distance to the fence; negative: outside. None: there is no fence."""
-    obstacle_distance_m: float | None
-    """Smallest distance to an obstacle; None: there are no obstacles."""
-
-
-@dataclass(frozen=True, slots=True)
-class DryRun:
+class DryRun(FlightResult):
     """Result of one dry run."""
 
-    finished: bool
-    """Whether the flight completed the plan."""
-    landed: bool
-    duration_s: float
-    """Time from arming to the end."""
-    length_m: float
-    battery_start_share: float
-    """Battery charge at the start, 0 to 1."""
-    battery_end_share: float | None
-    """Remaining battery charge at the end, 0 to 1; None: the battery's discharge rate is unknown."""
-    fence_distance_m: float | None
-    obstacle_distance_m: float | None
-    steps: tuple[StepTime, ...]
-    findings: tuple[DryRunFinding, ...]
     track: Track | None
     """None: the flight did not start."""
     aircraft: Aircraft
-    conditions: Conditions
-    times_real_time: float
-    """Simulated time divided by computing time."""
     ground_m: Array | None = None
     """Altitude of the ground below each sample of the track, above home; None: level ground."""
 
     def document(self, max_samples: int = MAX_SAMPLES) -> dict[str, Any]:
         """As JSON values, with a path of at most `max_samples` samples."""
-        home = self.aircraft.home
-        return {
-            "origin": {"lat_deg": home.lat_deg, "lon_deg": home.lon_deg, "alt_amsl_m": home.alt_amsl_m},
-            "conditions": asdict(self.conditions),
-            "finished": self.finished,
-            "landed": self.landed,
-            "duration_s": round(self.duration_s, 2),
-            "length_m": round(self.length_m, 2),
-            "battery_start_share": round(self.battery_start_share, 4),
-            "battery_end_share": rounded(self.battery_end_share, 4),
-            "fence_distance_m": rounded(self.fence_distance_m, 2),
-            "obstacle_distance_m": rounded(self.obstacle_distance_m, 2),
-            "steps": [asdict(step) for step in self.steps],
-            "findings": [finding_document(each) for each in self.findings],
-            "path": None
-            if self.track is None
-            else _path_document(
-                self.track, self.ground_m, max_samples, knows_battery=self.battery_end_share is not None
-            ),
-            "times_real_time": round(self.times_real_time, 1),
-        }
+        origin, path = asdict(self.aircraft.origin), self._path(max_samples)
+        return {"origin": origin, **plain(self, FlightResult), "path": path and asdict(path)}
+
+    def _path(self, max_samples: int) -> FlownPath | None:
+        track = self.track
+        if track is None:
+            return None
+        count = len(track.t_s)
+        selected = np.unique(np.linspace(0, count - 1, min(count, max_samples)).round().astype(int))
+
+        def rows(values: Array | None, digits: int) -> Any:
+            return None if values is None else np.round(values[selected], digits).tolist()
+
+        return FlownPath(
+            t_s=rows(track.t_s, 2),
+            position_ned_m=rows(track.position_ned_m, 2),
+            velocity_ned_m_s=rows(track.velocity_ned_m_s, 2),
+            q_ned_frd=rows(track.q_ned_frd, 4),
+            gimbal_rad=rows(track.gimbal_rad, 3),
+            battery_share=None if self.battery_end_share is None else rows(track.battery_share, 3),
+            ground_m=rows(self.ground_m, 1),
+            step=track.step[selected].tolist(),
+            step_places=[step.place for step in track.steps],
+        )
 
 
 def dry_run(
@@ -137,8 +106,8 @@ def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, c
     track = flight.track
     if track is None:
         return DryRun(
-            False, False, 0.0, 0.0, aircraft.battery_share, None, None, None, (), flight.findings, None,
-            aircraft, flight.conditions, 0.0,
+            flight.conditions, False, False, 0.0, 0.0, aircraft.battery_share, None, None, None, (),
+            flight.findings, 0.0, None, aircraft,
         )  # fmt: skip
     fence = effective_fence(flyable, aircraft)
     fence_m = fence.distance_m(track.position_ned_m)
@@ -156,9 +125,9 @@ def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, c
     findings.sort(key=lambda each: order[each.severity])
     duration_s = float(track.t_s[-1])
     return DryRun(
-        flight.finished, flight.landed, duration_s, track.length_m, aircraft.battery_share, end_share,
-        _finite_minimum(fence_m), _finite_minimum(obstacle_m), steps, tuple(findings[:MAX_FINDINGS]), track,
-        aircraft, flight.conditions, duration_s / max(computing_s, 1e-9), ground_m,
+        flight.conditions, flight.finished, flight.landed, duration_s, track.length_m, aircraft.battery_share,
+        end_share, _finite_minimum(fence_m), _finite_minimum(obstacle_m), steps,
+        tuple(findings[:MAX_FINDINGS]), duration_s / max(computing_s, 1e-9), track, aircraft, ground_m,
     )  # fmt: skip
 
 
@@ -171,11 +140,6 @@ def effective_fence(flyable: Flyable, aircraft: Aircraft) -> FenceDistance:
         parameters.get("GF_MAX_HOR_DIST", 0.0),
         parameters.get("GF_MAX_VER_DIST", 0.0),
     )
-
-
-def rounded(value: float | None, digits: int) -> float | None:
-    """The value rounded to this number of decimals; None if there is no value."""
-    return None if value is None else round(value, digits)
 
 
 def _finite_minimum(distances: Array) -> float | None:
@@ -202,9 +166,8 @@ def _step_times(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTim
         last = min(end, len(track.t_s) - 1)
         steps.append(
             StepTime(
-                step.place, step.title, step.row, round(float(track.t_s[first]), 2),
-                round(float(track.t_s[last]), 2), rounded(_finite_minimum(fence_m[first:end]), 2),
-                rounded(_finite_minimum(obstacle_m[first:end]), 2),
+                step.place, step.title, step.row, float(track.t_s[first]), float(track.t_s[last]),
+                _finite_minimum(fence_m[first:end]), _finite_minimum(obstacle_m[first:end]),
             )
         )  # fmt: skip
     return steps
@@ -284,37 +247,3 @@ def _battery_findings(track: Track, aircraft: Aircraft, end_share: float | None)
         step, t_s, position_ned_m = _step_time_position(track, len(track.t_s) - 1)
         return [DryRunFinding("battery_reserve", message, step, t_s, position_ned_m)]
     return []
-
-
-def finding_document(finding: DryRunFinding) -> dict[str, Any]:
-    """One finding as JSON values."""
-    return {
-        "code": finding.code,
-        "severity": finding.severity,
-        "text": finding.message,
-        "step": finding.step,
-        "t_s": finding.t_s,
-        "position_ned_m": finding.position_ned_m,
-    }
-
-
-def _path_document(
-    track: Track, ground_m: Array | None, max_samples: int, *, knows_battery: bool
-) -> dict[str, Any]:
-    count = len(track.t_s)
-    selected = np.unique(np.linspace(0, count - 1, min(count, max_samples)).round().astype(int))
-
-    def rows(values: Array | None, digits: int) -> list[Any] | None:
-        return None if values is None else np.round(values[selected], digits).tolist()
-
-    return {
-        "t_s": rows(track.t_s, 2),
-        "position_ned_m": rows(track.position_ned_m, 2),
-        "velocity_ned_m_s": rows(track.velocity_ned_m_s, 2),
-        "q_ned_frd": rows(track.q_ned_frd, 4),
-        "gimbal_rad": rows(track.gimbal_rad, 3),
-        "battery_share": rows(track.battery_share, 3) if knows_battery else None,
-        "ground_m": rows(ground_m, 1),
-        "step": track.step[selected].tolist(),
-        "step_places": [step.place for step in track.steps],
-    }

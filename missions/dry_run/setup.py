@@ -88,15 +88,15 @@ class Conditions:
     """Conditions of one flight."""
 
     wind_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
-    """Velocity of the air relative to the ground."""
+    """Steady wind as the velocity of the air [m/s]."""
     gusts_m_s: float = 0.0
-    """Standard deviation on each horizontal axis."""
+    """Standard deviation of the gusts on each horizontal axis [m/s]."""
     mass_scale: float = 1.0
-    """Factor of the vehicle's mass."""
+    """Factor on the vehicle's mass."""
     battery_scale: float = 1.0
-    """Factor of the battery's capacity."""
+    """Factor on the battery's capacity."""
     sensor_noise: float = 1.0
-    """Factor of the sensor noise of PX4's own simulation."""
+    """Factor on the sensor noise of PX4's own simulation."""
 
     def __post_init__(self) -> None:
         """Checks the bounds of each value.

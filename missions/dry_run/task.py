@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from missions import plan as plan_document
+from missions.dry_run.document import MonteCarloResult, plain
 from missions.dry_run.monte_carlo import monte_carlo
 from missions.dry_run.monte_carlo_together import monte_carlo_together
 from missions.dry_run.plans import Flyable, FlyableMission, FlyablePlan
@@ -129,10 +130,9 @@ def run(
         flyable, aircraft, conditions, Spread(**request["spread"]), flights=flights, seed=seed,
         site=site, report=report,
     )  # fmt: skip
-    document = result.document()
     return {
-        "nominal": document.pop("nominal"),
-        "monte_carlo": document,
+        "nominal": result.nominal.document(),
+        "monte_carlo": plain(result, MonteCarloResult),
         "together": None,
         "assumed": assumptions,
     }

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from missions.dry_run.document import ClosestApproach, DryRunFinding, plain
 from missions.dry_run.fleet import Fleet
 from missions.dry_run.flight import ReportProgress, fly_fleet
 from missions.dry_run.offboard import RUNNER_EVERY_TICKS, OffboardPilot
-from missions.dry_run.pilot import DryRunFinding
 from missions.dry_run.plans import FlyableMission, max_duration_s
-from missions.dry_run.result import MAX_SAMPLES, DryRun, evaluate, finding_document
+from missions.dry_run.result import MAX_SAMPLES, DryRun, evaluate
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.track import SAMPLE_PERIOD_S, Recorder, Track
 from missions.errors import PlanError
@@ -31,17 +31,6 @@ from missions.runner.requests import CannotDo
 from missions.separation import braking_separation_m, planned_margin_m
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class ClosestApproach:
-    """The smallest distance between two vehicles."""
-
-    roles: tuple[str, str]
-    distance_m: float
-    """Between their centres."""
-    t_s: float
-    """Time since the common start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +47,8 @@ class DryRunTogether:
         """As JSON values."""
         return {
             "roles": {role: run.document(MAX_SAMPLES // len(self.roles)) for role, run in self.roles.items()},
-            "closest": [
-                {
-                    "roles": list(each.roles),
-                    "distance_m": round(each.distance_m, 2),
-                    "t_s": round(each.t_s, 2),
-                }
-                for each in self.closest
-            ],
-            "findings": [finding_document(each) for each in self.findings],
+            "closest": plain(self.closest),
+            "findings": plain(self.findings),
         }
 
 

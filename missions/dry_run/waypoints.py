@@ -6,8 +6,9 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+from missions.dry_run.document import DryRunFinding
 from missions.dry_run.fleet import Vehicle
-from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, DryRunFinding, FailsafeWatch, Step, finding_now
+from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Step, finding_now
 from missions.errors import PlanError
 from missions.formats.mavlink_items import WireItem, fence_items, mission_items, rally_items
 from missions.items import LoiterUnlimited

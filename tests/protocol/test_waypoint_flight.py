@@ -362,7 +362,12 @@ def store_dry_run(rig, plan=PLAN, north_m=0.0):
         {"place": f"item {n}", "title": "Item", "row": n - 1, "start_s": 4.0 * (n - 1), "end_s": 4.0 * n}
         for n in (1, 2, 3)
     ]
-    path = {"t_s": [0.0, 4.0, 8.0, 12.0], "position_ned_m": [[0, 0, 0], [0, 0, -6], [35, 0, -6], [35, 0, 0]]}
+    path = {
+        "t_s": [0.0, 4.0, 8.0, 12.0],
+        "position_ned_m": [[0, 0, 0], [0, 0, -6], [35, 0, -6], [35, 0, 0]],
+        "q_ned_frd": [[1, 0, 0, 0]] * 4,
+        "gimbal_rad": [[0, 0]] * 4,
+    }
     nominal = {"origin": origin, "finished": True, "duration_s": 12.0, "path": path, "steps": steps}
     result = {"id": "1", "kind": "waypoint_plan", "nominal": nominal, "monte_carlo": None, "together": None}
     rig.station.flights.dry_runs._store("1", json.dumps(result).encode(), json.dumps(plan).encode())

@@ -43,7 +43,7 @@ def test_without_avoidance_the_flight_ends_at_the_box() -> None:
     assert not result.finished
     (collision,) = [each for each in result.findings if each.code == "obstacle_hit"]
     assert (collision.severity, collision.step) == ("error", "step 2")
-    assert "Collision with the box" in collision.message
+    assert "Collision with the box" in collision.text
     assert collision.position_ned_m is not None
     assert collision.position_ned_m[0] == pytest.approx(11.7, abs=0.5)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from missions.dry_run.corridor import MAX_STATIONS, SPACING_M, Stations, corridor, deviation
+from missions.dry_run.document import plain
 from missions.dry_run.pilot import Step
 from missions.dry_run.track import Track
 
@@ -192,11 +193,11 @@ def test_a_corridor_has_the_quantiles_of_its_flights():
     path = np.array([[0.0, 0.0], [40.0, 0.0]])
     flights = [fly(path + np.array([0.0, 0.5 * k]), speed_m_s=3.0 + 0.2 * k) for k in range(21)]
     result = corridor(fly(path), flights)
-    assert result.horizontal.p50[20] == pytest.approx(5.0, abs=0.05)
-    assert result.horizontal.p95[20] == pytest.approx(9.5, abs=0.05)
+    assert result.horizontal_m.p50[20] == pytest.approx(5.0, abs=0.05)
+    assert result.horizontal_m.p95[20] == pytest.approx(9.5, abs=0.05)
     assert result.width_m == pytest.approx(10.0)
-    assert result.vertical.greatest == pytest.approx(0.0, abs=1e-6)
-    document = result.document()
+    assert result.vertical_m.greatest == pytest.approx(0.0, abs=1e-6)
+    document = plain(result)
     assert len(document["t_s"]) == len(document["position_ned_m"]) == len(document["horizontal_m"]["p95"])
 
 
@@ -205,7 +206,7 @@ def test_an_incomplete_flight_widens_the_corridor_only_where_it_flew():
     incomplete_flight = fly(np.array([[0.0, 5.0], [16.0, 5.0]]), finished=False)
     result = corridor(fly(path), [incomplete_flight, fly(path + np.array([0.0, -3.0]))])
     assert result.width_m == pytest.approx(5.0)
-    assert result.horizontal.greatest[-1] == pytest.approx(3.0)
+    assert result.horizontal_m.greatest[-1] == pytest.approx(3.0)
 
 
 def test_the_stations_of_a_flight_without_motion_extend_from_its_start_to_its_end():
@@ -213,4 +214,4 @@ def test_the_stations_of_a_flight_without_motion_extend_from_its_start_to_its_en
     result = corridor(hover_flight, [replace(hover_flight, position_ned_m=hover_flight.position_ned_m + 2.0)])
     assert (result.t_s[0], result.t_s[-1]) == pytest.approx((0.0, 20.0))
     assert result.width_m == pytest.approx(2.0 * math.sqrt(2.0))
-    assert result.vertical.greatest == pytest.approx(-2.0)
+    assert result.vertical_m.greatest == pytest.approx(-2.0)

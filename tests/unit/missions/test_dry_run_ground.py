@@ -92,7 +92,7 @@ def test_a_vehicle_lands_on_higher_ground():
 def test_every_flight_of_a_path_into_rising_ground_ends_with_a_collision():
     batch = monte_carlo(flyable_plan(short_plan(45.0)), AIRCRAFT, flights=1, site=Site(ground=plateau(20.0)))
     (finding,) = [each for each in batch.nominal.findings if each.code == "obstacle_hit"]
-    assert "the ground" in finding.message
+    assert "the ground" in finding.text
     assert finding.position_ned_m is not None
     assert 20.0 < finding.position_ned_m[0] < 35.0
     assert batch.chances["obstacle_hit"].count == 1

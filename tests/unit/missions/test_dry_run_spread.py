@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 
 import pytest
 
-from missions.dry_run.monte_carlo import FlightSummary, monte_carlo
+from missions.dry_run.document import FlightSummary
+from missions.dry_run.monte_carlo import monte_carlo
 from missions.dry_run.setup import Conditions
 from missions.dry_run.spread import Spread
 from tests.support.dry_runs import AIRCRAFT, flyable_plan, short_plan
@@ -31,7 +32,7 @@ def flights(spread: Spread, conditions: Conditions) -> tuple[FlightSummary, ...]
 def test_without_spread_noise_and_gusts_all_flights_are_equal():
     first, second = flights(NO_SPREAD, STEADY_CONDITIONS)
     assert first == second
-    assert first.conditions == STEADY_CONDITIONS
+    assert asdict(first).items() >= asdict(STEADY_CONDITIONS).items()
 
 
 @pytest.mark.parametrize("condition", SPREAD_OF)
@@ -41,14 +42,14 @@ def test_a_spread_varies_only_its_own_condition_and_changes_each_flight(conditio
         flights(replace(NO_SPREAD, **{SPREAD_OF[condition]: 0.3}), nominal),
         flights(NO_SPREAD, nominal),
     )
-    values = [getattr(each.conditions, condition) for each in varied_flights]
+    values = [getattr(each, condition) for each in varied_flights]
     assert values[0] != values[1]
     assert getattr(nominal, condition) not in values
     other_conditions = {each.name for each in fields(Conditions)} - {condition}
     for with_spread, without_spread in zip(varied_flights, unvaried_flights, strict=True):
         assert with_spread.finished
         assert all(
-            getattr(with_spread.conditions, name) == getattr(nominal, name) for name in other_conditions
+            getattr(with_spread, name) == getattr(nominal, name) for name in other_conditions
         )
         if condition != "sensor_noise":
             assert with_spread.battery_end_share != without_spread.battery_end_share
@@ -60,7 +61,7 @@ def test_a_spread_varies_only_its_own_condition_and_changes_each_flight(conditio
 def test_a_heavier_vehicle_and_a_smaller_battery_leave_less_charge(condition):
     spread = replace(NO_SPREAD, **{SPREAD_OF[condition]: 0.3})
     flight_with_lower_value, flight_with_higher_value = sorted(
-        flights(spread, STEADY_CONDITIONS), key=lambda each: getattr(each.conditions, condition)
+        flights(spread, STEADY_CONDITIONS), key=lambda each: getattr(each, condition)
     )
     assert flight_with_lower_value.battery_end_share is not None
     assert flight_with_higher_value.battery_end_share is not None

@@ -130,9 +130,9 @@ def test_each_role_of_a_monte_carlo_run_has_its_own_corridor(batch):
 
 def test_the_vehicles_of_a_flight_have_the_same_wind_and_different_masses(batch):
     lead, left = (batch.roles[role].flights for role in ("lead", "left"))
-    assert [each.conditions.wind_ned_m_s for each in lead] == [each.conditions.wind_ned_m_s for each in left]
-    assert all(a.conditions.mass_scale != b.conditions.mass_scale for a, b in zip(lead, left, strict=True))
-    assert lead[0].conditions == Spread().draw(Conditions((0.0, 2.0, 0.0)), 5, 1)
+    assert [each.wind_ned_m_s for each in lead] == [each.wind_ned_m_s for each in left]
+    assert all(a.mass_scale != b.mass_scale for a, b in zip(lead, left, strict=True))
+    assert asdict(lead[0]).items() >= asdict(Spread().draw(Conditions((0.0, 2.0, 0.0)), 5, 1)).items()
 
 
 def test_distances_and_chances_cover_all_flights(batch):

@@ -3873,7 +3873,7 @@ export interface components {
             readonly p95: readonly number[];
             /**
              * Greatest
-             * @description Largest absolute value.
+             * @description The deviation with the largest magnitude, signed.
              */
             readonly greatest: readonly number[];
         };
@@ -3998,15 +3998,8 @@ export interface components {
             /**
              * Code
              * @description Stable code; `docs/missions.md` lists all.
-             * @example fence_touched
              */
             readonly code: string;
-            /**
-             * Severity
-             * @description error: do not fly this plan; warning: check the plan.
-             * @enum {string}
-             */
-            readonly severity: "error" | "warning";
             /**
              * Text
              * @description Message for the pilot.
@@ -4031,14 +4024,18 @@ export interface components {
                 number,
                 number
             ] | null;
+            /**
+             * Severity
+             * @description error: do not fly this plan; warning: check the plan.
+             * @enum {string}
+             */
+            readonly severity: "error" | "warning";
         };
         /**
          * DryRunFlight
          * @description The flight in the requested conditions.
          */
         readonly DryRunFlight: {
-            /** @description Start position of the vehicle; origin of all local positions. */
-            readonly origin: components["schemas"]["PlanOrigin"];
             /** @description Conditions of this flight. */
             readonly conditions: components["schemas"]["DryRunConditions"];
             /**
@@ -4091,13 +4088,15 @@ export interface components {
              * @description Errors first; at most 100.
              */
             readonly findings: readonly components["schemas"]["DryRunFindingModel"][];
-            /** @description The flown path; null: the flight did not start. */
-            readonly path: components["schemas"]["DryRunPath"] | null;
             /**
              * Times Real Time
              * @description Simulation speed relative to real time.
              */
             readonly times_real_time: number;
+            /** @description Start position of the vehicle; origin of all local positions. */
+            readonly origin: components["schemas"]["PlanOrigin"];
+            /** @description The flown path; null: the flight did not start. */
+            readonly path: components["schemas"]["DryRunPath"] | null;
         };
         /**
          * DryRunMonteCarlo
@@ -4463,12 +4462,12 @@ export interface components {
         };
         /**
          * DryRunSummary
-         * @description Summary of one flight.
+         * @description Conditions and summary of one flight.
          */
         readonly DryRunSummary: {
             /**
              * Wind Ned M S
-             * @description Steady wind [m/s].
+             * @description Steady wind as the velocity of the air [m/s].
              */
             readonly wind_ned_m_s: readonly [
                 number,
@@ -4477,7 +4476,7 @@ export interface components {
             ];
             /**
              * Gusts M S
-             * @description Standard deviation of the gusts [m/s].
+             * @description Standard deviation of the gusts on each horizontal axis [m/s].
              */
             readonly gusts_m_s: number;
             /**
@@ -4492,7 +4491,7 @@ export interface components {
             readonly battery_scale: number;
             /**
              * Sensor Noise
-             * @description Factor on the usual sensor noise.
+             * @description Factor on the sensor noise of PX4's own simulation.
              */
             readonly sensor_noise: number;
             /**
