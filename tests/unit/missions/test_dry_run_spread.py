@@ -48,9 +48,7 @@ def test_a_spread_varies_only_its_own_condition_and_changes_each_flight(conditio
     other_conditions = {each.name for each in fields(Conditions)} - {condition}
     for with_spread, without_spread in zip(varied_flights, unvaried_flights, strict=True):
         assert with_spread.finished
-        assert all(
-            getattr(with_spread, name) == getattr(nominal, name) for name in other_conditions
-        )
+        assert all(getattr(with_spread, name) == getattr(nominal, name) for name in other_conditions)
         if condition != "sensor_noise":
             assert with_spread.battery_end_share != without_spread.battery_end_share
         path_changed = with_spread.fence_distance_m != without_spread.fence_distance_m
