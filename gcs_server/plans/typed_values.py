@@ -102,7 +102,7 @@ def _reader(expected: Any) -> Read:
         return functools.partial(_read_row, tuple(_reader(each) for each in arguments))
     if origin is dict:
         return functools.partial(_read_dict, _reader(arguments[0]), _reader(arguments[1]))
-    if origin is np.ndarray:
+    if origin in (np.ndarray, NDArray):  # before NumPy 2.5, and from it on
         return _read_array
     raise TypeError(f"{expected} is not supported")
 
