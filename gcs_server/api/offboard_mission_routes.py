@@ -20,8 +20,8 @@ from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.principal import Principal
 from gcs_server.flights.mission_flight import MissionFlight
-from gcs_server.flights.mission_modes import dds_address
 from gcs_server.flights.mission_start import begin_mission, mission_as_mode
+from gcs_server.vehicle.endpoint import dds_address
 
 router = Routes(tags=["offboard mission"], responses=RESPONSES, route_class=DocumentRoute)
 MISSION, MODES = "/vehicles/{v}/offboard_mission", "/vehicles/{v}/mission_modes"
@@ -241,6 +241,6 @@ def _view(station: Station, vehicle_id: str) -> Response:
 
 def _modes_view(station: Station, vehicle_id: str) -> Response:
     vehicle = station.fleet.get(vehicle_id)
-    possible = dds_address(vehicle) is not None
+    possible = dds_address(vehicle.endpoints) is not None
     modes = station.flights.mission_modes.all(vehicle_id)
     return json_response({"vehicle": vehicle_id, "possible": possible, "modes": modes})

@@ -29,20 +29,20 @@ from gcs_server.flights.preparation import (
     add_event,
     with_remedy,
 )
-from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import (
     REPLIES_ENDED,
     ModeDeclaration,
     Registration,
     RegistrationState,
 )
-from gcs_server.ros2.versions import REMEDY as VERSION_REMEDY
+from gcs_server.ros2.formats import REMEDY as FORMAT_REMEDY
+from gcs_server.ros2.formats import with_formats_of
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.streams import Streams
-from gcs_server.streamer.schedule.external_modes import topics_for
+from gcs_server.streamer.schedule.external_modes import READ_TYPES, WRITTEN, topics_for
 from gcs_server.streamer.values.stream_request import OFFBOARD
 from gcs_server.supervise import Supervisor
-from gcs_server.vehicle.endpoint import unusable_topics
+from gcs_server.vehicle.endpoint import dds_address, unusable_topics
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Estimate
@@ -135,7 +135,7 @@ class MissionModes:
         """
         vehicle = self._vehicle(vehicle_id)
         vehicle.require_commandable()
-        address = dds_address(vehicle)
+        address = dds_address(vehicle.endpoints)
         if address is None:
             raise Refused(
                 f"No ROS 2 connection to vehicle {vehicle_id}. PX4 registers flight modes only over ROS 2.",
@@ -150,7 +150,8 @@ class MissionModes:
             )
             self._streamer.offboard(vehicle_id).require_topics(start.timeline.segments, in_offboard=False)
             _require_topics(vehicle, topics_for(declaration))
-            await self._streams.register_mode(vehicle_id, address, declaration)
+            mode_address = with_formats_of(address, {*WRITTEN, *READ_TYPES})
+            await self._streams.register_mode(vehicle_id, mode_address, declaration)
         except ValueError as error:
             raise Refused(
                 f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name."
@@ -436,13 +437,8 @@ class MissionModes:
 
 
 def _require_topics(vehicle: Vehicle, topics: Iterable[str]) -> None:
-    """Raises Refused if the vehicle has one of these topics in an unknown version."""
+    """Raises Refused if the vehicle lacks one of these topics, or has it in a layout that is not known."""
     unusable = unusable_topics(vehicle.endpoints)
     problem = next((unusable[topic] for topic in sorted(topics) if topic in unusable), None)
     if problem is not None:
-        raise Refused(f"{problem}.", remedy=VERSION_REMEDY)
-
-
-def dds_address(vehicle: Vehicle) -> DdsAddress | None:
-    """The vehicle's DDS address; None if it is not connected over ROS 2."""
-    return next((e.peer.dds for e in vehicle.endpoints if e.peer.dds is not None), None)
+        raise Refused(f"{problem}.", remedy=FORMAT_REMEDY)

@@ -29,6 +29,8 @@ class DdsAddress:
     """Network interface; None: loopback."""
     namespace: str
     """Namespace of the topics; empty: none."""
+    formats: tuple[tuple[str, str, str, int], ...] = ()
+    """The topics whose layout the vehicle has confirmed (`ros2.formats.TopicFormat`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +229,10 @@ class Link(ABC):
     def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
         """ROS 2 topics of a peer that this server cannot use, and why; empty over MAVLink."""
         return {}
+
+    def dds_address(self, peer: Peer) -> DdsAddress | None:
+        """Address of a peer's ROS 2 topics with their current formats; None over MAVLink."""
+        return peer.dds
 
     def peers(self) -> tuple[Peer, ...]:
         """Current peers."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import weakref
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
@@ -27,8 +27,10 @@ from cyclonedds.topic import Topic
 
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.dds_types import Sample, idl_type
+from gcs_server.ros2.formats import REQUEST, RESPONSE, TopicFormat
+from gcs_server.ros2.inspection import Announcement, TopicKey
 from gcs_server.ros2.message_types import MESSAGES, MessageType
-from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS, Subscription, wire_name
+from gcs_server.ros2.topics import COMMAND, STATUS, SUBSCRIPTIONS, Subscription, wire_name
 
 LOOPBACK: Final = "lo"
 MAX_PARTICIPANT_INDEX: Final = 99
@@ -39,6 +41,8 @@ MAX_ANNOUNCEMENTS: Final = 200
 """Maximum number of announcements that are read at once, each of writers and of readers."""
 MAX_WRITERS: Final = 64
 """Maximum number of writers of one topic whose participant is stored."""
+RESPONSE_DEPTH: Final = 8
+"""Maximum number of answers about layouts that are kept until the next reading."""
 SOURCE_TIMEOUT_S: Final = 3.5
 """If the participant whose topics are read sends no vehicle status for this time, another participant's
 topics are read [s]."""
@@ -123,22 +127,44 @@ def _open_error(domain_id: int, interface: str | None, problem: DDSException) ->
     )
 
 
-def _is_alive(endpoint: object) -> bool:
-    return bool(getattr(endpoint, "topic_name", None) and getattr(endpoint, "type_name", None))
-
-
 inspector_participants: Final[set[str]] = set()
 """Keys of this process's participants that read topics only for the inspector."""
 
 
-@dataclass(frozen=True, slots=True)
-class Discovered:
-    """A writer or a reader that DDS discovered."""
+class Discovery:
+    """The writers and readers that DDS discovers.
 
-    topic: str
-    type: str
-    publishes: bool
-    """Whether it is a writer."""
+    Args:
+        participant: a participant in the domain.
+    """
+
+    def __init__(self, participant: DomainParticipant) -> None:
+        self._builtin = (
+            (True, BuiltinDataReader(participant, BuiltinTopicDcpsPublication)),
+            (False, BuiltinDataReader(participant, BuiltinTopicDcpsSubscription)),
+        )
+
+    def take(self, maximum: int, without: Collection[str]) -> list[Announcement]:
+        """Announcements of writers and readers that appeared or ended since the last call.
+
+        Args:
+            maximum: maximum number of announcements, each of writers and of readers.
+            without: keys of participants that are omitted.
+        """
+        announcements: list[Announcement] = []
+        for publishes, reader in self._builtin:
+            try:
+                samples = reader.take(maximum)
+            except DDSException:
+                continue
+            for each in samples:
+                participant = str(each.participant_key)
+                # an ended writer or reader is announced without names
+                is_alive = each.sample_info.valid_data and each.topic_name and each.type_name
+                topic = TopicKey(each.topic_name, each.type_name) if is_alive else None
+                if participant not in without:
+                    announcements.append(Announcement(str(each.key), publishes, topic, participant))
+        return announcements
 
 
 class DdsPort:
@@ -152,29 +178,14 @@ class DdsPort:
         self._domain = open_domain(domain_id, interface)
         try:
             self.participant = DomainParticipant(domain_id)
-            self._builtin = (
-                (True, BuiltinDataReader(self.participant, BuiltinTopicDcpsPublication)),
-                (False, BuiltinDataReader(self.participant, BuiltinTopicDcpsSubscription)),
-            )
+            self._discovery = Discovery(self.participant)
         except DDSException as problem:
             raise DdsUnavailable(_open_error(domain_id, interface, problem)) from None
 
-    def discovered(self) -> list[Discovered]:
-        """Writers and readers that appeared or changed since the last call; at most
-        `MAX_ANNOUNCEMENTS` each."""
-        endpoints: list[Discovered] = []
-        for publishes, reader in self._builtin:
-            try:
-                announced = reader.take(MAX_ANNOUNCEMENTS)
-            except DDSException:
-                continue
-            endpoints += [
-                Discovered(each.topic_name, each.type_name, publishes)
-                for each in announced
-                # an ended writer or reader is announced without names
-                if _is_alive(each) and str(each.participant_key) not in inspector_participants
-            ]
-        return endpoints
+    def announcements(self) -> list[Announcement]:
+        """Announcements since the last call, without those of the inspector; at most `MAX_ANNOUNCEMENTS` each
+        of writers and of readers."""
+        return self._discovery.take(MAX_ANNOUNCEMENTS, inspector_participants)
 
     def vehicle(self, namespace: str) -> VehiclePort:
         """Subscribes to the topics of a vehicle.
@@ -205,17 +216,22 @@ class Writers:
         self._participant, self._namespace, self._domain = participant, namespace, domain
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
 
-    def prepare(self, topic: str, message: MessageType) -> None:
-        """Creates the writer of a topic, so that DDS connects the writer before the first message.
+    def prepare(self, topic: str, message: MessageType, name: str | None = None) -> None:
+        """Creates the writer of a topic, so that DDS connects the writer before the first message. Another
+        writer of the topic is replaced.
+
+        Args:
+            topic: name with which `send` finds the writer.
+            message: the topic's type.
+            name: the vehicle's name of the topic, if it differs.
 
         Raises:
             DDSException: DDS cannot create the writer.
         """
-        if topic not in self._writers:
-            sample_class = idl_type(message)
-            qos = Qos(BEST_EFFORT, Policy.Durability.Volatile, Policy.History.KeepLast(1))
-            dds_topic = Topic(self._participant, wire_name(topic, self._namespace), sample_class)
-            self._writers[topic] = sample_class, DataWriter(self._participant, dds_topic, qos=qos)
+        sample_class = idl_type(message)
+        qos = Qos(BEST_EFFORT, Policy.Durability.Volatile, Policy.History.KeepLast(1))
+        dds_topic = Topic(self._participant, wire_name(name or topic, self._namespace), sample_class)
+        self._writers[topic] = sample_class, DataWriter(self._participant, dds_topic, qos=qos)
 
     def send(self, topic: str, data: bytes) -> None:
         """Sends a message to a prepared topic.
@@ -234,19 +250,16 @@ class Writers:
         return bool(self._writers[topic][1].get_matched_subscriptions())
 
 
-def open_writers(address: DdsAddress, topics: Mapping[str, MessageType]) -> Writers:
-    """Writers for a vehicle's topics, in a new participant.
-
-    Raises:
-        DdsUnavailable: DDS cannot create the participant, a writer or a reader.
-    """
-    return open_topics(address, topics, ())[0]
-
-
 def open_topics(
-    address: DdsAddress, sent: Mapping[str, MessageType], subscriptions: Iterable[Subscription]
+    address: DdsAddress, sent: Iterable[TopicFormat], subscriptions: Iterable[tuple[TopicFormat, int]] = ()
 ) -> tuple[Writers, Readers]:
     """Writers and readers for a vehicle's topics, in a new participant.
+
+    Args:
+        address: the vehicle's address.
+        sent: the topics to write.
+        subscriptions: the topics to read, each with the number of messages that are kept until the next
+            reading.
 
     Raises:
         DdsUnavailable: DDS cannot create the participant, a writer or a reader.
@@ -256,8 +269,8 @@ def open_topics(
         with _types_lock:
             participant = DomainParticipant(address.domain_id)
             writers = Writers(participant, address.namespace, domain)
-            for topic, message in sent.items():
-                writers.prepare(topic, message)
+            for each in sent:
+                writers.prepare(each.topic, each.message, each.name)
             return writers, Readers(participant, address.namespace, subscriptions)
     except DDSException as problem:
         raise DdsUnavailable(_open_error(address.domain_id, address.interface, problem)) from None
@@ -269,33 +282,37 @@ class Readers:
     Args:
         participant: the participant of this process.
         namespace: namespace of the vehicle; may be empty.
-        subscriptions: the topics to read; `every_s` has no effect.
+        subscriptions: the topics to read, each with the number of messages that are kept.
     """
 
     def __init__(
-        self, participant: DomainParticipant, namespace: str, subscriptions: Iterable[Subscription]
+        self, participant: DomainParticipant, namespace: str, subscriptions: Iterable[tuple[TopicFormat, int]]
     ) -> None:
-        self._readers = [(each, _open_reader(participant, each, namespace)) for each in subscriptions]
+        self._readers = [
+            (each.topic, depth, _open_reader(participant, each.name, each.message, depth, namespace))
+            for each, depth in subscriptions
+        ]
 
     def connected(self, topic: str) -> bool:
         """Whether a program publishes a topic that is read."""
-        return any(reader.get_matched_publications() for each, reader in self._readers if each.name == topic)
+        return any(reader.get_matched_publications() for name, _, reader in self._readers if name == topic)
 
     def take(self) -> list[tuple[str, bytes]]:
-        """The newest messages since the last call, at most `Subscription.depth` of each topic."""
+        """The newest messages since the last call."""
         taken: list[tuple[str, bytes]] = []
-        for each, reader in self._readers:
+        for topic, depth, reader in self._readers:
             try:
-                samples = reader.take(each.depth)
+                samples = reader.take(depth)
             except DDSException:
                 continue
-            taken += [(each.name, sample.cdr) for sample in samples if isinstance(sample, Sample)]
+            taken += [(topic, sample.cdr) for sample in samples if isinstance(sample, Sample)]
         return taken
 
 
 @dataclass(slots=True)
 class _Reader:
     subscription: Subscription
+    format: TopicFormat
     reader: Any
     next_s: float = 0.0
     """Time from which the topic is read again [s, monotonic]."""
@@ -320,24 +337,56 @@ class VehiclePort:
     """The topics of one namespace.
 
     A vehicle is one participant. If several participants publish the same topics (vehicles with the same
-    namespace), only one participant is read, so that the states of two vehicles never mix.
+    namespace), only one participant is read, so that the states of two vehicles never mix. It is the first
+    that answers which layouts its topics have (`formats.py`); the topics are read once it has answered.
     """
 
     def __init__(self, participant: DomainParticipant, namespace: str) -> None:
-        self._readers = [_Reader(each, _open_reader(participant, each, namespace)) for each in SUBSCRIPTIONS]
+        self._participant, self._namespace = participant, namespace
+        self._responses = _open_fixed_reader(participant, RESPONSE, "MessageFormatResponse", namespace)
+        self._readers: dict[str, _Reader] = {}
         self.writers = Writers(participant, namespace)
-        self.writers.prepare("/fmu/in/vehicle_command", MESSAGES["VehicleCommand"])
-        self._source: str | None = None
-        """The participant whose topics are read."""
-        self._source_s = 0.0
-        """Time of the last vehicle status of `_source`."""
+        self.writers.prepare(REQUEST, MESSAGES["MessageFormatRequest"])
+        self._opened: Mapping[str, TopicFormat] = {}
+        self.source: str | None = None
+        """The participant whose topics are read; None: none has answered yet."""
+        self._source_s = float("-inf")
+        """Time of the last vehicle status or answer of `source`."""
+        self.status_s = float("-inf")
+        """Time of the last vehicle status [s, monotonic]."""
         self.other_status_s = float("-inf")
         """When another participant's vehicle status was last ignored."""
 
+    def open(self, usable: Mapping[str, TopicFormat]) -> None:
+        """Reads and writes the topics with these formats, and no others.
+
+        Raises:
+            DDSException: DDS cannot create a reader or a writer.
+        """
+        if usable is self._opened:
+            return
+        readers: dict[str, _Reader] = {}
+        for each in SUBSCRIPTIONS:
+            topic_format, reader = usable.get(each.name), self._readers.pop(each.name, None)
+            if reader is not None and reader.format == topic_format:
+                readers[each.name] = reader
+            elif topic_format is not None:
+                del reader
+                dds_reader = _open_reader(
+                    self._participant, topic_format.name, topic_format.message, each.depth, self._namespace
+                )
+                readers[each.name] = _Reader(each, topic_format, dds_reader)
+        self._readers = readers
+        command = usable.get(COMMAND)
+        if command is not None and command != self._opened.get(COMMAND):
+            self.writers.prepare(COMMAND, command.message, command.name)
+        self._opened = usable
+
     def take(self, now_s: float) -> Iterable[tuple[str, bytes]]:
-        """The newest messages of each topic that is due, at most `Subscription.depth` of each."""
-        taken: list[tuple[str, bytes]] = []
-        for each in self._readers:
+        """The newest messages of each topic that is due, at most `Subscription.depth` of each. If `source`
+        has changed, all of them are from the new one."""
+        taken = self._take_responses(now_s)
+        for each in self._readers.values():
             subscription = each.subscription
             if now_s < each.next_s:
                 continue
@@ -352,28 +401,45 @@ class VehiclePort:
                     taken.append((subscription.name, sample.cdr))
         return taken
 
-    @property
-    def has_status(self) -> bool:
-        """Whether a vehicle status has arrived."""
-        return self._source is not None
+    def _take_responses(self, now_s: float) -> list[tuple[str, bytes]]:
+        taken: list[tuple[str, bytes]] = []
+        try:
+            samples = self._responses.reader.take(RESPONSE_DEPTH)
+        except DDSException:
+            return taken
+        for sample in samples:
+            if not isinstance(sample, Sample):
+                continue
+            participant = self._responses.participant_of(sample)
+            if participant != self.source and now_s - self._source_s > SOURCE_TIMEOUT_S and participant:
+                self.source, taken = participant, []
+            if participant == self.source:
+                self._source_s = now_s
+                taken.append((RESPONSE, sample.cdr))
+        return taken
 
     def _is_from_vehicle(self, reader: _Reader, sample: Sample, now_s: float) -> bool:
-        """Whether the sample comes from the participant that is read; a vehicle status may select this
-        participant."""
-        participant = reader.participant_of(sample)
+        """Whether the sample comes from the participant that is read."""
         is_status = reader.subscription.name == STATUS
-        if is_status and (self._source is None or now_s - self._source_s > SOURCE_TIMEOUT_S):
-            self._source = participant
-        if participant != self._source:
+        if reader.participant_of(sample) != self.source:
             if is_status:
                 self.other_status_s = now_s
             return False
         if is_status:
-            self._source_s = now_s
+            self._source_s = self.status_s = now_s
         return True
 
 
-def _open_reader(participant: DomainParticipant, subscription: Subscription, namespace: str) -> Any:
-    topic = Topic(participant, wire_name(subscription.name, namespace), idl_type(subscription.message))
-    qos = Qos(BEST_EFFORT, Policy.Durability.TransientLocal, Policy.History.KeepLast(subscription.depth))
+def _open_reader(
+    participant: DomainParticipant, name: str, message: MessageType, depth: int, namespace: str
+) -> Any:
+    topic = Topic(participant, wire_name(name, namespace), idl_type(message))
+    qos = Qos(BEST_EFFORT, Policy.Durability.TransientLocal, Policy.History.KeepLast(depth))
     return DataReader(participant, topic, qos=qos)
+
+
+def _open_fixed_reader(participant: DomainParticipant, topic: str, kind: str, namespace: str) -> _Reader:
+    """A reader of a topic that is equal in all versions of PX4."""
+    message = MESSAGES[kind]
+    reader = _open_reader(participant, topic, message, RESPONSE_DEPTH, namespace)
+    return _Reader(Subscription(topic, kind, 0.0), TopicFormat(topic, topic, kind, message.hash), reader)

@@ -5,18 +5,13 @@ from __future__ import annotations
 import weakref
 from typing import Any, Final
 
-from cyclonedds.builtin import (
-    BuiltinDataReader,
-    BuiltinTopicDcpsPublication,
-    BuiltinTopicDcpsSubscription,
-)
 from cyclonedds.core import DDSException
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from gcs_server.ros2.dds import DdsUnavailable, inspector_participants, open_domain
+from gcs_server.ros2.dds import DdsUnavailable, Discovery, inspector_participants, open_domain
 from gcs_server.ros2.dds_types import Sample, idl_type
 from gcs_server.ros2.inspection import Announcement, TopicKey
 from gcs_server.ros2.message_types import MessageType
@@ -43,10 +38,7 @@ class InspectionPort:
             self._own_key = str(self._participant.get_guid())
             inspector_participants.add(self._own_key)
             weakref.finalize(self, inspector_participants.discard, self._own_key)
-            self._builtin = (
-                (True, BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)),
-                (False, BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)),
-            )
+            self._discovery = Discovery(self._participant)
         except DDSException as problem:
             raise DdsUnavailable(
                 f"DDS domain {domain_id} cannot be inspected ({problem.msg}). Check that no more than a "
@@ -57,19 +49,7 @@ class InspectionPort:
     def announcements(self) -> list[Announcement]:
         """Announcements of writers and readers that appeared or ended since the last call, without the own
         ones; at most `MAX_ANNOUNCEMENTS` each."""
-        announcements: list[Announcement] = []
-        for publishes, reader in self._builtin:
-            try:
-                samples = reader.take(MAX_ANNOUNCEMENTS)
-            except DDSException:
-                continue
-            for sample in samples:
-                topic = (
-                    TopicKey(sample.topic_name, sample.type_name) if sample.sample_info.valid_data else None
-                )
-                if str(sample.participant_key) != self._own_key:
-                    announcements.append(Announcement(str(sample.key), publishes, topic))
-        return announcements
+        return self._discovery.take(MAX_ANNOUNCEMENTS, {self._own_key})
 
     def open(self, key: TopicKey, message: MessageType) -> str | None:
         """Begins to read a topic; returns why the topic cannot be read, or None."""

@@ -1,6 +1,6 @@
 """One flight mode of this server in PX4: registration, arming checks, completion, removal.
 
-PX4 v1.16 gives a registered mode one of eight navigation states and shows the mode's name to every ground
+PX4 gives a registered mode one of eight navigation states and shows the mode's name to every ground
 station. About three times a second it sends an arming check request: the reply states whether the mode can
 run. PX4 removes a mode without replies; if the vehicle flies in the mode, PX4 then returns (RTL). The times
 in this module come from recordings of PX4 and from its interface library. No I/O and no clock: the caller
@@ -46,6 +46,10 @@ CONNECT_TIMEOUT_S: Final = 10.0
 MIN_CHECKS: Final = 2
 """Number of arming check requests after which the mode counts as registered. PX4 can select a mode only after
 it has evaluated the first reply; it does this before the second request."""
+MAX_IGNORED: Final = 5
+"""Number of consecutive arming check requests without this mode's bit after which the mode is lost. PX4 v1.17
+and later report there whose replies it has; the bit of a mode whose replies were late returns with the next
+reply, so a vehicle that flies in the mode is answered on."""
 LOST_S: Final = 1.5
 """Time without a request after which the mode is lost [s]. PX4 sends a request every 0.31 s, and removes a
 mode at most 1.25 s after the last reply."""
@@ -120,7 +124,9 @@ class ExternalMode:
         """Number of registration requests, and the time at which `step` must be called [s, monotonic]."""
         self._checked_s, self._checks = now_s, 0
         """Time of PX4's last arming check request, and number of these requests."""
-        self._was_settable = self._armed = False
+        self._ignored = 0
+        """Number of consecutive requests in which PX4 reports this mode's replies as missing."""
+        self._was_settable = self._armed = self._active = False
         self._failsafe_deferred = False
         self.ready = True
         """Whether the vehicle may be armed in the mode; without effect once it is armed."""
@@ -148,7 +154,10 @@ class ExternalMode:
             return []
         if self._attempts >= ATTEMPTS:
             self._state, self.due_s = "refused", float("inf")
-            self._reason = "PX4 did not answer the registration; it must be v1.16 with its uXRCE-DDS client"
+            self._reason = (
+                f"PX4 did not answer {ATTEMPTS} requests to register the mode, although it has confirmed the "
+                "layouts of their topics; check the uXRCE-DDS client and its agent"
+            )
             return []
         self._attempts += 1
         self.due_s = now_s + ATTEMPT_EVERY_S
@@ -193,7 +202,7 @@ class ExternalMode:
             self._state, self.due_s = "refused", float("inf")
             self._reason = (
                 f"PX4's interface for flight modes has version {values['px4_ros2_api_version']}, but this "
-                f"server knows version {API_VERSION}; use PX4 v1.16"
+                f"server knows version {API_VERSION}; use PX4 v1.15 to v1.17"
             )
             return [self._unregistration(values["arming_check_id"], values["mode_id"], executor_id)]
         self._state, self._checked_s, self.due_s = "registered", now_s, now_s + LOST_S
@@ -213,6 +222,11 @@ class ExternalMode:
         if self._state != "registered":
             return []
         self._checked_s, self._checks = now_s, self._checks + 1
+        is_valid = bool(values["valid_registrations_mask"] >> self._check_id & 1)
+        self._ignored = 0 if is_valid else self._ignored + 1
+        if self._ignored >= MAX_IGNORED and not self._active:
+            self._set_lost("PX4 dropped the mode: it does not accept the server's replies, or restarted")
+            return []
         fields = {
             "request_id": values["request_id"],
             "registration_id": self._check_id,
@@ -227,7 +241,7 @@ class ExternalMode:
         """Handles a VehicleStatus, which shows whether PX4 has removed the mode. Returns the message with the
         overrides if PX4 does not apply them."""
         self._armed = values["arming_state"] == ARMED
-        active = self._state == "registered" and values["nav_state"] == self._mode_id
+        active = self._active = self._state == "registered" and values["nav_state"] == self._mode_id
         self._failsafe_deferred = active and values["failsafe_defer_state"] == WOULD_FAILSAFE
         if self._state != "registered":
             return []

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple
 
-from gcs_server.ros2.message_types import SHOWN, MalformedMessage, MessageType
-from gcs_server.ros2.topics import parse_status_topic, wire_type
+from gcs_server.ros2.message_types import MESSAGES, MalformedMessage, MessageType
+from gcs_server.ros2.topics import parse_topic, status_namespace, wire_type
 
 MAX_ENDPOINTS: Final = 4000
 """Maximum number of writers and readers; further writers and readers are ignored."""
@@ -25,7 +25,7 @@ RATE_WINDOW_S: Final = 10.0
 HIDDEN_TYPES: Final = "org::eclipse::cyclonedds::builtin::"
 """Start of the type names of Cyclone's own topics."""
 _ROS_TYPE = re.compile(r"(\w+)::(msg|srv|action)::dds_::(\w+)_")
-_TYPES: Final[Mapping[str, MessageType]] = {wire_type(message): message for message in SHOWN.values()}
+_TYPES: Final[Mapping[str, MessageType]] = {wire_type(message): message for message in MESSAGES.values()}
 State = Literal["starting", "open", "failed"]
 
 
@@ -45,6 +45,8 @@ class Announcement:
     publishes: bool
     topic: TopicKey | None
     """None: the endpoint has ended."""
+    participant: str = ""
+    """Identifies the program's participant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,7 @@ class TopicView:
     subscribers: int
     """Number of subscribers of the topic, without this inspector."""
     type_known: bool
-    """Whether the server knows the type; topics of other types have no rate, age and value."""
+    """Whether the server knows the topic's layout; other topics have no rate, age and value."""
     rate_hz: float | None
     """Messages per second, over the last 10 s; null before the second message."""
     rate_is_minimum: bool
@@ -131,10 +133,10 @@ class MessageRate:
 
 
 class TopicRecord:
-    """The last message and the rate of one topic whose type is known."""
+    """The last message and the rate of one topic whose layout is known."""
 
     def __init__(self, message: MessageType) -> None:
-        self._message = message
+        self.message = message
         self._rate = MessageRate()
         self._last: tuple[bytes, float] | None = None
         self._overflowed = False
@@ -159,7 +161,7 @@ class TopicRecord:
         value, problem = None, self.problem
         if self._last is not None:
             try:
-                value = self._message.decode(self._last[0])
+                value = self.message.decode(self._last[0])
             except MalformedMessage as error:
                 problem = f"The last message is malformed: {error}."
         rate_hz = self._rate.hz(now_s)
@@ -228,21 +230,29 @@ class DomainTopics:
         counts[publishes] += change
         if counts == [0, 0]:
             del self._counts[topic]
-        status_topic = parse_status_topic(topic.name)
-        if publishes and status_topic is not None:
-            namespace, _ = status_topic
+        namespace = status_namespace(topic.name)
+        if publishes and namespace is not None:
             writers = self._namespaces.get(namespace, 0) + change
             self._namespaces[namespace] = writers
             if writers == 0:
                 del self._namespaces[namespace]
 
 
-def known_type(key: TopicKey) -> MessageType | None:
-    """The layout of a topic's type; None if the server does not know it."""
-    return _TYPES.get(key.type)
+def known_type(key: TopicKey, confirmed: Mapping[str, MessageType]) -> MessageType | None:
+    """The layout of a topic's type; None if the server does not know it.
+
+    Args:
+        key: the topic.
+        confirmed: the layouts that vehicles have confirmed, by the topic's name in DDS. Another topic of a
+            vehicle may have any layout; other programs have PX4's current one.
+    """
+    if parse_topic(key.name) is None:
+        return _TYPES.get(key.type)
+    message = confirmed.get(key.name)
+    return None if message is None or wire_type(message) != key.type else message
 
 
 def unknown_view(key: TopicKey, publishers: int, subscribers: int) -> TopicView:
-    """A topic whose type the server does not know."""
+    """A topic whose layout the server does not know."""
     name, kind = ros_name(key.name), ros_type(key.type)
     return TopicView(name, kind, publishers, subscribers, False, None, False, None, None, None, None)

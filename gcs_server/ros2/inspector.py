@@ -9,10 +9,10 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, Protocol
 
-from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.formats import TopicFormat
 from gcs_server.ros2.inspection import (
     MAX_TOPICS,
     Announcement,
@@ -26,6 +26,8 @@ from gcs_server.ros2.inspection import (
     unknown_view,
 )
 from gcs_server.ros2.message_types import MessageType
+from gcs_server.ros2.topics import wire_name
+from gcs_server.vehicle.endpoint import dds_address
 from gcs_server.vehicle.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
@@ -61,18 +63,26 @@ class Session:
         self._domain = DomainTopics()
         self._records: dict[TopicKey, TopicRecord] = {}
 
-    def read(self, namespaces: set[str], now_s: float) -> None:
-        """Reads the topics of the vehicles with these namespaces, and stops reading other topics."""
+    def read(self, confirmed: Mapping[str, Mapping[str, MessageType]], now_s: float) -> None:
+        """Reads the topics of vehicles, and stops reading other topics.
+
+        Args:
+            confirmed: by namespace, the confirmed layouts of the vehicle's topics by name in DDS.
+            now_s: current time [s, monotonic].
+        """
         self._domain.apply(self._port.announcements())
-        required = {key for namespace in namespaces for key in self._domain.topics_of(namespace)[:MAX_TOPICS]}
-        for key in self._records.keys() - required:
+        required = {
+            key: message
+            for namespace, layouts in confirmed.items()
+            for key in self._domain.topics_of(namespace)[:MAX_TOPICS]
+            if (message := known_type(key, layouts)) is not None
+        }
+        for key in [key for key, record in self._records.items() if required.get(key) is not record.message]:
             self._port.close(key)
             del self._records[key]
-        for key in required - self._records.keys():
-            message = known_type(key)
-            if message is not None:
-                self._records[key] = record = TopicRecord(message)
-                record.problem = self._port.open(key, message)
+        for key in required.keys() - self._records.keys():
+            self._records[key] = record = TopicRecord(required[key])
+            record.problem = self._port.open(key, required[key])
         for key, record in self._records.items():
             record.take(*self._port.take(key), now_s)
 
@@ -107,13 +117,17 @@ class DomainInspector:
         self._lock = threading.Lock()
         self._requested_s: dict[str, float] = {}
         """Time of the last request for each namespace."""
+        self._confirmed: dict[str, Mapping[str, MessageType]] = {}
+        """By namespace, the confirmed layouts of the vehicle's topics by name in DDS."""
         self._shown: dict[str, Inspection] = {}
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def inspect(self, namespace: str) -> Inspection:
+    def inspect(self, namespace: str, formats: Iterable[TopicFormat]) -> Inspection:
         """The topics of a vehicle, at most half a second old; the first request starts the reading."""
+        confirmed = {wire_name(each.name, namespace): each.message for each in formats}
         with self._lock:
+            self._confirmed[namespace] = confirmed
             self._requested_s[namespace] = time.monotonic()
             if self._thread is None and not self._stop.is_set():
                 name = f"inspector of DDS domain {self._domain_id}"
@@ -152,25 +166,26 @@ class DomainInspector:
         now_s = time.monotonic()
         session = Session(self._open_port(self._domain_id, self._interface), self._domain_id, now_s)
         next_show_s = now_s
-        while not self._stop.wait(READ_EVERY_S) and (namespaces := self._active_namespaces()):
+        while not self._stop.wait(READ_EVERY_S) and (active := self._active_namespaces()):
             now_s = time.monotonic()
-            session.read(namespaces, now_s)
+            session.read(active, now_s)
             if now_s >= next_show_s:
                 next_show_s = now_s + SHOW_EVERY_S
-                shown = {name: session.inspection(name, now_s) for name in namespaces}
+                shown = {name: session.inspection(name, now_s) for name in active}
                 with self._lock:
                     self._shown = shown
 
-    def _active_namespaces(self) -> set[str]:
-        """Namespaces that clients request. If there are none, the thread must end."""
+    def _active_namespaces(self) -> dict[str, Mapping[str, MessageType]]:
+        """Namespaces that clients request, with the confirmed layouts. If there are none, the thread must
+        end."""
         since_s = time.monotonic() - KEEP_READING_S
         with self._lock:
             self._requested_s = {name: at_s for name, at_s in self._requested_s.items() if at_s > since_s}
             if self._requested_s and not self._stop.is_set():
-                return set(self._requested_s)
+                return {name: self._confirmed[name] for name in self._requested_s}
             self._thread = None
             self._shown = {}
-            return set()
+            return {}
 
     def _empty(self, namespace: str, state: State, problem: str | None = None) -> Inspection:
         return Inspection(self._domain_id, namespace, state, problem, (), 0)
@@ -185,24 +200,19 @@ class TopicInspectors:
 
     def inspect(self, vehicle: Vehicle) -> Inspection | None:
         """The ROS 2 topics of a vehicle; None if it has no ROS 2 link."""
-        address = dds_address(vehicle)
+        address = dds_address(vehicle.endpoints)
         if address is None:
             return None
         domain = address.domain_id, address.interface
         inspector = self._inspectors.get(domain)
         if inspector is None:
             inspector = self._inspectors[domain] = DomainInspector(*domain, self._open_port)
-        return inspector.inspect(address.namespace)
+        return inspector.inspect(address.namespace, (TopicFormat(*each) for each in address.formats))
 
     def close(self) -> None:
         """Ends all inspectors; returns when DDS has released their sockets."""
         for inspector in self._inspectors.values():
             inspector.close()
-
-
-def dds_address(vehicle: Vehicle) -> DdsAddress | None:
-    """The vehicle's DDS address; None if it has no ROS 2 link."""
-    return next((e.peer.dds for e in vehicle.endpoints if e.peer.dds is not None), None)
 
 
 def _open_port(domain_id: int, interface: str | None) -> Port:

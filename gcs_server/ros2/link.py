@@ -11,16 +11,17 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from gcs_server.links.base import DdsAddress, Link, Peer
 from gcs_server.links.writer import LinkWriter
-from gcs_server.ros2.topics import STATUS, STATUS_VERSION, find_subscription, parse_status_topic, wire_type
+from gcs_server.ros2.formats import REQUEST, AnnouncedTopics
+from gcs_server.ros2.topics import STATUS, status_namespace
 from gcs_server.ros2.vehicle_link import VehicleLink
-from gcs_server.ros2.versions import TopicVersions
 
 if TYPE_CHECKING:
-    from gcs_server.ros2.dds import DdsPort, Discovered, VehiclePort
+    from gcs_server.ros2.dds import DdsPort, VehiclePort
 
 READ_EVERY_S: Final = 0.02
 DISCOVER_EVERY_S: Final = 0.25
@@ -29,8 +30,6 @@ FIRST_REPORT_S: Final = 5.0
 """Time after opening the link, or after finding a vehicle, before missing messages are reported [s]."""
 MAX_VEHICLES: Final = 64
 """Maximum number of namespaces read by one link."""
-MAX_UNREADABLE: Final = 16
-"""Maximum number of unreadable topics that are reported."""
 NO_NAMESPACE: Final = "/"
 """Peer name of a vehicle without a namespace."""
 SAME_NAMESPACE_S: Final = 10.0
@@ -101,8 +100,16 @@ class Ros2Link(Link):
         return len(data)
 
     def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
-        """Topics that the vehicle has only in versions that the server does not know, each with a text."""
-        return {} if self._run is None else self._run.unusable.get(peer.name, {})
+        """Topics whose layout the vehicle has not confirmed or the server does not know, each with a text."""
+        vehicle = None if self._run is None else self._run.vehicles.get(peer.name)
+        return {} if vehicle is None else vehicle.formats.unusable
+
+    def dds_address(self, peer: Peer) -> DdsAddress | None:
+        """The peer's address, with the formats of its topics."""
+        vehicle = None if self._run is None else self._run.vehicles.get(peer.name)
+        if vehicle is None or peer.dds is None:
+            return peer.dds
+        return replace(peer.dds, formats=tuple(vehicle.formats.usable.values()))
 
     # --- in the event loop, called by the thread --------------------------------------------------------
 
@@ -152,12 +159,9 @@ class _Run:
         self._ports: dict[str, VehiclePort] = {}
         self._found_s: dict[str, float] = {}
         """Time at which each vehicle was found, by peer name [s, monotonic]."""
-        self._unreadable: dict[str, str] = {}
-        """Topics that cannot be read, each with the reason."""
-        self._versions = TopicVersions()
-        self.unusable: dict[str, dict[str, str]] = {}
-        """Topics in unknown versions by peer name; the thread replaces the dictionary and never changes
-        it."""
+        self._too_many = ""
+        """Why a vehicle is not read, if there are too many."""
+        self._announced = AnnouncedTopics()
         self._start_s = loop.time()
         self._discover_s = self._report_s = 0.0
         self.thread = threading.Thread(target=self._main, name=f"link {link.name}", daemon=True)
@@ -178,16 +182,11 @@ class _Run:
     def _step(self, port: DdsPort, now_s: float) -> None:
         if now_s >= self._discover_s:
             self._discover_s = now_s + DISCOVER_EVERY_S
-            for each in port.discovered():
-                self._versions.add_topic(each.topic, publishes=each.publishes)
-                if each.publishes:
-                    self._add_vehicle(port, each, now_s)
-            vehicles = [vehicle.namespace for vehicle in self.vehicles.values()]
-            self.unusable = {peer_name(each): self._versions.unusable(each) for each in vehicles}
+            self._discover(port, now_s)
         batch: list[tuple[str, bytes]] = []
         for name, vehicle_port in self._ports.items():
             try:  # a fault affects this vehicle only
-                data = self.vehicles[name].to_frames(vehicle_port.take(now_s), now_s)
+                data = self._read(self.vehicles[name], vehicle_port, now_s)
             except Exception as error:
                 self._link.faults.add(error, f"reading {name}")
                 continue
@@ -200,43 +199,50 @@ class _Run:
             self._report_s = now_s + REPORT_EVERY_S
             self._post(self._link.show_problems, self._detail(now_s))
 
-    def _add_vehicle(self, port: DdsPort, publication: Discovered, now_s: float) -> None:
-        topic = publication.topic.removeprefix("rt")
-        found = find_subscription(publication.topic)
-        if found is not None:
-            namespace, subscription = found
-            expected = wire_type(subscription.message)
-            if self._link.namespace in (None, namespace) and publication.type != expected:
-                self._add_unreadable(topic, f"{topic} has the type {publication.type} instead of {expected}")
-                return
-        status_topic = parse_status_topic(publication.topic)
-        if status_topic is None:
-            return
-        namespace, version = status_topic
-        if self._link.namespace not in (None, namespace):
-            return
-        if version == STATUS_VERSION and peer_name(namespace) not in self._ports:
-            if len(self._ports) >= MAX_VEHICLES:
-                self._add_unreadable(
-                    topic, f"{topic} is not read: the link already has {MAX_VEHICLES} vehicles"
-                )
-                return
-            vehicle_port = port.vehicle(namespace)
-            name = peer_name(namespace)
-            self.vehicles[name] = VehicleLink(namespace, vehicle_port.writers, self._link.own_system_id)
-            self._ports[name], self._found_s[name] = vehicle_port, now_s
+    def _discover(self, port: DdsPort, now_s: float) -> None:
+        for each in port.announcements():
+            self._announced.apply(each)
+            namespace = status_namespace(each.topic.name) if each.topic and each.publishes else None
+            if namespace is not None and self._link.namespace in (None, namespace):
+                self._add_vehicle(port, namespace, now_s)
+        for name, vehicle_port in self._ports.items():
+            vehicle = self.vehicles[name]
+            vehicle.formats.announce(self._announced.of(vehicle.namespace, vehicle_port.source))
 
-    def _add_unreadable(self, topic: str, why: str) -> None:
-        if len(self._unreadable) < MAX_UNREADABLE:
-            self._unreadable[topic] = why[:300]
+    def _read(self, vehicle: VehicleLink, port: VehiclePort, now_s: float) -> bytes:
+        """The MAVLink frames of a vehicle's new messages; asks for the layouts of its topics."""
+        source, formats = port.source, vehicle.formats
+        samples = port.take(now_s)
+        if port.source != source:
+            formats.reset()
+            formats.announce(self._announced.of(vehicle.namespace, port.source))
+        data = vehicle.to_frames(samples, now_s)
+        if (request := formats.request(now_s, port.status_s)) is not None:
+            with contextlib.suppress(OSError):  # it is repeated
+                port.writers.send(REQUEST, request)
+        port.open(formats.usable)
+        return data
+
+    def _add_vehicle(self, port: DdsPort, namespace: str, now_s: float) -> None:
+        name = peer_name(namespace)
+        if name in self._ports:
+            return
+        if len(self._ports) >= MAX_VEHICLES:
+            self._too_many = f"{name} is not read: the link already has {MAX_VEHICLES} vehicles."[:300]
+            return
+        vehicle_port = port.vehicle(namespace)
+        self.vehicles[name] = VehicleLink(namespace, vehicle_port.writers, self._link.own_system_id)
+        self._ports[name], self._found_s[name] = vehicle_port, now_s
 
     def _detail(self, now_s: float) -> str:
-        texts = [f"{why}." for why in self._unreadable.values()]
-        texts += self._versions.problems(self._link.namespace)
+        texts = [self._too_many] if self._too_many else []
         for name, port in self._ports.items():
-            texts += self.vehicles[name].problems(now_s)
-            if not port.has_status and now_s - self._found_s[name] > FIRST_REPORT_S:
-                texts.append(f"{name} has a writer of {STATUS}, but sends no message of PX4 v1.16's type.")
+            vehicle = self.vehicles[name]
+            texts += vehicle.formats.problems()
+            texts += vehicle.problems(now_s)
+            silent = port.status_s == float("-inf") and now_s - self._found_s[name] > FIRST_REPORT_S
+            if silent and STATUS in vehicle.formats.usable:
+                texts.append(f"{name} has confirmed the layout of {STATUS}, but sends no message on it.")
             if now_s - port.other_status_s < SAME_NAMESPACE_S:
                 texts.append(
                     f"Several vehicles publish the topics of {name}; only the first is read. Give each "

@@ -1,6 +1,6 @@
 """The executor of one external mode: the commands that it sends to PX4 while it is in charge.
 
-PX4 v1.16 puts an executor in charge when its mode is selected. The executor remains in charge in the
+PX4 puts an executor in charge when its mode is selected. The executor remains in charge in the
 modes that it commands, until another program or a failsafe changes the mode; PX4 then rejects its commands.
 While an executor is in charge, PX4 does not switch to Hold after a take-off, and after a landing PX4 selects
 the executor's own mode again. As in PX4's interface library, an executor commands only an armed vehicle. The

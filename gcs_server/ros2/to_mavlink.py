@@ -1,8 +1,8 @@
 """Converts a vehicle's ROS 2 messages to the MAVLink messages that PX4 creates from the same data.
 
-PX4 fills its MAVLink messages from the topics that it bridges to ROS 2 (`src/modules/mavlink/streams` of PX4
-v1.16). This module does the same, so that a vehicle's state, page, recordings and replays do not depend on
-the link. A message contains only valid values; values that ROS 2 does not carry are marked as unknown.
+PX4 fills its MAVLink messages from the topics that it bridges to ROS 2 (`src/modules/mavlink/streams`). This
+module does the same, so that a vehicle's state, page, recordings and replays do not depend on the link. A
+message contains only valid values; values that ROS 2 does not carry are marked as unknown.
 """
 
 from __future__ import annotations
@@ -67,6 +67,11 @@ MODE_REQUIREMENTS: Final = (
         "no valid local position estimate",
     ),
     ("global_position_invalid", "mode_req_global_position", "no valid global position estimate"),
+    (
+        "global_position_invalid_relaxed",
+        "mode_req_global_position_relaxed",
+        "no valid global position estimate",
+    ),
     ("auto_mission_missing", "mode_req_mission", "no mission on the vehicle"),
     ("offboard_control_signal_lost", "mode_req_offboard_signal", "no offboard setpoints are received"),
     ("home_position_invalid", "mode_req_home_position", "no home position"),
@@ -138,7 +143,7 @@ class MavlinkConverter:
         """Time of the last ESTIMATOR_STATUS, and its flags."""
         self._by_topic: dict[str, Callable[[Values, float], Messages]] = {
             "/fmu/out/timesync_status": self._timesync,
-            "/fmu/out/vehicle_status_v1": self._vehicle_status,
+            "/fmu/out/vehicle_status": self._vehicle_status,
             "/fmu/out/vehicle_land_detected": self._land_detected,
             "/fmu/out/failsafe_flags": self._failsafe_flags,
             "/fmu/out/home_position": self._home_position,

@@ -1,19 +1,23 @@
-"""The topics of a vehicle that the server uses, and their names on the wire."""
+"""The topics of a vehicle that the server uses, and their names on the wire.
+
+Inside the server a topic has the name without a version (`/fmu/out/vehicle_status`); only DDS sees the
+version (`formats.py`).
+"""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from gcs_server.ros2.message_types import MESSAGES, MessageType
 
 MAX_NAMESPACE: Final = 64
 """Longest namespace [characters]."""
 _NAMESPACE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-_STATUS = re.compile(r"rt/(?:(.+)/)?fmu/out/vehicle_status(?:_v(\d{1,4}))?")
-STATUS_VERSION: Final = "1"
-"""Version of `vehicle_status` in PX4 v1.16."""
+_TOPIC: Final = re.compile(
+    r"rt(?:/(?P<namespace>.+?))?(?P<name>/fmu/(?P<direction>in|out)/[a-z0-9_]+?)(?:_v\d{1,4})?"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +38,7 @@ class Subscription:
         return MESSAGES[self.type]
 
 
-STATUS: Final = "/fmu/out/vehicle_status_v1"
+STATUS: Final = "/fmu/out/vehicle_status"
 TIMESYNC: Final = "/fmu/out/timesync_status"
 COMMAND_ACK: Final = "/fmu/out/vehicle_command_ack"
 SUBSCRIPTIONS: Final = (
@@ -53,7 +57,6 @@ SUBSCRIPTIONS: Final = (
     Subscription("/fmu/out/battery_status", "BatteryStatus", 0.5),
 )
 """In the order of reading: a message comes after the messages that its conversion needs."""
-_BY_NAME: Final = {each.name: each for each in SUBSCRIPTIONS}
 COMMAND: Final = "/fmu/in/vehicle_command"
 
 
@@ -67,29 +70,41 @@ def wire_type(message: MessageType) -> str:
     return f"px4_msgs::msg::dds_::{message.name}_"
 
 
+def ros_message(dds_type: str) -> str:
+    """The message's name in px4_msgs of a type in DDS; other types keep their name."""
+    return dds_type.removeprefix("px4_msgs::msg::dds_::").removesuffix("_")
+
+
 def is_namespace(text: str) -> bool:
     """Whether ROS 2 allows this text as a namespace, written without its first slash."""
     return len(text) <= MAX_NAMESPACE and _NAMESPACE.fullmatch(text) is not None
 
 
-def parse_status_topic(topic: str) -> tuple[str, str] | None:
-    """Namespace and version of a `vehicle_status` topic, given its name in DDS; None for other topics.
+class VehicleTopic(NamedTuple):
+    """A topic of a vehicle, by its name in DDS."""
 
-    The version of a topic without a suffix is empty. Names that ROS 2 does not allow are ignored.
-    """
-    match = _STATUS.fullmatch(topic)
+    namespace: str
+    base: str
+    """The name without namespace and version: PX4 appends the version of a message to the name of its topic
+    (`vehicle_status_v1`; version 0 has no suffix)."""
+    name: str
+    """The name without namespace."""
+
+
+def parse_topic(topic: str) -> VehicleTopic | None:
+    """The parts of a topic's name in DDS; None for topics of other programs and names that ROS 2 does not
+    allow."""
+    match = _TOPIC.fullmatch(topic)
     if match is None:
         return None
-    namespace, version = match[1] or "", match[2] or ""
-    return (namespace, version) if not namespace or is_namespace(namespace) else None
-
-
-def find_subscription(topic: str) -> tuple[str, Subscription] | None:
-    """Namespace and subscription of a topic that the server reads, given its name in DDS; None for other
-    topics."""
-    start, output, name = topic.partition("/fmu/out/")
-    subscription = _BY_NAME.get(output + name)
-    namespace = start.removeprefix("rt").removeprefix("/")
-    if subscription is None or start != ("rt" if not namespace else f"rt/{namespace}"):
+    namespace = match["namespace"] or ""
+    if namespace and not is_namespace(namespace):
         return None
-    return (namespace, subscription) if not namespace or is_namespace(namespace) else None
+    return VehicleTopic(namespace, match["name"], topic[match.start("name") :])
+
+
+def status_namespace(topic: str) -> str | None:
+    """The namespace of a `vehicle_status` topic of any version, given its name in DDS; None for other
+    topics."""
+    parsed = parse_topic(topic)
+    return parsed.namespace if parsed is not None and parsed.base == STATUS else None

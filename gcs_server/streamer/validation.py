@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_server.errors import Refused
-from gcs_server.ros2.versions import REMEDY as VERSION_REMEDY
+from gcs_server.ros2.formats import REMEDY as FORMAT_REMEDY
 from gcs_server.streamer.frames import KINDS_TO_RESOLVE, NON_LOCAL_KINDS, ResolvedSetpoint
 from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
 from gcs_server.streamer.transport.ros2 import ROS2_KINDS, topics_of
@@ -136,7 +136,7 @@ class Availability:
             raise Refused(why_not, remedy=WAIT_REMEDY)
 
     def require_topics(self, setpoint_types: Iterable[str], *, in_offboard: bool) -> None:
-        """Raises Refused if the vehicle has a topic of these types in an unknown version.
+        """Raises Refused if the vehicle lacks a topic of these types, or has it in an unknown layout.
 
         Args:
             setpoint_types: setpoint types of the stream.
@@ -144,7 +144,7 @@ class Availability:
         """
         why_not = self._unusable(setpoint_types, in_offboard=in_offboard)
         if why_not is not None:
-            raise Refused(why_not, remedy=VERSION_REMEDY)
+            raise Refused(why_not, remedy=FORMAT_REMEDY)
 
     def _unusable(self, setpoint_types: Iterable[str], *, in_offboard: bool) -> str | None:
         unusable = self._unusable_topics()

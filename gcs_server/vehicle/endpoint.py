@@ -22,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from gcs_server.links.base import Peer
+from gcs_server.links.base import DdsAddress, Peer
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, encode_payload, full_payload
 from gcs_server.mavlink.connection import Connection
@@ -185,6 +185,12 @@ def unusable_topics(endpoints: Sequence[Endpoint]) -> Mapping[str, str]:
     MAVLink."""
     newest = _newest(preferred_endpoints(endpoints, ROS2))
     return {} if newest is None else _unusable(newest)
+
+
+def dds_address(endpoints: Sequence[Endpoint]) -> DdsAddress | None:
+    """The vehicle's ROS 2 address with the formats of its topics; None if it is not connected over ROS 2."""
+    addresses = (endpoint.connection.link.dds_address(endpoint.peer) for endpoint in endpoints)
+    return next((address for address in addresses if address is not None), None)
 
 
 def _has_unusable_inputs(endpoint: Endpoint) -> bool:

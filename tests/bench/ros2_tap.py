@@ -20,7 +20,7 @@ from cyclonedds.util import duration
 
 from gcs_server.ros2.dds import open_domain
 from gcs_server.ros2.dds_types import idl_type
-from gcs_server.ros2.message_types import SHOWN
+from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import wire_name
 
 SETPOINT = "/fmu/in/trajectory_setpoint"
@@ -40,7 +40,10 @@ class Ros2Tap:
     def __init__(self, domain_id: int, namespaces: Sequence[str]) -> None:
         self._domain = open_domain(domain_id, None)
         participant = DomainParticipant(domain_id)
-        message_type, qos = idl_type(SHOWN["TrajectorySetpoint"]), Qos(Policy.History.KeepLast(MAX_SAMPLES))
+        message_type, qos = (
+            idl_type(MESSAGES["TrajectorySetpoint"]),
+            Qos(Policy.History.KeepLast(MAX_SAMPLES)),
+        )
         topics = {name: Topic(participant, wire_name(SETPOINT, name), message_type) for name in namespaces}
         self._readers = {name: DataReader(participant, topic, qos=qos) for name, topic in topics.items()}
         self._waitset = WaitSet(participant)

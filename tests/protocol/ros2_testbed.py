@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from gcs_server.links.base import DdsAddress, Peer
 from gcs_server.ros2.external_mode import Message
-from gcs_server.ros2.topics import SUBSCRIPTIONS
+from gcs_server.ros2.formats import REQUEST, RESPONSE, AnnouncedTopic
+from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
 from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.schedule.external_modes import READ_TYPES
@@ -17,32 +19,47 @@ from gcs_server.vehicle.endpoint import ROS2
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Setpoint
 from tests.in_loop_scheduler import InLoopScheduler
-from tests.protocol.simulated_testbed import TICK_S, SimulatedVehicles
+from tests.protocol.simulated_testbed import TICK_S, SimulatedVehicles, until
+from tests.support.dds_samples import base_name
 from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
+from vehicle_sim.ros2.topics import INPUTS, OUTPUTS
 
 NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
 """Without time synchronization, the vehicle publishes on ROS 2 from 1.3 s after its boot instead of 6.4 s."""
 
 
-class VehicleTopics:
-    """The topics of one vehicle, in both directions; the server reads each topic as often as it reads DDS."""
+VEHICLE_TOPICS = [AnnouncedTopic(base_name(each.name), each.name, each.type) for each in (*OUTPUTS, *INPUTS)]
 
-    def __init__(self) -> None:
+
+class VehicleTopics:
+    """The topics of one vehicle, in both directions; the server reads each topic as often as it reads DDS.
+
+    Args:
+        namespace: the vehicle's namespace.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        self.link = VehicleLink(namespace, self, 255)
+        self.link.formats.announce(VEHICLE_TOPICS)
+        self._names = {each.base: each.name for each in VEHICLE_TOPICS}
+        self._status_s = 0.0
         self.sent_messages: list[tuple[str, bytes]] = []
-        """Every message to the vehicle."""
+        """Every message to the vehicle but the questions about layouts, in the server's layout."""
         self._to_vehicle: list[tuple[str, bytes]] = []
         self._unread = {each.name: deque[bytes](maxlen=each.depth) for each in SUBSCRIPTIONS}
+        self._unread[RESPONSE] = deque(maxlen=8)
         self.mode_messages = deque[tuple[str, bytes]](maxlen=32)
         """Messages about modes that the process of the setpoint streams has not read yet."""
         self._next_s = dict.fromkeys(self._unread, 0.0)
 
     def publish(self, topic: str, data: bytes) -> None:
         """Publishes a message of the vehicle."""
-        if topic in self._unread:
-            self._unread[topic].append(data)
-        if topic in READ_TYPES:
-            self.mode_messages.append((topic, data))
+        base = base_name(topic)
+        if base in self._unread:
+            self._unread[base].append(data)
+        if base in READ_TYPES and base in self.link.formats.usable:
+            self.mode_messages.append((base, self.link.formats.usable[base].to_server(data)))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
         """The messages that the server has sent and the vehicle has not taken yet."""
@@ -50,13 +67,31 @@ class VehicleTopics:
         return messages
 
     def send(self, topic: str, data: bytes) -> None:
-        """Sends a message of the server to the vehicle."""
-        self.sent_messages.append((topic, data))
-        self._to_vehicle.append((topic, data))
+        """Sends a message in the vehicle's layout to the vehicle."""
+        if topic in self.link.formats.usable:
+            self.sent_messages.append((topic, self.link.formats.usable[topic].to_server(data)))
+        self._to_vehicle.append((self._names[topic], data))
+
+    def send_setpoint(self, topic: str, data: bytes) -> None:
+        """Sends a message in the server's layout to the vehicle."""
+        topic_format = self.link.formats.usable.get(topic)
+        if topic_format is None:
+            raise OSError(f"the layout of {topic} is not confirmed")
+        self.send(topic, topic_format.to_vehicle(data))
+
+    def frames(self, now_s: float) -> bytes:
+        """The MAVLink frames of the vehicle's messages that the server reads now; asks for layouts."""
+        messages = self.read_messages(now_s)
+        if any(topic == STATUS for topic, _ in messages):
+            self._status_s = now_s
+        data = self.link.to_frames(messages, now_s)
+        if (request := self.link.formats.request(now_s, self._status_s)) is not None:
+            self.send(REQUEST, request)
+        return data
 
     def read_messages(self, now_s: float) -> list[tuple[str, bytes]]:
         """The vehicle's messages that the server reads now."""
-        messages: list[tuple[str, bytes]] = []
+        messages = [(RESPONSE, self._unread[RESPONSE].popleft()) for _ in range(len(self._unread[RESPONSE]))]
         for each in SUBSCRIPTIONS:
             if now_s >= self._next_s[each.name]:
                 self._next_s[each.name] = now_s + each.every_s * 0.9
@@ -73,7 +108,7 @@ class SetpointTopics:
 
     def send(self, messages: Sequence[Message], needed: Iterable[str] = ()) -> None:
         for topic, data in messages:
-            self._topics.send(topic, data)
+            self._topics.send_setpoint(topic, data)
 
 
 class ModeTopics:
@@ -84,7 +119,7 @@ class ModeTopics:
 
     def send(self, topic: str, data: bytes) -> None:
         if self.is_working:
-            self._topics.send(topic, data)
+            self._topics.send_setpoint(topic, data)
 
     def connected(self) -> bool:
         return self.is_working
@@ -123,13 +158,12 @@ class MemoryRos2Link(MemoryLink):
 
     protocol = ROS2
 
-    def __init__(self, outgoing: Callable[[bytes, Peer], None]) -> None:
+    def __init__(self, outgoing: Callable[[bytes, Peer], None], topics: Sequence[VehicleTopics]) -> None:
         super().__init__("ros2", outgoing=outgoing)
-        self.unusable_by_peer: dict[str, dict[str, str]] = {}
-        """Topics whose version is unknown, by peer name."""
+        self._topics = {each.link.namespace: each for each in topics}
 
     def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
-        return self.unusable_by_peer.get(peer.name, {})
+        return self._topics[peer.name].link.formats.unusable
 
 
 class Ros2Testbed(SimulatedVehicles):
@@ -144,9 +178,8 @@ class Ros2Testbed(SimulatedVehicles):
         super().__init__()
         links = (("gcs", "gcs"),) if mavlink else ()
         self.sim = SimulatedFleet(count, links=links, parameters=NO_TIME_SYNC, seed=3)
-        self.topics = [VehicleTopics() for _ in range(count)]
-        self.ros2 = MemoryRos2Link(self._command)
-        self._vehicles = [VehicleLink(f"px4_{row}", topics, 255) for row, topics in enumerate(self.topics)]
+        self.topics = [VehicleTopics(f"px4_{row}") for row in range(count)]
+        self.ros2 = MemoryRos2Link(self._command, self.topics)
         for row, topics in enumerate(self.topics):
             self.sim.open_ros2(row, topics, lambda _: None)
         self.router.add(self.ros2)
@@ -161,17 +194,24 @@ class Ros2Testbed(SimulatedVehicles):
         self.supervisor.repeat("offboard-beat", lambda: self.streamer.update_once(), SNAPSHOT_PERIOD_S)
         self.supervisor.start("simulator", self._simulate)
 
+    async def wait_for_vehicle_ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
+        """The vehicle, once it can be armed, its layouts are confirmed and each topic has been read."""
+        vehicle = await super().wait_for_vehicle_ready_to_arm(vehicle_id)
+        await until(lambda: not any(topics.link.formats.unusable for topics in self.topics), 10.0)
+        await asyncio.sleep(1.0)
+        return vehicle
+
     def _command(self, data: bytes, peer: Peer) -> None:
         assert peer.dds is not None
         row = int(peer.dds.namespace.removeprefix("px4_"))
-        self._vehicles[row].send(data, int(self.clock.unix_s() * 1e6))
+        self.topics[row].link.send(data, int(self.clock.unix_s() * 1e6))
 
     async def _simulate(self) -> None:
         while True:
             self.sim.step(TICK_S)
             now_s = self.clock.monotonic_s()
-            for row, vehicle in enumerate(self._vehicles):
-                if data := vehicle.to_frames(self.topics[row].read_messages(now_s), now_s):
+            for row, topics in enumerate(self.topics):
+                if data := topics.frames(now_s):
                     self.ros2.inject(data, Peer(f"px4_{row}", dds=DdsAddress(0, None, f"px4_{row}")))
             if self.mavlink_on and (data := self.sim.drain(0, "gcs")):
                 self.mavlink.inject(data, "vehicle")

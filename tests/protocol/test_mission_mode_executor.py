@@ -278,7 +278,10 @@ def test_a_mission_that_px4_arms_while_it_is_compiled_again_takes_off_after_the_
         await register_and_select(rig)
         await until_ready(rig, True)
         rig.station.flights.plan_work = SlowPlanWork(2.0)
-        await set_altitude_limit(rig)
+        replied = len(rig.sent_messages(CHECK_REPLY))
+        while len(rig.sent_messages(CHECK_REPLY)) == replied:
+            await sleep(0.02)
+        await set_altitude_limit(rig)  # PX4 asks 0.3 s later
         await sleep(0.15)
         assert not (await rig.list_modes())["modes"][0]["ready"]
         await arm(rig)

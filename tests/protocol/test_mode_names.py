@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from gcs_server.ros2.external_mode import CHECK_REPLY, CHECK_REQUEST, REGISTER, UNREGISTER
-from gcs_server.ros2.message_types import MESSAGES
+from gcs_server.ros2.message_types import MESSAGES, VERSIONS
 from tests.protocol.ros2_testbed import Ros2Testbed
 from tests.protocol.simulated_testbed import until
 
@@ -20,12 +20,12 @@ class ModeProgram:
         self._publish, self._topics.publish = self._topics.publish, self._publish_and_reply  # type: ignore[method-assign]
 
     def _send(self, topic: str, message_type: str, **fields: Any) -> None:
-        self._topics.send(topic, MESSAGES[message_type].encode(fields))
+        self._topics.send_setpoint(topic, MESSAGES[message_type].encode(fields))
 
     def _publish_and_reply(self, topic: str, data: bytes) -> None:
         self._publish(topic, data)
         if topic == CHECK_REQUEST:
-            request = MESSAGES["ArmingCheckRequest"].decode(data)
+            request = VERSIONS["1.16"]["ArmingCheckRequest"].decode(data)
             self._send(
                 CHECK_REPLY, "ArmingCheckReply", request_id=request["request_id"], can_arm_and_run=True
             )

@@ -1,5 +1,5 @@
-"""A vehicle whose ROS 2 topics have versions that the server does not know: the server starts nothing that
-needs these topics, and other vehicles are not affected."""
+"""A vehicle some of whose ROS 2 topics have a layout that the server does not know: the server starts nothing
+that needs these topics, and other vehicles are not affected."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import pytest
 
 from gcs_server.errors import Refused
 from gcs_server.ros2.external_mode import REGISTER
-from gcs_server.ros2.topics import wire_name
-from gcs_server.ros2.versions import TopicVersions
+from gcs_server.ros2.formats import USED
 from gcs_server.streamer.transport.ros2 import CONTROL_MODE, SETPOINT_TOPICS
 from missions.setpoints import Attitude, Position
 from tests.protocol.mission_flights import MissionsTestbed
@@ -23,17 +22,21 @@ from tests.support.offboard_missions import mission
 
 TRAJECTORY = SETPOINT_TOPICS["TrajectorySetpoint"]
 ABOVE_HOME = Position((0.0, 0.0, -3.0))
+UNKNOWN = "a layout that this server does not know: PX4 names it 0badf00d"
 
 
-def set_version_7(testbed: Ros2Testbed, topic: str, row: int = 0) -> None:
-    """Gives the vehicle only version 7 of this topic."""
-    namespace, versions = f"px4_{row}", TopicVersions()
-    versions.add_topic(wire_name(f"{topic}_v7", namespace), publishes=False)
-    testbed.ros2.unusable_by_peer[namespace] = versions.unusable(namespace)
+def set_unknown_layout(testbed: Ros2Testbed, topic: str, row: int = 0) -> None:
+    """The vehicle answers that this topic has another layout."""
+    formats = testbed.topics[row].link.formats
+    name = topic.rpartition("/")[2].encode().ljust(49, b"\0")
+    formats.on_response(
+        {"protocol_version": 1, "topic_name": b"/" + name, "success": True, "message_hash": 0x0BADF00D}
+    )
+    assert topic in formats.unusable
 
 
 @pytest.mark.parametrize("topic", [TRAJECTORY, CONTROL_MODE])
-def test_a_stream_on_an_unknown_version_is_refused_and_other_vehicles_and_setpoint_types_fly(
+def test_a_stream_in_an_unknown_layout_is_refused_and_other_vehicles_and_setpoint_types_fly(
     run_simulated: Any, topic: str
 ) -> None:
     async def run() -> None:
@@ -42,17 +45,16 @@ def test_a_stream_on_an_unknown_version_is_refused_and_other_vehicles_and_setpoi
             await testbed.wait_for_vehicle_ready_to_arm("1"),
             await testbed.wait_for_vehicle_ready_to_arm("2"),
         )
-        set_version_7(testbed, topic)
+        set_unknown_layout(testbed, topic)
         sent_count = len(testbed.topics[0].sent_messages)
-        with pytest.raises(
-            Refused, match=rf"{topic}_v7 has version 7, but this server knows version 0"
-        ) as refused:
+        with pytest.raises(Refused, match=f"{topic} has {UNKNOWN}") as refused:
             await testbed.streamer.offboard("1").start(stream_request_for(ABOVE_HOME))
+        assert f"Not available: {USED[topic].lost}" in str(refused.value)
         assert "connect the vehicle over MAVLink" in (refused.value.remedy or "")
         assert len(testbed.topics[0].sent_messages) == sent_count
         available = testbed.streamer.offboard("1").available()
         assert not available["position"].can
-        assert f"{topic}_v7" in (available["position_global"].why_not or "")
+        assert topic in (available["position_global"].why_not or "")
         assert available["attitude"].can is (topic == TRAJECTORY)
         await testbed.streamer.offboard("2").start(stream_request_for(ABOVE_HOME))
         assert other_vehicle.status.mode == "offboard"
@@ -61,7 +63,7 @@ def test_a_stream_on_an_unknown_version_is_refused_and_other_vehicles_and_setpoi
                 stream_request_for(Attitude((1.0, 0.0, 0.0, 0.0), 0.1))
             )
             assert vehicle.status.mode == "offboard"
-            with pytest.raises(Refused, match="has version 7"):
+            with pytest.raises(Refused, match=UNKNOWN):
                 await testbed.streamer.offboard("1").setpoint(stream_request_for(ABOVE_HOME))
         await testbed.close()
 
@@ -74,7 +76,7 @@ def test_setpoints_are_sent_over_mavlink_while_a_mavlink_link_is_connected(run_s
         vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         offboard = testbed.streamer.offboard(vehicle.id)
         await until(lambda: vehicle.reach.setpoints == "ROS 2", 10.0)
-        set_version_7(testbed, TRAJECTORY)
+        set_unknown_layout(testbed, TRAJECTORY)
         assert vehicle.reach.setpoints == "MAVLink"
         sent_count = len(testbed.topics[0].sent_messages)
         await offboard.start(stream_request_for(ABOVE_HOME))
@@ -83,7 +85,7 @@ def test_setpoints_are_sent_over_mavlink_while_a_mavlink_link_is_connected(run_s
         await offboard.stop()
         testbed.mavlink_on = False
         await asyncio.sleep(2.0)
-        with pytest.raises(Refused, match="has version 7"):
+        with pytest.raises(Refused, match=UNKNOWN):
             await offboard.start(stream_request_for(ABOVE_HOME))
         await testbed.close()
 
@@ -95,7 +97,7 @@ def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path
         testbed = Ros2Testbed()
         missions = MissionsTestbed(testbed, tmp_path)
         vehicle = await testbed.wait_for_vehicle_ready_to_arm()
-        set_version_7(testbed, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
+        set_unknown_layout(testbed, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
         attitude = "{step: attitude, roll_rad: 0.1, thrust: 0.5, duration_s: 1}"
         with pytest.raises(Refused, match="Not available: attitude setpoints"):
             missions.begin(
@@ -112,9 +114,9 @@ def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path
 def test_the_registration_of_a_mode_is_refused_at_once(run_simulated: Any, topic: str) -> None:
     async def scenario(modes: MissionModesTestbed) -> None:
         testbed = modes.testbed
-        set_version_7(testbed, topic)
+        set_unknown_layout(testbed, topic)
         began_s = testbed.loop.time()
-        with pytest.raises(Refused, match=f"{topic}_v7 has version 7"):
+        with pytest.raises(Refused, match=f"{topic} has {UNKNOWN}"):
             await modes.register()
         assert testbed.loop.time() - began_s < 1.0
         assert not modes.sent_messages(REGISTER)

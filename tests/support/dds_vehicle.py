@@ -11,9 +11,8 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from gcs_server.ros2.dds_types import Sample, idl_type
-from gcs_server.ros2.message_types import SHOWN
 from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, wire_name
-from tests.support.dds_publisher import VEHICLE_STATUS, Publisher, status_bytes
+from tests.support.dds_publisher import TYPES, VEHICLE_STATUS, Publisher, status_bytes
 from tests.support.dds_samples import recorded_samples
 
 VEHICLE_ATTITUDE = "/fmu/out/vehicle_attitude"
@@ -34,7 +33,7 @@ class AcknowledgingVehicle:
 
     def __init__(self, domain_id: int, namespace: str, system_id: int) -> None:
         self._publisher, self._system_id = Publisher(domain_id, namespace), system_id
-        command_type = SHOWN["VehicleCommand"]
+        command_type = TYPES["VehicleCommand"]
         topic = Topic(self._publisher.participant, wire_name(COMMAND, namespace), idl_type(command_type))
         qos = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(8))
         self._commands = DataReader(self._publisher.participant, topic, qos=qos)
@@ -44,7 +43,7 @@ class AcknowledgingVehicle:
         """Acknowledges the received commands; publishes the status and one message of each other topic."""
         for sample in self._commands.take(8):
             if isinstance(sample, Sample):
-                self._acknowledge(SHOWN["VehicleCommand"].decode(sample.cdr))
+                self._acknowledge(TYPES["VehicleCommand"].decode(sample.cdr))
         vehicle_status = status_bytes(
             system_id=self._system_id, arming_state=ARMED if self._armed else DISARMED
         )
@@ -56,7 +55,7 @@ class AcknowledgingVehicle:
         self._armed = command["command"] == ARM_DISARM and command["param1"] == 1.0
         ack = {"command": command["command"], "result": 0}  # accepted
         ack |= {f"target_{part}": command[f"source_{part}"] for part in ("system", "component")}
-        self._publisher.send(COMMAND_ACK, SHOWN["VehicleCommandAck"].encode(ack), "VehicleCommandAck")
+        self._publisher.send(COMMAND_ACK, TYPES["VehicleCommandAck"].encode(ack), "VehicleCommandAck")
 
 
 class PeriodicThread:

@@ -23,6 +23,7 @@ from gcs_server.clock import Clock
 from gcs_server.faults import FaultLog
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.signing import TICKS_PER_S
+from gcs_server.ros2.formats import with_formats_of
 from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
 from gcs_server.streamer.process.messages import (
     Answer,
@@ -35,6 +36,7 @@ from gcs_server.streamer.process.messages import (
     Update,
     WorkerStarted,
 )
+from gcs_server.streamer.transport.ros2 import TOPIC_TYPES
 from gcs_server.streamer.transport.vehicle_transport import PayloadSender
 
 log = logging.getLogger(__name__)
@@ -180,7 +182,8 @@ class WorkerHandle:
     def _route(self, sender: PayloadSender) -> AnyRoute | None:
         path = sender.send_path()
         if path is not None and path.peer.dds is not None:
-            return path.peer.dds
+            address = path.connection.link.dds_address(path.peer)
+            return None if address is None else with_formats_of(address, TOPIC_TYPES)
         if path is None or path.peer.address is None:
             return None
         link_socket = path.connection.link.datagram_socket()

@@ -6,18 +6,20 @@ other vehicles continue.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import threading
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from gcs_server.links.base import DdsAddress
-from gcs_server.ros2.external_mode import SENT_TYPES, Message
-from gcs_server.ros2.message_types import MESSAGES
-from gcs_server.ros2.topics import Subscription
-from gcs_server.streamer.schedule.external_modes import CONNECTED_FROM, CONNECTED_TO, READ_TYPES
-from gcs_server.streamer.transport.ros2 import SETPOINT_TOPICS, TOPIC_TYPES
+from gcs_server.ros2.external_mode import Message
+from gcs_server.ros2.formats import formats_of
+from gcs_server.ros2.message_types import MalformedMessage
+from gcs_server.streamer.schedule.external_modes import CONNECTED_FROM, CONNECTED_TO, READ_TYPES, WRITTEN
+from gcs_server.streamer.transport.ros2 import TOPIC_TYPES
 
 if TYPE_CHECKING:
     from gcs_server.ros2.dds import Readers, Writers
@@ -28,38 +30,71 @@ READ_DEPTH = 8
 
 
 class Ros2Sender:
-    """The topics of one vehicle. Sends nothing until DDS is open and the vehicle is connected."""
+    """The topics of one vehicle. Sends nothing until DDS is open and the vehicle is connected, and nothing
+    on a topic whose layout the vehicle has not confirmed."""
 
     def __init__(self, address: DdsAddress) -> None:
         self._address = address
-        self._writers: Writers | None = None
+        self._formats = formats_of(address, TOPIC_TYPES)
+        self._opened: tuple[DdsAddress, Writers] | None = None
         self._connected: set[str] = set()
         """Topics to which the vehicle subscribes."""
-        threading.Thread(target=self._open, name=f"dds {address.namespace}", daemon=True).start()
+        self._lock = threading.Lock()
+        self._opening = False
+        self._start_opening()
+
+    def use(self, address: DdsAddress) -> None:
+        """Opens the topics again if the vehicle has other ones, or others with a known layout."""
+        if address == self._address:
+            return
+        previous = self._formats
+        self._address, self._formats = address, formats_of(address, TOPIC_TYPES)
+        self._connected = {
+            topic for topic in self._connected if previous.get(topic) == self._formats.get(topic)
+        }
+        self._start_opening()
 
     def send(self, messages: Sequence[Message], required: Iterable[str] = ()) -> None:
         """See `TopicSender`."""
-        writers = self._writers
-        if writers is None:
+        if self._opened is None:
             raise OSError("DDS is not open yet")
+        address, writers = self._opened
+        opened = self._formats if address is self._address else formats_of(address, TOPIC_TYPES)
         for topic in (*required, *(topic for topic, _ in messages)):
+            if topic not in opened or opened[topic] != self._formats.get(topic):
+                raise OSError(f"the vehicle has not confirmed the layout of {topic}")
             if topic not in self._connected:
                 if not writers.connected(topic):
                     raise OSError(f"no vehicle subscribes to {topic} yet")
                 self._connected.add(topic)
-        for topic, data in messages:
+        for topic, data in [(topic, opened[topic].to_vehicle(data)) for topic, data in messages]:
             writers.send(topic, data)
+
+    def _start_opening(self) -> None:
+        with self._lock:
+            if self._opening:
+                return  # the thread opens the new address, too
+            self._opening = True
+        name = f"dds {self._address.namespace}"
+        threading.Thread(target=self._open, name=name, daemon=True).start()
 
     def _open(self) -> None:
         try:
             # real-time priority is for sending setpoints only; DDS's own threads inherit this priority
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-            from gcs_server.ros2.dds import open_writers
+            from gcs_server.ros2.dds import open_topics
 
-            types = {topic: MESSAGES[kind] for topic, kind in TOPIC_TYPES.items()}
-            self._writers = open_writers(self._address, types)
+            while True:
+                address = self._address
+                sent = formats_of(address, TOPIC_TYPES).values()
+                self._opened = address, open_topics(address, sent)[0]
+                with self._lock:
+                    if address is self._address:
+                        self._opening = False
+                        return
         except Exception:
-            log.exception("setpoints cannot be sent over ROS 2 to %s", self._address)
+            self._opening = False
+            log.exception("setpoints cannot be sent over ROS 2 to %s", self._address.namespace)
 
 
 class ModeTopics:
@@ -68,6 +103,7 @@ class ModeTopics:
 
     def __init__(self, address: DdsAddress) -> None:
         self._address = address
+        self._formats = formats_of(address, {*WRITTEN, *READ_TYPES})
         self._topics: tuple[Writers, Readers] | None = None
         threading.Thread(target=self._open, name=f"dds modes {address.namespace}", daemon=True).start()
 
@@ -75,32 +111,35 @@ class ModeTopics:
         """See `ModePort`."""
         if self._topics is None:
             raise OSError("DDS is not open yet")
-        self._topics[0].send(topic, data)
+        if topic not in self._formats:
+            raise OSError(f"the vehicle has not confirmed the layout of {topic}")
+        self._topics[0].send(topic, self._formats[topic].to_vehicle(data))
 
     def connected(self) -> bool:
         """See `ModePort`."""
-        if self._topics is None:
+        if self._topics is None or not self._formats.keys() >= {*CONNECTED_TO, *CONNECTED_FROM}:
             return False
         writers, readers = self._topics
         return all(map(writers.connected, CONNECTED_TO)) and all(map(readers.connected, CONNECTED_FROM))
 
     def take(self) -> list[tuple[str, bytes]]:
-        """See `ModePort`."""
-        return [] if self._topics is None else self._topics[1].take()
+        """See `ModePort`. Messages of another layout than the vehicle has confirmed are omitted."""
+        taken: list[tuple[str, bytes]] = []
+        for topic, data in () if self._topics is None else self._topics[1].take():
+            with contextlib.suppress(MalformedMessage):
+                taken.append((topic, self._formats[topic].to_server(data)))
+        return taken
 
     def _open(self) -> None:
         try:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
             from gcs_server.ros2.dds import open_topics
 
-            trajectory = "TrajectorySetpoint"  # for the velocity of zero before a stream flies the vehicle
-            sent = {**SENT_TYPES, SETPOINT_TOPICS[trajectory]: trajectory}
-            read = [Subscription(topic, kind, 0.0, READ_DEPTH) for topic, kind in READ_TYPES.items()]
-            self._topics = open_topics(
-                self._address, {topic: MESSAGES[kind] for topic, kind in sent.items()}, read
-            )
+            sent = [each for topic, each in self._formats.items() if topic in WRITTEN]
+            read = [(each, READ_DEPTH) for topic, each in self._formats.items() if topic in READ_TYPES]
+            self._topics = open_topics(self._address, sent, read)
         except Exception:
-            log.exception("modes cannot be registered over ROS 2 with %s", self._address)
+            log.exception("modes cannot be registered over ROS 2 with %s", self._address.namespace)
 
 
 class Ros2Senders:
@@ -108,13 +147,18 @@ class Ros2Senders:
 
     def __init__(self) -> None:
         self._senders: dict[DdsAddress, Ros2Sender] = {}
+        """By the address without formats."""
 
     def sender_for(self, address: DdsAddress) -> Ros2Sender:
         """The sender for an address; the first call for an address starts to open DDS."""
-        if address not in self._senders:
-            self._senders[address] = Ros2Sender(address)
-        return self._senders[address]
+        vehicle = replace(address, formats=())
+        sender = self._senders.get(vehicle)
+        if sender is None:
+            sender = self._senders[vehicle] = Ros2Sender(address)
+        sender.use(address)
+        return sender
 
     def close_unused(self, used: Collection[DdsAddress]) -> None:
         """Closes the senders for all addresses that are not in `used`."""
-        self._senders = {address: sender for address, sender in self._senders.items() if address in used}
+        vehicles = {replace(address, formats=()) for address in used}
+        self._senders = {key: sender for key, sender in self._senders.items() if key in vehicles}

@@ -26,6 +26,7 @@ from gcs_server.ros2.external_mode import (
     OVERRIDES,
     REGISTER,
     REGISTER_REPLY,
+    SENT_TYPES,
     UNREGISTER,
     ExternalMode,
     ModeDeclaration,
@@ -65,6 +66,8 @@ REQUIRED_TOPICS: Final = frozenset(
 """Topics without which a mode cannot be registered, flown, or removed."""
 STOP_MESSAGES: Final = encode(Velocity((0.0, 0.0, 0.0)))[1]
 """The setpoint of zero velocity."""
+WRITTEN: Final = frozenset({*SENT_TYPES, *(topic for topic, _ in STOP_MESSAGES)})
+"""Topics to which this module sends."""
 
 
 def topics_for(declaration: ModeDeclaration) -> frozenset[str]:
@@ -138,7 +141,7 @@ class ExternalModes:
             raise ValueError(f"{MAX_MODES} modes are already registered")
         if vehicle is None or vehicle.address != address:
             if registered:
-                raise ValueError("modes are already registered over another ROS 2 link")
+                raise ValueError("modes are already registered over another ROS 2 link, or in other layouts")
             vehicle = self._vehicles[vehicle_id] = _VehicleModes(address, self._open_port(address))
         vehicle.modes = [mode for mode in vehicle.modes if mode.declaration.name != declaration.name]
         mode = ExternalMode(declaration, secrets.randbits(63), self._clock.monotonic_s())
@@ -251,8 +254,10 @@ class ExternalModes:
 
     def _send(self, vehicle: _VehicleModes, messages: Iterable[Message]) -> None:
         for topic, data in messages:
+            # PX4 v1.17 ignores a reply that is older than 0.3 s by its own clock; without a time it is new
+            unix_us = 0 if topic == CHECK_REPLY else int(self._clock.unix_s() * 1e6)
             try:
-                vehicle.port.send(topic, with_time(data, int(self._clock.unix_s() * 1e6)))
+                vehicle.port.send(topic, with_time(data, unix_us))
             except OSError:
                 return  # not connected yet; registrations and PX4's requests are repeated later
 

@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <thread>
 
-#include "participant.hpp"
+#include "formats.hpp"
 
 int main(int count, char** arguments) {
   if (count != 3) {
@@ -12,7 +12,9 @@ int main(int count, char** arguments) {
   }
   Participant participant(static_cast<uint32_t>(std::stoul(arguments[1])), arguments[2]);
   auto* writer = participant.writer<MalformedStatus>("/fmu/out/vehicle_status_v1");
+  Formats formats(participant);
   for (MalformedStatus status;;) {
+    formats.answer();
     writer->write(&status);
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
   }

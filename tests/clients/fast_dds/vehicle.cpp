@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <thread>
 
-#include "participant.hpp"
+#include "formats.hpp"
 
 constexpr auto period = std::chrono::milliseconds(20);
 constexpr uint8_t disarmed_state = 1, armed_state = 2, hold_mode = 4, offboard_mode = 14;
@@ -23,6 +23,7 @@ class Vehicle {
  public:
   Vehicle(uint32_t domain, const std::string& name_space)
       : participant_(domain, name_space),
+        formats_(participant_),
         status_out_(participant_.writer<VehicleStatus>("/fmu/out/vehicle_status_v1")),
         attitude_out_(participant_.writer<VehicleAttitude>("/fmu/out/vehicle_attitude")),
         ack_out_(participant_.writer<VehicleCommandAck>("/fmu/out/vehicle_command_ack")),
@@ -39,6 +40,7 @@ class Vehicle {
   }
 
   void step() {
+    formats_.answer();
     for (OffboardControlMode mode; take(mode_in_, mode);) streamed_ = mode.attitude;
     for (VehicleCommand command; take(command_in_, command);) execute(command);
     for (VehicleAttitudeSetpoint setpoint; take(setpoint_in_, setpoint);) show(setpoint);
@@ -103,6 +105,7 @@ class Vehicle {
   }
 
   Participant participant_;
+  Formats formats_;
   fdds::DataWriter *status_out_, *attitude_out_, *ack_out_;
   fdds::DataReader *command_in_, *mode_in_, *setpoint_in_;
   VehicleStatus status_;

@@ -11714,7 +11714,7 @@ export interface components {
             readonly subscribers: number;
             /**
              * Type Known
-             * @description Whether the server knows the type; topics of other types have no rate, age and value.
+             * @description Whether the server knows the topic's layout; other topics have no rate, age and value.
              */
             readonly type_known: boolean;
             /**

@@ -16,7 +16,7 @@ from cyclonedds.topic import Topic
 
 from gcs_server.ros2.dds import open_domain
 from gcs_server.ros2.dds_types import idl_type
-from gcs_server.ros2.message_types import SHOWN, MessageType
+from gcs_server.ros2.message_types import MESSAGES, MessageType
 
 DOMAIN = 100 + os.getpid() % 100
 
@@ -36,7 +36,7 @@ def test_a_second_thread_can_use_a_type_at_any_time_while_the_first_creates_it()
     domain = open_domain(DOMAIN, None)
     with ThreadPoolExecutor(2) as threads:
         for delay_ms in range(30):
-            message = dataclasses.replace(SHOWN["VehicleLocalPosition"])  # a new object has no cached type
+            message = dataclasses.replace(MESSAGES["VehicleLocalPosition"])  # a new object has no cached type
             for created in threads.map(create_topic, [message] * 2, [0.0, delay_ms / 1000]):
                 assert created is None
     assert domain  # this reference keeps the domain open

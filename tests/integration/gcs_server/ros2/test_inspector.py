@@ -12,14 +12,21 @@ pytest.importorskip("cyclonedds")
 
 from gcs_server.ros2.dds import DdsUnavailable, open_domain
 from gcs_server.ros2.dds_inspection import InspectionPort
+from gcs_server.ros2.formats import TopicFormat
 from gcs_server.ros2.inspection import Inspection, TopicView
 from gcs_server.ros2.inspector import DomainInspector
-from gcs_server.ros2.message_types import SHOWN
+from gcs_server.ros2.message_types import MESSAGES
 from tests.support.dds_publisher import VEHICLE_STATUS, Publisher, status_bytes
+from tests.support.px4_formats import address_formats
 
 DOMAIN = 53
 NAMESPACE = f"inspect_{os.getpid()}"
 SENSORS = "/fmu/out/sensor_combined"
+FORMATS = (
+    *address_formats("1.16"),
+    TopicFormat(SENSORS, SENSORS, "SensorCombined", MESSAGES["SensorCombined"].hash),
+)
+"""The layouts that the vehicle has confirmed."""
 
 
 @pytest.fixture(autouse=True)
@@ -58,14 +65,14 @@ def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: Doma
 
     def publish() -> None:
         vehicles[0].send(VEHICLE_STATUS, status_bytes(system_id=7))
-        vehicles[0].send(SENSORS, SHOWN["SensorCombined"].encode(values), "SensorCombined")
+        vehicles[0].send(SENSORS, MESSAGES["SensorCombined"].encode(values), "SensorCombined")
 
     def is_shown() -> bool:
-        found = topics(inspector.inspect(NAMESPACE))
+        found = topics(inspector.inspect(NAMESPACE, FORMATS))
         return all(name in found and found[name].rate_hz is not None for name in (VEHICLE_STATUS, SENSORS))
 
     until(is_shown, publish)
-    found = topics(inspector.inspect(NAMESPACE))
+    found = topics(inspector.inspect(NAMESPACE, FORMATS))
     assert found[VEHICLE_STATUS].value is not None
     assert found[VEHICLE_STATUS].value["system_id"] == 7
     sensors = found[SENSORS]
@@ -73,7 +80,7 @@ def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: Doma
     assert sensors.value["accelerometer_m_s2"] == values["accelerometer_m_s2"]
     assert (sensors.type, sensors.publishers, sensors.subscribers) == ("px4_msgs/msg/SensorCombined", 1, 0)
     vehicles.clear()  # deletes the publisher
-    until(lambda: SENSORS not in topics(inspector.inspect(NAMESPACE)))
+    until(lambda: SENSORS not in topics(inspector.inspect(NAMESPACE, FORMATS)))
 
 
 def test_a_flooded_topic_is_shown_as_flooded_and_other_topics_are_read(inspector: DomainInspector) -> None:
@@ -82,10 +89,10 @@ def test_a_flooded_topic_is_shown_as_flooded_and_other_topics_are_read(inspector
     def publish() -> None:
         vehicle.send(VEHICLE_STATUS, status_bytes())
         for _ in range(200):
-            flooding_publisher.send(SENSORS, SHOWN["SensorCombined"].encode({}), "SensorCombined")
+            flooding_publisher.send(SENSORS, MESSAGES["SensorCombined"].encode({}), "SensorCombined")
 
     def is_shown() -> bool:
-        found = topics(inspector.inspect(NAMESPACE))
+        found = topics(inspector.inspect(NAMESPACE, FORMATS))
         has_both_topics = {VEHICLE_STATUS, SENSORS} <= found.keys()
         return (
             has_both_topics and found[SENSORS].rate_is_minimum and found[VEHICLE_STATUS].rate_hz is not None
@@ -98,11 +105,11 @@ def test_topics_are_read_only_while_they_are_requested(
     inspector: DomainInspector, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert not inspector.running
-    assert inspector.inspect(NAMESPACE).state == "starting"
+    assert inspector.inspect(NAMESPACE, FORMATS).state == "starting"
     assert inspector.running
     monkeypatch.setattr("gcs_server.ros2.inspector.KEEP_READING_S", 0.2)
     until(lambda: not inspector.running)
-    assert inspector.inspect(NAMESPACE).state == "starting"
+    assert inspector.inspect(NAMESPACE, FORMATS).state == "starting"
     assert inspector.running
 
 
@@ -118,8 +125,8 @@ def test_a_domain_that_cannot_be_opened_is_reported_and_opened_later(
         return InspectionPort(domain_id, interface)
 
     inspector = DomainInspector(DOMAIN, None, open_port)
-    until(lambda: inspector.inspect(NAMESPACE).problem == errors[0])
-    assert inspector.inspect(NAMESPACE).state == "failed"
+    until(lambda: inspector.inspect(NAMESPACE, FORMATS).problem == errors[0])
+    assert inspector.inspect(NAMESPACE, FORMATS).state == "failed"
     errors.clear()
-    until(lambda: inspector.inspect(NAMESPACE).state == "open")
+    until(lambda: inspector.inspect(NAMESPACE, FORMATS).state == "open")
     inspector.close()

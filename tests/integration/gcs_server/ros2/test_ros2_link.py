@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Coroutine, Iterator
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -19,16 +18,18 @@ pytest.importorskip("cyclonedds")
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from gcs_server.links.base import Peer
+from gcs_server.links.base import DdsAddress, Peer
 from gcs_server.mavlink.codec import FrameParser
 from gcs_server.mavlink.tables import NAMES
 from gcs_server.ros2.dds import DdsPort, DdsUnavailable, configuration, open_domain
 from gcs_server.ros2.dds_types import idl_type
+from gcs_server.ros2.formats import USED, TopicFormat, formats_of
 from gcs_server.ros2.link import Ros2Link
-from gcs_server.ros2.message_types import HEADER, MESSAGES, SHOWN
-from gcs_server.ros2.topics import wire_name
+from gcs_server.ros2.message_types import MESSAGES, VERSIONS
+from gcs_server.ros2.topics import STATUS, wire_name
 from tests.support.dds_publisher import VEHICLE_STATUS, Publisher, status_bytes
 from tests.support.dds_samples import recorded_samples
+from tests.support.px4_formats import px4_hashes
 
 DOMAIN = 49
 NAMESPACE = f"link_{os.getpid()}"
@@ -62,6 +63,13 @@ class LinkFrames:
         parser = self._parsers.setdefault(peer.name, FrameParser())
         frames = [(frame.system_id, NAMES[frame.msg_id]) for frame in parser.feed(data, now_s)]
         self.frames.setdefault(peer.name, []).extend(frames)
+
+    def formats(self) -> dict[str, TopicFormat]:
+        """The topics whose layout the vehicle has confirmed."""
+        peer = Peer(NAMESPACE, dds=DdsAddress(DOMAIN, None, NAMESPACE))
+        address = self.link.dds_address(peer)
+        assert address is not None
+        return formats_of(address, USED)
 
     def names(self, peer: str = NAMESPACE) -> set[str]:
         return {name for _, name in self.frames.get(peer, ())}
@@ -141,17 +149,54 @@ async def test_malformed_and_flooding_samples_affect_only_their_vehicle() -> Non
 
 
 @in_event_loop
-async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.5)
-    shortened_type = replace(MESSAGES["VehicleStatus"], fields=MESSAGES["VehicleStatus"].fields[:3])
-    monkeypatch.setitem(SHOWN, "Other", shortened_type)
-    link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE)
+async def test_a_layout_that_the_server_does_not_know_is_reported_and_not_read() -> None:
+    hashes = px4_hashes("1.16") | {"vehicle_status": 0x0BADF00D}
+    link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE, hashes)
 
     def is_reported() -> bool:
-        return "sends no message of PX4 v1.16's type" in link_frames.link.info().detail
+        return "PX4 names it 0badf00d, this server knows f779fa65" in link_frames.link.info().detail
 
-    await link_frames.until(is_reported, lambda: vehicle.send(VEHICLE_STATUS, HEADER + bytes(24), "Other"))
+    await link_frames.until(is_reported, lambda: vehicle.send(VEHICLE_STATUS, status_bytes()))
     assert not link_frames.frames
+    await link_frames.link.close()
+
+
+@in_event_loop
+async def test_a_vehicle_that_does_not_answer_is_reported_and_read_once_it_answers() -> None:
+    link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE, {})
+
+    def publish() -> None:
+        vehicle.send(VEHICLE_STATUS, status_bytes())
+
+    await link_frames.until(lambda: "PX4 v1.14 and older" in link_frames.link.info().detail, publish)
+    assert not link_frames.frames
+    vehicle.hashes = px4_hashes("1.16")
+    await link_frames.until(lambda: "HEARTBEAT" in link_frames.names(), publish)
+    await link_frames.link.close()
+
+
+@in_event_loop
+async def test_after_a_change_of_the_firmware_the_topics_are_read_in_their_new_layouts() -> None:
+    link_frames, flags = LinkFrames(), "/fmu/out/failsafe_flags"
+    vehicles = [Publisher(DOMAIN, NAMESPACE)]
+
+    def publish(version: str) -> None:
+        vehicles[0].send(VEHICLE_STATUS, status_bytes())
+        sent = {"attitude_invalid": True}
+        vehicles[0].send(flags, VERSIONS[version]["FailsafeFlags"].encode(sent), "FailsafeFlags")
+
+    await link_frames.until(lambda: "SYS_STATUS" in link_frames.names(), lambda: publish("1.16"))
+    await link_frames.until(lambda: flags in link_frames.formats(), lambda: publish("1.16"))
+    assert link_frames.formats()[flags].message is VERSIONS["1.16"]["FailsafeFlags"]
+    vehicles.clear()
+    vehicles.append(Publisher(DOMAIN, NAMESPACE, version="1.17"))
+
+    def is_read_anew() -> bool:
+        formats = link_frames.formats()
+        return flags in formats and formats[flags].message is VERSIONS["1.17"]["FailsafeFlags"]
+
+    await link_frames.until(is_read_anew, lambda: publish("1.17"))
+    assert link_frames.link.faults.count == 0
     await link_frames.link.close()
 
 
@@ -179,38 +224,34 @@ async def test_only_the_first_of_two_vehicles_in_one_namespace_is_read() -> None
 @pytest.mark.parametrize(
     ("topic", "message", "text"),
     [
-        ("/fmu/out/vehicle_status_v2", "VehicleStatus", "has version 2, but this server knows version 1"),
-        ("/fmu/out/vehicle_status", "VehicleStatus", "has version 0, but this server knows version 1"),
-        ("/fmu/out/vehicle_attitude_v1", "VehicleAttitude", "Not available: attitude."),
-        (VEHICLE_STATUS, "HomePosition", "has the type px4_msgs::msg::dds_::HomePosition_ instead of"),
-        (
-            "/fmu/out/vehicle_attitude",
-            "HomePosition",
-            "instead of px4_msgs::msg::dds_::VehicleAttitude_",
-        ),
+        (VEHICLE_STATUS, "HomePosition", "has the type HomePosition instead of VehicleStatus"),
+        ("/fmu/out/vehicle_attitude", "HomePosition", "has the type HomePosition instead of VehicleAttitude"),
     ],
 )
 @in_event_loop
-async def test_an_unknown_version_or_type_is_reported_and_not_read(
-    topic: str, message: str, text: str
-) -> None:
+async def test_a_topic_of_another_type_is_reported_and_not_read(topic: str, message: str, text: str) -> None:
     link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE)
-    await link_frames.until(
-        lambda: text in link_frames.link.info().detail, lambda: vehicle.send(topic, bytes(100), message)
-    )
-    assert not link_frames.frames
+
+    def publish() -> None:
+        vehicle.send(topic, bytes(100), message)
+        if topic != VEHICLE_STATUS:
+            vehicle.send(VEHICLE_STATUS, status_bytes())
+
+    await link_frames.until(lambda: text in link_frames.link.info().detail, publish)
+    assert bool(link_frames.frames) is (topic != VEHICLE_STATUS)
     await link_frames.link.close()
 
 
 @in_event_loop
-async def test_a_command_topic_of_another_version_is_reported_and_the_vehicle_is_still_read() -> None:
-    link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE)
-    topic = wire_name("/fmu/in/vehicle_command_v1", NAMESPACE)
-    command_topic = Topic(vehicle.participant, topic, idl_type(SHOWN["VehicleCommand"]))
+async def test_a_command_topic_of_an_unknown_layout_is_reported_and_the_vehicle_is_still_read() -> None:
+    hashes = px4_hashes("1.16") | {"vehicle_command": 0x0BADF00D}
+    link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE, hashes)
+    topic = wire_name("/fmu/in/vehicle_command_v7", NAMESPACE)
+    command_topic = Topic(vehicle.participant, topic, idl_type(MESSAGES["VehicleCommand"]))
     reader = DataReader(vehicle.participant, command_topic)
 
     def is_reported() -> bool:
-        text = "has version 1, but this server knows version 0. Not available: commands."
+        text = "/fmu/in/vehicle_command_v7 has a layout that this server does not know: PX4 names it 0badf00d"
         return text in link_frames.link.info().detail
 
     await link_frames.until(
@@ -226,10 +267,7 @@ async def test_without_a_vehicle_the_link_reports_what_is_missing(monkeypatch: p
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.0)
     link_frames = LinkFrames("nobody")
     await link_frames.until(lambda: link_frames.link.info().detail)
-    assert (
-        f"No vehicle publishes /nobody{VEHICLE_STATUS} in DDS domain {DOMAIN}"
-        in link_frames.link.info().detail
-    )
+    assert f"No vehicle publishes /nobody{STATUS} in DDS domain {DOMAIN}" in link_frames.link.info().detail
     await link_frames.link.close()
 
 
@@ -283,7 +321,10 @@ def test_a_program_that_starts_later_is_found_although_it_does_not_announce_itse
     program = subprocess.Popen([sys.executable, "-c", LATE_PROGRAM, str(domain_id)])
     try:
         end_s = time.monotonic() + 20.0
-        while not any(each.topic == "rt/fmu/in/vehicle_command" for each in port.discovered()):
+        while not any(
+            each.topic is not None and each.topic.name == "rt/fmu/in/vehicle_command"
+            for each in port.announcements()
+        ):
             assert time.monotonic() < end_s, "not found"
             assert program.poll() is None
             time.sleep(0.1)

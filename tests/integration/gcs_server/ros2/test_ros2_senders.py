@@ -21,12 +21,13 @@ from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.dds import DdsPort, open_domain
 from gcs_server.ros2.dds_types import Sample, idl_type
 from gcs_server.ros2.external_mode import CHECK_REPLY, CHECK_REQUEST, REGISTER, REGISTER_REPLY
-from gcs_server.ros2.message_types import MESSAGES
+from gcs_server.ros2.message_types import MESSAGES, VERSIONS
 from gcs_server.ros2.topics import wire_name
 from gcs_server.streamer.process.ros2_senders import ModeTopics, Ros2Senders
 from gcs_server.streamer.transport.ros2 import CONTROL_MODE, SETPOINT_TOPICS
 from tests.support.dds_publisher import Publisher
 from tests.support.dds_samples import recorded_samples
+from tests.support.px4_formats import address_formats
 
 DOMAIN, MODES_DOMAIN, ENDED_WRITER_DOMAIN = 51, 54, 55
 NAMESPACE = f"senders_{os.getpid()}"
@@ -37,7 +38,7 @@ def test_a_sender_sends_when_a_vehicle_subscribes_and_is_closed_when_unused() ->
     # Created before the sender's thread starts: two threads cannot register a Cyclone type at the same time.
     participant = DomainParticipant(DOMAIN)
     topic = Topic(participant, wire_name(CONTROL_MODE, NAMESPACE), idl_type(MESSAGES["OffboardControlMode"]))
-    address, senders = DdsAddress(DOMAIN, None, NAMESPACE), Ros2Senders()
+    address, senders = DdsAddress(DOMAIN, None, NAMESPACE, address_formats("1.16")), Ros2Senders()
     sender = senders.sender_for(address)
     assert senders.sender_for(address) is sender
     data = MESSAGES["OffboardControlMode"].encode({"position": True})
@@ -83,7 +84,7 @@ def test_modes_are_registered_over_their_own_topics() -> None:
     request_type = idl_type(MESSAGES["RegisterExtComponentRequest"])
     topic = Topic(vehicle.participant, wire_name(REGISTER, namespace), request_type)
     reader = DataReader(vehicle.participant, topic, qos=Qos(Policy.Reliability.BestEffort))
-    topics = ModeTopics(DdsAddress(MODES_DOMAIN, None, namespace))
+    topics = ModeTopics(DdsAddress(MODES_DOMAIN, None, namespace, address_formats("1.16")))
     requests: list[Sample] = []
     replies: list[tuple[str, bytes]] = []
     assert not topics.connected()
@@ -103,7 +104,7 @@ def test_modes_are_registered_over_their_own_topics() -> None:
     assert not topics.connected(), "nobody publishes or reads the arming checks yet"
     vehicle.prepare(CHECK_REQUEST, "ArmingCheckRequest")
     topic = Topic(
-        vehicle.participant, wire_name(CHECK_REPLY, namespace), idl_type(MESSAGES["ArmingCheckReply"])
+        vehicle.participant, wire_name(CHECK_REPLY, namespace), idl_type(VERSIONS["1.16"]["ArmingCheckReply"])
     )
     checks = DataReader(vehicle.participant, topic, qos=Qos(Policy.Reliability.BestEffort))
     while not topics.connected():
@@ -121,10 +122,12 @@ def test_a_writer_that_ends_is_not_announced_as_a_publication() -> None:
     end_s = time.monotonic() + 10.0
     while not any(each.endswith(topic) for each in discovered):
         assert time.monotonic() < end_s
-        discovered += [each.topic for each in port.discovered()]
+        discovered += [each.topic.name for each in port.announcements() if each.topic is not None]
     del vehicle
     gc.collect()
     end_s = time.monotonic() + 1.0
     while time.monotonic() < end_s:
-        assert all(each.topic and each.type for each in port.discovered())
+        assert all(
+            each.topic is None or (each.topic.name and each.topic.type) for each in port.announcements()
+        )
         time.sleep(0.02)

@@ -20,7 +20,7 @@ from gcs_server.app import create_app
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload
 from gcs_server.ros2.dds import open_domain
-from gcs_server.ros2.message_types import SHOWN
+from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import COMMAND
 from gcs_server.settings import Settings
 from tests.station import free_port
@@ -82,12 +82,14 @@ def send_wrong_type(publisher: Publisher) -> None:
     publisher.send(VEHICLE_STATUS, bytes(100), "HomePosition")
 
 
-def send_unknown_version(publisher: Publisher) -> None:
+def send_unknown_layout(publisher: Publisher) -> None:
+    publisher.hashes["vehicle_status"] = 0x0BADF00D
     publisher.send("/fmu/out/vehicle_status_v7", status_bytes())
 
 
 def send_nothing(publisher: Publisher) -> None:
     publisher.prepare(VEHICLE_STATUS)
+    publisher.answer()
 
 
 def send_flood(publisher: Publisher) -> None:
@@ -106,15 +108,15 @@ def send_flood(publisher: Publisher) -> None:
         ),
         pytest.param(
             send_wrong_type,
-            "has the type px4_msgs::msg::dds_::HomePosition_ instead of",
+            "has the type HomePosition instead of VehicleStatus",
             marks=pytest.mark.broad,
         ),
         pytest.param(
-            send_unknown_version,
-            "/bad/fmu/out/vehicle_status_v7 has version 7, but this server knows version 1",
+            send_unknown_layout,
+            "vehicle_status_v7 has a layout that this server does not know: PX4 names it 0badf00d",
             marks=pytest.mark.broad,
         ),
-        (send_nothing, "bad has a writer of /fmu/out/vehicle_status_v1, but sends no message"),
+        (send_nothing, "bad has confirmed the layout of /fmu/out/vehicle_status, but sends no message"),
         pytest.param(send_flood, None, marks=pytest.mark.broad),
     ],
 )
@@ -158,7 +160,7 @@ def test_topics_are_sent_on_request_and_to_a_telemetry_subscriber(
                 value = sample["value"]
     topics = {topic["name"]: topic for topic in value["topics"]}
     attitude = topics[f"/good{VEHICLE_ATTITUDE}"]
-    expected = SHOWN["VehicleAttitude"].decode(recorded_samples()[VEHICLE_ATTITUDE])
+    expected = MESSAGES["VehicleAttitude"].decode(recorded_samples()[VEHICLE_ATTITUDE])
     assert attitude["value"]["q"] == pytest.approx(list(expected["q"]))
     assert 1.0 < attitude["rate_hz"] < 40.0, "the rate is not about 20 Hz (less on a busy machine)"
     assert topics[f"/good{COMMAND}"]["publishers"] == 1

@@ -12,6 +12,7 @@ from gcs_server.faults import Isolation
 from gcs_server.flights import mission_modes
 from gcs_server.flights.mission_modes import MissionModes
 from gcs_server.flights.mission_values import MissionAsMode, MissionName
+from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import Registration
 from gcs_server.supervise import Supervisor
 
@@ -54,7 +55,7 @@ class ModesSetup:
     """The mission modes of vehicles "1" and "2"; `at_register` is called while PX4 registers a mode."""
 
     def __init__(self, monkeypatch):
-        monkeypatch.setattr(mission_modes, "dds_address", lambda _vehicle: object())
+        monkeypatch.setattr(mission_modes, "dds_address", lambda _endpoints: DdsAddress(0, None, ""))
         monkeypatch.setattr(mission_modes, "_require_topics", lambda _vehicle, _topics: None)
         self.clock = Clock()
         self.vehicles = {i: Vehicle(i, self.clock) for i in ("1", "2")}

@@ -13,6 +13,7 @@ from gcs_server.ros2.external_mode import (
     COMPLETED,
     CONTROLLERS,
     LOST_S,
+    MAX_IGNORED,
     OVERRIDES,
     REGISTER,
     REGISTER_REPLY,
@@ -24,9 +25,9 @@ from gcs_server.ros2.external_mode import (
     controllers_message,
 )
 from gcs_server.ros2.message_types import MESSAGES, Values
-from tests.support.dds_samples import recorded_samples
+from tests.support.dds_samples import server_samples
 
-RECORDED = recorded_samples()
+RECORDED = server_samples()
 NAME, REQUEST_ID = "Fly Mode", 2199029506047954537
 """Values of the recorded registration."""
 ACCEPTING_REPLY: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REGISTER_REPLY])
@@ -104,7 +105,9 @@ def test_a_mode_that_is_not_ready_prevents_arming_but_never_interrupts_a_flight(
 def test_a_check_reply_differs_from_the_recorded_reply_only_in_the_declared_requirements() -> None:
     recorded_reply = MESSAGES["ArmingCheckReply"].decode(RECORDED[CHECK_REPLY])
     sent_reply = fields(
-        registered_mode().on_check_request({"request_id": recorded_reply["request_id"]}, 0.9, can_run=True),
+        registered_mode().on_check_request(
+            {**ARMING_CHECK, "request_id": recorded_reply["request_id"]}, 0.9, can_run=True
+        ),
         CHECK_REPLY,
     )
     assert {name for name in sent_reply if sent_reply[name] != recorded_reply[name]} == {
@@ -118,9 +121,8 @@ def test_another_version_of_px4s_interface_is_refused_and_the_reason_names_it() 
     removal = fields(external_mode.on_reply({**ACCEPTING_REPLY, "px4_ros2_api_version": 2}, 0.02), UNREGISTER)
     assert removal["mode_id"] == EXTERNAL_1
     assert external_mode.registration.state == "refused"
-    assert (
-        "has version 2, but this server knows version 1; use PX4 v1.16" in external_mode.registration.reason
-    )
+    reason = external_mode.registration.reason
+    assert "has version 2, but this server knows version 1; use PX4 v1.15 to v1.17" in reason
 
 
 def test_without_a_reply_registration_is_refused_after_five_requests() -> None:
@@ -167,6 +169,24 @@ def test_a_second_registration_by_a_repeated_request_is_removed() -> None:
     removal = fields(external_mode.on_reply(second_reply, 1.2), UNREGISTER)
     assert (removal["arming_check_id"], removal["mode_id"], removal["mode_executor_id"]) == (1, 24, -1)
     assert external_mode.registration.mode == "external_1"
+
+
+@pytest.mark.parametrize("active", [False, True])
+def test_a_mode_whose_replies_px4_does_not_accept_is_lost_unless_the_vehicle_flies_in_it(
+    active: bool,
+) -> None:
+    """PX4 v1.17 reports in each request whose replies it has; it may accept later replies again in flight."""
+    external_mode = registered_mode()
+    if active:
+        external_mode.on_status({**status_of(EXTERNAL_1, 1 << EXTERNAL_1), "arming_state": 2})
+    dropped = {**ARMING_CHECK, "valid_registrations_mask": 0}
+    for number in range(MAX_IGNORED - 1):
+        assert external_mode.on_check_request(dropped, 0.3 * number, can_run=True)
+    assert external_mode.on_check_request(ARMING_CHECK, 1.5, can_run=True), "its bit has returned"
+    for number in range(MAX_IGNORED):
+        external_mode.on_check_request(dropped, 2.0 + 0.3 * number, can_run=True)
+    assert external_mode.registration.state == ("registered" if active else "lost")
+    assert active or "does not accept the server's replies" in external_mode.registration.reason
 
 
 def test_without_arming_check_requests_the_mode_is_lost() -> None:

@@ -8,7 +8,9 @@ from gcs_server.ros2 import inspection
 from gcs_server.ros2.inspection import Announcement, DomainTopics, MessageRate, TopicKey, TopicView
 from gcs_server.ros2.inspector import READ_EVERY_S, Session
 from gcs_server.ros2.message_types import HEADER, MessageType
+from gcs_server.ros2.topics import wire_name
 from tests.support.dds_samples import recorded_samples
+from tests.support.px4_formats import address_formats
 
 STATUS = "/fmu/out/vehicle_status_v1"
 STATUS_TYPE = "px4_msgs::msg::dds_::VehicleStatus_"
@@ -57,7 +59,11 @@ class InspectionSetup:
     def read(self, *namespaces: str, messages: dict[TopicKey, list[bytes]] | None = None) -> None:
         self.now_s += READ_EVERY_S
         self.port.messages |= messages or {}
-        self.session.read(set(namespaces), self.now_s)
+        confirmed = {
+            namespace: {wire_name(each.name, namespace): each.message for each in address_formats("1.16")}
+            for namespace in namespaces
+        }
+        self.session.read(confirmed, self.now_s)
 
     def topics(self, namespace: str = "px4_1") -> dict[str, TopicView]:
         views = self.session.inspection(namespace, self.now_s).topics

@@ -11,7 +11,7 @@ from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.url import make_link
 from gcs_server.ros2.link import Ros2Link
 from gcs_server.ros2.to_mavlink import BootTime
-from gcs_server.ros2.topics import find_subscription, parse_status_topic, wire_name
+from gcs_server.ros2.topics import parse_topic, status_namespace, wire_name
 from gcs_server.ros2.url import ros2_link
 
 
@@ -70,36 +70,35 @@ def test_without_cyclone_dds_the_error_says_how_to_install_it(monkeypatch: pytes
 @pytest.mark.parametrize(
     ("topic", "expected"),
     [
-        ("rt/fmu/out/vehicle_status_v1", ("", "1")),
-        ("rt/px4_1/fmu/out/vehicle_status_v1", ("px4_1", "1")),
-        ("rt/a/b/fmu/out/vehicle_status", ("a/b", "")),
-        ("rt/fmu/out/vehicle_status_v2", ("", "2")),
+        ("rt/fmu/out/vehicle_status_v1", ""),
+        ("rt/px4_1/fmu/out/vehicle_status_v1", "px4_1"),
+        ("rt/a/b/fmu/out/vehicle_status", "a/b"),
+        ("rt/fmu/out/vehicle_status_v2", ""),
         ("rt/1 x/fmu/out/vehicle_status_v1", None),
         ("rt/fmu/out/vehicle_attitude", None),
         ("rt/fmu/out/vehicle_status_v1/x", None),
+        ("rq/fmu/out/vehicle_status_v1", None),
     ],
 )
-def test_a_vehicle_is_found_by_its_status_topic(topic: str, expected: tuple[str, str] | None) -> None:
-    assert parse_status_topic(topic) == expected
+def test_a_vehicle_is_found_by_its_status_topic_of_any_version(topic: str, expected: str | None) -> None:
+    assert status_namespace(topic) == expected
 
 
 @pytest.mark.parametrize(
     ("topic", "expected"),
     [
-        ("rt/fmu/out/vehicle_attitude", ("", "VehicleAttitude")),
-        ("rt/a/b/fmu/out/vehicle_status_v1", ("a/b", "VehicleStatus")),
-        ("rt/fmu/out/sensor_combined", None),
-        ("rt/fmu/in/vehicle_command", None),
+        ("rt/fmu/out/vehicle_attitude", ("", "/fmu/out/vehicle_attitude", "/fmu/out/vehicle_attitude")),
+        ("rt/a/b/fmu/out/home_position_v1", ("a/b", "/fmu/out/home_position", "/fmu/out/home_position_v1")),
+        ("rt/fmu/in/vehicle_command_v12", ("", "/fmu/in/vehicle_command", "/fmu/in/vehicle_command_v12")),
         ("rq/fmu/out/vehicle_attitude", None),
         ("rtx/fmu/out/vehicle_attitude", None),
         ("rt/1 x/fmu/out/vehicle_attitude", None),
     ],
 )
-def test_a_topic_that_the_server_reads_is_found_by_its_name(
-    topic: str, expected: tuple[str, str] | None
+def test_a_topic_has_a_namespace_and_a_name_without_version(
+    topic: str, expected: tuple[str, str, str] | None
 ) -> None:
-    subscription = find_subscription(topic)
-    assert (None if subscription is None else (subscription[0], subscription[1].type)) == expected
+    assert parse_topic(topic) == expected
 
 
 def test_the_dds_name_of_a_topic_contains_its_namespace() -> None:

@@ -14,17 +14,17 @@ from gcs_server.ros2.message_types import MalformedMessage
 from gcs_server.ros2.to_mavlink import MavlinkConverter
 from gcs_server.ros2.topics import SUBSCRIPTIONS
 from gcs_server.vehicle import decoders, reducers
-from tests.support.dds_samples import recorded_samples
+from tests.support.dds_samples import server_samples
 
 Decoder = Callable[[Mapping[int, bytes]], tuple[Any, float | None]]
 TYPES = {each.name: each.message for each in SUBSCRIPTIONS}
-STATUS, LAND_DETECTED = "/fmu/out/vehicle_status_v1", "/fmu/out/vehicle_land_detected"
+STATUS, LAND_DETECTED = "/fmu/out/vehicle_status", "/fmu/out/vehicle_land_detected"
 LOCAL_POSITION, GLOBAL_POSITION = "/fmu/out/vehicle_local_position", "/fmu/out/vehicle_global_position"
 HOME_POSITION, FAILSAFE_FLAGS = "/fmu/out/home_position", "/fmu/out/failsafe_flags"
 
 
 def _values(topic: str, **changes: Any) -> dict[str, Any]:
-    return TYPES[topic].decode(recorded_samples()[topic]) | changes
+    return TYPES[topic].decode(server_samples()[topic]) | changes
 
 
 class ConverterSetup:

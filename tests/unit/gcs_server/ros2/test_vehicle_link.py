@@ -9,14 +9,15 @@ import pytest
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import FrameParser, decode, encode_frame, encode_payload
-from gcs_server.ros2.message_types import MESSAGES
-from gcs_server.ros2.topics import SUBSCRIPTIONS
+from gcs_server.ros2.message_types import MESSAGES, VERSIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
 from tests.support.dds_samples import recorded_samples
+from tests.support.px4_formats import formats_of_version
 
-STATUS, ACK = "/fmu/out/vehicle_status_v1", "/fmu/out/vehicle_command_ack"
+STATUS, ACK = "/fmu/out/vehicle_status", "/fmu/out/vehicle_command_ack"
 FAILSAFE_FLAGS = "/fmu/out/failsafe_flags"
-TYPES = {each.name: each.message for each in SUBSCRIPTIONS}
+TYPES = VERSIONS["1.16"]
+STATUS_BYTES = recorded_samples()["/fmu/out/vehicle_status_v1"]
 UNIX_US = 1_795_000_000_000_000
 ARM_DISARM, SET_MODE, REQUEST_MESSAGE = 400, 176, 512
 """Commands of MAVLink, the same in VehicleCommand."""
@@ -28,7 +29,8 @@ class VehicleLinkSetup:
     def __init__(self) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
         self.link = VehicleLink("px4_1", self, 255)
-        self.receive((STATUS, recorded_samples()[STATUS]))
+        self.link.formats = formats_of_version("1.16")
+        self.receive((STATUS, STATUS_BYTES))
 
     def send(self, topic: str, data: bytes) -> None:
         self.sent.append((topic, MESSAGES["VehicleCommand"].decode(data)))
@@ -94,9 +96,9 @@ def test_acknowledgements_to_other_stations_are_received_and_acknowledgements_to
 
 
 def test_a_refusal_is_explained_by_the_flags_of_the_requested_mode(setup: VehicleLinkSetup) -> None:
-    flags = TYPES[FAILSAFE_FLAGS].decode(recorded_samples()[FAILSAFE_FLAGS])
+    flags = TYPES["FailsafeFlags"].decode(recorded_samples()[FAILSAFE_FLAGS])
     flags |= {"auto_mission_missing": True, "mode_req_mission": 1 << 3, "offboard_control_signal_lost": True}
-    setup.receive((FAILSAFE_FLAGS, TYPES[FAILSAFE_FLAGS].encode(flags)))
+    setup.receive((FAILSAFE_FLAGS, TYPES["FailsafeFlags"].encode(flags)))
     setup.command(_command_long(SET_MODE, 1.0, 4.0, 4.0))
     text, ack = setup.acknowledge(command=SET_MODE, result=1, target_system=255, target_component=192)
     assert text.text == "no mission on the vehicle"
@@ -127,16 +129,16 @@ def test_a_command_that_ros_2_does_not_carry_is_refused(setup: VehicleLinkSetup)
 def test_a_malformed_sample_is_reported_for_a_minute_and_other_samples_are_used(
     setup: VehicleLinkSetup,
 ) -> None:
-    status = recorded_samples()[STATUS]
+    status = STATUS_BYTES
     messages = setup.receive((STATUS, status[:20]), (STATUS, b""), (STATUS, status), now_s=5.0)
     assert messages[0].get_type() == "HEARTBEAT"
     problems = setup.link.problems(6.0)
     assert "/px4_1/fmu/out/vehicle_status_v1" in problems[0]
-    assert "PX4 v1.16" in problems[-1]
+    assert "Check which programs publish this topic" in problems[-1]
     assert setup.link.problems(70.0) == []
 
 
 def test_frames_have_consecutive_sequence_numbers(setup: VehicleLinkSetup) -> None:
-    frames = FrameParser().feed(setup.link.to_frames([(STATUS, recorded_samples()[STATUS])] * 2, 0.0), 0.0)
+    frames = FrameParser().feed(setup.link.to_frames([(STATUS, STATUS_BYTES)] * 2, 0.0), 0.0)
     numbers = [frame.seq for frame in frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))

@@ -22,9 +22,9 @@ from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.mode_executor import COMMAND, MODE_COMPLETED, ExecutorCommand, ExecutorState
 from gcs_server.ros2.topics import COMMAND_ACK, STATUS
 from gcs_server.streamer.schedule.external_modes import MAX_MODES, READ_TYPES, ExternalModes
-from tests.support.dds_samples import recorded_samples
+from tests.support.dds_samples import server_samples
 
-RECORDED_SAMPLES = recorded_samples()
+RECORDED_SAMPLES = server_samples()
 TRAJECTORY = "/fmu/in/trajectory_setpoint"
 ADDRESS = DdsAddress(0, None, "px4_1")
 HOLD, LAND, EXTERNAL_1, EXTERNAL_2 = 4, 18, 23, 24
@@ -61,7 +61,9 @@ class Px4:
             raise OSError("DDS is not open yet")
         kind = SENT_TYPES.get(topic, "TrajectorySetpoint")
         values = dict(MESSAGES[kind].decode(data))
-        assert values["timestamp"] >= 1_700_000_000_000_000
+        # a reply to an arming check has no time, so that it is never too old for PX4
+        earliest_us = 0 if topic == CHECK_REPLY else 1_700_000_000_000_000
+        assert earliest_us <= values["timestamp"] <= (earliest_us and 2_000_000_000_000_000)
         self.sent.append((topic, values))
         if topic == REGISTER and self.sends_replies:
             nav_state = EXTERNAL_1 + len(self.modes)
@@ -90,7 +92,9 @@ class Px4:
     def send_check_request(self, now_s: float) -> None:
         if self.modes and now_s >= self.next_check_s:
             self.next_check_s = now_s + CHECK_PERIOD_S
-            self.publish(CHECK_REQUEST, {"request_id": int(now_s * 10) % 256})
+            valid = sum(1 << mode - EXTERNAL_1 for mode in self.modes)
+            request = {"request_id": int(now_s * 10) % 256, "valid_registrations_mask": valid}
+            self.publish(CHECK_REQUEST, request)
 
     def report_status(self, nav_state: int, *, armed: bool = True) -> None:
         mask = sum(1 << mode for mode in self.modes)
