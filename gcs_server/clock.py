@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from typing import Protocol
 
@@ -25,6 +26,14 @@ class Clock(TimeSource, Protocol):
     async def sleep(self, seconds: float) -> None:
         """Waits for `seconds`."""
         ...
+
+
+def until_next_s(clock: TimeSource, period_s: float) -> float:
+    """Time until the next multiple of a period [s]. What repeats waits for it, so that all of it wakes the
+    event loop together: a wake costs more than most of what is done then."""
+    now_s = clock.monotonic_s()
+    # A timer may be early by the resolution of the clock, and must not run twice.
+    return (math.floor(now_s / period_s + 0.01) + 1) * period_s - now_s
 
 
 class SystemClock:

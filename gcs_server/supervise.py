@@ -11,7 +11,7 @@ import logging
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
-from gcs_server.clock import Clock
+from gcs_server.clock import Clock, until_next_s
 
 log = logging.getLogger(__name__)
 
@@ -40,12 +40,13 @@ class Supervisor:
         return self._create_task(self._supervised(name, work), name)
 
     def repeat(self, name: str, update: Callable[[], None], period_s: float) -> asyncio.Task[None]:
-        """Calls `update()` at once, and again after each period [s]; a failure is handled as by `start`."""
+        """Calls `update()` at once, and at each multiple of a period [s]; a failure is handled as by
+        `start`."""
 
         async def run() -> None:
             while True:
                 update()
-                await self._clock.sleep(period_s)
+                await self._clock.sleep(until_next_s(self._clock, period_s))
 
         return self.start(name, run)
 

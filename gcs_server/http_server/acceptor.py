@@ -61,7 +61,7 @@ class Acceptor:
     def start(self) -> None:
         """Starts accepting connections."""
         self._accepting = self._supervisor.start("acceptor", self._accept_loop)
-        self._supervisor.start("deadlines of connections", self._deadline_loop)
+        self._supervisor.repeat("deadlines of connections", self._connections.check, CHECK_PERIOD_S)
 
     def close(self) -> None:
         """Stops accepting; deadlines stay in force until the event loop ends."""
@@ -105,11 +105,6 @@ class Acceptor:
         log.warning("no connection can be accepted: %s", error.strerror)
         self._connections.count_refusal()
         await self._clock.sleep(NO_RESOURCES_PAUSE_S)
-
-    async def _deadline_loop(self) -> None:
-        while True:
-            await self._clock.sleep(CHECK_PERIOD_S)
-            self._connections.check()
 
 
 def _refuse(accepted: socket.socket) -> None:

@@ -11,7 +11,7 @@ import uvicorn
 
 from gcs_server.api.connections import Connection, Connections
 from gcs_server.api.refusals import MAX_MESSAGE_BYTES
-from gcs_server.clock import Clock
+from gcs_server.clock import Clock, until_next_s
 from gcs_server.http_server.acceptor import Acceptor
 from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.http_protocol import BoundedHttp
@@ -19,6 +19,11 @@ from gcs_server.http_server.http_protocol import BoundedHttp
 KEEP_ALIVE_S = 15
 """How long an idle connection stays open [s]: longer than clients reuse it (httpx: 5 s). Otherwise the server
 may close it at the moment when a client sends a request, which then gets no response."""
+
+
+TICK_S = 0.1
+"""uvicorn's period [s]; every tenth tick sets the date of the answers."""
+TICKS_PER_DAY = 864_000
 
 
 class HttpServer(uvicorn.Server):
@@ -74,6 +79,13 @@ class HttpServer(uvicorn.Server):
         gc.enable()
         if self.started:
             print("Ready: " + "\n       ".join(self._page_urls), flush=True)
+
+    async def main_loop(self) -> None:
+        """Does uvicorn's periodic work, as uvicorn does, but together with what else repeats."""
+        tick = 0
+        while not await self.on_tick(tick):
+            tick = (tick + 1) % TICKS_PER_DAY
+            await self._clock.sleep(until_next_s(self._clock, TICK_S))
 
     def _create_protocol(self, connection: Connection) -> BoundedHttp:
         return BoundedHttp(

@@ -15,7 +15,7 @@ from typing import Any
 
 from fastapi import APIRouter
 
-from gcs_server.clock import Clock
+from gcs_server.clock import Clock, until_next_s
 from gcs_server.errors import GcsError
 from gcs_server.scene import messages as m
 from gcs_server.scene.clicks import ClickRequest, SceneClick
@@ -145,7 +145,7 @@ class SceneProcess:
     # --- pictures ---------------------------------------------------------------------------------
 
     async def _send_snapshots(self, run: _Run) -> None:
-        next_s = last_progress_s = self._clock.monotonic_s()
+        last_progress_s = self._clock.monotonic_s()
         while True:
             open_bridges, stalled = self._bridges.names(), self._bridges.stalled_names()
             # When the last view has closed, one more snapshot lets the process remove its scene.
@@ -158,8 +158,8 @@ class SceneProcess:
                     run.post(m.Snapshot(run.builder.snapshot(run.newest.followed, stalled)))
             elif now_s - last_progress_s > HUNG_AFTER_S:
                 raise m.SceneError("The 3D view no longer draws; it is ended.", remedy=REMEDY)
-            next_s = max(next_s + (PERIOD_S if open_bridges else IDLE_PERIOD_S), now_s)
-            await self._clock.sleep(max(0.002, next_s - self._clock.monotonic_s()))
+            period_s = PERIOD_S if open_bridges else IDLE_PERIOD_S
+            await self._clock.sleep(until_next_s(self._clock, period_s))
 
     def _handle(self, message: object) -> None:
         run = self._run

@@ -3,17 +3,27 @@
 import asyncio
 import gc
 import logging
+import math
 
-from gcs_server.clock import SystemClock
+import pytest
+
+from gcs_server.clock import SystemClock, until_next_s
 from gcs_server.supervise import Supervisor
 
 
 class SleepRecorder(SystemClock):
-    def __init__(self):
+    """A clock that advances only while something sleeps."""
+
+    def __init__(self, now_s=0.0):
+        self.now_s = now_s
         self.sleeps_s = []
+
+    def monotonic_s(self):
+        return self.now_s
 
     async def sleep(self, seconds):
         self.sleeps_s.append(seconds)
+        self.now_s += seconds
         await asyncio.sleep(0)
 
 
@@ -54,9 +64,21 @@ def test_an_update_is_repeated_at_its_period_also_after_a_failure():
         supervisor.repeat("update", update, 0.7)
         await done.wait()
         await supervisor.close()
-        assert clock.sleeps_s[:3] == [0.7, 0.2, 0.7]  # 0.2 s after the failure
+        assert clock.sleeps_s[:3] == pytest.approx([0.7, 0.2, 0.5])  # 0.2 s after the failure
 
     asyncio.run(scenario())
+
+
+@pytest.mark.parametrize("begin_s", [0.0, 0.03, 1234.567, 1234.5])
+def test_all_that_repeats_wakes_together_whenever_it_has_begun(begin_s):
+    clock, wakes_s = SleepRecorder(begin_s), []
+    for _ in range(20):
+        remaining_s = until_next_s(clock, 0.1)
+        assert 0.0 < remaining_s < 0.1 + 1e-6
+        clock.now_s += remaining_s - 1e-9  # the loop's timers may be early by their resolution
+        wakes_s.append(clock.now_s)
+    first_s = math.floor(begin_s / 0.1 + 0.01) * 0.1
+    assert wakes_s == pytest.approx([first_s + 0.1 * number for number in range(1, 21)], abs=1e-6)
 
 
 def test_close_cancels_repeated_work_and_the_failure_of_single_work_is_logged(caplog):
