@@ -11,7 +11,7 @@ TEXT = (REPOSITORY / "docs" / "architecture.md").read_text(encoding="utf-8")
 QUESTIONS = TEXT.partition("## Questions")[2].partition("\n## ")[0]
 ROWS = [line.strip("| ").split(" | ") for line in QUESTIONS.splitlines() if line.startswith("| ")][1:]
 ROOTS = ("gcs_server", "missions", "vehicle_sim", "web/src", "tests", "tools")
-FILE = re.compile(r"\w[\w./-]*\.(?:py|ts|svelte)\b")
+FILE = re.compile(r"\w[\w./-]*\.(?:py|ts|svelte|txt)\b")
 
 
 def test_the_document_answers_at_least_twenty_questions() -> None:
