@@ -155,7 +155,7 @@ PairDistanceModel = model_of(
 )
 
 
-class DryRunMonteCarloTogether(ResponseBody):
+class DryRunGroupMonteCarlo(ResponseBody):
     """Many flights of all vehicles. The vehicles of one flight have the same wind."""
 
     roles: dict[str, MonteCarloModel]  # type: ignore[valid-type]
@@ -164,14 +164,14 @@ class DryRunMonteCarloTogether(ResponseBody):
     """One entry for each pair of roles that flew."""
 
 
-class DryRunTogetherModel(ResponseBody):
+class DryRunGroupModel(ResponseBody):
     """All vehicles of a mission with roles, flown together; all positions are relative to one `origin`."""
 
     roles: dict[str, FlightModel]  # type: ignore[valid-type]
     """The flight of each role."""
     closest: list[ClosestModel]  # type: ignore[valid-type]
     """One entry for each pair of roles, from the time in which both were flying."""
-    monte_carlo: DryRunMonteCarloTogether | None
+    monte_carlo: DryRunGroupMonteCarlo | None
     """Result of all flights; null: only one flight was simulated."""
 
 
@@ -197,7 +197,7 @@ class DryRunView(ResponseBody):
     nominal: FlightModel  # type: ignore[valid-type]
     """The flight in the requested conditions. For a mission with roles: the flight of the first role, with
     the findings of all roles."""
-    together: DryRunTogetherModel | None
+    group: DryRunGroupModel | None
     """Result of all vehicles together; null: one vehicle was simulated."""
     monte_carlo: MonteCarloModel | None  # type: ignore[valid-type]
     """Result of all flights; null: only one flight was simulated. For a mission with roles: the result of the

@@ -122,12 +122,12 @@ def _in_local_frame(corridor: Mapping[str, Any], dry_run_origin_ned_m: Vector3) 
 
 
 def _stored_corridor(dry_run: Mapping[str, Any], role: str | None) -> Mapping[str, Any] | None:
-    monte_carlo, together = dry_run["monte_carlo"], dry_run["together"]
-    if monte_carlo is None or (role is None) != (together is None):
+    monte_carlo, group = dry_run["monte_carlo"], dry_run["group"]
+    if monte_carlo is None or (role is None) != (group is None):
         return None
-    if together is None:
+    if group is None:
         return monte_carlo["corridor"]
-    role_result = together["monte_carlo"]["roles"].get(role)
+    role_result = group["monte_carlo"]["roles"].get(role)
     return None if role_result is None else role_result["corridor"]
 
 

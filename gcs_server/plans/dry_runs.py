@@ -72,7 +72,7 @@ class _Flight(TypedDict):
     path: _Path | None
 
 
-class _Together(TypedDict):
+class _Group(TypedDict):
     roles: dict[str, _Flight]
     monte_carlo: _MonteCarloOfRoles | None
 
@@ -84,7 +84,7 @@ class DryRunResult(TypedDict):
     kind: str
     nominal: _Flight
     monte_carlo: _WithCorridor | None
-    together: _Together | None
+    group: _Group | None
 
 
 @dataclass(frozen=True, slots=True)

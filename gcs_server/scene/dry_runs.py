@@ -88,14 +88,14 @@ def read_paths(result: bytes) -> tuple[DryRunPath, ...]:
 
 def paths_of(result: Mapping[str, Any]) -> tuple[DryRunPath, ...]:
     """The paths of all vehicles that flew, from the result of a dry run."""
-    together = result["together"]
-    if together is None:
+    group = result["group"]
+    if group is None:
         path = _path_of(None, result["nominal"], result["monte_carlo"])
         return () if path is None else (path,)
-    monte_carlo = together["monte_carlo"]
+    monte_carlo = group["monte_carlo"]
     paths = (
         _path_of(role, flight, None if monte_carlo is None else monte_carlo["roles"][role])
-        for role, flight in together["roles"].items()
+        for role, flight in group["roles"].items()
     )
     return tuple(path for path in paths if path is not None)
 

@@ -11,13 +11,12 @@ import numpy as np
 
 from missions import plan as plan_document
 from missions.dry_run.document import MonteCarloResult, plain
+from missions.dry_run.group import dry_run_group, monte_carlo_group
 from missions.dry_run.monte_carlo import monte_carlo
-from missions.dry_run.monte_carlo_together import monte_carlo_together
 from missions.dry_run.plans import Flyable, FlyableMission, FlyablePlan
 from missions.dry_run.result import dry_run
 from missions.dry_run.setup import Aircraft, AnyObstacle, Conditions, GroundGrid, Obstacle, Site, prisms_of
 from missions.dry_run.spread import Spread
-from missions.dry_run.together import dry_run_together
 from missions.geodesy import LocalOrigin
 from missions.offboard import reader as mission_reader
 from missions.route import plan_positions
@@ -86,7 +85,7 @@ def run(
         find_ground: reads elevation data; None: no elevation data, and level ground.
 
     Returns:
-        `nominal`, `monte_carlo` (null: one flight), `together` (null: one vehicle), and `assumed`:
+        `nominal`, `monte_carlo` (null: one flight), `group` (null: one vehicle), and `assumed`:
         sentences about the ground.
 
     Raises:
@@ -97,7 +96,7 @@ def run(
     conditions = Conditions(**conditions_fields)
     obstacles = [Obstacle(**each) for each in request["obstacles"]]
     if request.get("roles") is not None:
-        return _run_together(request, conditions, obstacles, progress, find_ground)
+        return _run_group(request, conditions, obstacles, progress, find_ground)
     aircraft = _aircraft(request)
     requested = _read_plan(request, aircraft)
     flyable = requested.flyable
@@ -123,7 +122,7 @@ def run(
         return {
             "nominal": nominal_run.document(),
             "monte_carlo": None,
-            "together": None,
+            "group": None,
             "assumed": assumptions,
         }
     result = monte_carlo(
@@ -133,12 +132,12 @@ def run(
     return {
         "nominal": result.nominal.document(),
         "monte_carlo": plain(result, MonteCarloResult),
-        "together": None,
+        "group": None,
         "assumed": assumptions,
     }
 
 
-def _run_together(
+def _run_group(
     request: Mapping[str, Any],
     conditions: Conditions,
     obstacles: Sequence[AnyObstacle],
@@ -170,11 +169,11 @@ def _run_together(
 
     seed, monte_carlo_document = request["seed"], None
     if flights is None:
-        nominal_document = dry_run_together(
+        nominal_document = dry_run_group(
             mission, aircraft, conditions, origins=origins, seed=seed, site=site, report=report
         ).document()
     else:
-        result = monte_carlo_together(
+        result = monte_carlo_group(
             mission, aircraft, conditions, Spread(**request["spread"]), flights=flights, origins=origins,
             seed=seed, site=site, report=report,
         )  # fmt: skip
@@ -186,8 +185,8 @@ def _run_together(
     if monte_carlo_document is not None:
         first_role = dict(next(iter(monte_carlo_document["roles"].values())))
         first_role["chances"] = monte_carlo_document.pop("chances")
-    together = {**nominal_document, "monte_carlo": monte_carlo_document}
-    return {"nominal": nominal, "monte_carlo": first_role, "together": together, "assumed": assumptions}
+    group = {**nominal_document, "monte_carlo": monte_carlo_document}
+    return {"nominal": nominal, "monte_carlo": first_role, "group": group, "assumed": assumptions}
 
 
 def _site(

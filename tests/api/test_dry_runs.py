@@ -47,7 +47,7 @@ request = json.loads(sys.stdin.readline())
 print(json.dumps({"text": "half", "progress": 0.5}), flush=True)
 names = ("finished", "duration_s", "battery_end_share", "fence_distance_m", "obstacle_distance_m")
 nominal = {**dict.fromkeys(names, 1), "findings": [{"severity": "error"}], "request": request}
-result = {"nominal": nominal, "monte_carlo": None, "together": None}
+result = {"nominal": nominal, "monte_carlo": None, "group": None}
 response = json.dumps({"id": request["id"], **request["details"], **result})
 summary = {**dict.fromkeys(names, 1), "errors": 1, "findings": 1}
 print(json.dumps({"result": summary, "body_bytes": len(response)}) + "\\n" + response, end="", flush=True)

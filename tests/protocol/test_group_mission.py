@@ -103,8 +103,8 @@ def dry_run_of(rig, **start_east_m):
         }
         for role, east_m in start_east_m.items()
     }
-    together = {"monte_carlo": {"roles": role_results}}
-    result = {"nominal": {"origin": origin}, "monte_carlo": role_results["lead"], "together": together}
+    group = {"monte_carlo": {"roles": role_results}}
+    result = {"nominal": {"origin": origin}, "monte_carlo": role_results["lead"], "group": group}
     return {"id": "7", "kind": "offboard_mission", **result}
 
 

@@ -369,7 +369,7 @@ def store_dry_run(rig, plan=PLAN, north_m=0.0):
         "gimbal_rad": [[0, 0]] * 4,
     }
     nominal = {"origin": origin, "finished": True, "duration_s": 12.0, "path": path, "steps": steps}
-    result = {"id": "1", "kind": "waypoint_plan", "nominal": nominal, "monte_carlo": None, "together": None}
+    result = {"id": "1", "kind": "waypoint_plan", "nominal": nominal, "monte_carlo": None, "group": None}
     rig.station.flights.dry_runs._store("1", json.dumps(result).encode(), json.dumps(plan).encode())
     return "1"
 

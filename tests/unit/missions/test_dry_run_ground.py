@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from missions.dry_run.group import dry_run_group
 from missions.dry_run.monte_carlo import monte_carlo
 from missions.dry_run.result import dry_run
 from missions.dry_run.setup import Conditions, GroundGrid, Site
 from missions.dry_run.task import MARGIN_M, MAX_SIDE, ground_grid
-from missions.dry_run.together import dry_run_together
 from missions.offboard.reader import read
 from missions.terrain.ground import Ground
 from missions.values import HomePosition
@@ -120,7 +120,7 @@ def test_each_vehicle_of_a_mission_starts_on_its_own_ground():
         AIRCRAFT, home=HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m)
     )
     site = Site(ground=plateau(8.0))
-    result = dry_run_together(mission, {"lead": AIRCRAFT, "left": upper_aircraft}, Conditions(), site=site)
+    result = dry_run_group(mission, {"lead": AIRCRAFT, "left": upper_aircraft}, Conditions(), site=site)
     for role, height_m in (("lead", 0.0), ("left", 8.0)):
         run = result.roles[role]
         assert (run.finished, run.landed) == (True, True)

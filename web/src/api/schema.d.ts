@@ -4099,6 +4099,44 @@ export interface components {
             readonly path: components["schemas"]["DryRunPath"] | null;
         };
         /**
+         * DryRunGroupModel
+         * @description All vehicles of a mission with roles, flown together; all positions are relative to one `origin`.
+         */
+        readonly DryRunGroupModel: {
+            /**
+             * Roles
+             * @description The flight of each role.
+             */
+            readonly roles: {
+                readonly [key: string]: components["schemas"]["DryRunFlight"];
+            };
+            /**
+             * Closest
+             * @description One entry for each pair of roles, from the time in which both were flying.
+             */
+            readonly closest: readonly components["schemas"]["DryRunClosest"][];
+            /** @description Result of all flights; null: only one flight was simulated. */
+            readonly monte_carlo: components["schemas"]["DryRunGroupMonteCarlo"] | null;
+        };
+        /**
+         * DryRunGroupMonteCarlo
+         * @description Many flights of all vehicles. The vehicles of one flight have the same wind.
+         */
+        readonly DryRunGroupMonteCarlo: {
+            /**
+             * Roles
+             * @description For each role the corridor, quantiles and chances of its vehicle.
+             */
+            readonly roles: {
+                readonly [key: string]: components["schemas"]["DryRunMonteCarlo"];
+            };
+            /**
+             * Closest
+             * @description One entry for each pair of roles that flew.
+             */
+            readonly closest: readonly components["schemas"]["DryRunPairDistance"][];
+        };
+        /**
          * DryRunMonteCarlo
          * @description Many flights, each in different conditions.
          */
@@ -4139,24 +4177,6 @@ export interface components {
              * @description Simulated time of all flights divided by computing time.
              */
             readonly times_real_time: number;
-        };
-        /**
-         * DryRunMonteCarloTogether
-         * @description Many flights of all vehicles. The vehicles of one flight have the same wind.
-         */
-        readonly DryRunMonteCarloTogether: {
-            /**
-             * Roles
-             * @description For each role the corridor, quantiles and chances of its vehicle.
-             */
-            readonly roles: {
-                readonly [key: string]: components["schemas"]["DryRunMonteCarlo"];
-            };
-            /**
-             * Closest
-             * @description One entry for each pair of roles that flew.
-             */
-            readonly closest: readonly components["schemas"]["DryRunPairDistance"][];
         };
         /**
          * DryRunObstacle
@@ -4526,26 +4546,6 @@ export interface components {
             readonly findings: readonly string[];
         };
         /**
-         * DryRunTogetherModel
-         * @description All vehicles of a mission with roles, flown together; all positions are relative to one `origin`.
-         */
-        readonly DryRunTogetherModel: {
-            /**
-             * Roles
-             * @description The flight of each role.
-             */
-            readonly roles: {
-                readonly [key: string]: components["schemas"]["DryRunFlight"];
-            };
-            /**
-             * Closest
-             * @description One entry for each pair of roles, from the time in which both were flying.
-             */
-            readonly closest: readonly components["schemas"]["DryRunClosest"][];
-            /** @description Result of all flights; null: only one flight was simulated. */
-            readonly monte_carlo: components["schemas"]["DryRunMonteCarloTogether"] | null;
-        };
-        /**
          * DryRunView
          * @description Result of a dry run.
          */
@@ -4599,7 +4599,7 @@ export interface components {
              */
             readonly nominal: components["schemas"]["DryRunFlight"];
             /** @description Result of all vehicles together; null: one vehicle was simulated. */
-            readonly together: components["schemas"]["DryRunTogetherModel"] | null;
+            readonly group: components["schemas"]["DryRunGroupModel"] | null;
             /**
              * @description Result of all flights; null: only one flight was simulated. For a mission with roles: the result of the
              *     first role, with `chances` that one of the vehicles has the outcome.

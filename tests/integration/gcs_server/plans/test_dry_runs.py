@@ -141,8 +141,8 @@ def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_descript
     view = DryRunView.model_validate_json(asyncio.run(scenario()))
     assert view.monte_carlo is not None
     assert view.monte_carlo.chances["nearer_than_minimum"].count == 0
-    assert view.together is not None
-    monte_carlo = view.together.monte_carlo
+    assert view.group is not None
+    monte_carlo = view.group.monte_carlo
     assert monte_carlo is not None
     assert list(monte_carlo.roles) == ["lead", "left"]
     assert monte_carlo.roles["left"].corridor is not None

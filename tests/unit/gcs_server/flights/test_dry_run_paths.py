@@ -19,7 +19,7 @@ def mission_dry_run(**changes):
         "vertical_m": bands,
     }
     origin = {"lat_deg": lat, "lon_deg": lon, "alt_amsl_m": alt}
-    result = {"nominal": {"origin": origin}, "monte_carlo": {"corridor": corridor}, "together": None}
+    result = {"nominal": {"origin": origin}, "monte_carlo": {"corridor": corridor}, "group": None}
     return {"id": "3", "kind": "offboard_mission", **result, **changes}
 
 
@@ -40,7 +40,7 @@ def dry_run_with_roles(**changes):
         "position_ned_m": [[n, e + 20.0, d] for n, e, d in lead_corridor["position_ned_m"]],
     }
     roles = {"lead": {"corridor": lead_corridor}, "left": {"corridor": left_corridor}}
-    return {**vehicle_dry_run, "together": {"monte_carlo": {"roles": roles}}, **changes}
+    return {**vehicle_dry_run, "group": {"monte_carlo": {"roles": roles}}, **changes}
 
 
 LEFT_START_NED_M = (START_NED_M[0], START_NED_M[1] + 20.0, START_NED_M[2] + 3.0)

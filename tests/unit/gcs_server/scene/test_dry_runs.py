@@ -32,9 +32,9 @@ RESULT = {
             "vertical_m": {"p5": [-0.5, -0.5, -2.0], "p95": [0.5, 0.5, 1.0]},
         }
     },
-    "together": None,
+    "group": None,
 }
-RESULT_WITHOUT_PATH = {"nominal": {**RESULT["nominal"], "path": None}, "monte_carlo": None, "together": None}
+RESULT_WITHOUT_PATH = {"nominal": {**RESULT["nominal"], "path": None}, "monte_carlo": None, "group": None}
 START_ENU_M = (100.0, 200.0, 5.0)
 
 
@@ -78,8 +78,8 @@ def test_each_role_has_its_own_corridor():
     narrow_result = RESULT["monte_carlo"]
     wide_result = {"corridor": {**narrow_result["corridor"], "horizontal_m": {"p95": [4.0, 4.0, 9.0]}}}
     flights = {"lead": RESULT["nominal"], "left": RESULT["nominal"]}
-    together = {"roles": flights, "monte_carlo": {"roles": {"lead": narrow_result, "left": wide_result}}}
-    lead_path, left_path = paths_of({**RESULT, "together": together})
+    group = {"roles": flights, "monte_carlo": {"roles": {"lead": narrow_result, "left": wide_result}}}
+    lead_path, left_path = paths_of({**RESULT, "group": group})
     assert (lead_path.role, left_path.role) == ("lead", "left")
     assert lead_path.corridor_enu_m is not None
     assert left_path.corridor_enu_m is not None
@@ -96,8 +96,8 @@ def test_a_single_flight_has_no_corridor_and_a_flight_without_samples_has_no_pat
 
 def test_each_of_several_vehicles_has_a_path_labelled_with_its_role():
     flights = {"lead": RESULT["nominal"], "left": RESULT_WITHOUT_PATH["nominal"], "right": RESULT["nominal"]}
-    together = {"roles": flights, "monte_carlo": None}
-    paths = paths_of({"nominal": RESULT["nominal"], "monte_carlo": None, "together": together})
+    group = {"roles": flights, "monte_carlo": None}
+    paths = paths_of({"nominal": RESULT["nominal"], "monte_carlo": None, "group": group})
     assert [each.role for each in paths] == ["lead", "right"]
     assert pose_at(paths[1], 15.0, START_ENU_M).label == "right · 10.0 m above the start"
 

@@ -34,12 +34,12 @@ const CORRIDOR = { step_m: 0.5, segments_per_area: 4 } as const;
 
 /** The simulated flight of each vehicle under the given conditions, without variation. */
 const nominalFlights = (result: DryRunResult): readonly SimulatedFlight[] =>
-  result.together == null ? [result.nominal] : Object.values(result.together.roles);
+  result.group == null ? [result.nominal] : Object.values(result.group.roles);
 
 /** The Monte Carlo flights of each vehicle with its role; the role is null for a plan with one vehicle. */
-function monteCarloByRole({ monte_carlo, together }: DryRunResult): (readonly [string | null, MonteCarlo])[] {
+function monteCarloByRole({ monte_carlo, group }: DryRunResult): (readonly [string | null, MonteCarlo])[] {
   if (monte_carlo === null) return [];
-  return together?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(together.monte_carlo.roles);
+  return group?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(group.monte_carlo.roles);
 }
 
 /** The simulated vehicle at a time, with its position interpolated between the samples; null: the vehicle did not take off. */
@@ -168,7 +168,7 @@ const percentText = (fraction: number | null): string => (fraction === null ? 'n
 
 /** The result as sentences. */
 export function resultLines(result: DryRunResult): string[] {
-  const { nominal, together } = result;
+  const { nominal, group } = result;
   const length = metres(nominal.length_m);
   const isBatteryKnown = nominal.battery_start_share !== null || nominal.battery_end_share !== null;
   const batteryText = isBatteryKnown ? `battery ${percentText(nominal.battery_start_share)} → ${percentText(nominal.battery_end_share)}` : 'battery not known';
@@ -176,10 +176,10 @@ export function resultLines(result: DryRunResult): string[] {
     `${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${durationText(nominal.duration_s)}, ${length.text} ${length.unit}, ${batteryText}.`,
   ];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
-  for (const { roles, distance_m, t_s } of together?.closest ?? [])
+  for (const { roles, distance_m, t_s } of group?.closest ?? [])
     lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${durationText(t_s)}.`);
   for (const [role, monteCarlo] of monteCarloByRole(result)) lines.push(monteCarloText(role, monteCarlo));
-  for (const { roles, distance_m, nearer_than_minimum: tooNear } of together?.monte_carlo?.closest ?? [])
+  for (const { roles, distance_m, nearer_than_minimum: tooNear } of group?.monte_carlo?.closest ?? [])
     lines.push(
       `Smallest separation of ${roles.join(' and ')} in all flights: ${fixed(distance_m.least, 1)} m. In ${tooNear.count} ${tooNear.count === 1 ? 'flight' : 'flights'} they came closer than the minimum separation (estimated probability: at most ${percentText(tooNear.upper)}).`,
     );

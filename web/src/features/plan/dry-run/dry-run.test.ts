@@ -47,11 +47,11 @@ const RESULT = {
     },
   },
   monte_carlo: null,
-  together: null,
+  group: null,
 } as unknown as DryRunResult;
 const TWO_ROLES = {
   ...RESULT,
-  together: {
+  group: {
     roles: {
       lead: RESULT.nominal,
       left: { ...RESULT.nominal, path: { ...RESULT.nominal.path, position_ned_m: RESULT.nominal.path?.position_ned_m.map(([n = 0, , d = 0]) => [n, 9, d]) } },
@@ -76,8 +76,8 @@ const MONTE_CARLO = {
 
 const MONTE_CARLO_TWO_ROLES = {
   ...MONTE_CARLO,
-  together: {
-    ...TWO_ROLES.together,
+  group: {
+    ...TWO_ROLES.group,
     monte_carlo: {
       roles: { lead: MONTE_CARLO.monte_carlo, left: { ...MONTE_CARLO.monte_carlo, battery_end_share: null } },
       closest: [{ roles: ['lead', 'left'], distance_m: { least: 6.21 }, nearer_than_minimum: { count: 0, upper: 0.161 } }],

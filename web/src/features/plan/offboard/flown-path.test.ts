@@ -103,8 +103,8 @@ describe('figures', () => {
   });
 
   it('have the planned battery use of a dry run with one vehicle', () => {
-    expect(row('Battery used', { nominal, together: null } as unknown as DryRunResult)[0]).toBe('11 %');
-    expect(row('Battery used', { nominal, together: { roles: {} } } as unknown as DryRunResult)[0]).toBe('not known');
+    expect(row('Battery used', { nominal, group: null } as unknown as DryRunResult)[0]).toBe('11 %');
+    expect(row('Battery used', { nominal, group: { roles: {} } } as unknown as DryRunResult)[0]).toBe('not known');
   });
 
   it('have a length without the noise of the position estimate', () => {

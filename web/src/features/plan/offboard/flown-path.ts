@@ -119,7 +119,7 @@ export function flownLength_m(samples: readonly Sample[]): number {
 export function figures(flownPath: FlownPath, distances: readonly PathDistance[], dryRun: DryRunResult | null): Figures {
   const sorted_m = distances.map(({ distance_m }) => distance_m).sort((a, b) => a - b);
   const lengthText = (value_m: number | null): string => (value_m === null ? 'not known' : `${metres(value_m).text} ${metres(value_m).unit}`);
-  const dryRunFlight = dryRun?.together == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is the flight of the first role
+  const dryRunFlight = dryRun?.group == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is the flight of the first role
   return {
     largestDistance_m: sorted_m.at(-1) ?? null,
     p95Distance_m: sorted_m[Math.ceil(QUANTILE * sorted_m.length) - 1] ?? null,

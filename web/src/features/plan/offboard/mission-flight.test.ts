@@ -86,16 +86,16 @@ describe('the corridor of a dry run', () => {
 
   it('is used for several vehicles if each has the same role and start', () => {
     const corridor = (east_m: number) => ({ corridor: { position_ned_m: [[0, east_m, 0]] } });
-    const together = { monte_carlo: { roles: { lead: corridor(0), left: corridor(20) } } };
+    const group = { monte_carlo: { roles: { lead: corridor(0), left: corridor(20) } } };
     const vehicles = { lead: '1', left: '2' };
-    const dryRun = dryRunResult({ vehicle: null, vehicles, together });
+    const dryRun = dryRunResult({ vehicle: null, vehicles, group });
     const at = (id: string) => positionAt(start, { north_m: 2, east_m: id === '1' ? 0 : 20 });
     expect(dryRunIdWithCorridorForRoles(dryRun, vehicles, at)).toBe('7');
     expect(dryRunIdWithCorridorForRoles(dryRun, { lead: '2', left: '1' }, at)).toBeNull();
     expect(dryRunIdWithCorridorForRoles(dryRun, vehicles, () => start)).toBeNull();
     expect(dryRunIdWithCorridorForRoles(dryRun, vehicles, () => null)).toBeNull();
     expect([
-      dryRunIdWithCorridorForRoles(dryRunResult({ vehicle: null, together: null }), vehicles, at),
+      dryRunIdWithCorridorForRoles(dryRunResult({ vehicle: null, group: null }), vehicles, at),
       dryRunIdWithCorridorForRoles(null, vehicles, at),
     ]).toEqual([null, null]);
   });

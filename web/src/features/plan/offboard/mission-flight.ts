@@ -183,7 +183,7 @@ export function dryRunIdWithCorridorForRoles(
   vehicles: Readonly<Record<string, string>>,
   positionOf: (vehicle: string) => GeoPosition | null,
 ): string | null {
-  const roles = Object.entries(result?.together?.monte_carlo?.roles ?? {});
+  const roles = Object.entries(result?.group?.monte_carlo?.roles ?? {});
   if (result === null || roles.length === 0) return null;
   const allMatch = roles.every(([role, { corridor }]) => {
     const vehicle = vehicles[role];

@@ -7,11 +7,10 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from missions.dry_run.monte_carlo_together import MonteCarloTogether, monte_carlo_together
+from missions.dry_run.group import GroupDryRun, GroupMonteCarlo, dry_run_group, monte_carlo_group
 from missions.dry_run.setup import Aircraft, Conditions
 from missions.dry_run.spread import Spread
 from missions.dry_run.task import findings_of, run
-from missions.dry_run.together import DryRunTogether, dry_run_together
 from missions.errors import PlanError
 from missions.offboard.reader import read
 from missions.values import HomePosition
@@ -45,12 +44,12 @@ def role_aircraft() -> dict[str, Aircraft]:
     return {"lead": AIRCRAFT, "left": replace(AIRCRAFT, home=left_home)}
 
 
-def fly_crossing(height_m: float, minimum_m: float) -> DryRunTogether:
-    return dry_run_together(read(CROSSING.format(height_m=height_m, minimum_m=minimum_m)), role_aircraft())
+def fly_crossing(height_m: float, minimum_m: float) -> GroupDryRun:
+    return dry_run_group(read(CROSSING.format(height_m=height_m, minimum_m=minimum_m)), role_aircraft())
 
 
 @pytest.fixture(scope="module")
-def crossing_at_two_altitudes() -> DryRunTogether:
+def crossing_at_two_altitudes() -> GroupDryRun:
     return fly_crossing(9, 3)
 
 
@@ -94,8 +93,8 @@ def test_two_vehicles_that_cross_at_the_same_altitude_cause_a_finding_with_posit
     assert 0.0 < finding["position_ned_m"][1] < START_DISTANCE_M
     assert result["nominal"]["finished"] is True
     assert result["monte_carlo"] is None
-    assert list(result["together"]["roles"]) == ["lead", "left"]
-    assert result["together"]["closest"][0]["distance_m"] < 3.0
+    assert list(result["group"]["roles"]) == ["lead", "left"]
+    assert result["group"]["closest"][0]["distance_m"] < 3.0
     assert reports[0] == "1 s are simulated; 0 of 2 vehicles have ended."
 
 
@@ -111,10 +110,10 @@ def test_a_finding_of_several_roles_is_reported_once_with_the_names_of_the_roles
 
 
 @pytest.fixture(scope="module")
-def batch() -> MonteCarloTogether:
+def batch() -> GroupMonteCarlo:
     """Four flights in which the vehicles cross 4 m above each other; the minimum separation is 3 m."""
     mission = read(CROSSING.format(height_m=7, minimum_m=3))
-    return monte_carlo_together(mission, role_aircraft(), Conditions((0.0, 2.0, 0.0)), flights=4, seed=5)
+    return monte_carlo_group(mission, role_aircraft(), Conditions((0.0, 2.0, 0.0)), flights=4, seed=5)
 
 
 @pytest.mark.story
@@ -149,7 +148,7 @@ def test_distances_and_chances_cover_all_flights(batch):
 @pytest.mark.story
 def test_a_flight_with_the_same_number_is_the_same_in_a_batch_of_any_size(batch):
     mission = read(CROSSING.format(height_m=7, minimum_m=3))
-    single_flight = monte_carlo_together(
+    single_flight = monte_carlo_group(
         mission, role_aircraft(), Conditions((0.0, 2.0, 0.0)), flights=1, seed=5
     )
     assert single_flight.roles["left"].flights[0] == batch.roles["left"].flights[0]
@@ -158,7 +157,7 @@ def test_a_flight_with_the_same_number_is_the_same_in_a_batch_of_any_size(batch)
 @pytest.mark.story
 def test_vehicles_that_cross_at_the_same_altitude_come_too_near_in_every_flight():
     mission = read(CROSSING.format(height_m=3, minimum_m=3))
-    result = monte_carlo_together(mission, role_aircraft(), flights=2)
+    result = monte_carlo_group(mission, role_aircraft(), flights=2)
     assert (result.chances["separation"].count, result.chances["nearer_than_minimum"].count) == (2, 2)
     assert result.closest[0].distance_m.greatest < 3.0
     document = json.loads(json.dumps(result.document()))
@@ -169,9 +168,9 @@ def test_vehicles_that_cross_at_the_same_altitude_come_too_near_in_every_flight(
 def test_too_many_flights_of_all_vehicles_are_refused():
     mission = read(CROSSING.format(height_m=4, minimum_m=3))
     with pytest.raises(PlanError, match="201 flights of 2 vehicles, but 1 to 200 are allowed"):
-        monte_carlo_together(mission, role_aircraft(), flights=201)
+        monte_carlo_group(mission, role_aircraft(), flights=201)
 
 
 def test_each_role_needs_a_vehicle():
     with pytest.raises(PlanError, match="role 'left' has no vehicle"):
-        dry_run_together(read(CROSSING.format(height_m=4, minimum_m=3)), {"lead": AIRCRAFT})
+        dry_run_group(read(CROSSING.format(height_m=4, minimum_m=3)), {"lead": AIRCRAFT})

@@ -1,4 +1,5 @@
-"""Simulates a mission of several vehicles: all roles in one batch, each from its vehicle's position.
+"""Simulates the mission of a group: all roles in one batch, each from its vehicle's position, once or many
+times in varied conditions.
 
 The separation guard, which stops vehicles in real flights, does not act in a dry run. A finding reports where
 the guard would act.
@@ -15,13 +16,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.dry_run.document import ClosestApproach, DryRunFinding, plain
+from missions.dry_run.document import (
+    ClosestApproach,
+    DryRunFinding,
+    MonteCarloResult,
+    PairDistance,
+    plain,
+)
 from missions.dry_run.fleet import Fleet
 from missions.dry_run.flight import ReportProgress, fly_fleet
+from missions.dry_run.monte_carlo import OUTCOMES, MonteCarlo, outcome_probabilities, summarise
 from missions.dry_run.offboard import RUNNER_EVERY_TICKS, OffboardPilot
 from missions.dry_run.plans import FlyableMission, max_duration_s
 from missions.dry_run.result import MAX_SAMPLES, DryRun, evaluate
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
+from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles, Spread
 from missions.dry_run.track import SAMPLE_PERIOD_S, Recorder, Track
 from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
@@ -31,10 +40,11 @@ from missions.runner.requests import CannotDo
 from missions.separation import braking_separation_m, planned_margin_m
 
 Array = NDArray[np.float64]
+TOO_NEAR = "nearer_than_minimum"
 
 
 @dataclass(frozen=True, slots=True)
-class DryRunTogether:
+class GroupDryRun:
     """Result of one dry run of all roles. Positions are relative to the home of the first role's vehicle."""
 
     roles: dict[str, DryRun]
@@ -52,7 +62,7 @@ class DryRunTogether:
         }
 
 
-class PilotsTogether:
+class GroupPilots:
     """Starts all roles at the same time, and lets them continue together from meeting points.
 
     Args:
@@ -92,7 +102,7 @@ class PilotsTogether:
         return {role: pilot.reading() for role, pilot in self._pilots.items()}
 
 
-def dry_run_together(
+def dry_run_group(
     mission: OffboardMission,
     aircraft: Mapping[str, Aircraft],
     conditions: Conditions | None = None,
@@ -101,7 +111,7 @@ def dry_run_together(
     seed: int = 0,
     site: Site = LEVEL_SITE,
     report: ReportProgress | None = None,
-) -> DryRunTogether:
+) -> GroupDryRun:
     """Flies all roles of a mission once, together.
 
     Args:
@@ -117,13 +127,13 @@ def dry_run_together(
         PlanError: a role has no vehicle, or the mission cannot be compiled.
     """
     same_conditions = [conditions or Conditions()] * len(mission.roles)
-    (runs_together,), _ = fly_together(
+    (runs,), _ = fly_group(
         mission, aircraft, [same_conditions], origins=origins, seed=seed, site=site, report=report
     )
-    return runs_together
+    return runs
 
 
-def fly_together(
+def fly_group(
     mission: OffboardMission,
     aircraft: Mapping[str, Aircraft],
     conditions: Sequence[Sequence[Conditions]],
@@ -132,7 +142,7 @@ def fly_together(
     seed: int = 0,
     site: Site = LEVEL_SITE,
     report: ReportProgress | None = None,
-) -> tuple[list[DryRunTogether], float]:
+) -> tuple[list[GroupDryRun], float]:
     """Flies all roles of a mission several times at once.
 
     Args:
@@ -168,7 +178,7 @@ def fly_together(
         {role: flyable[role].make_pilot(next(vehicles), alone=False) for role in roles} for _ in conditions
     ]
     pilots = [pilot for group in groups for pilot in group.values()]
-    coordinated = [PilotsTogether(group) for group in groups]
+    coordinated = [GroupPilots(group) for group in groups]
 
     def coordinate(now_s: float) -> None:
         for each in coordinated:
@@ -183,8 +193,8 @@ def fly_together(
     home = aircraft[roles[0]].home
     from_home = {role: replace(aircraft[role], home=home) for role in roles}
     ended = iter(flights)
-    runs_together = [
-        _evaluate_together(
+    runs = [
+        _evaluate_group(
             {
                 role: evaluate(next(ended), flyable[role], from_home[role], site, computing_s)
                 for role in roles
@@ -193,13 +203,13 @@ def fly_together(
         )
         for _ in conditions
     ]
-    return runs_together, computing_s
+    return runs, computing_s
 
 
-def _evaluate_together(runs: dict[str, DryRun], minimum_m: float) -> DryRunTogether:
+def _evaluate_group(runs: dict[str, DryRun], minimum_m: float) -> GroupDryRun:
     tracks = {role: run.track for role, run in runs.items() if run.track is not None}
     separation = list(_separations(tracks, minimum_m))
-    return DryRunTogether(
+    return GroupDryRun(
         runs,
         tuple(each for each, _ in separation),
         tuple(finding for _, finding in separation if finding),
@@ -252,3 +262,109 @@ def _separation_finding(
     )
     step = steps[0] if int(first_track.step[sample]) >= 0 else None
     return DryRunFinding("separation", message, step, round(t_s, 2), (north, east, down))
+
+
+# --- many flights -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class GroupMonteCarlo:
+    """Result of the nominal flight and of all flights with varied conditions."""
+
+    nominal: GroupDryRun
+    """The flight in the mean conditions."""
+    roles: dict[str, MonteCarlo]
+    closest: tuple[PairDistance, ...]
+    """One entry for each pair of roles that flew."""
+    chances: dict[str, Chance]
+    """A flight counts if the outcome happened to any of its vehicles. `separation`: the separation guard
+    would act. `nearer_than_minimum`: two vehicles come nearer than the minimum separation."""
+
+    def document(self) -> dict[str, Any]:
+        """As JSON values, without `nominal`."""
+        return {
+            "roles": {role: plain(each, MonteCarloResult) for role, each in self.roles.items()},
+            "closest": plain(self.closest),
+            "chances": plain(self.chances),
+        }
+
+
+def monte_carlo_group(
+    mission: OffboardMission,
+    aircraft: Mapping[str, Aircraft],
+    conditions: Conditions | None = None,
+    spread: Spread | None = None,
+    *,
+    flights: int = 100,
+    origins: Mapping[str, LocalOrigin] | None = None,
+    seed: int = 0,
+    site: Site = LEVEL_SITE,
+    report: ReportProgress | None = None,
+) -> GroupMonteCarlo:
+    """Flies all roles of a mission many times.
+
+    Args:
+        mission: a mission with roles.
+        aircraft: by role: the vehicle and its start position.
+        conditions: mean conditions; None: no wind, nominal vehicles.
+        spread: variation of the conditions; None: defaults of `Spread`. All vehicles of a flight have the
+            same wind; each has its own mass, battery and sensor noise.
+        flights: number of flights in addition to the nominal one.
+        origins: by role: the origin of the vehicle's local frame; missing: its start position.
+        seed: seed of the conditions, of noise and of gusts.
+        site: ground and obstacles around the first role's home.
+        report: called with the progress; an exception from it ends the run.
+
+    Raises:
+        PlanError: a role has no vehicle, the mission cannot be compiled, or there are too many flights.
+    """
+    count = len(mission.roles)
+    max_flights = min(MAX_FLIGHTS, MAX_VEHICLES // max(1, count))
+    if not 1 <= flights <= max_flights:
+        reason = f"{flights} flights of {count} vehicles, but 1 to {max_flights} are allowed"
+        raise PlanError("flights", reason, "Give a number between these.")
+    conditions, spread = conditions or Conditions(), spread or Spread()
+    drawn = [
+        [spread.draw(conditions, seed, number, vehicle) for vehicle in range(count)]
+        for number in range(1, flights + 1)
+    ]
+    runs, computing_s = fly_group(
+        mission, aircraft, [[conditions] * count, *drawn], origins=origins, seed=seed, site=site,
+        report=report,
+    )  # fmt: skip
+    varied = runs[1:]
+    return GroupMonteCarlo(
+        runs[0],
+        {
+            role: summarise([each.roles[role] for each in runs], spread, seed, computing_s)
+            for role in mission.roles
+        },
+        _closest(varied, mission.separation_m),
+        _chances(varied, mission.separation_m),
+    )
+
+
+def _closest(runs: Sequence[GroupDryRun], minimum_m: float) -> tuple[PairDistance, ...]:
+    distances: dict[tuple[str, str], list[float]] = {}
+    for each in runs:
+        for pair in each.closest:
+            distances.setdefault(pair.roles, []).append(pair.distance_m)
+    result: list[PairDistance] = []
+    for roles, values in distances.items():
+        quantiles = Quantiles.from_values(values)
+        assert quantiles is not None
+        near_count = sum(value < minimum_m for value in values)
+        result.append(PairDistance(roles, quantiles, Chance.from_counts(near_count, len(runs))))
+    return tuple(result)
+
+
+def _chances(runs: Sequence[GroupDryRun], minimum_m: float) -> dict[str, Chance]:
+    codes = [
+        {
+            *(finding.code for finding in each.findings),
+            *(finding.code for run in each.roles.values() for finding in run.findings),
+            *(TOO_NEAR for pair in each.closest if pair.distance_m < minimum_m),
+        }
+        for each in runs
+    ]
+    return outcome_probabilities(codes, {**OUTCOMES, "separation": ("separation",), TOO_NEAR: (TOO_NEAR,)})
