@@ -12,8 +12,8 @@ from gcs_server.scene.model import Points
 from gcs_server.scene.placement import VehiclePlace
 from gcs_server.scene.ports import OffboardTarget, SceneVehicle, value_of
 from gcs_server.scene.texts import altitude_text
-from gcs_server.streamer.offboard.estimates import scans_of
 from gcs_server.vehicle.samples import Attitude, Gimbal, Motors, Status, TargetLocal
+from gcs_server.vehicle.scans import scans_of
 from missions.avoidance.scans import LEVEL_MAX_SINE, recent_scans
 from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, normalized
 

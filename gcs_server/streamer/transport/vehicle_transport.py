@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from gcs_server.links.base import Peer
-from gcs_server.mavlink.connection import Connection
 from gcs_server.streamer.transport.mavlink import (
     MAVLINK_KINDS,
     MSG_COMMAND_LONG,
@@ -18,6 +17,9 @@ from gcs_server.streamer.transport.mavlink import (
 from gcs_server.streamer.transport.ros2 import Ros2Transport, TopicSender
 from gcs_server.streamer.values.stream_request import OFFBOARD, ModeRequest, Outgoing, SetpointDue
 from missions.setpoints import DirectSetpoint
+
+if TYPE_CHECKING:  # the stream process has no connections
+    from gcs_server.mavlink.connection import Connection
 
 
 class SendPath(Protocol):

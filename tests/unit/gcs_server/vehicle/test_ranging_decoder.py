@@ -6,10 +6,10 @@ import pytest
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
-from gcs_server.streamer.offboard.estimates import scans_of
 from gcs_server.vehicle.decoders import distance_sensors, obstacle_distance
 from gcs_server.vehicle.numbers import Unusable
 from gcs_server.vehicle.samples import Sample
+from gcs_server.vehicle.scans import scans_of
 from missions.frames import q_from_euler
 
 DOWN, CUSTOM = d.MAV_SENSOR_ROTATION_PITCH_270, d.MAV_SENSOR_ROTATION_CUSTOM
