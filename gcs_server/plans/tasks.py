@@ -23,6 +23,7 @@ from missions.estimates import Estimate, estimate
 from missions.formats import any_format, mavlink_items
 from missions.formats.results import ImportOptions
 from missions.geodesy import LocalOrigin
+from missions.offboard import reader as mission_reader
 from missions.offboard.document import OffboardMission
 from missions.offboard.findings import MissionFinding
 from missions.offboard.names import valid_name
@@ -467,10 +468,7 @@ def _timeline_ground(
 
 
 def _mission_of(text: bytes) -> OffboardMission:
-    mission = documents.read(text)
-    if not isinstance(mission, OffboardMission):
-        raise PlanError("the plan", "it is a waypoint plan, which PX4 flies", "Send an offboard mission.")
-    return mission
+    return mission_reader.read_json(text)
 
 
 def _vehicle_of(arguments: Mapping[str, Any]) -> MissionVehicle:

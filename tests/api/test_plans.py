@@ -318,6 +318,12 @@ def test_a_stored_mission_is_inserted_into_another_mission(client):
     assert client.post("plans/insert", json=second_insertion).json()["called"] == "Two towers"
 
 
+def test_a_mission_in_a_field_for_missions_needs_no_format(client):
+    mission = {name: value for name, value in MISSION.items() if name != "format"}
+    body = {"plan": mission, "mission": mission, "at": ["steps", 2], "in_air": True}
+    assert client.post("plans/insert", json=body).json()["plan"]["format"] == MISSION["format"]
+
+
 def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
     mission_id, plan_id = store(client, "Tower", MISSION)["id"], store(client)["id"]
     other_home = {**MISSION, "home": {**MISSION["home"], "lat_deg": 47.41}}
