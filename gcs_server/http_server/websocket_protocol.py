@@ -39,6 +39,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self._connections = context.connections
         self._clock = clock = context.clock
         self._stall = StallDetector(clock)
+        self.read_paused = True  # uvicorn pauses at each message, which costs a setpoint two system calls
         self._unparsed: deque[bytes] = deque()
         self._parsing = False
         self._second_start_s, self._frames_in_second = clock.monotonic_s(), 0
@@ -66,8 +67,9 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         if self.close_sent and not self._parsing:  # only the client's close frame matters
             data = data[-PIECE_BYTES:]
         self._unparsed.extend(data[i : i + PIECE_BYTES] for i in range(0, len(data), PIECE_BYTES))
-        self.transport.pause_reading()
         self._parse_piece()
+        if self._unparsed:
+            self.transport.pause_reading()
 
     def _parse_piece(self) -> None:
         """Parses one piece. The next piece is parsed in another iteration of the event loop, once the
@@ -85,7 +87,6 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
                 self._parsing = True
                 self.loop.call_soon(self._parse_piece)
         elif self.queue.empty():
-            self.read_paused = False
             self.transport.resume_reading()
 
     async def receive(self) -> Any:

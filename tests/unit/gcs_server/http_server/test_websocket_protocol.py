@@ -97,6 +97,20 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
     run_with_server(scenario, blocked_app)
 
 
+def test_reading_pauses_only_while_a_message_waits_behind_an_unread_one():
+    async def scenario(server):
+        transport, pauses = await open_websocket(server), []
+        transport.pause_reading = lambda: pauses.append(1)
+        for _ in range(5):
+            await server.send(transport, websocket_frame(b"x"))
+        assert not pauses
+        for _ in range(2):
+            transport.protocol.data_received(websocket_frame(b"x"))
+        assert pauses
+
+    run_with_server(scenario)
+
+
 def test_a_message_of_too_many_frames_closes_the_connection():
     async def scenario(server):
         transport = await open_websocket(server)
