@@ -7,7 +7,7 @@ import itertools
 import logging
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 
 from gcs_server.clock import Clock
 from gcs_server.mavlink import dialect as d
@@ -18,7 +18,8 @@ from gcs_server.vehicle.instances import ID_MASK, INSTANCE_OFFSET, Instances, ac
 from gcs_server.vehicle.numbers import Unusable
 from gcs_server.vehicle.px4.modes import ModeNames
 from gcs_server.vehicle.reducers import REDUCERS, FlightState
-from gcs_server.vehicle.samples import Gimbal, GimbalReading, Sample, Status
+from gcs_server.vehicle.samples import Gimbal, GimbalReading, GlobalPosition, Home, Sample, Status
+from missions.geodesy import distance_m
 
 HISTORY_S = 300.0
 PURGE_EVERY_S = 10.0
@@ -110,9 +111,74 @@ MAX_ATTITUDE_DELAY_S = 1.0
 KEEPS_LAST_VALUE = frozenset({"home"})
 """Topics whose last valid value stays stored: limits refer to home, and one invalid message must not remove
 the limits."""
+HOME_CORRECTION_M = (0.9, 5.0)
+"""Smallest and largest change of home's altitude in flight that count as a correction [m]. In the first two
+minutes of a flight PX4 v1.17 corrects it by 1 to 1.8 m at once, and by 3.7 m in all; v1.16 sets home again at
+the take-off, by up to 0.6 m (recorded)."""
+HOME_MOVED_M = 1.0
+"""Horizontal distance from which home is another place [m]."""
 Frames = tuple[Frame | None, ...]
 _StoredStatus = tuple[float, FlightState, float | None]
 """(time of storing, flight state, time at which the connection was lost; None: it was not lost) [s]."""
+
+
+class SteadyHome:
+    """The home to which altitudes refer, whose altitude is not corrected in flight.
+
+    PX4 v1.17 corrects it, so that every altitude above home jumps while the vehicle hangs still, and a
+    setpoint or limit above home would move it. From the first correction, the altitude stays what it was
+    before, until the landing. A home at another place is used at once.
+    """
+
+    def __init__(self) -> None:
+        self._home: Home | None = None
+        self._received_s = float("-inf")
+        self._in_flight = self._corrected = False
+
+    def take(self, home: Home, received_s: float, armed_s: float, *, in_flight: bool) -> Home:
+        """The home to use now; the origin of the local frame stays that of the newest home.
+
+        Args:
+            home: the vehicle's newest home.
+            received_s: when it was received [s, monotonic].
+            armed_s: when the vehicle was armed; PX4 sets home then.
+            in_flight: whether the vehicle is in the air.
+        """
+        held, is_of_flight = self._home, self._received_s > armed_s
+        self._home, self._received_s, self._in_flight = home, received_s, in_flight
+        if held is None or not in_flight or not is_of_flight or _away_m(held, home) > HOME_MOVED_M:
+            self._corrected = False
+            return home
+        change_m, (smallest_m, largest_m) = home.alt_amsl_m - held.alt_amsl_m, HOME_CORRECTION_M
+        if abs(change_m) > largest_m:
+            return home
+        self._corrected = self._corrected or abs(change_m) > smallest_m
+        if not self._corrected:
+            return home
+        position_ned_m = home.position_ned_m
+        if position_ned_m is not None:
+            position_ned_m = (*position_ned_m[:2], position_ned_m[2] + change_m)
+        self._home = replace(home, alt_amsl_m=held.alt_amsl_m, position_ned_m=position_ned_m)
+        return self._home
+
+    def watch(self, position: GlobalPosition) -> GlobalPosition:
+        """Notices a correction in the vehicle's newest position, which PX4 sends more often than home; see
+        `altitude_above`."""
+        if self._home is not None and self._in_flight:
+            change_m = position.alt_amsl_m - position.alt_home_m - self._home.alt_amsl_m
+            smallest_m, largest_m = HOME_CORRECTION_M
+            self._corrected = self._corrected or smallest_m < abs(change_m) <= largest_m
+        return self.altitude_above(position)
+
+    def altitude_above(self, position: GlobalPosition) -> GlobalPosition:
+        """The position with its altitude above this home once PX4 has corrected its own in flight."""
+        if self._home is None or not (self._in_flight and self._corrected):
+            return position
+        return replace(position, alt_home_m=round(position.alt_amsl_m - self._home.alt_amsl_m, 3))
+
+
+def _away_m(first: Home, second: Home) -> float:
+    return distance_m(first.lat_deg, first.lon_deg, second.lat_deg, second.lon_deg)
 
 
 class VehicleState:
@@ -127,6 +193,9 @@ class VehicleState:
     def __init__(self, component_id: int, clock: Clock, mode_names: ModeNames | None = None) -> None:
         self._mode_names = mode_names or ModeNames()
         self.flight_state = FlightState()
+        self._home = SteadyHome()
+        self._armed_s = float("-inf")
+        """When the vehicle was armed [s, monotonic]."""
         self.latest: dict[int, Frame] = {}
         """Newest frame of each (component, message, instance), by key (`instances.py`)."""
         self._instances = Instances(component_id)
@@ -161,7 +230,10 @@ class VehicleState:
                 if msg_id in INSTANCE_OFFSET:
                     key = self._instances.key_of(frame)
                 elif msg_id in REDUCERS:
+                    was_armed = self.flight_state.armed
                     self.flight_state = REDUCERS[msg_id](self.flight_state, full_payload(frame), now_s)
+                    if self.flight_state.armed and not was_armed:
+                        self._armed_s = now_s
                 else:
                     self.topic("home")  # decode the previous frame before the new one replaces it
         else:
@@ -249,6 +321,14 @@ class VehicleState:
                 log.exception("topic %s could not be decoded", name)
             self.unusable[name] = f"it could not be decoded ({type(error).__name__}: {error})"
             sample = None
+        if sample is not None and isinstance(sample.value, Home):
+            flight = self.flight_state
+            in_flight = flight.armed and flight.landed_state != "on_ground"
+            received_s = sample.received_monotonic_s
+            home = self._home.take(sample.value, received_s, self._armed_s, in_flight=in_flight)
+            sample = replace(sample, value=home)
+        elif sample is not None and isinstance(sample.value, GlobalPosition):
+            sample = replace(sample, value=self._home.watch(sample.value))
         self._cache[name] = sample
         self._decoded.add(name)
         self._inputs.update(INPUT_MESSAGES[name])
@@ -346,7 +426,10 @@ class VehicleState:
         if decoded is None:
             return None
         received_s = max([f.received_monotonic_s for f in topic_frames])
-        return self._sample(name, decoded[0], decoded[1], received_s)
+        value = decoded[0]
+        if isinstance(value, GlobalPosition):
+            value = self._home.altitude_above(value)
+        return self._sample(name, value, decoded[1], received_s)
 
     def _gimbal(self, frame_by_key: dict[int, Frame]) -> decoders.Decoded | None:
         """The first gimbal, with a list of all gimbals if there are several. A gimbal with unusable messages
