@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gcs_server.errors import Rejected
+from gcs_server.errors import Refused, Rejected
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
 from missions.setpoints import Position
@@ -37,6 +37,8 @@ class Px4V117Converter:
         self._packers: dict[tuple[int, int], Any] = {}
         self._replies: list[bytes] = []
         self.in_altitude_cruise = False
+        self.announces_cruise = False
+        """Whether the list of modes has Altitude Cruise, and the mode can be set."""
         self._v116_frames, self._v116_feed = testbed.sim.frames, testbed.sim.feed
         testbed.sim.frames, testbed.sim.feed = self.frames, self.feed  # type: ignore[method-assign]
 
@@ -53,6 +55,10 @@ class Px4V117Converter:
                     sim.MAV_PARAM_ERROR_DOES_NOT_EXIST,
                 )
                 self._replies.append(error.pack(self._packer(1, 1)))
+            elif self.announces_cruise and getattr(message, "command", 0) == sim.MAV_CMD_DO_SET_MODE:
+                self.in_altitude_cruise = message.param2 == ALTITUDE_CRUISE >> 16
+                ack = sim.MAVLink_command_ack_message(message.command, 0, 0, 0, 255, 190)
+                self._replies.append(ack.pack(self._packer(1, 1)))
             else:
                 self._v116_feed(row, link, bytes(message.get_msgbuf()))
 
@@ -80,6 +86,9 @@ class Px4V117Converter:
                 if self.in_altitude_cruise:
                     message.custom_mode = ALTITUDE_CRUISE
                 more_frames = self._unknown_frame(packer) + self._integrity_message().pack(packer)
+            case "AVAILABLE_MODES" if self.announces_cruise and message.mode_index == 1:
+                entry = sim.MAVLink_available_modes_message(26, 8, 0, ALTITUDE_CRUISE, 0, b"Altitude Cruise")
+                more_frames = entry.pack(packer)
             case "CURRENT_MODE" if self.in_altitude_cruise:
                 message.custom_mode = message.intended_custom_mode = ALTITUDE_CRUISE
         return message.pack(packer) + more_frames
@@ -135,6 +144,29 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(run
             (link,) = (connection.info() for connection in testbed.router.connections())
             assert (link.frames_lost, link.crc_errors, link.bytes_skipped) == (0, 0, 0)
             assert link.frames_unknown > 40
+        finally:
+            await testbed.close()
+
+    run_simulated(scenario)
+
+
+@pytest.mark.parametrize("announced", [True, False])
+def test_altitude_cruise_is_set_on_a_vehicle_that_announces_it_and_refused_on_others(
+    run_simulated: Any, announced: bool
+) -> None:
+    async def scenario() -> None:
+        testbed = SimulatedTestbed()
+        converter = Px4V117Converter(testbed)
+        converter.announces_cruise = announced
+        try:
+            vehicle = await testbed.wait_for_vehicle_ready_to_arm()
+            if announced:
+                await vehicle.command.set_mode("altitude_cruise")
+                assert vehicle.status.mode == "altitude_cruise"
+            else:
+                with pytest.raises(Refused, match="does not announce the mode Altitude cruise"):
+                    await vehicle.command.set_mode("altitude_cruise")
+                assert vehicle.status.mode == "hold"
         finally:
             await testbed.close()
 

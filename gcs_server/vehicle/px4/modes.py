@@ -22,6 +22,8 @@ class Mode:
     sub: int
     nav_state: int
     settable: bool = True
+    by_announcement: bool = False
+    """Whether the mode, which not every version has, can be set on a vehicle that announces it."""
     """Whether a ground station can request the mode."""
 
     @property
@@ -50,8 +52,8 @@ MODES: tuple[Mode, ...] = (
     Mode("offboard", "Offboard", 6, 0, 14),
     Mode("stabilized", "Stabilized", 7, 0, 15),
     Mode("termination", "Termination", 10, 0, 13, settable=False),
-    # Only v1.17 has this mode; v1.16 accepts its number, but stays in its current mode.
-    Mode("altitude_cruise", "Altitude cruise", 11, 0, 8, settable=False),
+    # v1.17 has this mode; v1.16 accepts its number, but stays in its current mode.
+    Mode("altitude_cruise", "Altitude cruise", 11, 0, 8, settable=False, by_announcement=True),
 )
 BY_NAME = {mode.name: mode for mode in MODES}
 BY_CUSTOM_MODE = {mode.custom_mode: mode for mode in MODES}
@@ -83,6 +85,8 @@ class ModeNames:
     """Registered names of this server's external modes, by name in the API (`external_1` …)."""
     announced: dict[str, str] = field(default_factory=dict[str, str])
     """Registered names of all external modes, as the vehicle last sent them, by name in the API."""
+    selectable: set[str] = field(default_factory=set[str])
+    """Modes by name in the API that the vehicle has announced as selectable (AVAILABLE_MODES)."""
 
     def registered(self, mode_name: tuple[str, str]) -> tuple[str, str]:
         """A mode's name in the API with its registered name, otherwise with its label."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from typing import TypedDict, Unpack
 
@@ -42,7 +42,7 @@ GOTO_MAX_DISTANCE_M = 1000.0
 TAKEOFF_MIN_M, TAKEOFF_MAX_M = 1.0, 120.0
 STATE_DEADLINE_S = 6.0
 LIFT_OFF_DEADLINE_S = 12.0
-HOME_DEADLINE_S = 3.0
+HOME_DEADLINE_S = MODE_LIST_DEADLINE_S = 3.0
 MAX_MODE_DELAY_S = STATE_DEADLINE_S + HOME_DEADLINE_S
 """Maximum time between a command and its mode change [s]."""
 NAN = math.nan
@@ -178,7 +178,10 @@ class CommandService:
     ) -> None:
         """Changes to the mode `name` (as in `Status.mode`); returns once the vehicle reports the mode."""
         mode = BY_NAME.get(name)
-        if mode is None or not mode.settable:
+        if mode is not None and mode.by_announcement:
+            self._vehicle.require_commandable()
+            await self._require_announced(mode)
+        elif mode is None or not mode.settable:
             names = ", ".join(m.name for m in BY_NAME.values() if m.settable)
             raise InvalidRequest("mode", f"There is no mode {name!r} to set.", remedy=f"Modes: {names}.")
         self._vehicle.require_commandable()
@@ -403,6 +406,26 @@ class CommandService:
             except Rejected:
                 if clock.monotonic_s() >= startable_s + MISSION_REFUSED_WITHIN_S:
                     raise
+
+    async def _require_announced(self, mode: Mode) -> None:
+        """Requests the vehicle's list of modes, and raises Refused if it does not have this one."""
+        vehicle = self._vehicle
+        ids = (d.MAVLINK_MSG_ID_AVAILABLE_MODES,)
+        goal = Goal(
+            "announce its modes",
+            lambda _f, _s: mode.name in vehicle.mode_names.selectable,
+            MODE_LIST_DEADLINE_S,
+            requested_ids=ids,
+            listen=ids,
+        )
+        if mode.name not in vehicle.mode_names.selectable:
+            with suppress(NoReply, Rejected), closing(vehicle.tickets.open("the list of modes")) as ticket:
+                await self._run(ticket, None, goal, {})
+        if mode.name not in vehicle.mode_names.selectable:
+            raise Refused(
+                f"Vehicle {vehicle.id} does not announce the mode {mode.label}, which PX4 has from v1.17 on.",
+                remedy="Use Altitude or Position instead.",
+            )
 
     async def _home_alt_amsl_m(self, ticket: Ticket) -> float:
         """Altitude of home [m]."""

@@ -58,7 +58,13 @@ class ModeList:
         """Handles AVAILABLE_MODES, one entry of the list."""
         custom_mode, properties, _, _, _, text = _modes.unpack(payload)
         mode = BY_CUSTOM_MODE.get(custom_mode)
-        if mode is None or mode.name not in EXTERNAL:
+        if mode is None:
+            return
+        if properties & d.MAV_MODE_PROPERTY_NOT_USER_SELECTABLE:
+            self._vehicle.mode_names.selectable.discard(mode.name)
+        else:
+            self._vehicle.mode_names.selectable.add(mode.name)
+        if mode.name not in EXTERNAL:
             return
         self._missing.discard(mode.name)
         decoded = text.split(b"\0", 1)[0].decode("utf-8", "replace")

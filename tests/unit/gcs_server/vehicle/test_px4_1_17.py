@@ -36,13 +36,13 @@ def test_mission_current_without_a_mission_is_decoded_as_zero_items_in_both_vers
         assert decoded[0].count == 0
 
 
-def test_altitude_cruise_is_a_manual_mode_and_cannot_be_requested() -> None:
+def test_altitude_cruise_is_a_manual_mode_of_vehicles_that_announce_it() -> None:
     name, label = modes.mode_name(0x000B0000)
     assert (name, label) == ("altitude_cruise", "Altitude cruise")
     assert name in PILOT_MODES
     mode = modes.BY_NAME[name]
     assert STICK_MODES >> mode.nav_state & 1
-    assert not mode.settable, "v1.16 would accept the request and stay in its current mode"
+    assert mode.by_announcement, "v1.16 would accept the request and stay in its current mode"
 
 
 def test_the_firmware_version_is_decoded() -> None:
