@@ -44,7 +44,7 @@ from gcs_server.links.names import shown_url
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
-from gcs_server.plans.store import PlanChange, PlanStore
+from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.px4_sitl.runner import read_state
 from gcs_server.replay.link import replay_link
@@ -137,18 +137,6 @@ class ClientEvents:
             "operation", operation.vehicle, operation.text, {"operation": operation_view(operation)}
         )
 
-    def plan_change(self, change: PlanChange) -> None:
-        """A stored plan has changed; GET /plans lists it."""
-        plan = change.plan
-        text = f"{change.by} {change.action} the plan {plan.name!r} (version {plan.version})."
-        data: dict[str, object] = {
-            "action": change.action,
-            "plan": asdict(plan),
-            "client": change.by,
-            "client_key": change.by_key,
-        }
-        self._publish("plan_changed", None, text, data)
-
     def scene_click(self, click: SceneClick) -> None:
         """A position was clicked in 3D."""
         self._publish("scene_click", click.vehicle, "", asdict(click))
@@ -189,7 +177,7 @@ class Server:
             streams,
             self.supervisor,
             operations,
-            PlanStore(folder.plans, clock, self._events.plan_change),
+            PlanStore(folder.plans, clock, self.fleet.events),
             PlanWork(folder.elevation, authority.controls_any),
             ProgressStore(Records(folder.flights)),
         )

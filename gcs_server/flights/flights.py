@@ -9,6 +9,7 @@ from gcs_server.flights.groups import Groups
 from gcs_server.flights.mission_modes import MissionModes
 from gcs_server.flights.mission_start import compile_inputs_of, prepare_mode
 from gcs_server.flights.missions import OffboardMissions
+from gcs_server.flights.preparation import Preparer
 from gcs_server.flights.resume import ProgressStore
 from gcs_server.flights.waypoint_flights import WaypointFlights
 from gcs_server.operations.operations import Operations
@@ -58,9 +59,8 @@ class Flights:
         self.groups = Groups(clock, streams, fleet.events, streamer.offboard)
         self.missions = OffboardMissions(clock, streamer, streams, self.groups, supervisor)
         prepare, inputs = partial(prepare_mode, self), partial(compile_inputs_of, self)
-        self.mission_modes = MissionModes(
-            clock, streamer, streams, self.missions, supervisor, prepare, inputs
-        )
+        preparer = Preparer(clock, supervisor, streams, prepare, inputs)
+        self.mission_modes = MissionModes(clock, streamer, streams, self.missions, supervisor, preparer)
         self.progress = progress or ProgressStore()
         self.waypoint_flights = WaypointFlights(clock, supervisor, self.progress)
 

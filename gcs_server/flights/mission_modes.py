@@ -11,7 +11,7 @@ mission then begins on the ground. The mission is compiled before arming (`prepa
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -23,7 +23,6 @@ from gcs_server.flights.missions import OffboardMissions
 from gcs_server.flights.preparation import (
     NOTICE,
     WARNING,
-    CompileInputs,
     Preparation,
     Preparer,
     add_event,
@@ -94,9 +93,7 @@ class MissionModes:
         streams: registers the modes.
         missions: flies the missions.
         supervisor: runs background tasks.
-        prepare: compiles a mode's mission from the vehicle's current position, and checks it.
-        inputs: the vehicle's position, yaw and settings with which a mission is compiled; None: no valid
-            position.
+        preparer: compiles the missions of modes, and checks them.
     """
 
     def __init__(
@@ -106,13 +103,11 @@ class MissionModes:
         streams: Streams,
         missions: OffboardMissions,
         supervisor: Supervisor,
-        prepare: Callable[[str, MissionAsMode], Awaitable[Start]],
-        inputs: Callable[[str], CompileInputs | None],
+        preparer: Preparer,
     ) -> None:
         self._clock, self._streamer, self._streams = clock, streamer, streams
         self._missions, self._supervisor = missions, supervisor
-        self._prepare = prepare
-        self._preparer = Preparer(clock, supervisor, streams, prepare, inputs)
+        self._preparer = preparer
         self._vehicles: dict[str, _VehicleModes] = {}
 
     def start(self) -> None:
@@ -142,7 +137,7 @@ class MissionModes:
                 remedy="Add a ros2:// link to the vehicle (see Links).",
             )
         inputs = self._preparer.inputs(vehicle_id)
-        start = await self._prepare(vehicle_id, mode)
+        start = await self._preparer.prepare(vehicle_id, mode)
         needs = {REQUIREMENT_OF[need] for need in start.timeline.needs if need in REQUIREMENT_OF}
         try:
             declaration = ModeDeclaration(
@@ -375,7 +370,7 @@ class MissionModes:
         on_ground = vehicle.status.landed_state == "on_ground"
         start = None if entry.preparation is None or not on_ground else entry.preparation.start
         if start is None:
-            return await self._prepare(vehicle.id, entry.mode)
+            return await self._preparer.prepare(vehicle.id, entry.mode)
         if start.timeline.avoidance:
             await self._streamer.offboard(vehicle.id).avoidance.wait_for_sensor()
         return start

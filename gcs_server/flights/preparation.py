@@ -130,7 +130,7 @@ class Preparer:
         inputs: Callable[[str], CompileInputs | None],
     ) -> None:
         self._clock, self._supervisor, self._streams = clock, supervisor, streams
-        self._prepare, self.inputs = prepare, inputs
+        self.prepare, self.inputs = prepare, inputs
 
     def update(self, vehicle: Vehicle, missions: Iterable[tuple[MissionAsMode, Preparation]]) -> None:
         """Compiles the missions that are not compiled for the vehicle's present position and settings; called
@@ -150,7 +150,7 @@ class Preparer:
     ) -> None:
         previous_problem = preparation.problem
         try:
-            start = await self._prepare(vehicle.id, mode)
+            start = await self.prepare(vehicle.id, mode)
         except GcsError as error:
             preparation.failed(with_remedy(error), self._clock.monotonic_s())
             if preparation.problem != previous_problem:

@@ -10,15 +10,17 @@ import secrets
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeVar
 
 from gcs_server.clock import Clock
 from gcs_server.errors import PlanConflict, Refused, UnknownPlan
+from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.plans.files import PlanFiles, PlanVersion
 from gcs_server.plans.tasks import ReadDocument
 from gcs_server.storage.folder import StorageError
+from gcs_server.vehicle.events import EventFeed
 
 MAX_PLANS = 500
 MAX_VERSIONS = 50
@@ -28,19 +30,6 @@ MAX_TOTAL_BYTES = 500_000_000
 
 Action = Literal["created", "saved", "deleted"]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class PlanChange:
-    """A change of a plan."""
-
-    action: Action
-    plan: PlanVersion
-    """The plan after the change; the last version of a deleted plan."""
-    by: str
-    """Client that made the change."""
-    by_key: str
-    """Distinguishes clients with the same name."""
 
 
 @dataclass(slots=True)
@@ -59,15 +48,12 @@ class PlanStore:
     Args:
         folder: created when first written to.
         clock: clock for the times of changes.
-        on_change: called in the event loop with every change.
+        events: receives every change; the events are not stored.
     """
 
-    def __init__(
-        self, folder: Path, clock: Clock, on_change: Callable[[PlanChange], None] = lambda _: None
-    ) -> None:
+    def __init__(self, folder: Path, clock: Clock, events: EventFeed) -> None:
         self._files = PlanFiles(folder)
-        self._clock = clock
-        self._on_change = on_change
+        self._clock, self._events = clock, events
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="plans")
         self._index: _Index | None = None
 
@@ -189,10 +175,17 @@ class PlanStore:
 
         def report_change(index: _Index) -> PlanVersion:
             head = work(index)
-            loop.call_soon_threadsafe(self._on_change, PlanChange(action, head, *by))
+            loop.call_soon_threadsafe(self._announce, action, head, by)
             return head
 
         return await self._run(report_change)
+
+    def _announce(self, action: Action, plan: PlanVersion, by: tuple[str, str]) -> None:
+        text = f"{by[0]} {action} the plan {plan.name!r} (version {plan.version})."
+        data = {"action": action, "plan": asdict(plan), "client": by[0], "client_key": by[1]}
+        self._events.add(
+            "plan_changed", self._clock.unix_s(), text, severity=MAV_SEVERITY_DEBUG, data=data, stored=False
+        )
 
     async def _run(self, work: Callable[[_Index], T]) -> T:
         def run() -> T:

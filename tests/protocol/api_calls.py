@@ -63,7 +63,7 @@ def new_station(testbed, progress=None):
         testbed.streamer._streams,
         testbed.supervisor,
         operations,
-        PlanStore(Path("no plans"), testbed.clock),
+        PlanStore(Path("no plans"), testbed.clock, testbed.fleet.events),
         InlinePlanWork(),
         progress,
     )

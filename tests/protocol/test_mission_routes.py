@@ -65,7 +65,7 @@ def run_with_rig(run_simulated, tmp_path, scenario, **autopilot_options):
             vehicle = await testbed.wait_for_vehicle()
             await sleep(1.5)
             station = new_station(testbed)
-            station.flights.plans = PlanStore(tmp_path / "plans", testbed.clock)
+            station.flights.plans = PlanStore(tmp_path / "plans", testbed.clock, testbed.fleet.events)
             await scenario(
                 SimpleNamespace(testbed=testbed, vehicle=vehicle, autopilot=autopilot, station=station)
             )

@@ -39,7 +39,7 @@ def run_with_rig(run_simulated, tmp_path, scenario):
             vehicle = await testbed.wait_for_vehicle_ready_to_arm()
             station = new_station(testbed)
             station.flights.plans, station.flights.plan_work = (
-                PlanStore(tmp_path / "plans", testbed.clock),
+                PlanStore(tmp_path / "plans", testbed.clock, testbed.fleet.events),
                 InlinePlanWork(),
             )
             station.flights.waypoint_flights.start()

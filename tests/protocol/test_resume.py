@@ -74,7 +74,7 @@ async def start_server(rig):
     rig.progress = ProgressStore(Records(rig.folder / "flights"))
     await rig.progress.load()
     rig.station = new_station(rig.testbed, rig.progress)
-    rig.station.flights.plans = PlanStore(rig.folder / "plans", rig.testbed.clock)
+    rig.station.flights.plans = PlanStore(rig.folder / "plans", rig.testbed.clock, rig.testbed.fleet.events)
     rig.flights = rig.station.flights.waypoint_flights
 
 

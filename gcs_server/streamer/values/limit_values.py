@@ -12,23 +12,23 @@ from missions.fence import Circle, CircleFence, Fence, Polygon, Region
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 
-VEHICLE_PARAMETERS = (
-    "MPC_XY_VEL_MAX",
-    "MPC_Z_VEL_MAX_UP",
-    "MPC_Z_VEL_MAX_DN",
-    "MPC_TILTMAX_AIR",
-    "MPC_ACC_HOR_MAX",
-    "MPC_ACC_UP_MAX",
-    "MPC_ACC_DOWN_MAX",
-    "MPC_THR_HOVER",
-    "MPC_XY_P",
-    "MPC_Z_P",
-    "MC_ROLLRATE_MAX",
-    "MC_PITCHRATE_MAX",
-    "MC_YAWRATE_MAX",
-    "GF_MAX_HOR_DIST",
-    "GF_MAX_VER_DIST",
-)
+LIMIT_PARAMETERS = {
+    "speed_max_m_s": "MPC_XY_VEL_MAX",
+    "climb_max_m_s": "MPC_Z_VEL_MAX_UP",
+    "sink_max_m_s": "MPC_Z_VEL_MAX_DN",
+    "tilt_max_rad": "MPC_TILTMAX_AIR",
+    "acceleration_max_m_s2": "MPC_ACC_HOR_MAX",
+    "acceleration_up_max_m_s2": "MPC_ACC_UP_MAX",
+    "acceleration_down_max_m_s2": "MPC_ACC_DOWN_MAX",
+    "hover_thrust": "MPC_THR_HOVER",
+    "roll_rate_max_rad_s": "MC_ROLLRATE_MAX",
+    "pitch_rate_max_rad_s": "MC_PITCHRATE_MAX",
+    "yaw_rate_max_rad_s": "MC_YAWRATE_MAX",
+    "distance_max_m": "GF_MAX_HOR_DIST",
+    "height_max_m": "GF_MAX_VER_DIST",
+}
+"""The parameter of each of the vehicle's limits. PX4 has angles and turning rates in degrees."""
+VEHICLE_PARAMETERS = (*LIMIT_PARAMETERS.values(), "MPC_XY_P", "MPC_Z_P")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,29 +70,13 @@ MIN_FENCE_M = 1e-3
 def vehicle_limits(values: Mapping[str, float]) -> VehicleLimits:
     """Limits from parameters; the limits of missing parameters stay unknown."""
 
-    def degrees(name: str) -> float | None:
-        value = values.get(name)
-        return None if value is None else math.radians(value)
+    def limit(name: str) -> float | None:
+        value = values.get(LIMIT_PARAMETERS[name])
+        if value is None or (name in ("distance_max_m", "height_max_m") and value < MIN_FENCE_M):
+            return None
+        return math.radians(value) if name.endswith(("_rad", "_rad_s")) else value
 
-    def limit_or_none(name: str) -> float | None:
-        value = values.get(name)
-        return None if value is None or value < MIN_FENCE_M else value
-
-    return VehicleLimits(
-        speed_max_m_s=values.get("MPC_XY_VEL_MAX"),
-        climb_max_m_s=values.get("MPC_Z_VEL_MAX_UP"),
-        sink_max_m_s=values.get("MPC_Z_VEL_MAX_DN"),
-        tilt_max_rad=degrees("MPC_TILTMAX_AIR"),
-        acceleration_max_m_s2=values.get("MPC_ACC_HOR_MAX"),
-        acceleration_up_max_m_s2=values.get("MPC_ACC_UP_MAX"),
-        acceleration_down_max_m_s2=values.get("MPC_ACC_DOWN_MAX"),
-        hover_thrust=values.get("MPC_THR_HOVER"),
-        roll_rate_max_rad_s=degrees("MC_ROLLRATE_MAX"),
-        pitch_rate_max_rad_s=degrees("MC_PITCHRATE_MAX"),
-        yaw_rate_max_rad_s=degrees("MC_YAWRATE_MAX"),
-        distance_max_m=limit_or_none("GF_MAX_HOR_DIST"),
-        height_max_m=limit_or_none("GF_MAX_VER_DIST"),
-    )
+    return VehicleLimits(**{name: limit(name) for name in LIMIT_PARAMETERS})
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,8 +73,7 @@ class ModesSetup:
             streams,
             SimpleNamespace(),
             Supervisor(self.clock),
-            self.prepare,
-            lambda _: None,
+            SimpleNamespace(prepare=self.prepare, inputs=lambda _: None),
         )
 
     async def prepare(self, _vehicle_id, _mode):

@@ -11,6 +11,7 @@ from gcs_server.plans import store as plan_store
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.tasks import ReadDocument
 from gcs_server.storage.folder import StorageError
+from gcs_server.vehicle.events import EventFeed
 from missions import plan as plan_document
 from missions.plan import Plan
 
@@ -40,8 +41,9 @@ def read_stored(text):
 
 def run_with_store(tmp_path, work):
     async def run():
-        published = []
-        store = PlanStore(tmp_path / "plans", Clock(), published.append)
+        published, events = [], EventFeed()
+        events.subscribe(published.append)
+        store = PlanStore(tmp_path / "plans", Clock(), events)
         try:
             await work(SimpleNamespace(store=store, published=published, folder=tmp_path / "plans"))
         finally:
@@ -57,7 +59,7 @@ def test_plans_and_versions_are_stored_across_a_restart(tmp_path):
         second = await context.store.save(first.id, "Old tower", plan(7.0), base_version=1, by=BOB)
         assert (second.id, second.name, second.version) == (first.id, "Old tower", 2)
         await context.store.create("barn", plan(), by=ANNA)
-        reopened = PlanStore(context.folder, Clock())
+        reopened = PlanStore(context.folder, Clock(), EventFeed())
         assert [head.name for head in await reopened.all()] == ["barn", "Old tower"]
         assert [head.version for head in await reopened.versions(first.id)] == [2, 1]
         head, document = await reopened.get(first.id)
@@ -112,7 +114,7 @@ def test_a_save_with_a_cancelled_caller_is_complete_or_absent(tmp_path):
         saved = head.version == 2
         assert read_stored(document) == (plan(2.0) if saved else plan())
         await context.store.all()
-        assert [change.action for change in context.published] == ["created", "saved"][: head.version]
+        assert [change.data["action"] for change in context.published] == ["created", "saved"][: head.version]
 
     run_with_store(tmp_path, work)
 
@@ -123,7 +125,10 @@ def test_every_change_is_published_with_its_client(tmp_path):
         await context.store.save(first.id, "Tower", plan(), base_version=1, by=BOB)
         await context.store.delete(first.id, base_version=2, by=ANNA)
         await context.store.all()
-        assert [(each.action, each.plan.version, each.by) for each in context.published] == [
+        assert [
+            (each.data["action"], each.data["plan"]["version"], each.data["client"])
+            for each in context.published
+        ] == [
             ("created", 1, "anna"),
             ("saved", 2, "bob"),
             ("deleted", 2, "anna"),
@@ -172,7 +177,7 @@ def test_a_damaged_file_causes_a_warning_and_other_plans_stay_usable(tmp_path):
         intact = await context.store.create("good", plan(), by=ANNA)
         damaged = await context.store.create("bad", plan(), by=ANNA)
         (context.folder / damaged.id / "00000001.plan").write_bytes(b"\x00 damaged")
-        reopened = PlanStore(context.folder, Clock())
+        reopened = PlanStore(context.folder, Clock(), EventFeed())
         assert [head.id for head in await reopened.all()] == [intact.id]
         assert damaged.id in reopened.warnings()[0]
         with pytest.raises(UnknownPlan):
@@ -200,7 +205,7 @@ def test_a_version_without_a_kind_is_a_waypoint_plan(tmp_path):
         fields = json.loads(head)
         assert fields.pop("kind") == "waypoint_plan"
         file.write_bytes(json.dumps(fields).encode() + b"\n" + document)
-        reopened = PlanStore(context.folder, Clock())
+        reopened = PlanStore(context.folder, Clock(), EventFeed())
         assert [head.kind for head in await reopened.all()] == ["waypoint_plan"]
         reopened.close()
 
