@@ -20,6 +20,7 @@ from gcs_server.clock import SystemClock
 from gcs_server.errors import GcsError
 from gcs_server.log_limit import LogLimit
 from gcs_server.px4_sitl.programs import ImageMissing, find_px4, pull
+from gcs_server.ros2 import doctor
 from gcs_server.settings import Settings, load, split_arguments, token_of
 from gcs_server.storage.folder import DataFolder
 from gcs_server.version import __version__
@@ -110,6 +111,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     commands.add_parser("px4", help="run only real PX4s in simulation")
     key_command.add_flags(commands.add_parser("key", help="signing keys of MAVLink links"))
+    doctor.add_flags(commands.add_parser("doctor", help="find out why ROS 2 topics are empty"))
     return parser
 
 
@@ -154,6 +156,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = options.pop("command")
     if command == "key":
         return _run_and_report(lambda: key_command.run(parsed))
+    if command == "doctor":
+        return _run_and_report(lambda: doctor.run(parsed))
     config = options.pop("config")
     verbose = options.pop("verbose")
     logging.basicConfig(
