@@ -18,7 +18,8 @@ over or around the obstacle; back: returns to the path; stopped: the vehicle hol
 
 UNLIMITED = Region()
 STOPPING_M_S2, STOPPING_DELAY_S = 1.2, 0.8
-"""Horizontal deceleration and delay measured on PX4 when a velocity setpoint is reduced."""
+"""Horizontal deceleration and delay measured on PX4 when a velocity setpoint is reduced. A stop by a position
+is faster (`STOP_M_S2` in `missions/separation.py`): the separation guard commands that one."""
 
 
 def braking_speed(
