@@ -79,27 +79,7 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="URL",
         help="link to open instead of udpin://127.0.0.1:14550; may be given several times",
     )
-    simulated = serve.add_mutually_exclusive_group()
-    simulated.add_argument(
-        "--sim",
-        metavar="N|px4[:N]",
-        help="simulated vehicles to start (default 1); px4: real PX4s in simulation, if one is installed",
-    )
-    simulated.add_argument(
-        "--no-sim", dest="sim", action="store_const", const=0, help="start no simulated vehicle"
-    )
-    serve.add_argument(
-        "--px4-path",
-        type=Path,
-        metavar="PATH",
-        help="with --sim px4: PX4's build folder, a source folder with a build, or its program px4",
-    )
-    serve.add_argument(
-        "--sim-args",
-        metavar="ARGS",
-        help="further arguments of the simulator as one string, see `gcs sim --help`: "
-        "--sim-args='--speed 2 --param COM_OBL_RC_ACT=5'",
-    )
+    _add_simulation_flags(serve)
     replay = commands.add_parser(
         "replay", help="serve a recording", description="Serves a recorded tlog; nothing can be commanded."
     )
@@ -143,6 +123,36 @@ def _add_server_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--verbose", action="store_true", help="log more")
 
 
+def _add_simulation_flags(serve: argparse.ArgumentParser) -> None:
+    simulated = serve.add_mutually_exclusive_group()
+    simulated.add_argument(
+        "--sim",
+        metavar="N|px4[:N]",
+        help="simulated vehicles to start (default 1); px4: real PX4s in simulation, if one is installed",
+    )
+    simulated.add_argument(
+        "--no-sim", dest="sim", action="store_const", const=0, help="start no simulated vehicle"
+    )
+    serve.add_argument(
+        "--px4-path",
+        type=Path,
+        metavar="PATH",
+        help="with --sim px4: PX4's build folder, a source folder with a build, or its program px4",
+    )
+    serve.add_argument(
+        "--px4",
+        dest="simulated_version",
+        choices=("1.16", "1.17"),
+        help="version of PX4 of the simulated vehicles (default 1.16)",
+    )
+    serve.add_argument(
+        "--sim-args",
+        metavar="ARGS",
+        help="further arguments of the simulator as one string, see `gcs sim --help`: "
+        "--sim-args='--speed 2 --param COM_OBL_RC_ACT=5'",
+    )
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command; returns the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
@@ -178,7 +188,12 @@ def _serve(command: str, options: dict[str, Any], config: Path | None) -> int:
         options |= {"sim": 0, "links": [], "record": False}
     if options.get("sim_args") is not None:
         options["sim_args"] = split_arguments(options["sim_args"], "--sim-args")
+    version = options.pop("simulated_version", None)
     settings = load({k: v for k, v in options.items() if v is not None}, config=config)
+    if version is not None and settings.px4:
+        raise GcsError("A real PX4 has its own version.", remedy="Give --sim px4 or --px4 VERSION, not both.")
+    if version is not None:
+        settings = settings.model_copy(update={"sim_args": ("--px4", version, *settings.sim_args)})
     if settings.sim and settings.px4:
         _require_px4(settings)
     return serve(settings, more_links)

@@ -1,12 +1,9 @@
-"""Version and build data that the simulator reports: PX4 v1.16.0 SITL on Linux."""
+"""Build data that the simulator reports: PX4 SITL on Linux."""
 
 from __future__ import annotations
 
 from typing import Final
 
-GIT_HASH: Final = "6ea3539157ca358c70a515878b77077af7d4611d"
-VERSION: Final = 0x011000FF
-"""1.16.0; the last byte marks a release."""
 VENDOR_VERSION: Final = 0xFF
 """No vendor version; the last byte marks a release."""
 BOARD: Final = "PX4_SITL"

@@ -16,12 +16,13 @@ from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.payload.camera import Camera
+from vehicle_sim.px4_version import V1_16, Px4Version
 from vehicle_sim.ros2.bridge import Bridge, Port
 from vehicle_sim.script import Script, ScriptRunner
 from vehicle_sim.shell.commands import Shell
 from vehicle_sim.simulation import AUTOPILOT_EVERY_STEPS, STEP_S, ControlLevel, Simulation, SimulationOrigin
 from vehicle_sim.storage.files import VehicleFiles
-from vehicle_sim.storage.metadata import BUILT_IN
+from vehicle_sim.storage.metadata import built_in
 from vehicle_sim.topics.states import States
 from vehicle_sim.vehicle_view import VehicleView
 from vehicle_sim.world.contact import Collision
@@ -38,8 +39,9 @@ class SimulatedFleet:
     Args:
         count: number of vehicles.
         first_instance: PX4's instance number of the first vehicle; system id is instance + 1.
+        px4: the version of PX4 that all vehicles simulate.
         parameters: parameter values of all vehicles, as if set before boot.
-        stores: parameter stores, one for each vehicle, used instead of `parameters`.
+        stores: parameter stores, one for each vehicle, used instead of `px4` and `parameters`.
         files: the files of each vehicle; default: files in temporary folders.
         links: (name, profile) of the links that each vehicle has from the start.
         seed: seed of sensor noise and gusts.
@@ -62,6 +64,7 @@ class SimulatedFleet:
         count: int = 1,
         *,
         first_instance: int = 0,
+        px4: Px4Version = V1_16,
         parameters: Mapping[str, ParameterValue] | None = None,
         stores: Sequence[Parameters] | None = None,
         files: Sequence[VehicleFiles] | None = None,
@@ -79,7 +82,7 @@ class SimulatedFleet:
         log: bool = False,
     ) -> None:
         if stores is None:
-            stores = [Parameters(parameters) for _ in range(count)]
+            stores = [Parameters(parameters, px4=px4) for _ in range(count)]
         self.simulation = Simulation(
             count, parameters=stores, seed=seed, origin=origin, sensor_noise=sensor_noise,
             start_ned_m=start_ned_m, yaw_ned_rad=start_yaw_ned_rad, world=world,
@@ -90,7 +93,7 @@ class SimulatedFleet:
             Autopilot(VehicleView(self.simulation, row, boot_time_unix_s), arrays) for row in range(count)
         ]
         self._ticks = SteadyTicks(self.simulation, arrays)
-        self.files = list(files or [VehicleFiles(None, BUILT_IN) for _ in range(count)])
+        self.files = list(files or [VehicleFiles(None, built_in(store.px4)) for store in stores])
         recorders = Recorders(self.simulation) if log else None
         self.loggers: list[Logger] = []
         self._states: list[States] = []
@@ -137,7 +140,8 @@ class SimulatedFleet:
     def add_link(self, row: int, name: str, profile: str) -> Link:
         """Opens a link and starts its streams; replaces a link of the same name."""
         self.remove_link(row, name)
-        link = Link(name, profile, self.nodes[row].system_id)
+        px4 = self.simulation.parameters[row].px4
+        link = Link(name, profile, self.nodes[row].system_id, streams_integrity=px4.gnss_integrity)
         self._links[row][name] = link
         self._has_node_input = True
         self.nodes[row].add_link(link)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
+from vehicle_sim.px4_version import V1_16, VERSIONS, Px4Version
 from vehicle_sim.script import Script, load_script
 from vehicle_sim.server import Ports
 from vehicle_sim.simulation import SimulationOrigin
@@ -58,12 +59,16 @@ def _parameter(text: str) -> tuple[str, ParameterValue]:
     name, _, value = text.partition("=")
     try:
         number = float(value)
-        Parameters({name: number})  # raises if the name or the value is invalid
-    except UnknownParameterError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER") from None
     return name, int(number) if number.is_integer() else number
+
+
+def _px4_version(text: str) -> Px4Version:
+    try:
+        return VERSIONS[text.removeprefix("v")]
+    except KeyError:
+        raise argparse.ArgumentTypeError(f"PX4 {text!r}: give {' or '.join(VERSIONS)}") from None
 
 
 def _count(noun: str) -> Callable[[str], int]:
@@ -171,12 +176,14 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m vehicle_sim",
-        description="Simulated PX4 v1.16 quadrotors with a gimbal; on MAVLink they behave like a real PX4.",
+        description="Simulated PX4 quadrotors with a gimbal; on MAVLink they behave like a real PX4.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("--instances", type=_count("vehicles"), default=1, metavar="N", help="number of vehicles (default 1)")
+    add("--px4", type=_px4_version, default=V1_16, metavar="VERSION",
+        help=f"version of PX4: {' or '.join(VERSIONS)} (default {V1_16.name})")  # fmt: skip
     add("--first-instance", type=int, default=0, metavar="I", help="the first instance (default 0)")
     add("--processes", type=_count("processes"), default=0, metavar="P",
         help="number of processes (default: one for every 40 vehicles, at most one per core)")  # fmt: skip
@@ -243,6 +250,12 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     arguments = parser.parse_args(argv)
     if not 0 <= arguments.first_instance <= 254 - arguments.instances:
         parser.error(f"--first-instance {arguments.first_instance}: system ids must stay within 1 to 254")
+    try:
+        Parameters(dict(arguments.param), px4=arguments.px4)  # raises if a name or a value is invalid
+    except (UnknownParameterError, ValueError) as error:
+        parser.error(f"--param: {error}")
+    if arguments.ros2 is not None and not arguments.px4.dds:
+        parser.error(f"--ros2: the topics of PX4 {arguments.px4.name} are not simulated yet; use --px4 1.16")
     if arguments.ros2 is None and (arguments.ros2_namespace or arguments.ros2_interface):
         parser.error("--ros2-namespace and --ros2-interface need --ros2")
     if arguments.ros2_namespace and arguments.instances > 1:

@@ -1,7 +1,7 @@
 """One vehicle's parameters, with the names, types and order of PX4.
 
-The values at boot were read from PX4 v1.16 (SIH quadrotor, gimbal on) and are in `data/parameters.json`. As
-in PX4, the store accepts any value without a range check.
+The values at boot were read from PX4 v1.16 (SIH quadrotor, gimbal on) and are in `data/parameters.json`; a
+newer version adds its differences. As in PX4, the store accepts any value without a range check.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
+from vehicle_sim.px4_version import DATA_FOLDER, V1_16, Px4Version
+
 ParameterType = Literal["INT32", "FLOAT"]
 ParameterValue = int | float
 Listener = Callable[[str, ParameterValue], None]
 
-DATA_FILE = Path(__file__).parent / "data" / "parameters.json"
+DATA_FILE = DATA_FOLDER / "parameters.json"
 
 _VOLATILE_NAMES = frozenset(
     {
@@ -88,11 +90,15 @@ class BootParameter:
 
 
 @lru_cache(maxsize=4)
-def load_boot_parameters(path: Path = DATA_FILE) -> tuple[BootParameter, ...]:
-    """The values at boot, in the order of PX4's list."""
-    entries: dict[str, tuple[str, ParameterValue]] = json.loads(path.read_text(encoding="utf-8"))
+def load_boot_parameters(px4: Px4Version = V1_16) -> tuple[BootParameter, ...]:
+    """The values at boot, in the order of PX4's list, which is that of the names."""
+    entries: dict[str, tuple[str, ParameterValue]] = json.loads(DATA_FILE.read_text(encoding="utf-8"))
+    entries |= px4.differences.get("added", {})
+    entries |= {name: (entries[name][0], value) for name, value in px4.differences.get("values", {}).items()}
+    for name in px4.differences.get("removed", ()):
+        del entries[name]
     parameters: list[BootParameter] = []
-    for index, (name, (json_type, value)) in enumerate(entries.items()):
+    for index, (name, (json_type, value)) in enumerate(sorted(entries.items())):
         type_: ParameterType = "INT32" if json_type == "int32" else "FLOAT"
         parameters.append(BootParameter(name, type_, coerce(name, type_, value), index))
     return tuple(parameters)
@@ -128,12 +134,18 @@ class Parameters:
         overrides: values set at construction, as if stored before boot.
         storage: a JSON file that keeps changed values over restarts; read at construction, written at each
             change.
+        px4: the version of PX4 that the vehicle simulates.
     """
 
     def __init__(
-        self, overrides: Mapping[str, ParameterValue] | None = None, *, storage: Path | None = None
+        self,
+        overrides: Mapping[str, ParameterValue] | None = None,
+        *,
+        storage: Path | None = None,
+        px4: Px4Version = V1_16,
     ) -> None:
-        boot_parameters = load_boot_parameters()
+        self.px4 = px4
+        boot_parameters = load_boot_parameters(px4)
         self._names = tuple(each.name for each in boot_parameters)
         self._by_name = {each.name: each for each in boot_parameters} | {
             name: BootParameter(name, type_, value, UNLISTED_INDEX)

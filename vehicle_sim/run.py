@@ -20,7 +20,7 @@ from vehicle_sim.parameters import Parameters
 from vehicle_sim.server import Ports, SimServer
 from vehicle_sim.simulation import row_east
 from vehicle_sim.storage.files import VehicleFiles
-from vehicle_sim.storage.metadata import BUILT_IN
+from vehicle_sim.storage.metadata import built_in
 from vehicle_sim.worker_pool import Shard
 
 
@@ -36,7 +36,9 @@ def _parameter_stores(arguments: argparse.Namespace, shard: Shard) -> list[Param
         directory.mkdir(parents=True, exist_ok=True)
     return [
         Parameters(
-            overrides, storage=None if directory is None else directory / f"parameters-{instance}.json"
+            overrides,
+            storage=None if directory is None else directory / f"parameters-{instance}.json",
+            px4=arguments.px4,
         )
         for instance in _instances(arguments, shard)
     ]
@@ -45,9 +47,10 @@ def _parameter_stores(arguments: argparse.Namespace, shard: Shard) -> list[Param
 def _files(arguments: argparse.Namespace, shard: Shard) -> list[VehicleFiles]:
     directory: Path | None = arguments.data_dir
     if directory is None:
-        return [VehicleFiles(None, BUILT_IN) for _ in range(shard.count)]
+        return [VehicleFiles(None, built_in(arguments.px4)) for _ in range(shard.count)]
     return [
-        VehicleFiles(directory / f"files-{instance}", BUILT_IN) for instance in _instances(arguments, shard)
+        VehicleFiles(directory / f"files-{instance}", built_in(arguments.px4))
+        for instance in _instances(arguments, shard)
     ]
 
 

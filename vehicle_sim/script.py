@@ -15,6 +15,7 @@ Each event happens once for each vehicle, `after_s` after the vehicle reaches th
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.commands.sides import Side
 from vehicle_sim.frames import quaternion_from_euler
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
+from vehicle_sim.px4_version import VERSIONS
 from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.yaml_fields import Fields, read_yaml
@@ -306,14 +308,17 @@ def _parameter_action(fields: Fields) -> Action:
         raise fields.problem("parameter", "must be {name: …, value: …}")
     name = parameter_fields.text("name")
     value = parameter_fields.number("value", low=-math.inf, high=math.inf)
+    stores = [Parameters(px4=px4) for px4 in VERSIONS.values()]
+    store = next((each for each in stores if name in each), stores[0])
     try:
-        Parameters({name: value})
+        store.set(name, value)
     except (UnknownParameterError, ValueError) as error:
         raise parameter_fields.problem("name", f"cannot be set: {error}") from None
     parameter_fields.finish()
 
     def apply(fleet: Fleet, row: int) -> None:
-        fleet.set_parameter(row, name, value)
+        with contextlib.suppress(UnknownParameterError):  # the vehicle is another version of PX4
+            fleet.set_parameter(row, name, value)
 
     return apply
 

@@ -38,6 +38,8 @@ class VehicleView:
         self.simulation = simulation
         self.row = row
         self.parameters: Parameters = simulation.parameters[row]
+        self.px4 = self.parameters.px4
+        """The version of PX4 that the vehicle simulates."""
         self.boot_time_unix_s = boot_time_unix_s
         self._floats = _ParameterCache[float](lambda name: float(self.parameters.get(name)))
         self._choices = _ParameterCache[int](lambda name: int(self.parameters.get(name)))

@@ -21,6 +21,7 @@ from tests.contract.recordings import (
 from tests.contract.replay_vehicle import DO_SET_MODE, HOLD_CUSTOM_MODE, Received, Vehicle
 from tests.contract.unrecorded_states import RECEPTION_DELAY_S, UNRECORDED_STATES
 from vehicle_sim.mavlink.dialect import LAYOUTS
+from vehicle_sim.px4_version import V1_16, Px4Version
 
 RIGHT_AFTER_BOOT_S = 0.3
 UNAVAILABLE_TEXT = "is currently not available"
@@ -76,7 +77,8 @@ class DialoguePlayer:
     """Replays the dialogues of one session in order; starts a new vehicle if the present one cannot reach the
     starting state of a dialogue."""
 
-    def __init__(self, listen: tuple[str, ...] = (), *, log: bool = False) -> None:
+    def __init__(self, listen: tuple[str, ...] = (), *, log: bool = False, px4: Px4Version = V1_16) -> None:
+        self._px4 = px4
         self._vehicle: Vehicle | None = None
         self._listen = listen
         """Names of telemetry messages that are compared in addition to the usual ones."""
@@ -157,8 +159,9 @@ class DialoguePlayer:
         ):
             heartbeats = "no GCS heartbeat" not in precondition and "right after" not in precondition
             vehicle = self._vehicle = Vehicle(
-                dialogue.get("vehicle_system_id") or 1, boot_parameters, heartbeats=heartbeats, log=self._log
-            )
+                dialogue.get("vehicle_system_id") or 1, boot_parameters, heartbeats=heartbeats, log=self._log,
+                px4=self._px4,
+            )  # fmt: skip
             vehicle.compared_ids |= {message_id(name) for name in self._listen}
             if "right after" in precondition:
                 vehicle.run(RIGHT_AFTER_BOOT_S)

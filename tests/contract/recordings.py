@@ -12,8 +12,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
-from vehicle_sim.mavlink.link import API
+from vehicle_sim.mavlink.link import API, INTEGRITY_HZ
 
 Dialogue = dict[str, Any]
 SentMessage = tuple[float, str, str, dict[str, Any], tuple[int, int]]
@@ -38,8 +40,16 @@ LISTED_STREAMS = {"timesync": "TIMESYNC", "current_event_sequence": "CURRENT_EVE
 """Telemetry that is compared in the dialogues whose ids begin with these texts."""
 REQUEST_MESSAGE = 512
 """MAV_CMD_REQUEST_MESSAGE; param1 is the message id."""
-TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES - {"ORBIT_EXECUTION_STATUS"}
+TELEMETRY = (frozenset(API | INTEGRITY_HZ) | {"SYSTEM_TIME"}) - STATE_MESSAGES - {"ORBIT_EXECUTION_STATUS"}
 """Streamed messages that are compared only in dialogues that request or list them."""
+
+
+def folder_of_1_17(reference_data: Path) -> Path:
+    """The recordings of PX4 v1.17."""
+    path = reference_data / "px4" / "v1.17"
+    if not (path / "dialogues-differ.jsonl").is_file():
+        pytest.skip("the recordings of PX4 v1.17 are not beside this checkout")
+    return path
 
 
 def load_dialogues(path: Path) -> list[Dialogue]:

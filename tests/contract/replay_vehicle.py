@@ -17,8 +17,9 @@ from vehicle_sim.autopilot.health import CheckResults, send_report
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
+from vehicle_sim.px4_version import V1_16, Px4Version
 from vehicle_sim.storage.files import VehicleFiles
-from vehicle_sim.storage.metadata import BUILT_IN
+from vehicle_sim.storage.metadata import built_in
 
 RECORDINGS_FOLDER = Path(__file__).resolve().parents[3] / "shared" / "px4"
 RECORDED_FILE_NAMES = {"all_events.json.xz": "events.json.xz"}
@@ -45,14 +46,15 @@ class Received:
     values: dict[str, Any]
 
 
-def _files_of_the_recorded_build() -> dict[str, Callable[[], bytes]]:
+def _files_of_the_recorded_build(px4: Px4Version) -> dict[str, Callable[[], bytes]]:
     """The files that the recorded vehicle served below `etc`, if they are beside the checkout, otherwise the
     simulator's."""
+    folder = RECORDINGS_FOLDER if px4 is V1_16 else RECORDINGS_FOLDER / f"v{px4.name}"
     return {
         path: recorded.read_bytes
-        if (recorded := RECORDINGS_FOLDER / RECORDED_FILE_NAMES.get(name, name)).is_file()
-        else built_in
-        for path, built_in in BUILT_IN.items()
+        if (recorded := folder / RECORDED_FILE_NAMES.get(name, name)).is_file()
+        else create
+        for path, create in built_in(px4).items()
         if (name := path.rpartition("/")[2])
     }
 
@@ -61,12 +63,20 @@ class Vehicle:
     """One simulated vehicle, and the link of a ground station to it."""
 
     def __init__(
-        self, system_id: int, parameters: dict[str, float], *, heartbeats: bool = True, log: bool = False
+        self,
+        system_id: int,
+        parameters: dict[str, float],
+        *,
+        heartbeats: bool = True,
+        log: bool = False,
+        px4: Px4Version = V1_16,
     ) -> None:
         self.parameters = parameters
         self.heartbeats = heartbeats
-        files = [VehicleFiles(None, _files_of_the_recorded_build())]
-        self.sim = SimulatedFleet(first_instance=system_id - 1, parameters=parameters, files=files, log=log)
+        files = [VehicleFiles(None, _files_of_the_recorded_build(px4))]
+        self.sim = SimulatedFleet(
+            first_instance=system_id - 1, px4=px4, parameters=parameters, files=files, log=log
+        )
         self.system_id = system_id
         self.autopilot = self.sim.autopilots[0]
         self.commander = self.autopilot.commander

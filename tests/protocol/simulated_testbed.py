@@ -11,6 +11,7 @@ from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.offboard_testbed import OffboardTestbed
 from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
+from vehicle_sim.px4_version import V1_16, Px4Version
 
 TICK_S = 0.02
 
@@ -39,8 +40,9 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
         count: number of vehicles.
         parameters: parameters of all vehicles, set before boot.
         seed: seed of packet losses, and of sensor noise and gusts.
-        sim: a fleet that is already flying, with a link "gcs"; `parameters` and `camera` are then not used.
+        sim: a fleet that is already flying, with a link "gcs"; the other arguments are then not used.
         camera: whether each vehicle has a camera.
+        px4: the version of PX4 of all vehicles.
     """
 
     def __init__(
@@ -51,13 +53,16 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
         seed: int = 3,
         sim: SimulatedFleet | None = None,
         camera: bool = False,
+        px4: Px4Version = V1_16,
     ) -> None:
         super().__init__()
         links = (("gcs", "gcs"),)
         self.loss = self.loss_to_vehicle = 0.0
         """The share of packets lost, in each direction and only to the vehicle; may be changed in flight."""
         self._random = random.Random(seed)
-        self.sim = sim or SimulatedFleet(count, links=links, parameters=parameters, seed=seed, camera=camera)
+        self.sim = sim or SimulatedFleet(
+            count, links=links, px4=px4, parameters=parameters, seed=seed, camera=camera
+        )
         self._links = [MemoryLink(f"vehicle{row}", outgoing=self._feed_function(row)) for row in range(count)]
         for link in self._links:
             self.router.add(link)

@@ -11,7 +11,7 @@ from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpError, FtpFailed
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
-from vehicle_sim.storage.metadata import BUILT_IN, PARAMETERS, crc32
+from vehicle_sim.storage.metadata import PARAMETERS, built_in, crc32
 
 FTP_MESSAGE_ID = 110
 HEADER = struct.Struct("<HBBBBBBI")
@@ -39,9 +39,9 @@ def test_a_file_is_read_completely_at_any_packet_loss(run_simulated, loss, seed)
     async def scenario(testbed, ftp, autopilot, _):
         progress_values = []
         content = await ftp.read(PARAMETERS, progress=lambda *p: progress_values.append(p))
-        assert crc32(content) == crc32(BUILT_IN[PARAMETERS]())
+        assert crc32(content) == crc32(built_in()[PARAMETERS]())
         assert progress_values[-1] == (len(content), len(content))
-        documents = [p.split("/")[-1] for p in BUILT_IN if p.startswith("etc/extras/")]
+        documents = [p.split("/")[-1] for p in built_in() if p.startswith("etc/extras/")]
         assert [e.name for e in await ftp.list("etc/extras")] == sorted(documents)
         assert await ftp.crc32(PARAMETERS) == crc32(content)
         if not loss:  # in bursts of 40 kB, not piece by piece
@@ -65,7 +65,7 @@ def test_each_refusal_has_its_reason_and_leaves_no_session_open(run_simulated):
             await ftp.read(PARAMETERS, max_bytes=1000)
         with pytest.raises(FtpFailed, match="not a valid path"):
             await ftp.read("a" * 300)
-        assert await ftp.read(PARAMETERS) == BUILT_IN[PARAMETERS]()
+        assert await ftp.read(PARAMETERS) == built_in()[PARAMETERS]()
 
     run_with_ftp(run_simulated, scenario)
 
@@ -75,7 +75,7 @@ def test_a_session_left_open_by_an_earlier_run_is_closed_first(run_simulated):
         earlier_service = FtpService(vehicle)
         opening = asyncio.ensure_future(earlier_service._open(PARAMETERS))
         await opening  # the earlier server was killed after this request
-        assert len(await ftp.read(PARAMETERS)) == len(BUILT_IN[PARAMETERS]())
+        assert len(await ftp.read(PARAMETERS)) == len(built_in()[PARAMETERS]())
 
     run_with_ftp(run_simulated, scenario)
 

@@ -20,7 +20,7 @@ from gcs_server.vehicle.services.health import DESCRIPTION_TIMEOUT_S
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.one_vehicle import HOLD_MODE_BIT, run_scenario, send_arming_report
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
-from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
+from vehicle_sim.storage.metadata import EVENTS, built_in
 
 UNKNOWN_EVENT = 17980399
 METADATA_ID = d.MAVLINK_MSG_ID_COMPONENT_METADATA
@@ -69,7 +69,7 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(run_si
             vehicle.metadata.run_in_thread, vehicle.metadata.read = run_inline, read_inline
             definitions = metadata_files.decode_document(
                 metadata_files.EVENTS,
-                metadata_files.encode_document(metadata_files.EVENTS, BUILT_IN[EVENTS](), 0),
+                metadata_files.encode_document(metadata_files.EVENTS, built_in()[EVENTS](), 0),
             )
             event_id = next(
                 i for i, e in definitions.items() if i not in TEXTS and not e.is_check and not e.arguments

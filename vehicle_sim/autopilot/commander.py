@@ -19,6 +19,7 @@ from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnC
 from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.external_modes.registry import ExternalModes, is_external
+from vehicle_sim.external_modes.requirements import built_in_requirements
 from vehicle_sim.home import HomeUpdater
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -70,7 +71,11 @@ class Commander:
         self.offboard = offboard
         self.home = HomeUpdater(view, navigator.home)
         self.monitors = Monitors(view, announcer)
-        self.external = ExternalModes(view.parameters.mode_hashes, view.parameters.store_mode_hash)
+        self.external = ExternalModes(
+            view.parameters.mode_hashes,
+            view.parameters.store_mode_hash,
+            built_in_requirements(altitude_cruise=view.px4.altitude_cruise),
+        )
         self.checks = Checks(view, announcer, offboard, navigator.home, self.monitors, self.external)
         self.armed = False
         self.intended = self.active = NavState.HOLD
@@ -113,7 +118,7 @@ class Commander:
         self.took_off = False
         self.failsafe_watch.reset()
         self._setpoints.set_armed(True)
-        self.home.on_arming_or_takeoff()
+        self.home.on_arming()
         self._announcer.announce(6, f"Armed by {REASONS[reason]}", "commander_armed_by", "B", reason)
         self._navigator.enter(self.active, self.active, in_air=False)
         return True
@@ -195,11 +200,11 @@ class Commander:
         self.return_to_launch()
 
     def _handle_set_home(self, parameters: tuple[float, ...]) -> None:
-        use_current, _, _, yaw_deg, lat_deg, lon_deg, alt_amsl_m = parameters
+        use_current, roll_deg, pitch_deg, yaw_deg, lat_deg, lon_deg, alt_amsl_m = parameters
         if use_current == 1.0:
             self.home.set_to_current_position()
         elif abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0:
-            self.home.set(lat_deg, lon_deg, alt_amsl_m, yaw_deg)
+            self.home.set(lat_deg, lon_deg, alt_amsl_m, (roll_deg, pitch_deg, yaw_deg))
 
     def _can_switch(self, mode: NavState) -> bool:
         if self.terminated:
@@ -231,7 +236,9 @@ class Commander:
         """Runs checks, failsafe and automatic disarming; call at 50 Hz after the land detector."""
         self._check_skipper.reset()
         self._update_landed(landed)
-        if not self.armed:
+        if self.armed:
+            self.home.correct()
+        else:
             self.home.update_disarmed()
         self._navigator.check_fence_and_rally_points(landed=landed)
         self._load_mission()
@@ -244,6 +251,7 @@ class Commander:
 
     def update_steady(self) -> bool:
         """Runs a tick of a steady flight; False: a check has changed the vehicle's state."""
+        self.home.correct()
         self._navigator.fence.check()
         self._ticks += 1
         if self._ticks % CHECK_EVERY_TICKS != 0 or self._check_skipper.skip_if_unchanged(self.armed_at_s):
@@ -322,10 +330,11 @@ class Commander:
             if self.armed:
                 self._announcer.announce(6, "Landing detected", "commander_landing_detected")
         elif self.armed:
+            again_in_mission = self.took_off and self.active is NavState.MISSION
             self.took_off = True
             self._flight_statistics.on_takeoff()
             self._announcer.announce(6, "Takeoff detected", "commander_takeoff_detected")
-            self.home.on_arming_or_takeoff()
+            self.home.on_takeoff(again_in_mission=again_in_mission)
 
     def _check(self) -> None:
         self.checks.run(self.intended, armed=self.armed, terminated=self.terminated)

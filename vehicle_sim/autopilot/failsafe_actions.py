@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from vehicle_sim.autopilot.failsafe import Action, ActionOptions, Cause, ClearCondition, UserTakeover
 from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.external_modes.registry import is_external
 
 _LINK_LOSS_ACTIONS = {1: Action.HOLD, 2: Action.RTL, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
 """By value of NAV_DLL_ACT and NAV_RCL_ACT."""
@@ -24,11 +25,14 @@ _OFFBOARD_LOSS_ACTIONS = {
 """By value of COM_OBL_RC_ACT."""
 _EXCEPT_MISSION, _EXCEPT_HOLD, _EXCEPT_OFFBOARD = 1, 2, 4
 """Bits of COM_RCL_EXCEPT and COM_DLL_EXCEPT."""
+_EXCEPT_EXTERNAL, _EXCEPT_ALTITUDE_CRUISE = 8, 16
+"""Bits of COM_RCL_EXCEPT from PX4 v1.17 on."""
 _HOLD_MODES = frozenset(
     {NavState.HOLD, NavState.TAKEOFF, NavState.LAND, NavState.RTL, NavState.DESCEND, NavState.FOLLOW,
      NavState.PRECISION_LAND, NavState.ORBIT}
 )  # fmt: skip
 """Modes to which the bit `_EXCEPT_HOLD` applies."""
+_FLOWN_BY_STICKS = (Action.FALLBACK_POSITION, Action.FALLBACK_ALTITUDE, Action.FALLBACK_STABILIZED)
 RC_IN_DISABLED = 4
 """Value of COM_RC_IN_MODE that disables stick input."""
 
@@ -72,6 +76,9 @@ class Conditions(NamedTuple):
     wind_action: int = 0
     may_terminate: bool = False
     """CBRK_FLIGHTTERM is not set."""
+    fallback_needs_sticks: bool = False
+    """As in PX4 v1.17: NAV_RCL_ACT replaces a mode that is flown by sticks if there are none, and
+    COM_RCL_EXCEPT has bits for external modes and Altitude Cruise."""
 
 
 def flight_actions(conditions: Conditions) -> list[ActionOptions]:
@@ -101,6 +108,15 @@ def _latched(
     return ActionOptions(name, action, cause, clear, deferrable=deferrable)
 
 
+def _manual_loss_excepted(conditions: Conditions) -> bool:
+    mode, bits = conditions.mode, conditions.manual_loss_except
+    if conditions.fallback_needs_sticks and is_external(mode):
+        return bool(bits & _EXCEPT_EXTERNAL)
+    if mode is NavState.ALTITUDE_CRUISE:
+        return bool(bits & _EXCEPT_ALTITUDE_CRUISE)
+    return _excepted(mode, bits)
+
+
 def _excepted(mode: NavState, bits: int) -> bool:
     if mode is NavState.MISSION:
         return bool(bits & _EXCEPT_MISSION)
@@ -114,7 +130,7 @@ def _link_actions(conditions: Conditions) -> list[ActionOptions]:
     if (
         conditions.manual_lost
         and conditions.manual_loss_action in _LINK_LOSS_ACTIONS
-        and not _excepted(conditions.mode, conditions.manual_loss_except)
+        and not _manual_loss_excepted(conditions)
     ):
         actions.append(
             _latched(
@@ -172,6 +188,13 @@ def _attitude_actions(conditions: Conditions) -> list[ActionOptions]:
 
 
 def _mode_fallback(conditions: Conditions) -> Action:
+    action = _required_fallback(conditions)
+    if conditions.fallback_needs_sticks and action in _FLOWN_BY_STICKS and not conditions.sticks:
+        return _LINK_LOSS_ACTIONS.get(conditions.manual_loss_action, Action.NONE)
+    return action
+
+
+def _required_fallback(conditions: Conditions) -> Action:
     if conditions.mode is NavState.OFFBOARD and (conditions.offboard_lost or conditions.position_lost):
         # Without a valid position, Offboard counts as lost, and Altitude mode replaces Position mode.
         action = _OFFBOARD_LOSS_ACTIONS.get(conditions.offboard_loss_action, Action.FALLBACK_POSITION)
@@ -183,6 +206,7 @@ def _mode_fallback(conditions: Conditions) -> Action:
     if not conditions.position_lost:
         return Action.NONE
     in_position_mode = conditions.mode in (NavState.POSITION, NavState.POSITION_SLOW)
-    if in_position_mode and conditions.sticks and not conditions.position_loss_lands:
+    sticks = conditions.sticks or conditions.fallback_needs_sticks  # without sticks see _mode_fallback
+    if in_position_mode and sticks and not conditions.position_loss_lands:
         return Action.FALLBACK_ALTITUDE
     return Action.DESCEND

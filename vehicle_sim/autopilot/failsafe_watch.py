@@ -130,7 +130,7 @@ class FailsafeWatch:
         self._parameters_revision = self._view.parameter_changes
         self._parameter_values = (
             choice("COM_OBL_RC_ACT"),
-            choice("COM_POSCTL_NAVL") == 1,
+            self._view.optional_choice("COM_POSCTL_NAVL", 0) == 1,
             choice("NAV_RCL_ACT"),
             choice("COM_RCL_EXCEPT"),
             choice("NAV_DLL_ACT"),
@@ -139,6 +139,7 @@ class FailsafeWatch:
             choice("GF_ACTION"),
             choice("COM_WIND_MAX_ACT"),
             choice("CBRK_FLIGHTTERM") != TERMINATION_DISABLED,
+            self._view.px4.fallback_needs_sticks,
         )
         self._condition_values = ()
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
+
+from vehicle_sim.px4_version import Px4Version
 
 
 class NavState(IntEnum):
@@ -16,6 +19,8 @@ class NavState(IntEnum):
     HOLD = 4
     RTL = 5
     POSITION_SLOW = 6
+    ALTITUDE_CRUISE = 8
+    """From PX4 v1.17 on."""
     ACRO = 10
     DESCEND = 12
     TERMINATION = 13
@@ -60,7 +65,7 @@ class Mode:
     properties: int
     """MAV_MODE_PROPERTY."""
     index: int
-    """Index in AVAILABLE_MODES, from 1; 0: not listed."""
+    """Place in AVAILABLE_MODES; 0: not listed."""
     needs_sticks: bool = False
     needs_position: bool = False
     auto: bool = False
@@ -93,6 +98,7 @@ MODES: dict[NavState, Mode] = {
             _S.POSITION_SLOW, 3, 2, "Position Slow", "Position Slow", 0, 1, 7,
             needs_sticks=True, needs_position=True,
         ),
+        Mode(_S.ALTITUDE_CRUISE, 11, 0, "Altitude Cruise", "Altitude Cruise", 0, 0, 8, needs_sticks=True),
         Mode(_S.ACRO, 5, 0, "Acro", "Acro", 0, 1, 8, needs_sticks=True),
         Mode(_S.DESCEND, 4, 6, "Descend", "", 0, 0, 0, auto=True),
         Mode(_S.TERMINATION, 10, 0, "Termination", "Termination", 0, 3, 9),
@@ -113,11 +119,20 @@ MODES: dict[NavState, Mode] = {
         ),
     )
 }  # fmt: skip
-"""All modes; their numbers in AVAILABLE_MODES were recorded on PX4."""
+"""All modes; their order in AVAILABLE_MODES was recorded on PX4."""
 
-LISTED_MODES: tuple[Mode, ...] = tuple(
-    sorted((mode for mode in MODES.values() if mode.index), key=lambda mode: mode.index)
-)
+
+def exists(state: int, px4: Px4Version) -> bool:
+    """Whether a version of PX4 has a mode."""
+    return state in MODES and (state != _S.ALTITUDE_CRUISE or px4.altitude_cruise)
+
+
+@cache
+def listed_modes(px4: Px4Version) -> tuple[Mode, ...]:
+    """The modes in AVAILABLE_MODES; the first has the index 1."""
+    listed = (mode for mode in MODES.values() if mode.index and exists(mode.state, px4))
+    return tuple(sorted(listed, key=lambda mode: mode.index))
+
 
 CANNOT_TAKE_OFF = frozenset(
     {_S.RTL, _S.DESCEND, _S.TERMINATION, _S.LAND, _S.FOLLOW, _S.PRECISION_LAND, _S.ORBIT}
@@ -128,7 +143,7 @@ _EVENT_ORDER = (
     _S.MANUAL, _S.ALTITUDE, _S.POSITION, _S.MISSION, _S.HOLD, _S.RTL,
     _S.ACRO, _S.OFFBOARD, _S.STABILIZED, _S.POSITION_SLOW, _S.TAKEOFF,
     _S.LAND, _S.FOLLOW, _S.PRECISION_LAND, _S.ORBIT, _S.VTOL_TAKEOFF,
-    *(NavState(_S.EXTERNAL1 + n) for n in range(8)),
+    *(NavState(_S.EXTERNAL1 + n) for n in range(8)), _S.ALTITUDE_CRUISE,
 )  # fmt: skip
 _EVENT_NUMBERS = {state: number for number, state in enumerate(_EVENT_ORDER)}
 _NO_EVENT_NUMBER = 255
@@ -144,7 +159,9 @@ STANDARD_MODES: dict[int, NavState] = {
 }
 """Modes by MAV_STANDARD_MODE, for DO_SET_STANDARD_MODE."""
 
-_WITHOUT_SUB_MODE = {1: _S.MANUAL, 2: _S.ALTITUDE, 5: _S.ACRO, 6: _S.OFFBOARD, 7: _S.STABILIZED}
+_WITHOUT_SUB_MODE = {
+    1: _S.MANUAL, 2: _S.ALTITUDE, 5: _S.ACRO, 6: _S.OFFBOARD, 7: _S.STABILIZED, 11: _S.ALTITUDE_CRUISE,
+}  # fmt: skip
 _POSITION_SUB_MODES = {0: _S.POSITION, 2: _S.POSITION_SLOW}
 """Without sub mode 1 (Orbit): only DO_ORBIT starts Orbit; PX4 treats a request for Orbit as Position."""
 _AUTO_SUB_MODES = {
@@ -164,7 +181,7 @@ class UnsupportedAutoMode(Exception):
     """PX4 does not have this sub mode of the automatic modes, or only for other vehicle types."""
 
 
-def from_numbers(main_mode: int, sub_mode: int) -> NavState | None:
+def from_numbers(main_mode: int, sub_mode: int, px4: Px4Version) -> NavState | None:
     """The mode with these PX4 mode numbers; None: PX4 accepts the request without a mode change.
 
     Raises:
@@ -177,7 +194,8 @@ def from_numbers(main_mode: int, sub_mode: int) -> NavState | None:
             return _AUTO_SUB_MODES[sub_mode]
         except KeyError:
             raise UnsupportedAutoMode(sub_mode) from None
-    return _WITHOUT_SUB_MODE.get(main_mode)
+    mode = _WITHOUT_SUB_MODE.get(main_mode)
+    return mode if mode is not None and exists(mode, px4) else None
 
 
 def event_number(state: NavState) -> int:

@@ -10,8 +10,10 @@ from vehicle_sim.vehicle_view import VehicleView
 AXIS_MAX = 1000.0
 AXIS_MISSING = 32767
 """Values of a MANUAL_CONTROL axis: full deflection, and axis not available."""
-JOYSTICK_MODES = frozenset({1, 2, 3, 5, 6, 7})
+JOYSTICK_MODES = frozenset({1, 2, 3, 5, 6, 7, 8})
 """Values of COM_RC_IN_MODE with which PX4 accepts MANUAL_CONTROL."""
+EXPO = 0.6
+"""Expo of all sticks in PX4 v1.17, which has no parameters for it."""
 OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2
 """Bits of COM_RC_OVERRIDE."""
 
@@ -68,12 +70,14 @@ class Sticks:
 
     def shaped(self) -> Deflection:
         """Stick positions after dead zone and expo, for Position and Altitude modes."""
-        parameter = self._view.parameter
-        dead_zone = parameter("MPC_HOLD_DZ")
-        expo_xy, expo_z, expo_yaw = (
-            parameter(name) for name in ("MPC_XY_MAN_EXPO", "MPC_Z_MAN_EXPO", "MPC_YAW_EXPO")
-        )
-        raw = self.raw
+        parameter, raw = self._view.parameter, self.raw
+        if "MAN_DEADZONE" in self._view.parameters:  # from PX4 v1.17 on
+            dead_zone, expo_xy, expo_z, expo_yaw = parameter("MAN_DEADZONE"), EXPO, EXPO, EXPO
+        else:
+            dead_zone, expo_xy, expo_z, expo_yaw = (
+                parameter(name)
+                for name in ("MPC_HOLD_DZ", "MPC_XY_MAN_EXPO", "MPC_Z_MAN_EXPO", "MPC_YAW_EXPO")
+            )
         return Deflection(
             _expo(_dead_zone(raw.forward, dead_zone), expo_xy),
             _expo(_dead_zone(raw.right, dead_zone), expo_xy),

@@ -6,7 +6,13 @@ import math
 from collections.abc import Callable
 
 from vehicle_sim.autopilot.arming import Reason
-from vehicle_sim.autopilot.modes import STANDARD_MODES, NavState, UnsupportedAutoMode, from_numbers
+from vehicle_sim.autopilot.modes import (
+    STANDARD_MODES,
+    NavState,
+    UnsupportedAutoMode,
+    exists,
+    from_numbers,
+)
 from vehicle_sim.commands.command import (
     ACCEPTED,
     CANCELLED,
@@ -134,7 +140,7 @@ class FlightCommands:
         main_mode = int(c.p2) if math.isfinite(c.p2) else 0
         sub_mode = int(c.p3) if math.isfinite(c.p3) else 0
         try:
-            mode = from_numbers(main_mode, sub_mode)
+            mode = from_numbers(main_mode, sub_mode, self._host.view.px4)
         except UnsupportedAutoMode:
             self._announcer.announce(2, "Unsupported auto mode", "commander_unsupported_auto_mode")
             return TEMPORARILY_REJECTED
@@ -156,11 +162,10 @@ class FlightCommands:
     def _set_nav_state(self, c: Command) -> int:
         """Handles SET_NAV_STATE. While disarmed, PX4 accepts an unknown mode number, but does not change the
         mode."""
-        try:
-            mode = NavState(int(c.p1) if math.isfinite(c.p1) else 0)
-        except ValueError:
+        number = int(c.p1) if math.isfinite(c.p1) else 0
+        if not exists(number, self._host.view.px4):
             return TEMPORARILY_REJECTED if self._commander.armed else ACCEPTED
-        return self._switch(mode, report_refusal=False)
+        return self._switch(NavState(number), report_refusal=False)
 
     # --- flying ----------------------------------------------------------------------------------------
 
@@ -250,7 +255,7 @@ class FlightCommands:
             return DENIED
         if not self._host.view.estimate.valid_position:
             return TEMPORARILY_REJECTED
-        self._commander.home.set(c.p5, c.p6, c.p7, c.p4)
+        self._commander.home.set(c.p5, c.p6, c.p7, (c.p2, c.p3, c.p4))
         return ACCEPTED
 
     def _terminate(self, c: Command) -> int:

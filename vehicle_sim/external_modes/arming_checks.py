@@ -97,15 +97,20 @@ class ExternalHealth:
     """Reported events, each with the bit mask of its modes."""
 
 
-NOTHING_REGISTERED = ExternalHealth()
 EVERY_MODE = 0xFFFFFFFF
 """Bit mask of all modes."""
 
 
 class ArmingChecks:
-    """All registered arming checks of a vehicle, by registration id."""
+    """All registered arming checks of a vehicle, by registration id.
 
-    def __init__(self) -> None:
+    Args:
+        requirements: requirements of PX4's own modes.
+    """
+
+    def __init__(self, requirements: Requirements = BUILT_IN_REQUIREMENTS) -> None:
+        self._built_in = requirements
+        self._nothing_registered = ExternalHealth(requirements)
         self._checks: dict[int, ArmingCheck] = {}
         self._slots: dict[int, ArmingCheck] = {}
         """The newest check of each slot, also after its removal."""
@@ -186,8 +191,8 @@ class ArmingChecks:
         ones do not, nor does one in a slot in which another has replied that the vehicle can arm.
         """
         if not self._checks:
-            return NOTHING_REGISTERED
-        requirements, unresponsive, not_armable, registered = BUILT_IN_REQUIREMENTS, 0, 0, 0
+            return self._nothing_registered
+        requirements, unresponsive, not_armable, registered = self._built_in, 0, 0, 0
         events: list[tuple[int, ExternalEvent]] = []
         for slot in self._checks.values():
             registered |= 0 if slot.mode == NONE else 1 << slot.mode

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from vehicle_sim.external_modes.arming_checks import NONE, ArmingCheckReply, ArmingChecks, ExternalHealth
+from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS, Requirements
 from vehicle_sim.external_modes.slots import (
     FIRST_MODE,
     LAST_MODE,
@@ -70,12 +71,18 @@ class ExternalModes:
     Args:
         hashes: see `ModeSlots`.
         store_hash: see `ModeSlots`.
+        requirements: requirements of PX4's own modes.
     """
 
-    def __init__(self, hashes: Sequence[int], store_hash: Callable[[int, int], None]) -> None:
+    def __init__(
+        self,
+        hashes: Sequence[int],
+        store_hash: Callable[[int, int], None],
+        requirements: Requirements = BUILT_IN_REQUIREMENTS,
+    ) -> None:
         self._slots = ModeSlots(hashes, store_hash)
         self._executors = Executors()
-        self.checks = ArmingChecks()
+        self.checks = ArmingChecks(requirements)
         self._in_charge = AUTOPILOT
         self.failsafe_acts = False
         """Whether a failsafe had replaced the intended mode at the last update."""

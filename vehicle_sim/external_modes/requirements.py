@@ -26,6 +26,19 @@ class Requirements(NamedTuple):
 
 BUILT_IN_REQUIREMENTS = Requirements()
 """Requirements of PX4's own modes, while no external mode is registered."""
+ALTITUDE_CRUISE_BIT = 1 << 8
+
+
+def built_in_requirements(*, altitude_cruise: bool) -> Requirements:
+    """Requirements of the modes of a version of PX4, with or without Altitude Cruise."""
+    if not altitude_cruise:
+        return BUILT_IN_REQUIREMENTS
+    masks = BUILT_IN_REQUIREMENTS._asdict()
+    for name in ("angular_velocity", "attitude", "local_alt", "manual_control"):
+        masks[name] |= ALTITUDE_CRUISE_BIT
+    return Requirements(**masks)
+
+
 REPORTED = (
     "angular_velocity", "attitude", "local_alt", "local_position", "local_position_relaxed",
     "global_position", "mission", "home_position", "prevent_arming", "manual_control",

@@ -251,8 +251,8 @@ class Logger:
     def _info_messages(self) -> list[bytes]:
         offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
         return [
-            ulog.info("ver_sw", build.GIT_HASH),
-            ulog.info("ver_sw_release", build.VERSION),
+            ulog.info("ver_sw", self._view.px4.git_hash),
+            ulog.info("ver_sw_release", self._view.px4.release),
             ulog.info("ver_vendor_sw_release", build.VENDOR_VERSION),
             ulog.info("ver_hw", build.BOARD),
             ulog.info("sys_name", "PX4"),

@@ -77,6 +77,9 @@ PROFILES: Final[dict[str, dict[str, float]]] = {"gcs": GCS, "api": API}
 """Messages that PX4 streams by default on its two default links, and the rates that it configures [Hz];
 measured rates of a real vehicle are up to 1 % lower. Others are streamed once a client sets an interval."""
 
+INTEGRITY_HZ: Final = {"GNSS_INTEGRITY": 1.0}
+"""Added to both links by PX4 v1.17."""
+
 RESTORED_HZ: Final[dict[str, float]] = {"ATTITUDE": 15.0}
 """Rates after a client has set interval 0 ("default"), if they differ from the rates at boot."""
 
@@ -85,10 +88,14 @@ FIXED_INTERVAL: Final = frozenset({"HEARTBEAT", "CURRENT_EVENT_SEQUENCE", "EVENT
 
 
 class Link:
-    """A link that streams by `profile` ("gcs" or "api")."""
+    """A link that streams by `profile` ("gcs" or "api").
 
-    def __init__(self, name: str, profile: str, system_id: int) -> None:
+    `streams_integrity`: whether it streams GNSS_INTEGRITY too.
+    """
+
+    def __init__(self, name: str, profile: str, system_id: int, *, streams_integrity: bool = False) -> None:
         self.name = name
+        self._default_hz = PROFILES[profile] | (INTEGRITY_HZ if streams_integrity else {})
         self.profile = profile
         self.system_id = system_id
         self.parser = FrameParser()
@@ -113,7 +120,7 @@ class Link:
         self._generation = 0
         self._generations: dict[int, int] = {}
         """Generation of the newest interval, by message id; entries of earlier generations are not sent."""
-        for message_name, hz in PROFILES[profile].items():
+        for message_name, hz in self._default_hz.items():
             self.set_interval(BY_NAME[message_name].id, int(1e6 / hz), 0)
 
     # --- sending ---------------------------------------------------------------------------------------
@@ -177,7 +184,7 @@ class Link:
 
     def restore_interval(self, name: str, now_us: int) -> None:
         """Restores PX4's default interval of this link."""
-        hz = RESTORED_HZ.get(name, PROFILES[self.profile].get(name, 0.0))
+        hz = RESTORED_HZ.get(name, self._default_hz.get(name, 0.0))
         self.set_interval(BY_NAME[name].id, int(1e6 / hz) if hz else 0, now_us)
 
     @property

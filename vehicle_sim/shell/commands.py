@@ -13,7 +13,13 @@ from vehicle_sim.shell.console import Command, Console
 from vehicle_sim.shell.flight import CommanderCommand, FailureCommand, GimbalCommand
 from vehicle_sim.shell.listener import ListenerCommand
 from vehicle_sim.shell.parameters import ParamCommand
-from vehicle_sim.shell.status import VER, DriverCommand, LoggerCommand, MavlinkCommand, ModuleCommands
+from vehicle_sim.shell.status import (
+    DriverCommand,
+    LoggerCommand,
+    MavlinkCommand,
+    ModuleCommands,
+    ver_command,
+)
 from vehicle_sim.topics.states import States
 
 _MODULE_NAMES = (
@@ -66,7 +72,7 @@ class Shell:
             "sensors": modules.sensors,
             "system_time": modules.system_time,
             "uorb": listener.uorb,
-            "ver": VER,
+            "ver": ver_command(view.px4),
             **{driver.value: DriverCommand(view, driver).command for driver in Driver},
         }
 

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from fnmatch import fnmatchcase
 from functools import cache
 
-from vehicle_sim.parameters import DATA_FILE, Parameters, ParameterValue
+from vehicle_sim.parameters import Parameters, ParameterValue
+from vehicle_sim.px4_version import DATA_FOLDER, Px4Version
 from vehicle_sim.shell.console import Arguments, Command, CommandFailed, UsageError, error, info
 
 USAGE = (
@@ -19,9 +20,10 @@ BUILD_PARAMETER_COUNT = 1800
 
 
 @cache
-def _indexes_in_build() -> tuple[int, ...]:
+def _indexes_in_build(px4: Px4Version) -> tuple[int, ...]:
     """For each parameter that the vehicle uses: its index among all parameters of PX4's build."""
-    return tuple(json.loads((DATA_FILE.parent / "parameter_indexes.json").read_text(encoding="utf-8")))
+    indexes = px4.differences.get("indexes")
+    return tuple(indexes or json.loads((DATA_FOLDER / "parameter_indexes.json").read_text(encoding="utf-8")))
 
 
 class ParamCommand:
@@ -75,7 +77,7 @@ class ParamCommand:
             return self._value_text(self._checked_name(patterns[0])) + "\n"
         changed, unsaved_names = set(self._parameters.changed_names()), self._unsaved_names()
         out = ["Symbols: x = used, + = saved, * = unsaved\n"]
-        names_and_indexes = zip(self._parameters.names, _indexes_in_build(), strict=True)
+        names_and_indexes = zip(self._parameters.names, _indexes_in_build(self._parameters.px4), strict=True)
         for index, (name, index_in_build) in enumerate(names_and_indexes):
             if patterns and not any(fnmatchcase(name, pattern) for pattern in patterns):
                 continue

@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from functools import partial
 
 from vehicle_sim import build
 from vehicle_sim.logger.logger import Logger
 from vehicle_sim.mavlink.link import Link
+from vehicle_sim.px4_version import Px4Version
 from vehicle_sim.sensors.suite import Driver
 from vehicle_sim.shell.console import Arguments, Command, CommandFailed, UsageError, error, info, warning
 from vehicle_sim.vehicle_view import VehicleView
 
-_PX4_LINES = f"PX4 git-hash: {build.GIT_HASH}\nPX4 version: {build.version_text(build.VERSION)}\n"
 _OS_LINES = f"OS: {build.OS_NAME}\nOS version: {build.version_text(build.OS_VERSION)}\n"
 _VERSION_LINES = {
     "hw": f"HW arch: {build.BOARD}\n",
-    "git": _PX4_LINES + _OS_LINES,
     "gcc": f"Toolchain: {build.TOOLCHAIN}, {build.TOOLCHAIN_VERSION}\n",
     "uri": "Build uri: localhost\n",
 }
@@ -26,12 +26,14 @@ LINK_MODES = {"gcs": "Normal", "api": "Onboard", "tcp": "Normal"}
 MAX_RATE_B_S = 4_000_000
 
 
-def ver(arguments: Arguments) -> str:
+def ver(px4: Px4Version, arguments: Arguments) -> str:
     """Runs `ver hw|git|gcc|uri|all` or `ver hwcmp|hwtypecmp|hwbasecmp BOARD...`."""
+    px4_lines = f"PX4 git-hash: {px4.git_hash}\nPX4 version: {build.version_text(px4.release)}\n"
+    lines = _VERSION_LINES | {"git": px4_lines + _OS_LINES}
     if arguments == ["all"]:
-        return "".join(_VERSION_LINES[name] for name in ("hw", "git", "uri", "gcc"))
-    if len(arguments) == 1 and arguments[0] in _VERSION_LINES:
-        return _VERSION_LINES[arguments[0]]
+        return "".join(lines[name] for name in ("hw", "git", "uri", "gcc"))
+    if len(arguments) == 1 and arguments[0] in lines:
+        return lines[arguments[0]]
     if len(arguments) > 1 and arguments[0] in ("hwcmp", "hwtypecmp", "hwbasecmp"):
         if build.BOARD not in arguments[1:]:
             raise CommandFailed()
@@ -39,7 +41,9 @@ def ver(arguments: Arguments) -> str:
     raise UsageError
 
 
-VER = Command(ver, "hw | git | gcc | uri | all | hwcmp BOARD...")
+def ver_command(px4: Px4Version) -> Command:
+    """The command `ver` of a vehicle of this version."""
+    return Command(partial(ver, px4), "hw | git | gcc | uri | all | hwcmp BOARD...")
 
 
 class MavlinkCommand:

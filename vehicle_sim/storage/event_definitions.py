@@ -1,6 +1,6 @@
 """The events document, which a ground station uses to decode EVENT messages.
 
-Ids, names, arguments and enumerations are PX4 v1.16's (`data/event_facts.json`). The texts are not
+Ids, names, arguments and enumerations are PX4's (`data/event_facts.json`). The texts are not
 PX4's: some are in `MESSAGE_BY_NAME`, the others are built from the event's name and arguments.
 Format: MAVLink's events metadata schema, version 2.
 """
@@ -10,9 +10,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from vehicle_sim.parameters import DATA_FILE
+from vehicle_sim.px4_version import DATA_FOLDER, Px4Version
 
-FACTS_FILE = DATA_FILE.parent / "event_facts.json"
+FACTS_FILE = DATA_FOLDER / "event_facts.json"
 HIDDEN_ARGUMENT_COUNT = 2
 """The first two arguments of a check (modes, component) do not appear in the message."""
 
@@ -52,9 +52,20 @@ MESSAGE_BY_NAME: dict[str, str] = {
 """Message texts; {n} is the event's argument n, from 1."""
 
 
-def events_document() -> dict[str, Any]:
+AUTOPILOT = "1"
+"""Component number of the autopilot's events."""
+NAVIGATION_MODES = "navigation_mode_t"
+
+
+def events_document(px4: Px4Version) -> dict[str, Any]:
     """The content of the events document."""
     facts_by_component: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
+    autopilot, differences = facts_by_component[AUTOPILOT], px4.differences
+    removed = differences.get("removed_events", ())
+    autopilot["events"] = {
+        event_id: event for event_id, event in autopilot["events"].items() if event[0] not in removed
+    } | differences.get("added_events", {})
+    autopilot["enums"][NAVIGATION_MODES]["entries"] += differences.get("navigation_modes", [])
     components = {number: _component(facts) for number, facts in facts_by_component.items()}
     return {"version": 2, "components": components}
 

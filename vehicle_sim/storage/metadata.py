@@ -1,6 +1,6 @@
 """Component metadata that PX4 serves by FTP: the parameter, events and actuators documents.
 
-Names, groups, types, defaults, ranges, units and labels of parameters are PX4 v1.16's
+Names, groups, types, defaults, ranges, units and labels of parameters are PX4's
 (`data/parameter_facts.json`), without descriptions. The message texts of events are the simulator's
 (`event_definitions.py`).
 Formats: MAVLink's component metadata schemas (general, parameter, events, actuators).
@@ -15,11 +15,12 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-from vehicle_sim.parameters import DATA_FILE, load_boot_parameters
+from vehicle_sim.parameters import load_boot_parameters
+from vehicle_sim.px4_version import DATA_FOLDER, V1_16, Px4Version
 from vehicle_sim.storage.event_definitions import events_document
 from vehicle_sim.storage.outputs import actuators_document
 
-FACTS_FILE = DATA_FILE.parent / "parameter_facts.json"
+FACTS_FILE = DATA_FOLDER / "parameter_facts.json"
 FOLDER = "etc/extras"
 GENERAL = f"{FOLDER}/component_general.json.xz"
 PARAMETERS = f"{FOLDER}/parameters.json.xz"
@@ -40,12 +41,12 @@ def _compressed(content: object) -> bytes:
     return lzma.compress(text.encode(), check=lzma.CHECK_CRC32)
 
 
-@lru_cache(maxsize=1)
-def _parameters_document() -> dict[str, Any]:
+def _parameters_document(px4: Px4Version) -> dict[str, Any]:
     """The content of the parameter document: one entry for each parameter that the vehicle uses."""
     facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
+    facts |= px4.differences.get("facts", {})
     entries: list[dict[str, Any]] = []
-    for parameter in load_boot_parameters():
+    for parameter in load_boot_parameters(px4):
         entry = {"category": "Standard", **facts[parameter.name], "name": parameter.name}
         entry["type"] = "Int32" if parameter.type == "INT32" else "Float"
         if "values" in entry:
@@ -56,33 +57,34 @@ def _parameters_document() -> dict[str, Any]:
     return {"version": 1, "parameters": entries}
 
 
-@lru_cache(maxsize=1)
-def _parameters_file() -> bytes:
-    return _compressed(_parameters_document())
+@lru_cache(maxsize=4)
+def _parameters_file(px4: Px4Version) -> bytes:
+    return _compressed(_parameters_document(px4))
+
+
+@lru_cache(maxsize=4)
+def _events_file(px4: Px4Version) -> bytes:
+    return _compressed(events_document(px4))
 
 
 @lru_cache(maxsize=1)
-def _events_file() -> bytes:
-    return _compressed(events_document())
-
-
-@lru_cache(maxsize=1)
-def _actuators_file() -> bytes:
+def _actuators_file(_: Px4Version) -> bytes:
     return _compressed(actuators_document())
 
 
-@lru_cache(maxsize=1)
-def _general_document() -> bytes:
-    documents: tuple[tuple[int, str, Callable[[], bytes]], ...] = (
+@lru_cache(maxsize=4)
+def _general_file(px4: Px4Version) -> bytes:
+    documents: tuple[tuple[int, str, Callable[[Px4Version], bytes]], ...] = (
         (TYPE_PARAMETERS, PARAMETERS, _parameters_file),
         (TYPE_EVENTS, EVENTS, _events_file),
         (TYPE_ACTUATORS, ACTUATORS, _actuators_file),
     )
     types = [
-        {"type": metadata_type, "uri": f"mftp://{path}", "fileCrc": crc32(create())}
+        {"type": metadata_type, "uri": f"mftp://{path}", "fileCrc": crc32(create(px4))}
         for metadata_type, path, create in documents
     ]
-    return json.dumps({"version": 1, "metadataTypes": types}).encode()
+    document = json.dumps({"version": 1, "metadataTypes": types}).encode()
+    return lzma.compress(document, check=lzma.CHECK_CRC32)
 
 
 def general_crc(file: bytes) -> int:
@@ -92,12 +94,15 @@ def general_crc(file: bytes) -> int:
 
 DATAMAN_BYTES = 1_208_528
 """Size of PX4's store of missions, fences and rally points."""
-BUILT_IN: dict[str, Callable[[], bytes]] = {
-    "dataman": lambda: bytes(DATAMAN_BYTES),
-    GENERAL: lambda: lzma.compress(_general_document(), check=lzma.CHECK_CRC32),
-    PARAMETERS: _parameters_file,
-    EVENTS: _events_file,
-    ACTUATORS: _actuators_file,
-}
-"""Functions that create the content of the files of every vehicle, by path: the documents, and the store of
-missions, whose records are not simulated (all bytes are zero)."""
+
+
+def built_in(px4: Px4Version = V1_16) -> dict[str, Callable[[], bytes]]:
+    """Functions that create the content of the files of every vehicle, by path: the documents, and the store
+    of missions, whose records are not simulated (all bytes are zero)."""
+    return {
+        "dataman": lambda: bytes(DATAMAN_BYTES),
+        GENERAL: lambda: _general_file(px4),
+        PARAMETERS: lambda: _parameters_file(px4),
+        EVENTS: lambda: _events_file(px4),
+        ACTUATORS: lambda: _actuators_file(px4),
+    }

@@ -18,6 +18,7 @@ from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.offboard import SetpointKind
 from vehicle_sim.autopilot.takeoff import TakeoffState
+from vehicle_sim.autopilot.tasks.manual import ALTITUDE_MODES
 from vehicle_sim.external_modes.slots import Controllers
 from vehicle_sim.home import Home
 from vehicle_sim.topics.arrays import ARRAY_TOPICS
@@ -86,6 +87,7 @@ class States:
         self._view = autopilot.view
         self._commander = autopilot.commander
         self._system_id = system_id
+        self._more_modes = 1 << NavState.ALTITUDE_CRUISE if self._view.px4.altitude_cruise else 0
         self._armed_at_us = self._takeoff_at_us = 0
         self._mode_set_at_us = FIRST_MODE_US
         self._arming_reason = self._disarming_reason = 0
@@ -188,8 +190,9 @@ class States:
             self._mode, self._mode_set_at_us = c.active, self._view.time_boot_us()
         return {
             "armed_time": self._armed_at_us, "takeoff_time": self._takeoff_at_us,
-            "nav_state_timestamp": self._mode_set_at_us, "valid_nav_states_mask": VALID_MODES,
-            "can_set_nav_states_mask": c.external.settable(SETTABLE_MODES),
+            "nav_state_timestamp": self._mode_set_at_us,
+            "valid_nav_states_mask": VALID_MODES | self._more_modes,
+            "can_set_nav_states_mask": c.external.settable(SETTABLE_MODES | self._more_modes),
             "arming_state": ARMING_ARMED if c.armed else ARMING_DISARMED,
             "latest_arming_reason": self._arming_reason, "latest_disarming_reason": self._disarming_reason,
             "nav_state_user_intention": int(c.intended_or_replacement), "nav_state": int(c.active),
@@ -213,7 +216,7 @@ class States:
             attitude = c.offboard.kind in (*TRAJECTORY_KINDS, SetpointKind.ATTITUDE)
         altitude = attitude and c.active not in (NavState.MANUAL, NavState.STABILIZED)
         altitude = altitude and not (offboard and c.offboard.kind is SetpointKind.ATTITUDE)
-        position = altitude and c.active not in (NavState.ALTITUDE, NavState.DESCEND)
+        position = altitude and c.active not in (*ALTITUDE_MODES, NavState.DESCEND)
         rates = not terminated and (not offboard or attitude or c.offboard.kind is SetpointKind.RATES)
         allocation = not terminated and (
             not offboard or rates or c.offboard.kind is SetpointKind.THRUST_TORQUE

@@ -88,7 +88,7 @@ def test_a_given_folder_is_kept_and_a_temporary_folder_is_removed(tmp_path):
 
 
 def read_metadata(path):
-    return json.loads(lzma.decompress(metadata.BUILT_IN[path]()))
+    return json.loads(lzma.decompress(metadata.built_in()[path]()))
 
 
 def test_general_metadata_names_the_other_files_with_their_checksums():
@@ -96,7 +96,7 @@ def test_general_metadata_names_the_other_files_with_their_checksums():
     assert {entry["type"] for entry in general["metadataTypes"]} == {1, 4, 5}
     for entry in general["metadataTypes"]:
         path = entry["uri"].removeprefix("mftp://")
-        assert entry["fileCrc"] == metadata.crc32(metadata.BUILT_IN[path]())
+        assert entry["fileCrc"] == metadata.crc32(metadata.built_in()[path]())
 
 
 def test_the_checksum_equals_the_checksum_that_px4_sends(reference_data):

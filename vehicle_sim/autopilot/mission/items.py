@@ -27,10 +27,10 @@ GIMBAL_ITEMS = frozenset(
 )  # fmt: skip
 TRIGGER_ITEMS = frozenset({CAMERA_TRIGGER_DISTANCE, CAMERA_TRIGGER_INTERVAL, TRIGGER_CONTROL})
 # Numbers without a constant: 183 servo, 200 video control, 203 digital camera, 260 oblique survey, 531 zoom,
-# 532 focus, 534 camera source, 2500 and 2501 video start and stop.
+# 400 arming (from PX4 v1.17 on), 532 focus, 534 camera source, 2500 and 2501 video start and stop.
 SUPPORTED = POSITION_ITEMS | GIMBAL_ITEMS | TRIGGER_ITEMS | frozenset(
     {RETURN, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE, LAND_START, 183, SET_ACTUATOR, 200, 203, GRIPPER, 260,
-     CAMERA_MODE, 531, 532, 534, PICTURES_START, PICTURES_STOP, 2500, 2501, VTOL_TRANSITION, WINCH}
+     400, CAMERA_MODE, 531, 532, 534, PICTURES_START, PICTURES_STOP, 2500, 2501, VTOL_TRANSITION, WINCH}
 )  # fmt: skip
 """Items that the feasibility check accepts for a multicopter. PX4 rejects all other items, either at the
 upload or in the feasibility check."""

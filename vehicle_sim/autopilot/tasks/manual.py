@@ -18,7 +18,9 @@ from vehicle_sim.vehicle_view import VehicleView
 
 ATTITUDE_RATE_MODES = frozenset({NavState.MANUAL, NavState.STABILIZED, NavState.ACRO})
 """Modes whose sticks control attitude or rates; a multicopter flies Manual as Stabilized."""
-STICK_MODES = ATTITUDE_RATE_MODES | {NavState.POSITION, NavState.POSITION_SLOW, NavState.ALTITUDE}
+ALTITUDE_MODES = frozenset({NavState.ALTITUDE, NavState.ALTITUDE_CRUISE})
+"""Modes whose sticks control tilt and climb rate. Altitude Cruise is flown as Altitude."""
+STICK_MODES = ATTITUDE_RATE_MODES | ALTITUDE_MODES | {NavState.POSITION, NavState.POSITION_SLOW}
 """Modes that the pilot flies by sticks."""
 
 TAKEOFF_THROTTLE = 0.3
@@ -143,7 +145,7 @@ class StickTasks:
     def _fly(self, mode: NavState) -> None:
         yaw_rad, yaw_rate = self._turn()
         z, vz = self._vertical(mode)
-        if mode is NavState.ALTITUDE:
+        if mode in ALTITUDE_MODES:
             north, east = self._rotate_to_ne(*self._limited_stick())
             tilt_max = math.radians(self._view.parameter("MPC_MAN_TILT_MAX"))
             max_m_s2 = GRAVITY_M_S2 * math.tan(tilt_max)

@@ -28,8 +28,11 @@ class MessageGroup:
 
     def builders(self) -> dict[int, Builder]:
         """The builders by message id."""
+        unknown = () if self._view.px4.gnss_integrity else ("gnss_integrity",)
         return {
-            BY_NAME[name.upper()].id: getattr(self, name) for name in dir(self) if name.upper() in BY_NAME
+            BY_NAME[name.upper()].id: getattr(self, name)
+            for name in dir(self)
+            if name.upper() in BY_NAME and name not in unknown
         }
 
 

@@ -147,6 +147,7 @@ class MotionMessages(MessageGroup):
         thrust = float(self._view.simulation.target.thrust[self._view.row]) if armed else 0.0
         return pack(
             "VFR_HUD",
+            airspeed=self._view.px4.airspeed_without_sensor_m_s,
             groundspeed=math.hypot(vn, ve),
             heading=int(math.degrees(estimate.yaw_ned_rad) % 360.0) % 360,
             throttle=max(0, min(100, int(100 * thrust))),

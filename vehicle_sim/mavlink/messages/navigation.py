@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.frames import quaternion_of
 from vehicle_sim.geodesy import to_global
+from vehicle_sim.home import Home
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.message_group import CRITICAL, MessageGroup, i16, system_status
 
@@ -30,7 +32,7 @@ class NavigationMessages(MessageGroup):
             x=home.position_ned_m[0],
             y=home.position_ned_m[1],
             z=home.position_ned_m[2],
-            q=_heading_quaternion(home.yaw_ned_rad),
+            q=_attitude_quaternion(home),
             time_usec=home.set_at_us,
         )[1]
 
@@ -120,8 +122,8 @@ class NavigationMessages(MessageGroup):
         )[1]  # fmt: skip
 
 
-def _heading_quaternion(yaw_rad: float) -> tuple[float, float, float, float]:
-    """Quaternion of a heading; all NaN if home has no heading."""
-    if math.isnan(yaw_rad):
+def _attitude_quaternion(home: Home) -> tuple[float, float, float, float]:
+    """The attitude of home as a quaternion; all NaN if home has no heading."""
+    if math.isnan(home.yaw_ned_rad):
         return (math.nan, math.nan, math.nan, math.nan)
-    return (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
+    return quaternion_of(home.roll_rad, home.pitch_rad, home.yaw_ned_rad)

@@ -26,7 +26,7 @@ BODY_FRD = 12
 """Value of MAV_FRAME."""
 OUT_OF_RANGE_CM = -100
 """PX4's simulation sends -1 m if the sensor measures nothing; in the unsigned field this is 65436."""
-MIN_RANGE_CM = 10
+MIN_RANGE_CM, INTEGRITY_RECEIVER = 10, 4
 GROUND_VIBRATION, FLYING_VIBRATION = (0.0117, 0.107), (0.096, 1.42)
 """PX4's vibration metrics of gyro [rad/s] and accelerometer [m/s²], as measured."""
 
@@ -47,6 +47,14 @@ class SensorMessages(MessageGroup):
             pressure_alt=float(s.baro_alt_amsl_m[i]),
             temperature=STANDARD_TEMPERATURE_DEG_C,
             fields_updated=7167,
+        )[1]  # fmt: skip
+
+    def gnss_integrity(self) -> bytes:
+        """What a receiver without integrity monitoring reports: nothing is known."""
+        return pack(
+            "GNSS_INTEGRITY", id=INTEGRITY_RECEIVER, raim_hfom=65535, raim_vfom=65535,
+            corrections_quality=255, system_status_summary=255, gnss_signal_quality=255,
+            post_processing_quality=255,
         )[1]  # fmt: skip
 
     def scaled_imu(self) -> bytes:

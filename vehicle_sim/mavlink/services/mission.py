@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any
 
+from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import Message
 from vehicle_sim.mavlink.link import Link
@@ -40,6 +41,10 @@ PLANNER_COMPONENT = 190
 """MAV_COMP_ID_MISSIONPLANNER, at which PX4's mission protocol also answers."""
 UNEXPECTED = "WPM: REJ. CMD: Req. WP was unexpected"
 BUSY = "WPM: REJ. CMD: Busy"
+_NO_MISSION, _NOT_STARTED, _ACTIVE, _PAUSED, _COMPLETE = range(1, 6)
+"""MISSION_STATE."""
+_MISSION_MODES = (NavState.MISSION, NavState.TAKEOFF, NavState.LAND)
+"""Modes in which PX4 calls the mission active."""
 _INT_ITEM, _FLOAT_ITEM = struct.Struct("<BHB4fiif"), struct.Struct("<BHB7f")
 _ALL_BITS = 0xFFFFFFFF
 
@@ -69,6 +74,8 @@ class _Transfer:
     """The current or last transfer of one link."""
 
     link: Link
+    as_int: bool
+    """Whether items are sent and requested as MISSION_ITEM_INT, as in the partner's last message."""
     state: _State = _State.IDLE
     partner: tuple[int, int] = (0, 0)
     mission_type: int = MISSION
@@ -80,8 +87,6 @@ class _Transfer:
     """Index of the last received item that is marked as current."""
     plan_id: int = 0
     """Id of the received items."""
-    as_int: bool = False
-    """Whether items are sent as MISSION_ITEM_INT, as in the partner's last message; initially False."""
     received_at_s: float = 0.0
     requested_at_s: float = 0.0
 
@@ -122,7 +127,7 @@ class MissionService:
     def _transfer(self, link: Link) -> _Transfer:
         transfer = self._transfers.get(link.name)
         if transfer is None or transfer.link is not link:
-            transfer = self._transfers[link.name] = _Transfer(link)
+            transfer = self._transfers[link.name] = _Transfer(link, self._context.view.px4.requests_int_first)
         return transfer
 
     def _addressed(self, message: Message) -> bool:
@@ -140,8 +145,25 @@ class MissionService:
         link.send(
             "MISSION_CURRENT", seq=self._mission.current if count else 0, total=count or 65535,
             mission_id=self._plan_ids[MISSION], fence_id=self._plan_ids[FENCE],
-            rally_points_id=self._plan_ids[RALLY],
+            rally_points_id=self._plan_ids[RALLY], **self._progress(count),
         )  # fmt: skip
+
+    def _progress(self, count: int) -> dict[str, int]:
+        """`mission_state` and `mission_mode` of MISSION_CURRENT; PX4 v1.16 leaves them at zero."""
+        if not self._context.view.px4.reports_mission_state:
+            return {}
+        mission = self._mission
+        state = _NOT_STARTED
+        if not count:
+            state = _NO_MISSION
+        elif mission.finished:
+            state = _COMPLETE
+        elif mission.active:
+            state = _ACTIVE
+        elif mission.current:
+            state = _PAUSED
+        in_mission_mode = self._context.autopilot.commander.active in _MISSION_MODES
+        return {"mission_state": state, "mission_mode": 1 if in_mission_mode else 2}
 
     def _send_reached(self) -> None:
         """Sends MISSION_ITEM_REACHED when an item is reached, then once per second for REACHED_FOR_S."""
@@ -262,7 +284,9 @@ class MissionService:
         transfer.received_at_s = self._context.view.time_s
         if message.seq != transfer.seq:
             return
-        result, item = stored_items.store(transfer.mission_type, message.values, as_int=transfer.as_int)
+        result, item = stored_items.store(
+            transfer.mission_type, message.values, as_int=transfer.as_int, px4=self._context.view.px4
+        )
         if item is None:
             transfer.end()
             self._ack(link, message.sender, result, transfer.mission_type)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from vehicle_sim.autopilot.modes import LISTED_MODES, Mode
+from vehicle_sim.autopilot.modes import Mode, listed_modes
 from vehicle_sim.commands.command import ACCEPTED, DENIED, FAILED, Command
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
@@ -16,7 +16,6 @@ from vehicle_sim.storage.metadata import GENERAL, general_crc
 REQUEST_MESSAGE, SET_INTERVAL, GET_INTERVAL = 512, 511, 510
 REQUEST_CAPABILITIES, REQUEST_PROTOCOL_VERSION, REQUEST_FLIGHT_INFORMATION = 520, 519, 528
 REQUEST_CAMERA_INFORMATION, REQUEST_STORAGE_INFORMATION = 521, 525
-LIBRARY_HASH = (2, 246, 129, 2, 216, 118, 253, 91)
 STORAGE_READY, STORAGE_SIZE_MIB = 2, 32_768.0
 """Status and size of the simulated SD card, which stays empty."""
 MAG_CAL_SUCCESS = 4
@@ -24,8 +23,6 @@ NOT_USER_SELECTABLE = 2
 """MAV_MODE_PROPERTY."""
 ODID_SERIAL_NUMBER, ODID_MULTIROTOR = 1, 2
 CAPABILITIES = 321791
-VERSION_1_16_0 = 17826047
-GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
 UID = 0x4954_414C_4449_4E4F
 """Uid that every PX4 build for Linux reports; all simulated vehicles have this uid."""
 MIN_INTERVAL_US = 4000
@@ -54,6 +51,7 @@ class RequestService:
 
     def __init__(self, context: Context, send_ping: Callable[[Link], None], files: VehicleFiles) -> None:
         self._context = context
+        self._px4 = context.view.px4
         self._files = files
         self._send_ping = send_ping
         self._message_senders: dict[int, Callable[[Link, Command], bool]] = {
@@ -70,6 +68,8 @@ class RequestService:
             BY_NAME["PING"].id: self._ping,
             BY_NAME["OPEN_DRONE_ID_BASIC_ID"].id: self._drone_id,
         }
+        if self._px4.interval_on_request:
+            self._message_senders[BY_NAME["MESSAGE_INTERVAL"].id] = self._message_interval
         self.commands: dict[int, Callable[[Command], int | None]] = {
             REQUEST_MESSAGE: self.request_message,
             SET_INTERVAL: self.set_interval,
@@ -132,42 +132,52 @@ class RequestService:
         return ACCEPTED
 
     def get_interval(self, command: Command) -> int:
-        """Handles GET_MESSAGE_INTERVAL: sends MESSAGE_INTERVAL (0: not streamed) before the
-        acknowledgement."""
-        msg_id = int(command.p1) if math.isfinite(command.p1) else 0
-        link = self._link(command)
-        interval_us = link.interval_us(msg_id) or EMPTY_STREAM_INTERVALS_US.get(msg_id, 0)
-        link.send("MESSAGE_INTERVAL", message_id=msg_id & 0xFFFF, interval_us=interval_us)
+        """Handles GET_MESSAGE_INTERVAL: sends MESSAGE_INTERVAL before the acknowledgement."""
+        self._send_interval(self._link(command), command.p1)
         return ACCEPTED
 
+    def _send_interval(self, link: Link, parameter: float) -> None:
+        msg_id = int(parameter) if math.isfinite(parameter) else 0
+        interval_us = link.interval_us(msg_id) or EMPTY_STREAM_INTERVALS_US.get(msg_id)
+        if interval_us is None:
+            interval_us = self._px4.not_streamed_interval_us
+        link.send("MESSAGE_INTERVAL", message_id=msg_id & 0xFFFF, interval_us=interval_us)
+
     # --- messages on request ---------------------------------------------------------------------------
+
+    def _message_interval(self, link: Link, command: Command) -> bool:
+        self._send_interval(link, command.p2)
+        return True
 
     def _autopilot_version(self, link: Link, command: Command) -> bool:
         link.send(
             "AUTOPILOT_VERSION",
             capabilities=CAPABILITIES,
-            flight_sw_version=VERSION_1_16_0,
-            middleware_sw_version=VERSION_1_16_0,
+            flight_sw_version=self._px4.release,
+            middleware_sw_version=self._px4.release,
             os_sw_version=101854463,
             board_version=1,
-            flight_custom_version=GIT_HASH,
-            middleware_custom_version=GIT_HASH,
+            flight_custom_version=self._px4.custom_version,
+            middleware_custom_version=self._px4.custom_version,
             uid=UID,
         )
         return True
 
     def _protocol_version(self, link: Link, command: Command) -> bool:
-        link.send("PROTOCOL_VERSION", version=200, min_version=100, max_version=200,
-                  library_version_hash=LIBRARY_HASH)  # fmt: skip
+        link.send(
+            "PROTOCOL_VERSION", version=200, min_version=100, max_version=self._px4.max_mavlink_version,
+            library_version_hash=self._px4.mavlink_hash,
+        )  # fmt: skip
         return True
 
     def _available_modes(self, link: Link, command: Command) -> bool:
         index = int(command.p2) if math.isfinite(command.p2) else 0
-        modes = [mode for mode in LISTED_MODES if index in (0, mode.index)]
-        for mode in modes:
+        all_modes = listed_modes(self._px4)
+        modes = [(number, mode) for number, mode in enumerate(all_modes, 1) if index in (0, number)]
+        for number, mode in modes:
             properties, name = self._properties_and_name(mode)
             link.send(
-                "AVAILABLE_MODES", number_modes=len(LISTED_MODES), mode_index=mode.index,
+                "AVAILABLE_MODES", number_modes=len(all_modes), mode_index=number,
                 standard_mode=mode.standard_mode, custom_mode=mode.custom_mode, properties=properties,
                 mode_name=name,
             )  # fmt: skip

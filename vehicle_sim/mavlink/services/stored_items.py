@@ -30,6 +30,7 @@ from vehicle_sim.autopilot.mission.items import (
     WAYPOINT,
     Item,
 )
+from vehicle_sim.px4_version import V1_16, Px4Version
 
 ACCEPTED, ERROR, UNSUPPORTED_FRAME, UNSUPPORTED, NO_SPACE, INVALID_PARAM1 = 0, 1, 2, 3, 4, 6
 CANCELLED = 15
@@ -58,6 +59,8 @@ _MISSION_FRAME_COMMANDS = frozenset(
      530, 532, 534, 1000, 1001, 2000, 2001, 2003, 2500, 2501, 3000, 42600}
 )  # fmt: skip
 """Commands that PX4 accepts only in the frame MAV_FRAME_MISSION."""
+_ARM_DISARM = 400
+"""Accepted in missions from PX4 v1.17 on."""
 _INT32_MIN, _INT32_MAX = -(2**31), 2**31 - 1
 
 Parameters = tuple[float, float, float, float]
@@ -95,14 +98,17 @@ class StoredItem:
         }  # fmt: skip
 
 
-def store(mission_type: int, fields: Mapping[str, Any], *, as_int: bool) -> tuple[int, StoredItem | None]:
+def store(
+    mission_type: int, fields: Mapping[str, Any], *, as_int: bool, px4: Px4Version = V1_16
+) -> tuple[int, StoredItem | None]:
     """PX4's MAV_MISSION_RESULT for an item (fields of MISSION_ITEM or MISSION_ITEM_INT), and the stored item
     if PX4 accepts the item."""
     frame, command = fields["frame"], fields["command"]
     is_global = frame in AMSL_FRAMES | RELATIVE_FRAMES
     if not (frame in _FLOAT_FRAMES or (as_int and is_global)):
         return UNSUPPORTED_FRAME, None
-    if command not in (_GLOBAL_COMMANDS if is_global else _MISSION_FRAME_COMMANDS):
+    arms = command == _ARM_DISARM and px4.arms_by_mission_item and not is_global
+    if not arms and command not in (_GLOBAL_COMMANDS if is_global else _MISSION_FRAME_COMMANDS):
         return UNSUPPORTED, None
     sent: Parameters = fields["param1"], fields["param2"], fields["param3"], fields["param4"]
     if command in (ROI, _NAV_ROI):
