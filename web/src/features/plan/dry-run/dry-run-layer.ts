@@ -33,8 +33,7 @@ const FOOTPRINT_LENGTH_M = { min: 4, max: 15 } as const;
 const CORRIDOR = { step_m: 0.5, segments_per_area: 4 } as const;
 
 /** The simulated flight of each vehicle under the given conditions, without variation. */
-const nominalFlights = (result: DryRunResult): readonly SimulatedFlight[] =>
-  result.group == null ? [result.nominal] : Object.values(result.group.roles);
+const nominalFlights = (result: DryRunResult): readonly SimulatedFlight[] => (result.group == null ? [result.nominal] : Object.values(result.group.roles));
 
 /** The Monte Carlo flights of each vehicle with its role; the role is null for a plan with one vehicle. */
 function monteCarloByRole({ monte_carlo, group }: DryRunResult): (readonly [string | null, MonteCarlo])[] {
