@@ -129,7 +129,7 @@ def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected
         lease.take(ANNA, on_expiry="land")
         await until(lambda: lease.holder is None, 40)
         assert (rig.mission_state, rig.vehicle.status.mode) == ("flying", mode)
-        assert any("No client has control now" in text for text in rig.warning_texts())
+        await until(lambda: any("No client has control now" in text for text in rig.warning_texts()), 1)
         lease.take(BOB)
         await sleep(2)
         assert (rig.mission_state, rig.vehicle.status.mode) == ("flying", mode)

@@ -147,6 +147,7 @@ def test_a_gps_offset_an_accelerometer_offset_and_a_stuck_compass_have_the_effec
 def test_a_reset_shifts_the_outputs_and_the_filter_by_the_same_step():
     """PX4's recorded outputs were wrong by 0.9 to 1.5 m/s after resets due to an accelerometer offset."""
     sim = hovering_simulation(3)
+    run_simulation(sim, 15.0)
     sim.sensor_faults.imu_offset[:, 5] = 2.0
     filtered = sim._estimator.kalman.velocity
     resets_before, lags = sim.fusion.vz_reset_counter.copy(), []
