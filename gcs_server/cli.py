@@ -170,12 +170,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run_and_report(lambda: doctor.run(parsed))
     config = options.pop("config")
     verbose = options.pop("verbose")
+    output = logging.StreamHandler()
+    output.addFilter(LogLimit(SystemClock().monotonic_s))
     logging.basicConfig(
-        level=logging.DEBUG if verbose else logging.INFO, format="%(levelname)s %(name)s: %(message)s"
+        level=logging.DEBUG if verbose else logging.INFO,
+        format="%(levelname)s %(name)s: %(message)s",
+        handlers=[output],
     )
-    limit = LogLimit(SystemClock().monotonic_s)
-    for handler in logging.getLogger().handlers:
-        handler.addFilter(limit)
     for logger_name in ("httpx", "httpcore", "websockets", "uvicorn.access"):
         logging.getLogger(logger_name).setLevel(logging.WARNING)
     return _run_and_report(lambda: _serve(command, options, config))

@@ -9,6 +9,7 @@ from typing import Any
 from tests.protocol.fake_autopilot import LATENCY_S, FakeAutopilot
 from vehicle_sim.mavlink import generated_dialect as sim
 from vehicle_sim.mavlink.services.mission import MissionService
+from vehicle_sim.px4_version import V1_16
 
 REQUEST_MESSAGE, MISSION_CURRENT = 512, 42
 
@@ -31,6 +32,8 @@ class MissionAutopilot(FakeAutopilot):
         loop = self.loop
 
         class View:
+            px4 = V1_16
+
             @property
             def time_s(self) -> float:
                 return loop.time()
