@@ -28,6 +28,7 @@ from gcs_server.flights.preparation import (
     add_event,
     with_remedy,
 )
+from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import (
     REPLIES_ENDED,
     ModeDeclaration,
@@ -130,14 +131,10 @@ class MissionModes:
         """
         vehicle = self._vehicle(vehicle_id)
         vehicle.require_commandable()
-        address = dds_address(vehicle.endpoints)
-        if address is None:
-            raise Refused(
-                f"No ROS 2 connection to vehicle {vehicle_id}. PX4 registers flight modes only over ROS 2.",
-                remedy="Add a ros2:// link to the vehicle (see Links).",
-            )
+        _ros2_address(vehicle)
         inputs = self._preparer.inputs(vehicle_id)
         start = await self._preparer.prepare(vehicle_id, mode)
+        address = _ros2_address(vehicle)  # with the layouts that PX4 has confirmed by now
         needs = {REQUIREMENT_OF[need] for need in start.timeline.needs if need in REQUIREMENT_OF}
         try:
             declaration = ModeDeclaration(
@@ -429,6 +426,17 @@ class MissionModes:
             failsafe_deferred=registration.failsafe_deferred,
             takes_off=mode.takes_off,
         )
+
+
+def _ros2_address(vehicle: Vehicle) -> DdsAddress:
+    """Raises Refused if the vehicle has no ROS 2 connection."""
+    address = dds_address(vehicle.endpoints)
+    if address is None:
+        raise Refused(
+            f"No ROS 2 connection to vehicle {vehicle.id}. PX4 registers flight modes only over ROS 2.",
+            remedy="Add a ros2:// link to the vehicle (see Links).",
+        )
+    return address
 
 
 def _require_topics(vehicle: Vehicle, topics: Iterable[str]) -> None:

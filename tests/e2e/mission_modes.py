@@ -106,7 +106,11 @@ class VehicleWithMissionModes:
         return response.json()
 
     def is_ready(self) -> bool:
-        return bool(self.topic_value("health").get("ready_to_arm") and self.topic_value("global_position"))
+        estimates = {"attitude", "local_position", "global_position"}
+        return (
+            bool(self.topic_value("health").get("ready_to_arm"))
+            and estimates <= self.vehicle()["topics"].keys()
+        )
 
     def take_off(self) -> None:
         station.wait_until(self.is_ready, "readiness", 60.0)
