@@ -1,4 +1,5 @@
-"""Routes of readiness: for each flight mode, why a vehicle cannot arm or fly in it."""
+"""Routes of readiness: for each flight mode, why a vehicle cannot arm or fly in it; and the modes to choose
+from."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from gcs_server.api.reflect import model_of
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import VehicleDep
+from gcs_server.vehicle.mode_choices import ModeChoice, ModesOffered, mode_choices
 from gcs_server.vehicle.readiness import Cause, ModeReadiness, Offer, Readiness
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -29,6 +31,14 @@ ReadinessView = create_model(
     "VehicleReadiness",
     __base__=ReadinessModel,
     __doc__="For each flight mode, why the vehicle cannot arm or fly in it; from the vehicle's last report.",
+    vehicle=(str, Field(description="The vehicle's id.")),
+)
+
+ChoiceModel = model_of(ModeChoice)
+ModesView = create_model(
+    "VehicleModes",
+    __base__=model_of(ModesOffered, modes=tuple[ChoiceModel, ...]),
+    __doc__="The flight modes that the vehicle offers, in its own order.",
     vehicle=(str, Field(description="The vehicle's id.")),
 )
 
@@ -51,3 +61,12 @@ async def check(vehicle: VehicleDep) -> Response:
     await vehicle.health.check()
     vehicle.in_background("metadata of its events", vehicle.health.read_definitions(vehicle.metadata))
     return json_response(_view(vehicle))
+
+
+@router.get("/{v}/modes", response_model=ModesView)
+async def modes(vehicle: VehicleDep) -> Response:
+    """The flight modes that the vehicle offers, with the reasons why one cannot be entered now. The vehicle
+    is asked for its list (AVAILABLE_MODES) unless the server has it."""
+    announced = await vehicle.mode_list.read()
+    offered = mode_choices(announced, vehicle.mode_names, vehicle.health.readiness)
+    return json_response({"vehicle": vehicle.id, **asdict(offered)})

@@ -193,6 +193,11 @@ class Vehicle:
         """Changes the flight mode: hold, position, land, …"""
         await self.request("POST", "/mode", {"mode": mode})
 
+    async def modes(self) -> list[dict[str, Any]]:
+        """The modes that the vehicle offers: `mode`, `label`, `settable`, `can_run`, and `reasons` why one
+        cannot be entered now."""
+        return (await self.request("GET", "/modes"))["modes"]
+
     async def goto(self, lat_deg: float, lon_deg: float, **options: float) -> None:
         """Flies to a position; give `alt_amsl_m` or `alt_home_m`, and optionally `yaw_ned_deg` and
         `max_distance_m`."""

@@ -304,6 +304,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/mission/plan",
         "GET /vehicles/{v}/mission/flown",
         "GET /vehicles/{v}/readiness",
+        "GET /vehicles/{v}/modes",
         "GET /vehicles/{v}/ros2/topics",
         "GET /vehicles/{v}/logs",
         "GET /vehicles/{v}/logs/{file}",

@@ -1911,6 +1911,27 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/modes": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Modes
+         * @description The flight modes that the vehicle offers, with the reasons why one cannot be entered now. The vehicle
+         *     is asked for its list (AVAILABLE_MODES) unless the server has it.
+         */
+        readonly get: operations["modes_api_v1_vehicles__v__modes_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/recordings": {
         readonly parameters: {
             readonly query?: never;
@@ -8308,6 +8329,37 @@ export interface components {
             readonly since_unix_s: number;
         };
         /**
+         * ModeChoice
+         * @description One mode that the vehicle offers.
+         */
+        readonly ModeChoice: {
+            /**
+             * Mode
+             * @description Name of the mode in the API.
+             */
+            readonly mode: string;
+            /**
+             * Label
+             * @description Registered name of an external mode; otherwise the mode's label.
+             */
+            readonly label: string;
+            /**
+             * Settable
+             * @description Whether `POST /vehicles/{v}/mode` takes the mode.
+             */
+            readonly settable: boolean;
+            /**
+             * Can Run
+             * @description Whether the vehicle can fly the mode now; null: it has not reported.
+             */
+            readonly can_run: boolean | null;
+            /**
+             * Reasons
+             * @description Why the mode cannot be selected or flown now, with the remedy, as sentences; may be empty.
+             */
+            readonly reasons: readonly string[];
+        };
+        /**
          * ModeReadiness
          * @description One mode.
          */
@@ -13370,6 +13422,28 @@ export interface components {
              * @description Messages left out.
              */
             readonly messages_left_out: number;
+        };
+        /**
+         * VehicleModes
+         * @description The flight modes that the vehicle offers, in its own order.
+         */
+        readonly VehicleModes: {
+            /**
+             * Of Vehicle
+             * @description Whether the list is the vehicle's own. Otherwise the vehicle sends none, and the modes are those that
+             *     the server can set.
+             */
+            readonly of_vehicle: boolean;
+            /**
+             * Modes
+             * @description In the vehicle's order.
+             */
+            readonly modes: readonly components["schemas"]["ModeChoice"][];
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            readonly vehicle: string;
         };
         /**
          * VehicleReadiness
@@ -20218,6 +20292,65 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["VehicleReadiness"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly modes_api_v1_vehicles__v__modes_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["VehicleModes"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

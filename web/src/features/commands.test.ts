@@ -40,6 +40,8 @@ const { paramPanel } = await import('./params/controllers');
 const { readinessPanel } = await import('./readiness/controllers');
 const { vehicleList } = await import('./vehicles/controllers');
 const { mapPointMenu } = await import('./stage/controllers');
+const { modeMenu } = await import('./modes/controllers');
+const { modeGroups } = await import('./modes/mode-texts');
 const { replay, vehicleLogs } = await import('./replay/controllers');
 
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
@@ -98,6 +100,18 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'release control': { click: (facts) => control.release(facts) },
   'give control': { click: (facts) => control.grant(facts, REQUEST) },
   'keep control': { click: (facts) => control.deny(facts, REQUEST) },
+  'choose a mode': {
+    click: (facts) => {
+      const row = modeGroups([{ mode: 'mission', label: 'Mission', settable: true, can_run: true, reasons: [] }], facts)[0]?.rows[0];
+      if (row !== undefined) modeMenu.choose(row, facts);
+    },
+  },
+  'choose Hold': {
+    click: (facts) => {
+      const row = modeGroups([{ mode: 'hold', label: 'Hold', settable: true, can_run: true, reasons: [] }], facts)[0]?.rows[0];
+      if (row !== undefined) modeMenu.choose(row, facts);
+    },
+  },
   'go here': {
     click: (facts) => {
       mapPointMenu.open({ lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null, scenePixel: null }, facts);
