@@ -254,8 +254,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         Parameters(dict(arguments.param), px4=arguments.px4)  # raises if a name or a value is invalid
     except (UnknownParameterError, ValueError) as error:
         parser.error(f"--param: {error}")
-    if arguments.ros2 is not None and not arguments.px4.dds:
-        parser.error(f"--ros2: the topics of PX4 {arguments.px4.name} are not simulated yet; use --px4 1.16")
     if arguments.ros2 is None and (arguments.ros2_namespace or arguments.ros2_interface):
         parser.error("--ros2-namespace and --ros2-interface need --ros2")
     if arguments.ros2_namespace and arguments.instances > 1:

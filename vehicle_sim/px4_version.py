@@ -7,6 +7,7 @@ are in `data/px4_1_17.json`; whether a parameter exists is asked of the paramete
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -50,8 +51,12 @@ class Px4Version:
     """Whether home has roll and pitch, and is not reset by a later take-off of a mission."""
     fallback_needs_sticks: bool = False
     """Whether NAV_RCL_ACT replaces a failsafe's Position, Altitude or Stabilized mode without sticks."""
-    dds: bool = True
-    """Whether its topics are simulated."""
+    limits_topics: bool = False
+    """Whether ROS 2 topics have shortest periods of their own."""
+    reply_valid_s: float = math.inf
+    """Age from which a reply to an arming check is ignored."""
+    relaxed_global_position: bool = False
+    """Whether a mode can require a global position of less accuracy."""
 
     @cached_property
     def differences(self) -> dict[str, Any]:
@@ -90,6 +95,8 @@ V1_17: Final = Px4Version(
     corrects_home=True,
     home_has_tilt=True,
     fallback_needs_sticks=True,
-    dds=False,
+    limits_topics=True,
+    reply_valid_s=0.3,
+    relaxed_global_position=True,
 )
 VERSIONS: Final = {each.name: each for each in (V1_16, V1_17)}

@@ -78,7 +78,7 @@ def _open_ros2(fleet: SimulatedFleet, first_instance: int, arguments: argparse.N
         for row in range(len(fleet.nodes)):
             instance = first_instance + row
             namespace = arguments.ros2_namespace or (f"px4_{instance}" if instance else "")
-            fleet.open_ros2(row, domain.open(namespace), _error_printer(instance))
+            fleet.open_ros2(row, domain.open(namespace, arguments.px4), _error_printer(instance))
     except DdsUnavailable as problem:
         print(f"--ros2: {problem}", file=sys.stderr, flush=True)
         return False

@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-from tests.support.ros2_vehicle import MESSAGE_TYPES, Ros2Vehicle
+from tests.support.dds_samples import base_name
+from tests.support.ros2_vehicle import Ros2Vehicle
 from vehicle_sim.external_modes.arming_checks import REQUEST_IDS
 from vehicle_sim.external_modes.slots import FIRST_MODE, name_hash
 from vehicle_sim.mavlink.dialect import pack
@@ -23,7 +24,7 @@ RECORDINGS_FOLDER = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dd
 CHECK_REQUEST, CHECK_REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
 REGISTER_REPLY, FORMAT_RESPONSE = "/fmu/out/register_ext_component_reply", "/fmu/out/message_format_response"
 MODE_COMPLETED = "/fmu/out/mode_completed"
-VEHICLE_STATUS, FAILSAFE_FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/failsafe_flags"
+VEHICLE_STATUS, FAILSAFE_FLAGS = "/fmu/out/vehicle_status", "/fmu/out/failsafe_flags"
 REQUEST_PERIOD_S = 0.3138  # of the arming check requests, by the recorder's clock
 DELIBERATE_DELAY_S = 0.05
 """A reply that was sent later than this after its request was delayed on purpose."""
@@ -144,9 +145,9 @@ class _Responder:
 class _Vehicle(Ros2Vehicle):
     """A vehicle that decodes only the compared topics."""
 
-    def publish(self, topic: str, data: bytes) -> None:
+    def receive(self, topic: str, data: bytes) -> None:
         if topic in COMPARED_TOPICS:
-            super().publish(topic, data)
+            super().receive(topic, data)
 
 
 class Ros2DialoguePlayer:
@@ -214,7 +215,7 @@ class Ros2DialoguePlayer:
         """Called when a dialogue begins."""
 
     def _send(self, topic: str, fields: dict[str, Any]) -> None:
-        if topic in MESSAGE_TYPES:
+        if topic in self.vehicle.message_types:
             self.vehicle.send(topic, fields)
             return
         numbers = {f"param{n + 1}": value for n, value in enumerate(fields.get("params", ()))}
@@ -258,7 +259,7 @@ def _messages(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]
         if topic == CHECK_REPLY:
             continue
         fields = sent.get("fields") or {}
-        fields = fields if topic not in MESSAGE_TYPES else flat_fields(fields)
+        fields = flat_fields(fields) if topic.startswith("/fmu/") else fields
         fields.pop("writer_qos", None)
         for n in range(sent.get("count", 1)):
             at_s = sent["dt_s"] + n / sent.get("streamed_hz", 1)
@@ -279,7 +280,8 @@ def _requests(dialogue: Dialogue) -> list[tuple[float, int]]:
 
 
 def _received(dialogue: Dialogue, topic: str) -> list[dict[str, Any]]:
-    return [message for message in dialogue["received"] if message.get("topic", "").endswith(topic)]
+    name = base_name(topic)
+    return [each for each in dialogue["received"] if base_name(each.get("topic", "")).endswith(name)]
 
 
 def _replies(dialogue: Dialogue) -> list[dict[str, Any]]:

@@ -150,11 +150,11 @@ class _Vehicle(Ros2Vehicle):
     switched_s = math.nan
     """Time at which the vehicle last published the active controllers."""
 
-    def publish(self, topic: str, data: bytes) -> None:
+    def receive(self, topic: str, data: bytes) -> None:
         if topic == VEHICLE_CONTROL_MODE:
             self.switched_s = self.sim.time_s
         if topic in (VEHICLE_STATUS, LOCAL_POSITION):
-            super().publish(topic, data)
+            super().receive(topic, data)
 
 
 def fly(flight: Flight, *, noise: int | None = None, with_ground_drift: bool = False) -> tuple[Track, States]:

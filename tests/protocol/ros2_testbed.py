@@ -23,13 +23,12 @@ from tests.protocol.simulated_testbed import TICK_S, SimulatedVehicles, until
 from tests.support.dds_samples import base_name
 from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
-from vehicle_sim.ros2.topics import INPUTS, OUTPUTS
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.ros2.topics import topics_of
 
 NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
 """Without time synchronization, the vehicle publishes on ROS 2 from 1.3 s after its boot instead of 6.4 s."""
-
-
-VEHICLE_TOPICS = [AnnouncedTopic(base_name(each.name), each.name, each.type) for each in (*OUTPUTS, *INPUTS)]
 
 
 class VehicleTopics:
@@ -37,12 +36,18 @@ class VehicleTopics:
 
     Args:
         namespace: the vehicle's namespace.
+        px4: the vehicle's version of PX4.
     """
 
-    def __init__(self, namespace: str) -> None:
+    def __init__(self, namespace: str, px4: Px4Version = V1_16) -> None:
         self.link = VehicleLink(namespace, self, 255)
-        self.link.formats.announce(VEHICLE_TOPICS)
-        self._names = {each.base: each.name for each in VEHICLE_TOPICS}
+        topics = topics_of(px4)
+        announced = [
+            AnnouncedTopic(base_name(each.name), each.name, each.type)
+            for each in (*topics.outputs, *topics.inputs)
+        ]
+        self.link.formats.announce(announced)
+        self._names = {each.base: each.name for each in announced}
         self._status_s = 0.0
         self.sent_messages: list[tuple[str, bytes]] = []
         """Every message to the vehicle but the questions about layouts, in the server's layout."""
@@ -172,13 +177,18 @@ class Ros2Testbed(SimulatedVehicles):
     Args:
         count: number of vehicles.
         mavlink: whether vehicle 1 also has a MAVLink link.
+        px4: the version of PX4 of all vehicles, or of each vehicle.
     """
 
-    def __init__(self, count: int = 1, *, mavlink: bool = False) -> None:
+    def __init__(
+        self, count: int = 1, *, mavlink: bool = False, px4: Px4Version | Sequence[Px4Version] = V1_16
+    ) -> None:
         super().__init__()
         links = (("gcs", "gcs"),) if mavlink else ()
-        self.sim = SimulatedFleet(count, links=links, parameters=NO_TIME_SYNC, seed=3)
-        self.topics = [VehicleTopics(f"px4_{row}") for row in range(count)]
+        versions = [px4] * count if isinstance(px4, Px4Version) else px4
+        stores = [Parameters(NO_TIME_SYNC, px4=each) for each in versions]
+        self.sim = SimulatedFleet(count, links=links, stores=stores, seed=3)
+        self.topics = [VehicleTopics(f"px4_{row}", each) for row, each in enumerate(versions)]
         self.ros2 = MemoryRos2Link(self._command, self.topics)
         for row, topics in enumerate(self.topics):
             self.sim.open_ros2(row, topics, lambda _: None)

@@ -6,15 +6,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from vehicle_sim.fleet import SimulatedFleet
-from vehicle_sim.ros2.messages import MESSAGES
-from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQUEST
+from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, SERVICE_REPLY, SERVICE_REQUEST, topics_of
 
 READY_S = 4.0
 NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
 """Without time synchronization the vehicle publishes on ROS 2 1.3 s after its boot, otherwise after 6.4 s."""
-MESSAGE_TYPES = {topic.name: topic.message for topic in (*OUTPUTS, *INPUTS)} | {
-    SERVICE_REQUEST: MESSAGES["VehicleCommand"], SERVICE_REPLY: MESSAGES["VehicleCommandAck"],
-}  # fmt: skip
 ADDRESSES = {"target_system": 1, "target_component": 1, "source_system": 1, "source_component": 1}
 HOVER_HEIGHT_M = 2.5
 ARM_DISARM, TAKEOFF = 400, 22
@@ -23,16 +20,26 @@ ARM_DISARM, TAKEOFF = 400, 22
 
 class Ros2Vehicle:
     """One vehicle after its boot; `received_messages` has (time [s], topic, fields) of each message it
-    published."""
+    published. Topics are named without the version that their names have on the wire."""
 
     def __init__(
         self,
         *,
         time_since_boot_s: float = READY_S,
         parameters: Mapping[str, float] = NO_TIME_SYNC,
+        px4: Px4Version = V1_16,
         **options: Any,
     ) -> None:
-        options = {"sensor_noise": False, "links": ()} | options
+        options = {"sensor_noise": False, "links": (), "px4": px4} | options
+        topics = topics_of(px4)
+        both = (*topics.outputs, *topics.inputs)
+        self.message_types = {topic.base: topic.message for topic in both} | {
+            SERVICE_REQUEST: topics.messages["VehicleCommand"],
+            SERVICE_REPLY: topics.messages["VehicleCommandAck"],
+        }
+        """Type of each topic."""
+        self.wire_names = {topic.base: topic.name for topic in both}
+        self._base_names = {topic.name: topic.base for topic in both}
         self.sim = SimulatedFleet(1, parameters=parameters, **options)
         self.received_messages: list[tuple[float, str, dict[str, Any]]] = []
         self.reports: list[str] = []
@@ -43,8 +50,12 @@ class Ros2Vehicle:
     # --- transport -------------------------------------------------------------------------------------
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Receives a message from the vehicle."""
-        self.received_messages.append((self.sim.time_s, topic, MESSAGE_TYPES[topic].decode(data)))
+        """Receives a message from the vehicle on a topic, which is named as on the wire."""
+        self.receive(self._base_names.get(topic, topic), data)
+
+    def receive(self, topic: str, data: bytes) -> None:
+        """Decodes and stores a message from the vehicle."""
+        self.received_messages.append((self.sim.time_s, topic, self.message_types[topic].decode(data)))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
         """Removes and returns the messages for the vehicle."""
@@ -55,10 +66,11 @@ class Ros2Vehicle:
 
     def send(self, topic: str, fields: Mapping[str, Any] = {}, **more_fields: Any) -> None:
         """Sends a message; fields that are not given are zero."""
-        self._inbox.append((topic, MESSAGE_TYPES[topic].encode({**fields, **more_fields})))
+        data = self.message_types[topic].encode({**fields, **more_fields})
+        self._inbox.append((self.wire_names.get(topic, topic), data))
 
     def send_bytes(self, topic: str, data: bytes) -> None:
-        """Sends these bytes, which need not be a valid message."""
+        """Sends these bytes, which need not be a valid message, on a topic, which is named as on the wire."""
         self._inbox.append((topic, data))
 
     def command(self, command_id: int, *parameters: float, topic: str = COMMAND, **fields: Any) -> None:

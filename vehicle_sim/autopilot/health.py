@@ -272,7 +272,8 @@ def _mode_findings(inputs: CheckInputs) -> Iterator[Finding]:
         modes = _local_position_modes(requirements)
         yield _mode_blocker("check_modes_local_pos", modes, COMPONENT_LOCAL_POSITION)
     if not inputs.valid_global_position:
-        modes = requirements.global_position | requirements.home_position
+        modes = requirements.global_position | requirements.global_position_relaxed
+        modes |= requirements.home_position
         yield _mode_blocker("check_modes_global_pos", modes, COMPONENT_GLOBAL_POSITION)
     if not inputs.has_mission:
         modes = EVERY_MODE if inputs.mission_required else requirements.mission

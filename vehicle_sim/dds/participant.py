@@ -20,8 +20,8 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from vehicle_sim.dds.types import Sample, idl_type
-from vehicle_sim.ros2.messages import MESSAGES, MessageType
-from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQUEST, dds_name
+from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.ros2.topics import SERVICE_REPLY, SERVICE_REQUEST, Topics, dds_name, topics_of
 
 LOOPBACK = "lo"
 MAX_PARTICIPANTS = 99
@@ -80,7 +80,7 @@ class _Reader:
 class DdsPort:
     """One vehicle's participant, with a writer or reader for each topic."""
 
-    def __init__(self, domain: DdsDomain, domain_id: int, namespace: str) -> None:
+    def __init__(self, domain: DdsDomain, domain_id: int, namespace: str, topics: Topics) -> None:
         self._domain = domain
         """Keeps the domain alive: Cyclone deletes a domain and its entities after the last reference."""
         self._participant = DomainParticipant(domain_id)
@@ -88,13 +88,13 @@ class DdsPort:
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
         self._readers: list[_Reader] = []
         self._waitset = WaitSet(self._participant)
-        for output in OUTPUTS:
+        for output in topics.outputs:
             self._add_writer(output.name, idl_type(output.message), _writer_qos())
-        reply = idl_type(MESSAGES["VehicleCommandAck"], SERVICE_TYPE.format("Response"))
+        reply = idl_type(topics.messages["VehicleCommandAck"], SERVICE_TYPE.format("Response"))
         self._add_writer(SERVICE_REPLY, reply, _writer_qos(reliable=True))
-        for topic in INPUTS:
+        for topic in topics.inputs:
             self._add_reader(topic.name, idl_type(topic.message), topic.depth, _reader_qos(topic.depth))
-        command: MessageType = MESSAGES["VehicleCommand"]
+        command = topics.messages["VehicleCommand"]
         depth = 2 * command.constants["ORB_QUEUE_LENGTH"]
         request = idl_type(command, SERVICE_TYPE.format("Request"))
         self._add_reader(SERVICE_REQUEST, request, depth, _reader_qos(depth, reliable=True))
@@ -155,14 +155,18 @@ class DdsDomain:
         except DDSException as problem:
             raise self._unavailable(problem) from None
 
-    def open(self, namespace: str = "") -> DdsPort:
+    def open(self, namespace: str = "", px4: Px4Version = V1_16) -> DdsPort:
         """Creates the participant of a vehicle.
+
+        Args:
+            namespace: prefix of the names of its topics.
+            px4: the vehicle's version of PX4.
 
         Raises:
             DdsUnavailable: DDS cannot create the participant.
         """
         try:
-            return DdsPort(self, self._domain_id, namespace)
+            return DdsPort(self, self._domain_id, namespace, topics_of(px4))
         except DDSException as problem:
             raise self._unavailable(problem) from None
 

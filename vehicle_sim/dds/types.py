@@ -12,7 +12,7 @@ from typing import Any, Self
 from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl import types as idl
 
-from vehicle_sim.ros2.messages import CODES, MESSAGES, MessageType
+from vehicle_sim.ros2.messages import CODES, Field, MessageType
 
 _PRIMITIVES: dict[str, Any] = {
     "bool": bool, "char": idl.uint8, "int8": idl.int8, "uint8": idl.uint8, "int16": idl.int16,
@@ -50,22 +50,22 @@ class Sample(IdlStruct):
         return sample
 
 
-def _idl_field(type_name: str, length: int) -> Any:
-    single = _PRIMITIVES[type_name] if type_name in CODES else idl_dataclass(MESSAGES[type_name])
-    return idl.array[single, length] if length else single
+def _idl_field(message: MessageType, field: Field) -> Any:
+    single = _PRIMITIVES[field.type] if field.type in CODES else idl_dataclass(message.nested[field.type])
+    return idl.array[single, field.length] if field.length else single
 
 
 @cache
 def idl_dataclass(message: MessageType) -> type[IdlStruct]:
     """The type with Cyclone's own encoder: for nested types, and for comparison in tests."""
-    fields = {field.name: _idl_field(field.type, field.length) for field in message.fields}
+    fields = {field.name: _idl_field(message, field) for field in message.fields}
     return make_idl_struct(message.name, f"px4_msgs.msg.dds_.{message.name}_", fields)
 
 
 @cache
 def idl_type(message: MessageType, typename: str = "") -> type[Sample]:
     """The type of a topic; `typename` replaces its DDS type name (for services)."""
-    fields = {field.name: _idl_field(field.type, field.length) for field in message.fields}
+    fields = {field.name: _idl_field(message, field) for field in message.fields}
     sample_type: Any = make_idl_struct(
         message.name, typename or f"px4_msgs.msg.dds_.{message.name}_", fields, dataclassify=False,
         bases=(Sample,),

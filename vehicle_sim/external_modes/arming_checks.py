@@ -122,6 +122,11 @@ class ArmingChecks:
         """Whether unanswered requests of this period have been counted."""
 
     @property
+    def valid_mask(self) -> int:
+        """Bit mask of the registration ids whose component is not unresponsive."""
+        return sum(1 << slot for slot, check in self._checks.items() if not check.unresponsive)
+
+    @property
     def is_full(self) -> bool:
         """Whether no slot is free."""
         return len(self._checks) >= SLOTS

@@ -14,6 +14,8 @@ class Requirements(NamedTuple):
     local_position: int = 0x7A0038
     local_position_relaxed: int = 0x040044
     global_position: int = 0x38
+    global_position_relaxed: int = 0
+    """No mode of PX4 has this requirement; an external mode can have it from v1.17 on."""
     mission: int = 0x08
     offboard_signal: int = 0x4000
     home_position: int = 0x20
@@ -41,9 +43,11 @@ def built_in_requirements(*, altitude_cruise: bool) -> Requirements:
 
 REPORTED = (
     "angular_velocity", "attitude", "local_alt", "local_position", "local_position_relaxed",
-    "global_position", "mission", "home_position", "prevent_arming", "manual_control",
+    "global_position", "global_position_relaxed", "mission", "home_position", "prevent_arming",
+    "manual_control",
 )  # fmt: skip
-"""Requirements that a component reports in the fields `mode_req_*` of ArmingCheckReply."""
+"""Requirements that a component reports in the fields `mode_req_*` of ArmingCheckReply, if its version of PX4
+has them."""
 
 
 def with_external_mode(

@@ -16,18 +16,17 @@ from vehicle_sim.commands.command import (
     execute,
 )
 from vehicle_sim.external_modes.registry import EXECUTOR_COMPONENT
-from vehicle_sim.ros2.external_modes import ExternalModeTopics
-from vehicle_sim.ros2.messages import MESSAGES, MalformedMessage
+from vehicle_sim.ros2.external_modes import ExternalModeTopics, Publish, Values
+from vehicle_sim.ros2.messages import MalformedMessage
 from vehicle_sim.ros2.outputs import Outputs
 from vehicle_sim.ros2.setpoints import SetpointInputs
 from vehicle_sim.ros2.topics import (
     COMMAND,
     COMMAND_ACK,
     EXECUTOR_COMMAND,
-    INPUTS,
-    OUTPUTS,
     SERVICE_REPLY,
     SERVICE_REQUEST,
+    topics_of,
 )
 from vehicle_sim.topics.states import States
 
@@ -37,39 +36,27 @@ CYCLE_US: Final = 10_000
 """Period of PX4's commander, which processes one command per cycle."""
 COMMAND_QUEUE_LENGTH: Final = 4
 """Length of PX4's command queue; in a burst PX4 drops the oldest commands without a report."""
-Values = Mapping[str, Any]
-
-
 REQUEST: Final = "/fmu/in/message_format_request"
 RESPONSE: Final = "/fmu/out/message_format_response"
 PROTOCOL_VERSION: Final = 1
 UNSET_HASH, UNSET_NAME = 3, "6"
 """Recorded values of the fields that PX4 leaves unset in a response."""
-VERSIONED_TOPIC: Final = "vehicle_status_v1"
-"""The only bridged topic with a version in its name; inside PX4 the name has no version."""
 
 
-def _hashes() -> dict[str, int]:
-    """Hash of each topic's message type, by the name of the topic inside PX4."""
-    hashes = {topic.name.rsplit("/", 1)[1]: topic.message.hash for topic in (*OUTPUTS, *INPUTS)}
-    hashes["vehicle_status"] = hashes.pop(VERSIONED_TOPIC)
-    hashes["vehicle_angular_velocity"] = MESSAGES["VehicleAngularVelocity"].hash
-    return hashes
-
-
-HASHES: Final = _hashes()
-
-
-def response(request: Mapping[str, Any]) -> dict[str, Any]:
+def response(request: Values, hashes: Mapping[str, int]) -> dict[str, Any]:
     """The fields of the MessageFormatResponse, except the time.
 
     PX4 looks up the part of the name after the last slash; a name without a slash is unknown to PX4.
+
+    Args:
+        request: fields of the MessageFormatRequest.
+        hashes: see `Topics.hashes`.
     """
     fields: dict[str, Any] = {"protocol_version": PROTOCOL_VERSION, "message_hash": UNSET_HASH}
     if request["protocol_version"] != PROTOCOL_VERSION:
         return fields | {"topic_name": UNSET_NAME}
     name = request["topic_name"]
-    message_hash = HASHES.get(name.rpartition("/")[2]) if "/" in name else None
+    message_hash = hashes.get(name.rpartition("/")[2]) if "/" in name else None
     fields["topic_name"] = name
     return fields if message_hash is None else fields | {"success": True, "message_hash": message_hash}
 
@@ -78,19 +65,19 @@ class MessageFormats:
     """Replies to programs that ask one vehicle for the hash of a topic's type, to check their px4_msgs
     version; of several requests in one step only the last gets a reply."""
 
-    def __init__(self, publish: Callable[[str, str, Mapping[str, Any]], None]) -> None:
-        self._publish = publish
-        self._request: Mapping[str, Any] | None = None
+    def __init__(self, hashes: Mapping[str, int], publish: Publish) -> None:
+        self._hashes, self._publish = hashes, publish
+        self._request: Values | None = None
         self.receivers = {REQUEST: self._store_request}
 
-    def _store_request(self, request: Mapping[str, Any]) -> None:
+    def _store_request(self, request: Values) -> None:
         self._request = request
 
     def reply_to_newest(self) -> None:
         """Replies to the newest request since the last call."""
         request, self._request = self._request, None
         if request is not None:
-            self._publish(RESPONSE, "MessageFormatResponse", response(request))
+            self._publish(RESPONSE, response(request, self._hashes))
 
 
 def _ignore(_command: Command) -> None:
@@ -139,6 +126,7 @@ class Bridge:
         report: Callable[[str], None],
     ) -> None:
         self._host, self._view, self._port, self._report_malformed = host, host.view, port, report
+        self._topics = topics_of(self._view.px4)
         self._handlers = {**handlers, **dict.fromkeys(mavlink_only, _ignore)}
         synchronized = self._view.optional_choice("UXRCE_DDS_SYNCT", 1) != 0
         offset_us = int(self._view.boot_time_unix_s * 1e6) if synchronized else 0
@@ -156,8 +144,8 @@ class Bridge:
         self._reported_topics: set[str] = set()
         setpoints = SetpointInputs(host.autopilot)
         self._external = host.autopilot.commander.external
-        self._external_mode_topics = ExternalModeTopics(host.autopilot, self._publish)
-        self._message_formats = MessageFormats(self._publish)
+        self._external_mode_topics = ExternalModeTopics(host.autopilot, self._publish, offset_us)
+        self._message_formats = MessageFormats(self._topics.hashes, self._publish)
         self._receivers: dict[str, Callable[[Values], None]] = {
             COMMAND: lambda values: self._commands.append((values, False)),
             SERVICE_REQUEST: lambda values: self._commands.append((values, True)),
@@ -166,8 +154,8 @@ class Bridge:
             **self._message_formats.receivers,
             **setpoints.receivers,
         }
-        self._message_types = {topic.name: topic.message for topic in INPUTS}
-        self._message_types[SERVICE_REQUEST] = MESSAGES["VehicleCommand"]
+        self._inputs = {topic.name: (topic.base, topic.message) for topic in self._topics.inputs}
+        self._inputs[SERVICE_REQUEST] = (SERVICE_REQUEST, self._topics.messages["VehicleCommand"])
         host.add_ack_listener(self._acknowledge)
 
     @property
@@ -196,17 +184,19 @@ class Bridge:
         if self._executor_commands:
             self._forward_executor_command(self._executor_commands.popleft())
 
-    def _publish(self, topic: str, type_name: str, values: Values) -> None:
-        """Publishes a message with the current time."""
+    def _publish(self, base: str, values: Values) -> None:
+        """Publishes a message with the current time on a topic, which is named without version."""
         stamped = {"timestamp": self._view.time_boot_us() + self._offset_us, **values}
-        self._port.publish(topic, MESSAGES[type_name].encode(stamped))
+        topic = self._topics.output[base]
+        self._port.publish(topic.name, topic.message.encode(stamped))
 
     def _receive(self, topic: str, data: bytes) -> None:
-        receiver = self._receivers.get(topic)
-        if receiver is None:
+        base, message = self._inputs.get(topic, ("", None))
+        receiver = self._receivers.get(base)
+        if receiver is None or message is None:
             return
         try:
-            values = self._message_types[topic].decode(data)
+            values = message.decode(data)
         except MalformedMessage as problem:
             if topic not in self._reported_topics:
                 self._reported_topics.add(topic)
@@ -244,7 +234,7 @@ class Bridge:
             "result": result, "result_param1": progress, "target_system": command.sender[0],
             "target_component": command.sender[1],
         }  # fmt: skip
-        data = MESSAGES["VehicleCommandAck"].encode(values)
+        data = self._topics.messages["VehicleCommandAck"].encode(values)
         self._port.publish(COMMAND_ACK, data)
         if command is self._service_command and result != IN_PROGRESS:
             self._service_command = None

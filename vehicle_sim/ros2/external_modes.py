@@ -18,30 +18,39 @@ from vehicle_sim.external_modes.registry import (
 )
 from vehicle_sim.external_modes.requirements import REPORTED
 from vehicle_sim.external_modes.slots import Controllers, Overrides
+from vehicle_sim.ros2.topics import topics_of
 
 REGISTRATION_REPLY: Final = "/fmu/out/register_ext_component_reply"
 ARMING_CHECK_REQUEST: Final = "/fmu/out/arming_check_request"
 MODE_COMPLETED: Final = "/fmu/out/mode_completed"
 API_VERSION: Final = 1
-"""`px4_ros2_api_version` of PX4 v1.16, which accepts requests of every version."""
+"""`px4_ros2_api_version` of PX4 v1.16 and v1.17, which accept requests of every version."""
 MODE_SOURCE, EXECUTOR_SOURCE = 0, 1
 """ConfigOverrides.source_type."""
 LAND_COMPLETED_EVERY_US: Final = 50_000
 CONTROLLERS: Final = {f"flag_control_{each.name}_enabled": each.name for each in fields(Controllers)}
 """Field of `Controllers`, by field of `config_control_setpoints`."""
 Values = Mapping[str, Any]
-Publish = Callable[[str, str, Values], None]
-"""`publish(topic, type, fields)`: publishes a message with the current time."""
+Publish = Callable[[str, Values], None]
+"""`publish(topic, fields)`: publishes a message with the current time."""
 
 
 class ExternalModeTopics:
-    """PX4's side of registration, arming checks, configuration and completion of external modes."""
+    """PX4's side of registration, arming checks, configuration and completion of external modes.
 
-    def __init__(self, autopilot: Autopilot, publish: Publish) -> None:
+    Args:
+        autopilot: the vehicle's autopilot.
+        publish: see `Publish`.
+        offset_us: added to times since boot in the times that programs send and receive.
+    """
+
+    def __init__(self, autopilot: Autopilot, publish: Publish, offset_us: int) -> None:
         self._commander = autopilot.commander
         self._external = autopilot.commander.external
         self._view = autopilot.view
-        self._publish = publish
+        self._publish, self._offset_us = publish, offset_us
+        check_request = topics_of(autopilot.view.px4).messages["ArmingCheckRequest"]
+        self._sends_mask = "valid_registrations_mask" in check_request.index
         # Received messages that wait for the commander; the queues are as long as PX4's.
         self._registrations: deque[Values] = deque(maxlen=2)
         self._removals: deque[Values] = deque(maxlen=1)
@@ -53,7 +62,7 @@ class ExternalModeTopics:
             "/fmu/in/unregister_ext_component": self._removals.append,
             "/fmu/in/config_overrides_request": self._overrides.append,
             "/fmu/in/config_control_setpoints": self._configurations.append,
-            "/fmu/in/arming_check_reply": lambda values: self._external.receive(_decode_reply(values)),
+            "/fmu/in/arming_check_reply": self._receive_check_reply,
             "/fmu/in/mode_completed": self._echo_completion,
         }
 
@@ -62,7 +71,8 @@ class ExternalModeTopics:
         commander, external = self._commander, self._external
         request_id = external.update(self._view.time_boot_us(), failsafe_acts=commander.in_failsafe)
         if request_id is not None:
-            self._publish(ARMING_CHECK_REQUEST, "ArmingCheckRequest", {"request_id": request_id})
+            mask = {"valid_registrations_mask": external.checks.valid_mask} if self._sends_mask else {}
+            self._publish(ARMING_CHECK_REQUEST, {"request_id": request_id, **mask})
         if commander.armed and not self._view.choice("COM_MODE_ARM_CHK"):
             while self._registrations:
                 self._reply(self._registrations.popleft(), DENIED_WHILE_ARMED)
@@ -74,7 +84,17 @@ class ExternalModeTopics:
             external.remove_unresponsive(commander.intended_or_replacement)
         self._configure()
         for state in self._completed_modes.take():
-            self._publish(MODE_COMPLETED, "ModeCompleted", {"nav_state": state})
+            self._publish(MODE_COMPLETED, {"nav_state": state})
+
+    def _receive_check_reply(self, values: Values) -> None:
+        """Queues a reply, except one that is too old for this version of PX4.
+
+        Time 0 means now, and a time in the future counts as now.
+        """
+        sent_us = values["timestamp"]
+        age_us = self._view.time_boot_us() + self._offset_us - sent_us if sent_us else 0
+        if age_us <= self._view.px4.reply_valid_s * 1e6:
+            self._external.receive(_decode_reply(values))
 
     # --- registration ----------------------------------------------------------------------------------
 
@@ -92,7 +112,7 @@ class ExternalModeTopics:
 
     def _reply(self, request: Values, reply: RegistrationReply) -> None:
         self._publish(
-            REGISTRATION_REPLY, "RegisterExtComponentReply",
+            REGISTRATION_REPLY,
             {
                 "request_id": request["request_id"], "name": request["name"][:NAME_LENGTH],
                 "px4_ros2_api_version": API_VERSION, "success": reply.success,
@@ -128,9 +148,7 @@ class ExternalModeTopics:
 
     def _echo_completion(self, values: Values) -> None:
         """Publishes the completion of an external mode on the topic on which PX4 reports its own modes."""
-        self._publish(
-            MODE_COMPLETED, "ModeCompleted", {"result": values["result"], "nav_state": values["nav_state"]}
-        )
+        self._publish(MODE_COMPLETED, {"result": values["result"], "nav_state": values["nav_state"]})
 
 
 class _CompletedModes:
@@ -194,7 +212,7 @@ def _decode_reply(values: Values) -> ArmingCheckReply:
         )
         for n in range(min(values["num_events"], MAX_EVENTS))
     )
-    requires = frozenset(name for name in REPORTED if values[f"mode_req_{name}"])
+    requires = frozenset(name for name in REPORTED if values.get(f"mode_req_{name}"))
     return ArmingCheckReply(
         values["request_id"], values["registration_id"], values["can_arm_and_run"], requires, events
     )

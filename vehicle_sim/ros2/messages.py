@@ -1,4 +1,4 @@
-"""The ROS 2 message types of PX4: fields, constants, byte layout and hash, from `px4_msgs.txt`.
+"""The ROS 2 message types of each version of PX4: fields, constants, layout and hash, from `px4_msgs.txt`.
 
 On the wire a message is little-endian CDR: each value is aligned to its own size. All types of PX4 have a
 fixed size, so one `struct` format packs a message.
@@ -22,6 +22,8 @@ CODES: Final = {
 """`struct` code and size [bytes] by primitive type."""
 HEADER: Final = b"\x00\x01\x00\x00"
 """Encapsulation header: plain CDR, little endian."""
+BASE, CHANGED = "1.16", "1.17"
+"""The version of PX4 whose types the file has in full, and the version of its differences."""
 MAX_FLOAT32: Final = (2.0 - 2.0**-23) * 2.0**127
 _FNV_OFFSET, _FNV_PRIME = 0x811C9DC5, 0x01000193
 
@@ -96,6 +98,11 @@ class MessageType:
         for byte in self._declarations().encode():
             value = (value ^ byte) * _FNV_PRIME & 0xFFFFFFFF
         return value
+
+    @property
+    def version(self) -> int:
+        """Version of the type; from 1 on it is part of the names of its topics."""
+        return self.constants.get("MESSAGE_VERSION", 0)
 
     def _declarations(self) -> str:
         declarations: list[str] = []
@@ -178,26 +185,65 @@ class MessageType:
         return values
 
 
-def parse(text: str) -> dict[str, MessageType]:
-    """Parses message types in the format of `px4_msgs.txt`; nested types must precede the types that use
-    them."""
-    types: dict[str, MessageType] = {}
+def parse(text: str) -> dict[str, dict[str, MessageType]]:
+    """Message types by version and name, from a text in the format of `px4_msgs.txt`; nested types must
+    precede the types that use them."""
+    sections: dict[str, list[str]] = {}
     for section in text.split("\n[")[1:]:
         name, _, body = section.partition("]\n")
-        fields: list[Field] = []
-        constants: dict[str, int] = {}
-        for line in filter(None, body.splitlines()):
-            constant, equals, value = line.partition(" = ")
-            if equals:
-                constants[constant] = int(value)
-                continue
-            declared_type, _, field_name = line.partition(" ")
-            type_name, _, length = declared_type.rstrip("]").partition("[")
-            fields.append(Field(type_name, field_name, int(length or 0)))
-        nested = {field.type: types[field.type] for field in fields if field.type not in CODES}
-        types[name] = MessageType(name, tuple(fields), constants, nested)
-    return types
+        sections[name] = list(filter(None, body.splitlines()))
+    base: dict[str, MessageType] = {}
+    changed: dict[str, MessageType] = {}
+    for name, lines in sections.items():
+        type_name, _, version = name.partition(" ")
+        if version:
+            changed[type_name] = _derived(type_name, lines, base.get(type_name), changed)
+            continue
+        base[name] = _message_type(name, list(map(_field, _fields_in(lines))), _constants_in(lines), base)
+        changed[name] = base[name]
+        if any(changed[inner] is not base[inner] for inner in base[name].nested):
+            changed[name] = _derived(name, [], base[name], changed)
+    return {BASE: base, CHANGED: changed}
+
+
+def _derived(
+    name: str, lines: list[str], origin: MessageType | None, types: Mapping[str, MessageType]
+) -> MessageType:
+    """A type with these differences from another one, or a new type."""
+    fields: list[Field] = []
+    constants: dict[str, int] = {}
+    if origin is not None:
+        removed = {line[2:] for line in lines if line.startswith("- ")}
+        fields = [each for each in origin.fields if each.name not in removed]
+        constants = {each: value for each, value in origin.constants.items() if each not in removed}
+    for line in _fields_in(lines):
+        declaration, _, previous = line.removeprefix("+ ").partition(" after ")
+        at = 1 + [each.name for each in fields].index(previous) if previous else len(fields)
+        fields.insert(at, _field(declaration))
+    return _message_type(name, fields, constants | _constants_in(lines), types)
+
+
+def _fields_in(lines: list[str]) -> list[str]:
+    return [line for line in lines if " = " not in line and not line.startswith("- ")]
+
+
+def _constants_in(lines: list[str]) -> dict[str, int]:
+    pairs = (line.split(" = ") for line in lines if " = " in line)
+    return {name: int(value) for name, value in pairs}
+
+
+def _field(declaration: str) -> Field:
+    type_name, _, name = declaration.partition(" ")
+    type_name, _, length = type_name.rstrip("]").partition("[")
+    return Field(type_name, name, int(length or 0))
+
+
+def _message_type(
+    name: str, fields: list[Field], constants: dict[str, int], types: Mapping[str, MessageType]
+) -> MessageType:
+    nested = {field.type: types[field.type] for field in fields if field.type not in CODES}
+    return MessageType(name, tuple(fields), constants, nested)
 
 
 MESSAGES: Final = parse((Path(__file__).parent / "px4_msgs.txt").read_text(encoding="utf-8"))
-"""Message types by name."""
+"""Message types by version of PX4 ("1.16") and name."""

@@ -8,15 +8,14 @@ from typing import Any
 
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.ros2.messages import MESSAGES, MessageType
-from vehicle_sim.ros2.topics import OUTPUTS, STATUS, TIMESYNC, TRIPLET, Output
+from vehicle_sim.ros2.messages import MessageType
+from vehicle_sim.ros2.topics import GIMBAL, STATUS, TIMESYNC, TRIPLET, Output, topics_of
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic
 from vehicle_sim.topics.states import States, StateTopic
 
 TICK_US = 20_000
 """Period of the autopilot; state topics do not change more often."""
-TIMESYNC_US, TRIPLET_US = 1_000_000, 50_000
 DDS_PROTOCOL = 2
 """TimesyncStatus.SOURCE_PROTOCOL_DDS."""
 SETPOINT_TYPES, LANDING_TYPE = {NavState.TAKEOFF: 3, NavState.HOLD: 2}, 4
@@ -71,14 +70,35 @@ class _Schedule:
         self.output = output
         self.next_at_us = 0
         self.published_key: object = None
+        self._published_at_us = -output.shortest_us
+
+    def due(self, key: object, now_us: int, *, periodic: bool) -> bool:
+        """Whether the topic is published now: because its key has changed, or because a period has ended.
+
+        It is not published before its shortest period has ended; as in PX4, a topic that was quiet for longer
+        may then be published twice in a shorter time.
+        """
+        shortest_us = self.output.shortest_us
+        period_ended = periodic and now_us >= self.next_at_us
+        if now_us < self._published_at_us + shortest_us or not (period_ended or key != self.published_key):
+            return False
+        self._published_at_us = max(self._published_at_us + shortest_us, now_us - shortest_us)
+        self.published_key = key
+        if period_ended:
+            self._begin_period(now_us)
+        return True
 
     def period_ended(self, now_us: int) -> bool:
         """Whether the period has ended; if so, the next period begins."""
         if now_us < self.next_at_us:
             return False
+        self._begin_period(now_us)
+        return True
+
+    def _begin_period(self, now_us: int) -> None:
+        """Periods end at multiples of their length."""
         every_us = self.output.every_us
         self.next_at_us = (now_us // every_us + 1) * every_us
-        return True
 
 
 class Outputs:
@@ -97,22 +117,26 @@ class Outputs:
     ) -> None:
         self._autopilot, self._view = autopilot, autopilot.view
         self._publish, self._offset_us, self._synchronized = publish, offset_us, synchronized
+        topics = topics_of(self._view.px4)
+        outputs = topics.outputs
         array_topics = {topic.layout.name: topic for topic in ARRAY_TOPICS}
         state_topics = {topic.layout.name: topic for topic in states.topics}
         self._arrays = [
             (_Schedule(output), _ArrayReader(array_topics[output.source], output.message))
-            for output in OUTPUTS
+            for output in outputs
             if output.source in array_topics
         ]
         states_on_dds: list[tuple[_Schedule, StateTopic]] = [
             (_Schedule(output), state_topics[output.source])
-            for output in OUTPUTS
+            for output in outputs
             if output.source in state_topics
         ]
         self._fast_states = [pair for pair in states_on_dds if 0 < pair[0].output.every_us < TICK_US]
         self._states = [pair for pair in states_on_dds if pair not in self._fast_states]
-        self._next_tick_at_us = self._next_timesync_at_us = self._next_triplet_at_us = 0
-        self._published_waypoint: object = None
+        by_base = topics.output
+        self._timesync, self._triplet = _Schedule(by_base[TIMESYNC]), _Schedule(by_base[TRIPLET])
+        self._gimbal = _Schedule(by_base[GIMBAL]) if GIMBAL in by_base else None
+        self._next_tick_at_us = 0
 
     def step(self, now_us: int) -> None:
         """Publishes the due topics; called after each simulation step."""
@@ -140,51 +164,54 @@ class Outputs:
     def _publish_states(self, now_us: int) -> None:
         for schedule, topic in self._states:
             key = topic.key() if topic.key is not None else None
-            periodic = schedule.output.every_us > 0 and schedule.period_ended(now_us)
-            if periodic or key != schedule.published_key:
-                schedule.published_key = key
+            if schedule.due(key, now_us, periodic=schedule.output.every_us > 0):
                 values = dict(topic.read())
                 if "timestamp_sample" in values:
                     values["timestamp_sample"] += self._offset_us
                 self._send(schedule.output, values, now_us)
-        if self._synchronized and now_us >= self._next_timesync_at_us:
-            self._next_timesync_at_us = now_us + TIMESYNC_US
+        if self._synchronized and now_us >= self._timesync.next_at_us:
+            self._timesync.next_at_us = now_us + self._timesync.output.every_us
             self._publish_timesync(now_us)
         self._publish_triplet(now_us)
+        if self._gimbal is not None and self._autopilot.gimbal.enabled and self._gimbal.period_ended(now_us):
+            self._send(self._gimbal.output, self._gimbal_values(), now_us)
 
     def _send(self, output: Output, values: dict[str, Any], now_us: int) -> None:
         values["timestamp"] = now_us + self._offset_us
-        if output.name == STATUS:
+        if output.base == STATUS:
             self._autopilot.commander.external.on_status_published(values["can_set_nav_states_mask"])
         self._publish(output.name, output.message.encode(values))
 
     def _publish_timesync(self, now_us: int) -> None:
-        self._publish(
-            TIMESYNC,
-            MESSAGES["TimesyncStatus"].encode(
-                {
-                    "timestamp": now_us + self._offset_us, "source_protocol": DDS_PROTOCOL,
-                    "remote_timestamp": now_us + self._offset_us, "observed_offset": -self._offset_us,
-                    "estimated_offset": -self._offset_us,
-                }
-            ),
-        )  # fmt: skip
+        values = {
+            "source_protocol": DDS_PROTOCOL, "remote_timestamp": now_us + self._offset_us,
+            "observed_offset": -self._offset_us, "estimated_offset": -self._offset_us,
+        }  # fmt: skip
+        self._send(self._timesync.output, values, now_us)
+
+    def _gimbal_values(self) -> dict[str, Any]:
+        gimbal = self._autopilot.gimbal
+        rates = gimbal.rates
+        return {
+            "device_flags": int(gimbal.flags), "q": list(gimbal.device_quaternion()),
+            "angular_velocity_x": rates.roll_rad_s, "angular_velocity_y": rates.pitch_rad_s,
+            "angular_velocity_z": rates.yaw_rad_s, "gimbal_device_id": gimbal.device_id,
+            "received_from_mavlink": gimbal.has_device,
+        }  # fmt: skip
 
     def _publish_triplet(self, now_us: int) -> None:
-        """Publishes the waypoint when it or its type changes, and while disarmed also at 20 Hz."""
+        """Publishes the waypoint when it or its type changes, and while disarmed also periodically."""
         commander, waypoint = self._autopilot.commander, self._autopilot.waypoint
         lands = self._autopilot.navigator.lands_in(commander.active)
         setpoint_type = LANDING_TYPE if lands else SETPOINT_TYPES.get(commander.active, 0)
         published = None if waypoint is None else (waypoint, setpoint_type)
-        if published == self._published_waypoint and (commander.armed or now_us < self._next_triplet_at_us):
+        if not self._triplet.due(published, now_us, periodic=not commander.armed):
             return
-        self._published_waypoint = published
-        self._next_triplet_at_us = (now_us // TRIPLET_US + 1) * TRIPLET_US
-        values: dict[str, Any] = {"timestamp": now_us + self._offset_us}
+        values: dict[str, Any] = {}
         for role in ("previous", "current", "next"):
             setpoint = DEFAULT_SETPOINT | {"timestamp": now_us}
             if role == "current" and waypoint is not None:
                 setpoint |= {"valid": True, "type": setpoint_type}
                 setpoint |= dict(zip(("lat", "lon", "alt"), waypoint, strict=True))
             values |= {f"{role}.{name}": value for name, value in setpoint.items()}
-        self._publish(TRIPLET, MESSAGES["PositionSetpointTriplet"].encode(values))
+        self._send(self._triplet.output, values, now_us)

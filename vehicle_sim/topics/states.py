@@ -291,7 +291,8 @@ class States:
     def _home_position(self) -> Values:
         home = self._autopilot.home
         x, y, z = home.position_ned_m
-        return {
+        tilt = {"roll": home.roll_rad, "pitch": home.pitch_rad} if self._view.px4.home_has_tilt else {}
+        return tilt | {
             "lat": home.lat_deg, "lon": home.lon_deg, "alt": home.alt_amsl_m, "x": x, "y": y, "z": z,
             "yaw": home.yaw_ned_rad, "valid_alt": home.valid, "valid_hpos": home.valid,
             "valid_lpos": home.valid, "manual_home": home.manual,
@@ -333,7 +334,8 @@ def _fault_flags(view: VehicleView, commander: Commander, home: Home) -> dict[st
     """Flags of current faults; the topic is published immediately when a flag changes."""
     estimate, checks, monitors = view.estimate, commander.checks, commander.monitors
     position_usable = checks.position_usable
-    return {
+    relaxed = {"global_position_invalid_relaxed": not position_usable}
+    return (relaxed if view.px4.relaxed_global_position else {}) | {
         "attitude_invalid": not estimate.valid_attitude,
         "angular_velocity_invalid": not estimate.valid_attitude,
         "local_altitude_invalid": not estimate.valid_altitude,
@@ -359,4 +361,6 @@ def _failsafe_flags(view: VehicleView, commander: Commander, home: Home) -> dict
     requirement_masks = {
         f"mode_req_{name}": mask for name, mask in commander.report.requirements._asdict().items()
     }
+    if not view.px4.relaxed_global_position:
+        del requirement_masks["mode_req_global_position_relaxed"]
     return requirement_masks | _fault_flags(view, commander, home)

@@ -21,14 +21,15 @@ from tests.support.ros2_vehicle import NO_TIME_SYNC
 from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable, configuration
 from vehicle_sim.dds.types import idl_dataclass
 from vehicle_sim.fleet import SimulatedFleet
+from vehicle_sim.px4_version import V1_17, VERSIONS
 from vehicle_sim.ros2.messages import MESSAGES
-from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, dds_name
+from vehicle_sim.ros2.topics import dds_name, topics_of
 
 DOMAIN = 48
 NAMESPACE = f"test_{os.getpid()}"
 """Unique, since tests that run at the same time share the loopback interface."""
 BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(5))
-ARM_DISARM = 400
+ARM_DISARM, ARMED = 400, 2
 RELIABLE = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepLast(5))
 
 
@@ -69,7 +70,7 @@ def vehicle(domain) -> Iterator[SimulatedFleet]:
 
 def _reader(name: str, message: str, qos: Qos = BEST_EFFORT) -> Any:
     participant = DomainParticipant(DOMAIN)
-    topic = Topic(participant, dds_name(name, NAMESPACE), idl_dataclass(MESSAGES[message]))
+    topic = Topic(participant, dds_name(name, NAMESPACE), idl_dataclass(MESSAGES["1.16"][message]))
     return DataReader(participant, topic, qos=qos)
 
 
@@ -83,7 +84,7 @@ def test_a_command_of_a_plain_dds_program_arms_the_vehicle(vehicle, qos):
     vehicle.step(0.04)
     (ack,) = ack_reader.take(5)
     assert (ack.command, ack.result, ack.target_system) == (ARM_DISARM, 0, 1)
-    assert status_reader.take(5)[-1].arming_state == MESSAGES["VehicleStatus"].constants["ARMING_STATE_ARMED"]
+    assert status_reader.take(5)[-1].arming_state == ARMED
 
 
 def test_a_reliable_reader_receives_nothing_and_a_best_effort_reader_every_attitude(vehicle):
@@ -94,12 +95,35 @@ def test_a_reliable_reader_receives_nothing_and_a_best_effort_reader_every_attit
     assert len(best_effort_reader.take(9)) >= 4
 
 
-def test_there_is_a_writer_or_reader_for_each_topic(vehicle):
-    for topic in (*OUTPUTS, *INPUTS):
+@pytest.mark.parametrize(("px4", "written", "read"), [("1.16", 25, 28), ("1.17", 28, 39)])
+def test_there_is_a_writer_or_reader_for_each_topic(domain, px4, written, read):
+    topics = topics_of(VERSIONS[px4])
+    for topic in (*topics.outputs, *topics.inputs):
         assert idl_dataclass(topic.message).__idl__.idl_transformed_typename.endswith(f"::{topic.type}_")
-    port = vehicle._bridges[0]._port
-    assert len(port._writers) == 25
-    assert len(port._readers) == 28
+    port = domain.open(f"{NAMESPACE}_{px4[-2:]}", VERSIONS[px4])
+    assert len(port._writers) == written
+    assert len(port._readers) == read
+
+
+def test_a_program_with_the_types_of_v1_17_reads_a_vehicle_of_v1_17_beside_one_of_v1_16(domain, vehicle):
+    namespace = f"{NAMESPACE}_new"
+    new = SimulatedFleet(1, links=(), sensor_noise=False, parameters=NO_TIME_SYNC, px4=V1_17)
+    new.open_ros2(0, domain.open(namespace, V1_17), lambda text: None)
+    participant = DomainParticipant(DOMAIN)
+    readers: list[Any] = []
+    for px4, name in (("1.16", NAMESPACE), ("1.17", namespace)):
+        message = idl_dataclass(MESSAGES[px4]["FailsafeFlags"])
+        topic = Topic(participant, dds_name("/fmu/out/failsafe_flags", name), message)
+        readers.append(DataReader(participant, topic, qos=BEST_EFFORT))
+    new.step(4.0)
+    vehicle.step(1.0)
+    old_flags, new_flags = (reader.take(9)[-1] for reader in readers)
+    assert old_flags.manual_control_signal_lost
+    assert new_flags.manual_control_signal_lost
+    assert not old_flags.geofence_breached
+    assert not new_flags.geofence_breached
+    assert not new_flags.global_position_invalid_relaxed
+    new.close()
 
 
 def test_only_the_newest_messages_of_a_flooding_writer_are_received(vehicle):
@@ -109,7 +133,7 @@ def test_only_the_newest_messages_of_a_flooding_writer_are_received(vehicle):
     for number in range(5000):
         writer.write(VehicleCommand(command=30_000 + number))
     received = vehicle._bridges[0]._port.take()
-    assert len(received) == 2 * MESSAGES["VehicleCommand"].constants["ORB_QUEUE_LENGTH"]
+    assert len(received) == 2 * MESSAGES["1.16"]["VehicleCommand"].constants["ORB_QUEUE_LENGTH"]
 
 
 def test_a_vehicle_keeps_its_domain_open():

@@ -15,7 +15,6 @@ from vehicle_sim.options import build_parser
         (["--px4", "1.15"], "give 1.16 or 1.17"),
         (["--px4", "1.17", "--param", "MPC_HOLD_DZ=0.2"], "MPC_HOLD_DZ"),
         (["--px4", "1.16", "--param", "MAN_DEADZONE=0.2"], "MAN_DEADZONE"),
-        (["--px4", "1.17", "--ros2"], "the topics of PX4 1.17 are not simulated yet"),
         (["--param", "MPC_XY_CRUISE"], "NAME=NUMBER"),
         (["--instances", "0"], "1 to 250"),
         (["--speed", "-1"], "0.05 to 100"),

@@ -22,7 +22,7 @@ def test_arming_and_disarming_are_acknowledged_within_the_recorded_time(vehicle)
         vehicle.command(ARM, arm)
         vehicle.run(0.036)
         assert vehicle.acks(sent_s) == [(ARM, 0)]
-        assert vehicle.newest_fields("/fmu/out/vehicle_status_v1")["arming_state"] == arming_state
+        assert vehicle.newest_fields("/fmu/out/vehicle_status")["arming_state"] == arming_state
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_a_service_request_gets_a_reply_and_an_acknowledgement(vehicle):
 def test_set_nav_state_uses_the_nav_state_numbers_of_vehicle_status(vehicle):
     vehicle.command(SET_NAV_STATE, 14.0)
     vehicle.run(0.1)
-    assert vehicle.newest_fields("/fmu/out/vehicle_status_v1")["nav_state"] == 14
+    assert vehicle.newest_fields("/fmu/out/vehicle_status")["nav_state"] == 14
     vehicle.command(SET_NAV_STATE, 200.0)
     vehicle.run(0.1)
     assert vehicle.acks() == [(SET_NAV_STATE, 0), (SET_NAV_STATE, 0)]
@@ -97,7 +97,7 @@ def test_the_last_command_of_a_flood_is_executed(vehicle):
         vehicle.command(ARM, float(number % 2))
     vehicle.run(0.2)
     assert len(vehicle.acks()) <= 6
-    assert vehicle.newest_fields("/fmu/out/vehicle_status_v1")["arming_state"] == 2
+    assert vehicle.newest_fields("/fmu/out/vehicle_status")["arming_state"] == 2
 
 
 def test_messages_before_the_dds_client_has_connected_are_lost():

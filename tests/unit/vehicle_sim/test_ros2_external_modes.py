@@ -13,7 +13,7 @@ from tests.support.ros2_vehicle import Ros2Vehicle
 REGISTER, UNREGISTER = "/fmu/in/register_ext_component_request", "/fmu/in/unregister_ext_component"
 CHECK_REQUEST, CHECK_REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
 CONTROL_CONFIG, CONFIG_OVERRIDES = "/fmu/in/config_control_setpoints", "/fmu/in/config_overrides_request"
-STATUS, COMPLETED = "/fmu/out/vehicle_status_v1", "/fmu/out/mode_completed"
+STATUS, COMPLETED = "/fmu/out/vehicle_status", "/fmu/out/mode_completed"
 EXECUTOR_COMMAND = "/fmu/in/vehicle_command_mode_executor"
 NAN3 = (math.nan, math.nan, math.nan)
 EXTERNAL1, HOLD, RTL, TAKEOFF, LAND = 23, 4, 5, 17, 18

@@ -45,7 +45,7 @@ SETPOINT_TYPES = {
 
 
 def mode_and_failsafe(vehicle: Ros2Vehicle) -> tuple[int, bool]:
-    last = vehicle.newest_fields("/fmu/out/vehicle_status_v1")
+    last = vehicle.newest_fields("/fmu/out/vehicle_status")
     return last["nav_state"], last["failsafe"]
 
 
@@ -147,10 +147,10 @@ def test_a_stream_at_50_hz_that_goes_on_after_land_lets_the_vehicle_sink_but_not
     hovering_vehicle.stream(20.0, 50.3, *setpoint)  # not in step with the vehicle's clock, as in a flight
     assert hovering_vehicle.position_ned_m[2] > -1.5
     hovering_vehicle.stream(10.0, 50.3, *setpoint)
-    status = hovering_vehicle.newest_fields("/fmu/out/vehicle_status_v1")
+    status = hovering_vehicle.newest_fields("/fmu/out/vehicle_status")
     assert (status["nav_state"], status["arming_state"]) == (LAND_MODE, 2)
     hovering_vehicle.run(15.0)
-    assert hovering_vehicle.newest_fields("/fmu/out/vehicle_status_v1")["arming_state"] == 1
+    assert hovering_vehicle.newest_fields("/fmu/out/vehicle_status")["arming_state"] == 1
 
 
 def test_setpoints_do_not_move_a_disarmed_vehicle_and_are_not_flown_after_arming():
