@@ -124,6 +124,18 @@ def test_small_plans_replace_each_other_and_empty_parts_are_cleared(run_simulate
     run_with_rig(run_simulated, scenario, loss=loss, seed=seed)
 
 
+def test_empty_parts_are_acknowledged_so_that_the_vehicle_does_not_wait_for_more(run_simulated):
+    # Seen on v1.17.0: an unacknowledged download of an empty part ended in "Operation timeout" 5 s later.
+    async def scenario(rig):
+        await rig.mission.upload({"mission": mission(3), "fence": (), "rally": ()}, PLAN)
+        await rig.mission.clear()
+        await rig.mission.download()
+        await sleep(6)
+        assert not [text for text in rig.autopilot.texts if "timeout" in text]
+
+    run_with_rig(run_simulated, scenario)
+
+
 def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(run_simulated):
     async def scenario(rig):
         await rig.mission.upload(plan(4), PLAN)

@@ -299,7 +299,7 @@ class Download(Dialogue):
         self._received_s = now_s
         if len(self.items) == self._count:
             self.done = True
-            return [self._ack(d.MAV_MISSION_ACCEPTED)] if self._count else []
+            return [self._ack(d.MAV_MISSION_ACCEPTED)]  # also of none: PX4 waits for it, and is busy for 5 s
         self.wake_s = now_s + ITEM_RESEND_S
         return [self._request()]
 
