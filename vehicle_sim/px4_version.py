@@ -49,6 +49,8 @@ class Px4Version:
     """Whether home's altitude is corrected for two minutes after a take-off."""
     home_has_tilt: bool = False
     """Whether home has roll and pitch, and is not reset by a later take-off of a mission."""
+    smooths_heading: bool = False
+    """Whether MPC_YAWRAUTO_ACC limits how fast the heading of a trajectory begins and ends a turn."""
     fallback_needs_sticks: bool = False
     """Whether NAV_RCL_ACT replaces a failsafe's Position, Altitude or Stabilized mode without sticks."""
     limits_topics: bool = False
@@ -94,6 +96,7 @@ V1_17: Final = Px4Version(
     altitude_cruise=True,
     corrects_home=True,
     home_has_tilt=True,
+    smooths_heading=True,
     fallback_needs_sticks=True,
     limits_topics=True,
     reply_valid_s=0.3,

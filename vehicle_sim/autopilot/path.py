@@ -9,7 +9,13 @@ import math
 from typing import NamedTuple
 
 from vehicle_sim.autopilot.setpoint_writer import SetpointWriter, float_view
-from vehicle_sim.autopilot.smoothing import Smoothing, SpeedLimits, WaypointTriplet
+from vehicle_sim.autopilot.smoothing import (
+    YAW_ACCELERATION_DEG_S2,
+    YAW_RATE_MAX_DEG_S,
+    Smoothing,
+    SpeedLimits,
+    WaypointTriplet,
+)
 from vehicle_sim.autopilot.tick_arrays import Motion, SteadyTask, TickArrays
 from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, advance_axis
 from vehicle_sim.frames import wrap_angle
@@ -165,6 +171,14 @@ class Path:
         self.yaw.target_rad = value
 
     @property
+    def kept_heading_rad(self) -> float:
+        """The target heading near the point that the nose points to [rad, NED].
+
+        Where MPC_YAWRAUTO_ACC applies, a turn ends there; otherwise it is completed.
+        """
+        return self.yaw.yaw_ned_rad if self._view.px4.smooths_heading else self.yaw.target_rad
+
+    @property
     def starts_takeoff(self) -> bool:
         """Whether the trajectory climbs so fast that a vehicle on the ground takes off."""
         north, east, down = self.target_ned_m
@@ -196,6 +210,8 @@ class Path:
         x, y, _ = self._view.estimate.position_ned_m
         if math.hypot(north - x, east - y) > self._view.parameter("NAV_ACC_RAD"):
             self.face(north, east)
+        else:
+            self.yaw_target_rad = self.kept_heading_rad
 
     def fly_to_target(self) -> None:
         """Advances all axes by one tick towards the target.
@@ -284,8 +300,12 @@ class Path:
         if not self._controls_heading:
             self.yaw.follow(self._view.estimate.yaw_ned_rad)
             return
-        max_rate_rad_s = math.radians(self._view.parameter("MPC_YAWRAUTO_MAX"))
-        self.yaw.advance(TICK_S, max_rate_rad_s)
+        settings = self._smoothing.read_settings()
+        self.yaw.advance(
+            TICK_S,
+            math.radians(settings[YAW_RATE_MAX_DEG_S]),
+            math.radians(settings[YAW_ACCELERATION_DEG_S2]),
+        )
 
     @property
     def _controls_heading(self) -> bool:

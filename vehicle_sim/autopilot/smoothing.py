@@ -37,15 +37,17 @@ SETTINGS = (
     "MPC_ACC_DOWN_MAX", "MPC_JERK_AUTO", "MPC_XY_ERR_MAX", "MPC_XY_TRAJ_P", "NAV_MC_ALT_RAD",
     "MPC_LAND_ALT1", "MPC_LAND_ALT2", "MPC_LAND_ALT3", "MPC_LAND_SPEED", "MPC_LAND_CRWL", "MPC_TKO_SPEED",
     "MPC_TKO_RAMP_T", "MPC_YAWRAUTO_MAX", "FD_FAIL_R", "FD_FAIL_P", "MPC_TILTMAX_AIR", "MPC_USE_HTE",
-    "MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_P_ACC",
+    "MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_P_ACC", "MPC_YAWRAUTO_ACC",
 )  # fmt: skip
 (
     _CRUISE, _SPEED_MAX, _UP_SPEED, _DOWN_SPEED, _HORIZONTAL_ACCELERATION, _UP_ACCELERATION,
     _DOWN_ACCELERATION, _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS, _LAND_ALT1, _LAND_ALT2,
     _LAND_ALT3, _LAND_SPEED, _LAND_CRAWL, _TAKEOFF_SPEED, TAKEOFF_RAMP_S, YAW_RATE_MAX_DEG_S,
     ROLL_FAILURE_DEG, PITCH_FAILURE_DEG, TILT_MAX_DEG, USES_HOVER_ESTIMATE, CLIMB_MAX_M_S, VELOCITY_GAIN,
+    YAW_ACCELERATION_DEG_S2,
 ) = range(len(SETTINGS))  # fmt: skip
-"""Columns of the settings; the last seven are used by the compiled ticks only (`steady.py`)."""
+"""Columns of the settings; from the failures' limits to the velocity gain they are used by the compiled ticks
+only (`steady.py`). No acceleration of the heading (0): it is not limited."""
 GROUND_VELOCITY_DOWN_M_S = 0.7
 """On the ground PX4 starts each trajectory with this descent speed. The climb begins after this speed is
 braked to zero: 1.4 s into the take-off ramp."""
@@ -183,6 +185,8 @@ class Smoothing:
         if self._settings_version != self._view.parameter_changes:
             self._settings_version = self._view.parameter_changes
             self._settings[:] = [self._view.parameter(name) for name in SETTINGS]
+            if not self._view.px4.smooths_heading:
+                self._settings[YAW_ACCELERATION_DEG_S2] = 0.0
         return self._settings
 
     def _set_triplet(self, triplet: WaypointTriplet) -> None:

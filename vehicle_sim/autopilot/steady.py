@@ -27,6 +27,7 @@ from vehicle_sim.autopilot.smoothing import (
     TILT_MAX_DEG,
     USES_HOVER_ESTIMATE,
     VELOCITY_GAIN,
+    YAW_ACCELERATION_DEG_S2,
     YAW_RATE_MAX_DEG_S,
     climb,
     descend,
@@ -240,12 +241,14 @@ def _update_limits(
 
 
 @formula
-def _face(task: Column, axes: Rows, yaw: Column) -> None:
-    """Sets the heading target towards the point of the task."""
+def _face(task: Column, axes: Rows, yaw: Column, smooths_heading: bool) -> None:
+    """Sets the heading target towards the point of the task; near it as `Path.kept_heading_rad`."""
     north = task[_FACE_NORTH] - axes[0, POSITION]
     east = task[_FACE_EAST] - axes[1, POSITION]
     if math.hypot(north, east) > task[_FACE_MIN_DISTANCE]:
         yaw[YAW_TARGET] = math.atan2(east, north)
+    elif smooths_heading and math.isfinite(task[_FACE_MIN_DISTANCE]):
+        yaw[YAW_TARGET] = yaw[YAW]
 
 
 @kernel
@@ -263,6 +266,7 @@ def _fly(
         kind = tasks[r, _MOTION]
         if kind == _IS_STREAM:
             continue
+        acceleration_rad_s2 = settings[r, YAW_ACCELERATION_DEG_S2] * _DEGREE
         last_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
         if kind == _IS_ON_GROUND:
             stay_at(axes[r], position[r, 0], position[r, 1], position[r, 2])
@@ -280,13 +284,13 @@ def _fly(
                 position[r, 2], True, tasks[r, _CRUISE], range_m[r],
             )  # fmt: skip
         else:
-            _face(tasks[r], axes[r], yaw[r])
+            _face(tasks[r], axes[r], yaw[r], acceleration_rad_s2 > 0.0)
             fly_triplet(
                 axes[r], settings[r], triplet[r], before_turn_m_s[r], TICK_S, position[r, 0], position[r, 1],
                 tasks[r, _CRUISE], tasks[r, _CLIMB], tasks[r, _DESCENT],
             )  # fmt: skip
         if heading_good[r]:
-            turn(yaw[r], TICK_S, settings[r, YAW_RATE_MAX_DEG_S] * _DEGREE)
+            turn(yaw[r], TICK_S, settings[r, YAW_RATE_MAX_DEG_S] * _DEGREE, acceleration_rad_s2)
         else:
             follow_heading(yaw[r], last_heading_rad[r, 0])
         for k in range(3):

@@ -168,9 +168,10 @@ class Axis:
 
 YAW_RATE_TIME_CONSTANT_S = 0.2
 """Time constant of the low-pass on the fed-forward yaw rate (recorded turns: 63 % after 0.2 s)."""
-YAW, YAW_RATE, YAW_TARGET, YAW_LOCKED, YAW_SIZE = range(5)
-"""Columns of a heading: the heading [rad], its rate [rad/s], its target [rad] and the heading at the
-start of the flight task [rad]."""
+YAW, YAW_RATE, YAW_TARGET, YAW_LOCKED, _YAW_AXIS = range(5)
+YAW_SIZE = _YAW_AXIS + SIZE
+"""Columns of a heading: the heading [rad], its rate [rad/s], its target [rad], the heading at the start of
+the flight task [rad], and an axis for its smoothing."""
 
 
 @formula
@@ -184,9 +185,20 @@ def _wrapped(angle_rad: float) -> float:
 
 
 @kernel
-def turn(yaw: Column, dt_s: float, rate_max_rad_s: float) -> None:
-    """Turns a heading towards its target for `dt_s`, no faster than this rate."""
+def turn(yaw: Column, dt_s: float, rate_max_rad_s: float, acceleration_rad_s2: float) -> None:
+    """Turns a heading towards its target for `dt_s`, no faster than this rate.
+
+    With an acceleration (not 0) the rate changes no faster than by it; otherwise the fed-forward rate is that
+    of the heading through a low-pass.
+    """
     error = _wrapped(yaw[YAW_TARGET] - yaw[YAW])
+    if acceleration_rad_s2 > 0.0:
+        axis = yaw[_YAW_AXIS:]  # PX4 smooths it like a velocity: the rate is its acceleration
+        axis[VELOCITY], axis[ACCELERATION] = 0.0, yaw[YAW_RATE]
+        plan(axis, error, rate_max_rad_s, acceleration_rad_s2)
+        advance_axis(axis, dt_s)
+        yaw[YAW], yaw[YAW_RATE] = _wrapped(yaw[YAW] + axis[VELOCITY]), axis[ACCELERATION]
+        return
     step = max(-rate_max_rad_s * dt_s, min(rate_max_rad_s * dt_s, error))
     yaw[YAW_RATE] += (step / dt_s - yaw[YAW_RATE]) * dt_s / (dt_s + YAW_RATE_TIME_CONSTANT_S)
     yaw[YAW] = _wrapped(yaw[YAW] + step)
@@ -202,7 +214,7 @@ def follow_heading(yaw: Column, heading_rad: float) -> None:
 
 
 class YawRamp:
-    """A heading with the rate limit MPC_YAWRAUTO_MAX; its rate is fed forward through a low-pass.
+    """A heading with the limits MPC_YAWRAUTO_MAX and MPC_YAWRAUTO_ACC (`turn`); its rate is fed forward.
 
     Args:
         row: the heading's numbers.
@@ -225,6 +237,6 @@ class YawRamp:
         """Follows the estimated heading (`follow_heading`)."""
         follow_heading(self.row, heading_rad)
 
-    def advance(self, dt_s: float, rate_max_rad_s: float) -> None:
-        """Turns towards the target for `dt_s`."""
-        turn(self.row, dt_s, rate_max_rad_s)
+    def advance(self, dt_s: float, rate_max_rad_s: float, acceleration_rad_s2: float) -> None:
+        """Turns towards the target for `dt_s` (`turn`)."""
+        turn(self.row, dt_s, rate_max_rad_s, acceleration_rad_s2)

@@ -12,6 +12,7 @@ from vehicle_sim.autopilot.sticks import Deflection
 from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.manual import StickTasks
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import V1_16, V1_17
 from vehicle_sim.simulation import ControlLevel, Simulation
 
 
@@ -19,14 +20,14 @@ class SetpointRecorder:
     """Stores the last written setpoint; replaces `SetpointWriter`."""
 
     def trajectory(self, position=None, velocity=None, acceleration=None, yaw=math.nan, rate=math.nan):
-        self.position, self.velocity, self.yaw = position, velocity, yaw
+        self.position, self.velocity, self.yaw, self.yaw_rate = position, velocity, yaw, rate
 
 
 class FakeView:
     """A fake vehicle whose estimate is set by the test."""
 
-    def __init__(self, **parameters):
-        self.parameters = Parameters(parameters)
+    def __init__(self, px4=V1_16, **parameters):
+        self.px4, self.parameters = px4, Parameters(parameters, px4=px4)
         self.parameter = self.parameters.finite_value
         self.choice = lambda name: int(self.parameters.get(name))
         self.row, self.parameter_changes, self.time_s, self.origin = 0, 0, 0.0, (47.0, 8.0, 500.0)
@@ -87,6 +88,49 @@ def test_yaw_is_not_controlled_without_a_good_heading_and_the_current_yaw_is_kep
     view.fusion.heading_good_for_control[0] = False
     path.write()
     assert path.yaw_target_rad == 1.0, "the commanded heading was lost"
+
+
+def turn_rates(view, seconds, north_m):
+    """Fed-forward rates of the heading [rad/s] while the nose turns from north to a target in the north."""
+    setpoints = SetpointRecorder()
+    path = Path(view, setpoints)
+    view.estimate.yaw_ned_rad = -2.0
+    path.restart(in_air=True)
+    path.target_ned_m, path.face_target = (north_m, 0.0, 0.0), True
+    rates = []
+    for _ in range(round(seconds / TICK_S)):
+        path.fly_to_target()
+        rates.append(setpoints.yaw_rate)
+    return path, np.array(rates)
+
+
+def test_v1_17_turns_with_limited_acceleration_as_recorded_and_v1_16_with_the_full_rate():
+    # A turn of v1.17.0 in Hold: its rate grew by 0.0698 rad/s every 0.2 s, 20 °/s² (MPC_YAWRAUTO_ACC).
+    _, rates = turn_rates(FakeView(V1_17), 1.2, 100.0)
+    np.testing.assert_allclose(np.diff(rates[9::10]), 0.0698, atol=1e-4)
+    path, rates = turn_rates(FakeView(V1_17), 6.0, 100.0)
+    assert rates.max() == pytest.approx(math.sqrt(2.0 * math.radians(20.0)), abs=0.01)
+    assert path.yaw.yaw_ned_rad == pytest.approx(0.0, abs=1e-3), "it stops at the target without overshoot"
+    assert rates[-1] == pytest.approx(0.0, abs=1e-3)
+    _, rates = turn_rates(FakeView(), 1.2, 100.0)
+    assert rates[-1] > 0.99 * math.radians(45.0)
+
+
+def test_v1_17_ends_a_turn_near_the_target_and_v1_16_completes_it():
+    # The same turn: within 2 m of its target (NAV_ACC_RAD) the rate fell by as much, from 0.59 rad/s to zero.
+    for px4, ends_early in ((V1_17, True), (V1_16, False)):
+        view = FakeView(px4)
+        path, rates = turn_rates(view, 1.4, 100.0)
+        view.estimate.position_ned_m = (98.5, 0.0, 0.0)
+        path.x.position_m = 98.5
+        before_rad = path.yaw.yaw_ned_rad
+        for _ in range(150):
+            path.fly_to_target()
+        if ends_early:
+            braking_rad = rates[-1] ** 2 / (2.0 * math.radians(20.0))
+            assert path.yaw.yaw_ned_rad == pytest.approx(before_rad + braking_rad, abs=0.01)
+        else:
+            assert path.yaw.yaw_ned_rad == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_heading_reset_also_resets_the_yaw_setpoint():

@@ -88,7 +88,9 @@ class Heading:
         return None if mode in (AWAY_FROM_HOME, ALONG_TRAJECTORY) else (0.0, 0.0, math.inf)
 
     def _direction_rad(self, north: float, east: float, min_length: float) -> float:
-        """Direction of a vector; the present target heading if the vector is not longer than `min_length`."""
-        if math.hypot(north, east) <= min_length:
+        """Direction of a vector; the kept heading if the vector is not longer than `min_length`."""
+        if math.isinf(min_length):
             return self._path.yaw_target_rad
+        if math.hypot(north, east) <= min_length:
+            return self._path.kept_heading_rad
         return math.atan2(east, north)
