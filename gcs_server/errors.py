@@ -19,6 +19,7 @@
     │   ├── PlanFindings         a plan has errors that the caller has not accepted
     │   ├── ClientHasTooMany     too much work of one client is running or waiting
     │   ├── ServerBusy           too much work of all clients is waiting
+    │   ├── NotYet               the vehicle has not reported yet what the command needs
     │   ├── Interrupted          a later command, or the end of its client's control, ended the command
     │   └── NotTogether          a group cannot fly: a vehicle cannot join, or two come too close
     ├── Rejected                 the vehicle refused, with its reasons
@@ -189,6 +190,10 @@ class Refused(GcsError):
     """A check of this server refused the command; nothing was sent."""
 
     code = "refused"
+
+
+class NotYet(Refused):
+    """The vehicle has not reported yet what the command needs, and may still do so."""
 
 
 class ClientHasTooMany(Refused):

@@ -159,14 +159,14 @@ async def as_operation(
     vehicle_id: str | None,
     ends_with_caller: bool = True,
 ) -> T:
-    """Runs the work of a command that moves a vehicle as an operation, so that all clients see it and can
-    cancel it, and returns its result. The end of a ticket ends the work.
+    """Runs the work of a command as an operation, so that all clients see it and can cancel it, and returns
+    its result. The end of a ticket ends the work.
 
     Args:
         station: the running server.
         principal: the caller.
         name: the command's row in `control/commands.py`; kind of the operation.
-        tickets: the command's tickets, one for each vehicle.
+        tickets: the command's tickets, one for each vehicle that it moves.
         work: looks at the tickets directly before each frame.
         vehicle_id: the vehicle; None: several.
         ends_with_caller: whether the tickets end when the caller closes its connection.
@@ -192,6 +192,8 @@ async def as_operation(
     def cancel(reason: str) -> None:
         for ticket in tickets:
             ticket.cancel(reason)
+        if not tickets:
+            station.operations.interrupt(operation.id, Interrupted(reason))
 
     def end(error: Interrupted) -> None:
         cancel(str(error))  # the vehicles of one command act together, or none does

@@ -10,7 +10,7 @@ from typing import Annotated
 from fastapi import Body, Response
 
 from gcs_server.api import offboard_mission_models as m
-from gcs_server.api.authorized import as_operation, authorized_command
+from gcs_server.api.authorized import as_operation, authorized_command, progress_reporter
 from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.group_routes import authorized_commands, tickets_of
 from gcs_server.api.principals import PrincipalDep
@@ -18,9 +18,10 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
+from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
 from gcs_server.flights.mission_flight import MissionFlight
-from gcs_server.flights.mission_start import begin_mission, mission_as_mode
+from gcs_server.flights.mission_start import begin_mission, mission_as_mode, wait_for_estimates
 from gcs_server.vehicle.endpoint import dds_address
 
 router = Routes(tags=["offboard mission"], responses=RESPONSES, route_class=DocumentRoute)
@@ -133,8 +134,21 @@ async def register(v: str, body: m.RegisterMode, station: StationDep, principal:
     mission without a take-off is compiled again when it begins. A mission with a take-off is compiled again
     while the vehicle is disarmed, whenever its position or a setting has changed; PX4 arms in the mode only
     while `ready` is true.
+
+    A registration is an operation. A vehicle that has just connected reports its topics' layouts and its
+    estimates one after the other: for up to 10 s the registration waits for them, and then refuses with what
+    is missing.
     """
-    arguments = body.model_dump(exclude={"mission"}, exclude_none=True)
+    arguments, name = body.model_dump(exclude={"mission"}, exclude_none=True), "mission_modes/register"
+
+    def require_permission() -> None:
+        station.authority.admit(principal, BY_NAME[name], v)
+
+    async def work() -> None:
+        progress = progress_reporter(vehicle, principal, name)
+        await wait_for_estimates(vehicle, progress)
+        await station.flights.mission_modes.register(v, mode, require_permission, progress)
+
     with authorized_command(station, principal, "mission_modes/register", v, arguments):
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
@@ -142,7 +156,7 @@ async def register(v: str, body: m.RegisterMode, station: StationDep, principal:
             station.flights, body.source, body.name, principal.name,
             despite=body.despite, defer_failsafes_s=body.defer_failsafes_s,
         )  # fmt: skip
-        await station.flights.mission_modes.register(v, mode)
+        await as_operation(station, principal, name, (), work, vehicle_id=v)
         return _modes_view(station, v)
 
 
@@ -219,6 +233,11 @@ async def start_mission(
         station, principal, command, {v: arguments for v in vehicle_ids.values()}
     ) as accepted:
         tickets = tickets_of(accepted)
+
+        def progress(text: str, fraction: float | None) -> None:
+            for each in tickets:
+                progress_reporter(station.fleet.get(each), principal, command)(text, fraction)
+
         for each, ticket in tickets.items():
             station.flights.missions.require_free(each)
             ticket.claim()
@@ -229,7 +248,7 @@ async def start_mission(
             tuple(tickets.values()),
             lambda: begin_mission(
                 station.flights, body.source, vehicle_ids, tickets, principal.name,
-                despite=body.despite, dry_run_id=body.dry_run,
+                despite=body.despite, dry_run_id=body.dry_run, progress=progress,
             ),
             vehicle_id=vehicle_id,
         )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import Response
 
 from gcs_server.api import offboard_models as models
-from gcs_server.api.authorized import as_operation, authorized_command
+from gcs_server.api.authorized import as_operation, authorized_command, progress_reporter
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import fields_of, json_response
@@ -35,18 +35,22 @@ async def show(offboard: OffboardDep) -> Response:
 async def start(v: str, body: StartRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
 
+    Over ROS 2, a vehicle that has just connected reports its topics' layouts and its estimates one after the
+    other: for up to 10 s the start waits for them, and then refuses with what is missing.
+
     In the response, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
     limits, and whether the operator's limits were restored after a restart.
     """
     with authorized_command(station, principal, "offboard/start", v, body.arguments()) as accepted:
         offboard = station.offboard(v)
         ticket, request = accepted.ticket, body.to_stream_request(principal)
+        progress = progress_reporter(offboard.vehicle, principal, "offboard/start")
         status = await as_operation(
             station,
             principal,
             "offboard/start",
             (ticket,),
-            lambda: offboard.start(request, body.rate_hz, ticket=ticket),
+            lambda: offboard.start(request, body.rate_hz, ticket=ticket, progress=progress),
             vehicle_id=v,
         )
         return json_response(fields_of(status) | {"limits": offboard.limits()})

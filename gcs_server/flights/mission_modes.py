@@ -10,8 +10,9 @@ mission then begins on the ground. The mission is compiled before arming (`prepa
 
 from __future__ import annotations
 
+import asyncio
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -35,14 +36,16 @@ from gcs_server.ros2.external_mode import (
     Registration,
     RegistrationState,
 )
-from gcs_server.ros2.formats import REMEDY as FORMAT_REMEDY
 from gcs_server.ros2.formats import with_formats_of
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.streams import Streams
 from gcs_server.streamer.schedule.external_modes import READ_TYPES, WRITTEN, topics_for
+from gcs_server.streamer.validation import require_usable
 from gcs_server.streamer.values.stream_request import OFFBOARD
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.endpoint import dds_address, unusable_topics
+from gcs_server.vehicle.services.transaction import ReportProgress
+from gcs_server.vehicle.settling import settled
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Estimate
@@ -121,8 +124,21 @@ class MissionModes:
 
     # --- requests of clients ----------------------------------------------------------------------
 
-    async def register(self, vehicle_id: str, mode: MissionAsMode) -> MissionModeStatus:
-        """Registers a mission as a mode; returns when PX4 has accepted it.
+    async def register(
+        self,
+        vehicle_id: str,
+        mode: MissionAsMode,
+        require_permission: Callable[[], None] = lambda: None,
+        progress: ReportProgress | None = None,
+    ) -> MissionModeStatus:
+        """Registers a mission as a mode; returns when PX4 has accepted it. A cancelled call removes the mode.
+
+        Args:
+            vehicle_id: the vehicle.
+            mode: the mission.
+            require_permission: raises an error if the client must not register the mode any more; called
+                after the waiting and the compilation, directly before PX4 is asked.
+            progress: reports what a vehicle that has just connected has not reported yet.
 
         Raises:
             PlanFindings: the mission has error findings that the client does not accept.
@@ -134,36 +150,58 @@ class MissionModes:
         _ros2_address(vehicle)
         inputs = self._preparer.inputs(vehicle_id)
         start = await self._preparer.prepare(vehicle_id, mode)
-        address = _ros2_address(vehicle)  # with the layouts that PX4 has confirmed by now
         needs = {REQUIREMENT_OF[need] for need in start.timeline.needs if need in REQUIREMENT_OF}
         try:
             declaration = ModeDeclaration(
                 mode.name, ALWAYS_REQUIRED | needs, mode.defer_failsafes_s, mode.takes_off
             )
-            self._streamer.offboard(vehicle_id).require_topics(start.timeline.segments, in_offboard=False)
-            _require_topics(vehicle, topics_for(declaration))
-            mode_address = with_formats_of(address, {*WRITTEN, *READ_TYPES})
-            await self._streams.register_mode(vehicle_id, mode_address, declaration)
         except ValueError as error:
-            raise Refused(
-                f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name."
-            ) from None
+            raise _cannot_register(vehicle_id, error) from None
+        offboard = self._streamer.offboard(vehicle_id)
+
+        def address_with_topics() -> DdsAddress:
+            offboard.require_topics(start.timeline.segments, in_offboard=False)
+            _require_topics(vehicle, topics_for(declaration))
+            return _ros2_address(vehicle)  # with the layouts that PX4 has confirmed by now
+
+        address = await settled(vehicle, address_with_topics, progress=progress)
+        require_permission()
         entry = _ModeEntry(mode, preparation=Preparation(start, inputs) if mode.takes_off else None)
-        self._require_attached(vehicle, mode.name)
-        self._vehicles.setdefault(vehicle_id, _VehicleModes(vehicle)).modes[mode.name] = entry
-        until_s = self._clock.monotonic_s() + REGISTER_TIMEOUT_S
-        while (registration := self._registration(vehicle_id, mode.name)).state == "registering":
-            if self._clock.monotonic_s() >= until_s:
-                break
-            await self._clock.sleep(UPDATE_PERIOD_S / 2)
-        if registration.state != "registered":
-            self._drop(vehicle_id, mode.name)
-            raise Refused(
-                f"The mode {mode.name!r} was not registered: {registration.reason or 'PX4 did not answer'}.",
-                remedy="Check the ros2:// link, and that the vehicle is disarmed; then try again.",
-            )
+        registration = await self._register(vehicle, address, declaration, entry)
         self.update()
         return self._status(entry, registration)
+
+    async def _register(
+        self, vehicle: Vehicle, address: DdsAddress, declaration: ModeDeclaration, entry: _ModeEntry
+    ) -> Registration:
+        """Registers a mode, and returns once PX4 has accepted it; otherwise removes the mode."""
+        name = declaration.name
+        try:
+            mode_address = with_formats_of(address, {*WRITTEN, *READ_TYPES})
+            await self._streams.register_mode(vehicle.id, mode_address, declaration)
+        except ValueError as error:
+            raise _cannot_register(vehicle.id, error) from None
+        except asyncio.CancelledError:
+            self._streams.unregister_mode(vehicle.id, name)
+            raise
+        self._require_attached(vehicle, name)
+        self._vehicles.setdefault(vehicle.id, _VehicleModes(vehicle)).modes[name] = entry
+        until_s = self._clock.monotonic_s() + REGISTER_TIMEOUT_S
+        try:
+            while (registration := self._registration(vehicle.id, name)).state == "registering":
+                if self._clock.monotonic_s() >= until_s:
+                    break
+                await self._clock.sleep(UPDATE_PERIOD_S / 2)
+        except asyncio.CancelledError:
+            self._drop(vehicle.id, name)
+            raise
+        if registration.state != "registered":
+            self._drop(vehicle.id, name)
+            raise Refused(
+                f"The mode {name!r} was not registered: {registration.reason or 'PX4 did not answer'}.",
+                remedy="Check the ros2:// link, and that the vehicle is disarmed; then try again.",
+            )
+        return registration
 
     def unregister(self, vehicle_id: str, name: str) -> None:
         """Removes a mode from PX4.
@@ -428,6 +466,10 @@ class MissionModes:
         )
 
 
+def _cannot_register(vehicle_id: str, error: ValueError) -> Refused:
+    return Refused(f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name.")
+
+
 def _ros2_address(vehicle: Vehicle) -> DdsAddress:
     """Raises Refused if the vehicle has no ROS 2 connection."""
     address = dds_address(vehicle.endpoints)
@@ -440,8 +482,7 @@ def _ros2_address(vehicle: Vehicle) -> DdsAddress:
 
 
 def _require_topics(vehicle: Vehicle, topics: Iterable[str]) -> None:
-    """Raises Refused if the vehicle lacks one of these topics, or has it in a layout that is not known."""
+    """Raises Refused if the vehicle lacks one of these topics, or has it in a layout that is not known;
+    NotYet if the vehicle may still report it."""
     unusable = unusable_topics(vehicle.endpoints)
-    problem = next((unusable[topic] for topic in sorted(topics) if topic in unusable), None)
-    if problem is not None:
-        raise Refused(f"{problem}.", remedy=FORMAT_REMEDY)
+    require_usable(next((unusable[topic] for topic in sorted(topics) if topic in unusable), None))

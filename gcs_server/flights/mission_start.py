@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.errors import InvalidRequest, NotYet, Refused
 from gcs_server.flights.chosen import ChosenPlan, PlanSource, choose
 from gcs_server.flights.dry_run_paths import corridor_of
 from gcs_server.flights.mission_values import MissionAsMode, MissionName, Start
@@ -24,6 +25,8 @@ from gcs_server.plans.work import UnreadDocument
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.samples import GlobalPosition, Health
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
+from gcs_server.vehicle.services.transaction import ReportProgress
+from gcs_server.vehicle.settling import settled
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.timeline import Timeline
@@ -59,6 +62,7 @@ async def begin_mission(
     *,
     despite: Sequence[str],
     dry_run_id: str | None,
+    progress: ReportProgress | None = None,
 ) -> list[str]:
     """Compiles a mission from the vehicles' present positions, checks it, and begins it with all vehicles or
     with none; returns the vehicles' ids in the order of the roles.
@@ -71,6 +75,7 @@ async def begin_mission(
         client: name of the client.
         despite: codes of the error findings that the client accepts.
         dry_run_id: the dry run whose corridor is monitored; None: no corridor.
+        progress: reports what a vehicle that has just connected has not reported yet.
 
     Raises:
         PlanFindings: the mission has error findings whose codes are not in `despite`.
@@ -83,6 +88,8 @@ async def begin_mission(
     alone = vehicles.get(None)
     if alone is None:
         _require_ready(vehicles)
+    for vehicle in vehicles.values():
+        await wait_for_estimates(vehicle, progress)
     prepared = await _compiled(flights, chosen, vehicles, client)
     dry_run = None if dry_run_id is None else await flights.dry_runs.result(dry_run_id)
     starts: dict[str, Start] = {}
@@ -272,17 +279,29 @@ def _require_ready(vehicles: Vehicles) -> None:
             )
 
 
+async def wait_for_estimates(vehicle: Vehicle, progress: ReportProgress | None = None) -> None:
+    """Waits for the position of a vehicle that has just connected over ROS 2; returns without an error if it
+    has reported none in time, because not every mission needs a global position."""
+
+    def check() -> None:
+        if _start_conditions(vehicle)["origin"] is None:
+            raise NotYet(f"Vehicle {vehicle.id} has no valid global position.")
+
+    with suppress(NotYet):
+        await settled(vehicle, check, progress=progress)
+
+
 def _start_conditions(vehicle: Vehicle) -> dict[str, Any]:
     """Conditions for a mission that starts now: the vehicle's position and yaw, its local origin, the
     altitude of home, and whether the vehicle is in the air.
 
     Raises:
-        Refused: the position is unknown.
+        NotYet: the position is unknown.
     """
     estimates = VehicleEstimates(vehicle)
     local, attitude, home = estimates.local(), estimates.attitude(), estimates.home()
     if local is None or attitude is None or not estimates.has_position():
-        raise Refused(
+        raise NotYet(
             f"Vehicle {vehicle.id} has no valid position estimate, which a mission needs.",
             remedy="Wait for GPS and the estimator (see the vehicle's messages), then try again.",
         )

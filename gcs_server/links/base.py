@@ -9,6 +9,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from gcs_server.clock import Clock
 from gcs_server.faults import FaultLog
@@ -41,6 +42,15 @@ class Peer:
     address: tuple[str, int] | None = None
     dds: DdsAddress | None = None
     """Address of the vehicle's ROS 2 topics, to which another process may also publish; None over MAVLink."""
+
+
+class UnusableTopic(NamedTuple):
+    """A ROS 2 topic of a peer that this server cannot use."""
+
+    text: str
+    """Why, and what is not available; without a full stop."""
+    awaited: bool = False
+    """Whether the vehicle may still announce the topic, or answer for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +236,7 @@ class Link(ABC):
             self._counts.frames_sent += 1
             self._counts.bytes_sent += size_bytes
 
-    def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
+    def unusable_topics(self, peer: Peer) -> Mapping[str, UnusableTopic]:
         """ROS 2 topics of a peer that this server cannot use, and why; empty over MAVLink."""
         return {}
 

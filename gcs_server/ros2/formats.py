@@ -15,7 +15,7 @@ from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
-from gcs_server.links.base import DdsAddress
+from gcs_server.links.base import DdsAddress, UnusableTopic
 from gcs_server.ros2.external_mode import (
     CHECK_REPLY,
     CHECK_REQUEST,
@@ -189,7 +189,7 @@ class VehicleFormats:
         self._other_protocol: int | None = None
         self.usable: Mapping[str, TopicFormat] = {}
         """The topics with a known layout, by name without version; replaced when it changes."""
-        self.unusable: Mapping[str, str] = {}
+        self.unusable: Mapping[str, UnusableTopic] = {}
         """Why each other topic that the server uses cannot be used, by name without version."""
         self._update()
 
@@ -269,7 +269,8 @@ class VehicleFormats:
                 f"(PX4 v1.14 and older cannot answer). Not available: {USED[STATUS].lost}. The server asks "
                 f"again every {SLOW_REPEAT_S:g} s. {REMEDY}"
             ]
-        texts = [self.unusable[topic] for topic in USED if self._is_refused(topic)]
+        unusable = self.unusable
+        texts = [unusable[t].text for t in USED if t in unusable and not unusable[t].awaited]
         if not texts:
             return []
         more = len(texts) - MAX_NAMED
@@ -302,15 +303,9 @@ class VehicleFormats:
             return None
         return name
 
-    def _is_refused(self, topic: str) -> bool:
-        """Whether the vehicle has a topic, and the server has learned that it cannot use it."""
-        question = self._questions.get(_inside_px4(topic))
-        decided = question is not None and (question.answered or question.attempts >= ATTEMPTS)
-        return topic in self._announced and topic in self.unusable and decided
-
     def _update(self) -> None:
         usable: dict[str, TopicFormat] = {}
-        unusable: dict[str, str] = {}
+        unusable: dict[str, UnusableTopic] = {}
         for topic in self._topics():
             result = self._examine(topic)
             if isinstance(result, TopicFormat):
@@ -321,7 +316,7 @@ class VehicleFormats:
         if usable != self.usable:
             self.usable = usable
 
-    def _examine(self, topic: str) -> TopicFormat | str:
+    def _examine(self, topic: str) -> TopicFormat | UnusableTopic:
         """The topic's format, or why it cannot be used."""
         name, dds_type = self._announced.get(topic, (topic, ""))
         use = USED.get(topic, Use(dds_type, "its values"))
@@ -329,18 +324,18 @@ class VehicleFormats:
         lost = f"Not available: {use.lost}"
         question = self._questions.get(_inside_px4(topic))
         if topic not in self._announced:
-            return f"The vehicle has no topic {full_name}. {lost}"
+            return UnusableTopic(f"The vehicle has no topic {full_name}. {lost}", awaited=True)
         if dds_type != use.type:
-            return f"{full_name} has the type {dds_type} instead of {use.type}. {lost}"
+            return UnusableTopic(f"{full_name} has the type {dds_type} instead of {use.type}. {lost}")
         if question is None or not question.answered:
             late = question is not None and question.attempts >= ATTEMPTS
             missing = "did not answer" if late else "has not answered yet"
-            return f"PX4 {missing} which layout {full_name} has. {lost}"
+            return UnusableTopic(f"PX4 {missing} which layout {full_name} has. {lost}", awaited=not late)
         if question.message_hash is None:
-            return f"PX4 does not know the topic {full_name}. {lost}"
+            return UnusableTopic(f"PX4 does not know the topic {full_name}. {lost}")
         if (use.type, question.message_hash) not in LAYOUTS:
             own = MESSAGES[use.type]
-            return (
+            return UnusableTopic(
                 f"{full_name} has a layout that this server does not know: PX4 names it "
                 f"{question.message_hash:08x}, this server knows {own.hash:08x} ({versions_of(own)}). {lost}"
             )

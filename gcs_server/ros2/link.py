@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from gcs_server.links.base import DdsAddress, Link, Peer
+from gcs_server.links.base import DdsAddress, Link, Peer, UnusableTopic
 from gcs_server.links.writer import LinkWriter
 from gcs_server.ros2.formats import REQUEST, AnnouncedTopics
 from gcs_server.ros2.topics import STATUS, status_namespace
@@ -99,7 +99,7 @@ class Ros2Link(Link):
         vehicle.send(data, time.time_ns() // 1000)
         return len(data)
 
-    def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
+    def unusable_topics(self, peer: Peer) -> Mapping[str, UnusableTopic]:
         """Topics whose layout the vehicle has not confirmed or the server does not know, each with a text."""
         vehicle = None if self._run is None else self._run.vehicles.get(peer.name)
         return {} if vehicle is None else vehicle.formats.unusable

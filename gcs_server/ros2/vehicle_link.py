@@ -155,7 +155,7 @@ class VehicleLink:
             raise OSError(f"PX4 has no ROS 2 message for MAVLink message {frame.msg_id}")
         topic_format = self.formats.usable.get(COMMAND)
         if topic_format is None:
-            raise OSError(self.formats.unusable[COMMAND])
+            raise OSError(self.formats.unusable[COMMAND].text)
         if len(self._refusal_modes) < MAX_REQUESTED or command["command"] in self._refusal_modes:
             mode = mode_of_command(command, self._converter.nav_state)
             self._refusal_modes[command["command"]] = mode

@@ -15,7 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_server.errors import Refused
+from gcs_server.errors import NotYet, Refused
+from gcs_server.links.base import UnusableTopic
 from gcs_server.ros2.formats import REMEDY as FORMAT_REMEDY
 from gcs_server.streamer.frames import KINDS_TO_RESOLVE, NON_LOCAL_KINDS, ResolvedSetpoint
 from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
@@ -95,6 +96,12 @@ def why_not_carried(setpoint_type: str, protocol: str) -> str | None:
     )
 
 
+def require_usable(topic: UnusableTopic | None) -> None:
+    """Raises Refused if there is a topic that cannot be used; NotYet if the vehicle may still report it."""
+    if topic is not None:
+        raise (NotYet if topic.awaited else Refused)(f"{topic.text}.", remedy=FORMAT_REMEDY)
+
+
 class Availability:
     """Checks the vehicle's link and estimates.
 
@@ -108,7 +115,7 @@ class Availability:
         self,
         estimates: EstimateSource,
         protocol: Callable[[], str],
-        unusable_topics: Callable[[], Mapping[str, str]],
+        unusable_topics: Callable[[], Mapping[str, UnusableTopic]],
     ) -> None:
         self._protocol, self._unusable_topics = protocol, unusable_topics
         self._has_estimate: dict[str, Callable[[], bool]] = {
@@ -122,37 +129,36 @@ class Availability:
     def for_type(self, setpoint_type: str) -> Available:
         """Availability of a setpoint type."""
         needs = KINDS[setpoint_type].needs
+        unusable = self._unusable({setpoint_type}, in_offboard=True)
         why_not = (
             why_not_carried(setpoint_type, self._protocol())
-            or self._unusable({setpoint_type}, in_offboard=True)
+            or (None if unusable is None else f"{unusable.text}.")
             or self._missing(setpoint_type, needs)
         )
         return Available(why_not is None, why_not, needs)
 
     def require_estimates(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> None:
-        """Raises Refused if one of these estimates is missing."""
+        """Raises NotYet if one of these estimates is missing."""
         why_not = self._missing(setpoint_type, needs)
         if why_not is not None:
-            raise Refused(why_not, remedy=WAIT_REMEDY)
+            raise NotYet(why_not, remedy=WAIT_REMEDY)
 
     def require_topics(self, setpoint_types: Iterable[str], *, in_offboard: bool) -> None:
-        """Raises Refused if the vehicle lacks a topic of these types, or has it in an unknown layout.
+        """Raises Refused if the vehicle lacks a topic of these types, or has it in an unknown layout; NotYet
+        if the vehicle may still report it.
 
         Args:
             setpoint_types: setpoint types of the stream.
             in_offboard: whether the stream flies in Offboard, or else in a mode that is registered with PX4.
         """
-        why_not = self._unusable(setpoint_types, in_offboard=in_offboard)
-        if why_not is not None:
-            raise Refused(why_not, remedy=FORMAT_REMEDY)
+        require_usable(self._unusable(setpoint_types, in_offboard=in_offboard))
 
-    def _unusable(self, setpoint_types: Iterable[str], *, in_offboard: bool) -> str | None:
+    def _unusable(self, setpoint_types: Iterable[str], *, in_offboard: bool) -> UnusableTopic | None:
         unusable = self._unusable_topics()
         if not unusable:
             return None
         topics = (topic for each in setpoint_types for topic in topics_of(each, in_offboard=in_offboard))
-        problem = next((unusable[topic] for topic in topics if topic in unusable), None)
-        return None if problem is None else f"{problem}."
+        return next((unusable[topic] for topic in topics if topic in unusable), None)
 
     def _missing(self, setpoint_type: str, needs: tuple[Estimate, ...]) -> str | None:
         missing = next((need for need in needs if not self._has_estimate[need]()), None)

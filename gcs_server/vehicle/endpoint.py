@@ -22,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from gcs_server.links.base import DdsAddress, Peer
+from gcs_server.links.base import DdsAddress, Peer, UnusableTopic
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, encode_payload, full_payload
 from gcs_server.mavlink.connection import Connection
@@ -84,6 +84,7 @@ class Endpoint:
     heartbeat: bytes
     """Payload of the endpoint's first heartbeat."""
     first_received_s: float
+    """Time of the first message, and of the first one after `NO_DATA_AFTER_S` without any [s, monotonic]."""
     received_s: float
     vehicle: Vehicle | None = None
     version: Version | None = None
@@ -180,7 +181,7 @@ def protocol_in_use(endpoints: Sequence[Endpoint], preferred_protocol: str) -> s
     return MAVLINK if newest is None else newest.connection.protocol
 
 
-def unusable_topics(endpoints: Sequence[Endpoint]) -> Mapping[str, str]:
+def unusable_topics(endpoints: Sequence[Endpoint]) -> Mapping[str, UnusableTopic]:
     """ROS 2 topics of the vehicle that this server cannot use, and why; empty if setpoints are sent over
     MAVLink."""
     newest = _newest(preferred_endpoints(endpoints, ROS2))
@@ -197,7 +198,7 @@ def _has_unusable_inputs(endpoint: Endpoint) -> bool:
     return any(topic.startswith("/fmu/in/") for topic in _unusable(endpoint))
 
 
-def _unusable(endpoint: Endpoint) -> Mapping[str, str]:
+def _unusable(endpoint: Endpoint) -> Mapping[str, UnusableTopic]:
     connection = endpoint.connection
     return connection.link.unusable_topics(endpoint.peer) if connection.protocol == ROS2 else {}
 

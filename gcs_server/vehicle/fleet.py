@@ -174,7 +174,10 @@ class Fleet(FrameSink):
             endpoint = self._discover(frame, connection, peer)
             if endpoint is None:
                 return
-        endpoint.received_s = now_s = frame.received_monotonic_s
+        now_s = frame.received_monotonic_s
+        if now_s - endpoint.received_s > NO_DATA_AFTER_S:
+            endpoint.first_received_s = now_s
+        endpoint.received_s = now_s
         if now_s >= endpoint.boot_next_s:
             endpoint.take_boot_time(frame)
         if frame.msg_id == VERSION_ID and frame.component_id == endpoint.component_id:

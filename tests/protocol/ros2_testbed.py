@@ -5,15 +5,16 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from gcs_server.links.base import DdsAddress, Peer
+from gcs_server.links.base import DdsAddress, Peer, UnusableTopic
 from gcs_server.ros2.external_mode import Message
-from gcs_server.ros2.formats import REQUEST, RESPONSE, AnnouncedTopic
+from gcs_server.ros2.formats import REQUEST, RESPONSE, AnnouncedTopic, formats_of
 from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
 from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
-from gcs_server.streamer.schedule.external_modes import READ_TYPES
+from gcs_server.streamer.schedule.external_modes import CONNECTED_FROM, CONNECTED_TO, READ_TYPES
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2
 from gcs_server.vehicle.vehicle import Vehicle
@@ -117,17 +118,19 @@ class SetpointTopics:
 
 
 class ModeTopics:
-    """A `ModePort` on `VehicleTopics`. If not `is_working`, the process that replies to PX4 has ended."""
+    """A `ModePort` on `VehicleTopics`, which has only the topics whose formats are in the address. If not
+    `is_working`, the process that replies to PX4 has ended."""
 
-    def __init__(self, topics: VehicleTopics) -> None:
+    def __init__(self, topics: VehicleTopics, address: DdsAddress) -> None:
         self._topics, self.is_working = topics, True
+        self._formats = formats_of(address, {*CONNECTED_TO, *CONNECTED_FROM})
 
     def send(self, topic: str, data: bytes) -> None:
         if self.is_working:
             self._topics.send_setpoint(topic, data)
 
     def connected(self) -> bool:
-        return self.is_working
+        return self.is_working and self._formats.keys() == {*CONNECTED_TO, *CONNECTED_FROM}
 
     def take(self) -> list[tuple[str, bytes]]:
         unread = self._topics.mode_messages
@@ -146,7 +149,7 @@ class Ros2Streams(InLoopScheduler):
         """The topics of modes, newest last."""
 
     def _open_mode_port(self, address: DdsAddress) -> ModeTopics:
-        self.mode_ports.append(ModeTopics(self._topics_at(address)))
+        self.mode_ports.append(ModeTopics(self._topics_at(address), address))
         return self.mode_ports[-1]
 
     def attach(self, vehicle_id: str, sender: Any, target: tuple[int, int], *_: Any) -> None:
@@ -167,8 +170,12 @@ class MemoryRos2Link(MemoryLink):
         super().__init__("ros2", outgoing=outgoing)
         self._topics = {each.link.namespace: each for each in topics}
 
-    def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
+    def unusable_topics(self, peer: Peer) -> Mapping[str, UnusableTopic]:
         return self._topics[peer.name].link.formats.unusable
+
+    def dds_address(self, peer: Peer) -> DdsAddress | None:
+        formats = self._topics[peer.name].link.formats.usable.values()
+        return None if peer.dds is None else replace(peer.dds, formats=tuple(formats))
 
 
 class Ros2Testbed(SimulatedVehicles):
@@ -196,6 +203,8 @@ class Ros2Testbed(SimulatedVehicles):
         self.mavlink = MemoryLink("mavlink", outgoing=lambda data, _: self.sim.feed(0, "gcs", data))
         self.mavlink_on = mavlink
         """Whether the server receives the frames of the MAVLink link."""
+        self.ros2_on = True
+        """Whether the server reads the vehicles' topics."""
         if mavlink:
             self.router.add(self.mavlink)
         streams = Ros2Streams(self.clock, lambda dds: self.topics[int(dds.namespace.removeprefix("px4_"))])
@@ -221,7 +230,7 @@ class Ros2Testbed(SimulatedVehicles):
             self.sim.step(TICK_S)
             now_s = self.clock.monotonic_s()
             for row, topics in enumerate(self.topics):
-                if data := topics.frames(now_s):
+                if self.ros2_on and (data := topics.frames(now_s)):
                     self.ros2.inject(data, Peer(f"px4_{row}", dds=DdsAddress(0, None, f"px4_{row}")))
             if self.mavlink_on and (data := self.sim.drain(0, "gcs")):
                 self.mavlink.inject(data, "vehicle")

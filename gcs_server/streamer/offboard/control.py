@@ -27,6 +27,8 @@ from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2, protocol_in_use, unusable_topics
 from gcs_server.vehicle.px4.stream_loss import ACTION_MODES, StreamLoss
+from gcs_server.vehicle.services.transaction import ReportProgress
+from gcs_server.vehicle.settling import settled
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
@@ -92,6 +94,7 @@ class OffboardControl:
         rate_hz: float = 50.0,
         select: Callable[[Ticket], Awaitable[None]] | None = None,
         ticket: Ticket | None = None,
+        progress: ReportProgress | None = None,
     ) -> OffboardStatus:
         """Starts streaming, requests Offboard, and returns once the vehicle reports Offboard. The vehicle may
         be in any other mode.
@@ -105,6 +108,7 @@ class OffboardControl:
             rate_hz: setpoints per second.
             select: selects the mode; None: a command of this server selects it.
             ticket: ticket of the accepted command; None: opened here.
+            progress: reports what a vehicle that has just connected has not reported yet.
 
         Raises:
             Refused: an estimate is missing, the target is too far, or the vehicle already has a stream.
@@ -130,7 +134,7 @@ class OffboardControl:
         own = ticket or vehicle.tickets.open("start Offboard")
         try:
             own.claim()
-            await self._start(request, rate_hz, select, own)
+            await self._start(request, rate_hz, select, own, progress)
         finally:
             if ticket is None:
                 own.close()
@@ -142,12 +146,13 @@ class OffboardControl:
         rate_hz: float,
         select: Callable[[Ticket], Awaitable[None]] | None,
         ticket: Ticket,
+        progress: ReportProgress | None,
     ) -> None:
         vehicle = self.vehicle
         await self.operator_limits.wait_for_identity()
         if self.avoidance.way is not None:
             self.avoidance.require_sensor()
-        self.check(request)
+        await settled(vehicle, lambda: self.check(request), ticket=ticket, progress=progress)
         await self._streams.ready()
         vehicle.command.require_no_kill("start Offboard")
         ticket.require()

@@ -84,7 +84,7 @@ def test_a_topic_of_each_version_is_used_or_converted_or_refused_with_words(vers
         assert MESSAGES[known.type].decode(known.to_server(data))["timestamp"] == 7
         return
     assert topic not in formats.usable
-    text, problems = formats.unusable[topic], " ".join(formats.problems())
+    text, problems = formats.unusable[topic].text, " ".join(formats.problems())
     assert text.endswith(f"Not available: {USED[topic].lost}")
     if version == "1.14":
         assert f"px4_1 does not answer {REQUEST}" in problems
@@ -104,7 +104,7 @@ def test_a_topic_that_the_vehicle_does_not_have_or_of_another_type_is_refused() 
     assert not formats.usable
     (problem,) = formats.problems()
     assert "/fmu/out/vehicle_status has the type HomePosition instead of VehicleStatus" in problem
-    assert formats.unusable[COMMAND] == f"The vehicle has no topic {COMMAND}. Not available: commands"
+    assert formats.unusable[COMMAND].text == f"The vehicle has no topic {COMMAND}. Not available: commands"
     assert COMMAND not in problem, "a topic that is not there is no problem of its own"
 
 
@@ -157,7 +157,7 @@ def test_a_topic_that_px4_does_not_know_and_another_protocol_are_reported() -> N
     assert request is not None
     response = MESSAGES["MessageFormatResponse"].decode(answer(request, {}))
     formats.on_response(response)
-    assert formats.unusable[STATUS].startswith("PX4 does not know the topic /fmu/out/vehicle_status_v1.")
+    assert formats.unusable[STATUS].text.startswith("PX4 does not know the topic /fmu/out/vehicle_status_v1.")
     formats.on_response({**response, "protocol_version": 2})
     assert "answers in version 2 of the message format check" in formats.problems()[0]
 

@@ -42,7 +42,8 @@ class Vehicle:
         self.status = SimpleNamespace(mode="hold", armed=True, link_lost=False)
         self.events = EventFeed("1")
         self.isolation = Isolation(clock, logging.getLogger("test"), "Vehicle 1")
-        self.endpoints = (SimpleNamespace(connection=SimpleNamespace(protocol="MAVLink"), received_s=0.0),)
+        connection = SimpleNamespace(protocol="MAVLink")
+        self.endpoints = (SimpleNamespace(connection=connection, received_s=0.0, over_ros2=False),)
         self.reach = reach_of(self.endpoints)
         self.clock = clock
         self.command = self.params = self
