@@ -120,11 +120,13 @@ QuantilesModel = model_of(Quantiles, "DryRunQuantiles")
 
 
 ORIGIN = "Start position of the vehicle; origin of all local positions."
+PX4 = "Release of PX4 whose defaults, failsafes and home were simulated: `1.17`."
 BANDS = ("p5", "p50", "p95", "greatest")
 PathModel = model_of(document.FlownPath, "DryRunPath")
 FlightModel = model_of(
     document.FlightResult,
     "DryRunFlight",
+    px4=Annotated[str, Field(description=PX4)],
     origin=Annotated[OriginModel, Field(description=ORIGIN)],
     conditions=DryRunConditions,
     steps=list[model_of(document.StepTime, "DryRunStep")],

@@ -15,6 +15,7 @@ from gcs_server.plans.tasks import DocumentHead
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.vehicle.samples import Attitude, Battery, GlobalPosition, Home
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.dry_run.setup import release_name, simulated_release
 from missions.dry_run.spread import MAX_VEHICLES
 from missions.geodesy import LocalOrigin
 
@@ -106,6 +107,17 @@ def aircraft_from_vehicle(
     aircraft: dict[str, Any] = {
         "parameters": {param.name: float(param.value) for param in vehicle.params.all()}
     }
+    release = vehicle.identity.software.release
+    simulated = simulated_release(release)
+    aircraft["px4"] = release_name(simulated)
+    if release is None:
+        assumptions.append(
+            f"The release of PX4 of {vehicle_name} is not known: v{aircraft['px4']} is simulated."
+        )
+    elif release != simulated:
+        assumptions.append(
+            f"PX4 v{release_name(release)} of {vehicle_name} cannot be simulated: v{aircraft['px4']} is."
+        )
     if not aircraft["parameters"]:
         assumptions.append(f"The parameters of {vehicle_name} have not been read: PX4's defaults are used.")
     position = _start_position(vehicle, vehicle_name, assumptions)

@@ -16,6 +16,7 @@ from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
+from vehicle_sim.px4_version import VERSIONS
 from vehicle_sim.simulation import SimulationOrigin
 from vehicle_sim.world import prism
 from vehicle_sim.world.terrain import HeightGrid, Terrain
@@ -145,7 +146,7 @@ def _from_home(home: HomePosition, other: HomePosition) -> Vector3:
 
 
 def _parameters_for(aircraft: Aircraft, conditions: Conditions) -> Parameters:
-    store = Parameters()
+    store = Parameters(px4=VERSIONS[aircraft.px4])
     for name, value in aircraft.simulated_parameters().items():
         if name in store:
             store.set(name, _as_type_of(store, name, value))

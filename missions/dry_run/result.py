@@ -44,7 +44,12 @@ class DryRun(FlightResult):
     def document(self, max_samples: int = MAX_SAMPLES) -> dict[str, Any]:
         """As JSON values, with a path of at most `max_samples` samples."""
         origin, path = asdict(self.aircraft.origin), self._path(max_samples)
-        return {"origin": origin, **plain(self, FlightResult), "path": path and asdict(path)}
+        return {
+            "px4": self.aircraft.px4,
+            "origin": origin,
+            **plain(self, FlightResult),
+            "path": path and asdict(path),
+        }
 
     def _path(self, max_samples: int) -> FlownPath | None:
         track = self.track

@@ -17,10 +17,12 @@ from missions.obstacles import corners_ne_m, obstacle_name
 from missions.values import HomePosition
 from missions.values import Obstacle as PlannedObstacle
 
+SIMULATED_PX4 = ((1, 16), (1, 17))
+"""Releases of PX4 that can be simulated, oldest first."""
 USED_PARAMETERS = (
-    "BAT_*_THR", "COM_DISARM_LAND", "COM_FLT_TIME_MAX", "COM_LOW_BAT_ACT", "COM_OBL_RC_ACT", "COM_OF_LOSS_T",
-    "COM_SPOOLUP_TIME", "COM_TAKEOFF_ACT", "COM_WIND_*", "GF_*", "LNDMC_*", "MIS_*", "MNT_*", "MPC_*",
-    "NAV_ACC_RAD", "NAV_MC_ALT_RAD", "RTL_*",
+    "BAT_*_THR", "COM_DISARM_LAND", "COM_FLTT_LOW_ACT", "COM_FLT_TIME_MAX", "COM_LOW_BAT_ACT",
+    "COM_OBL_RC_ACT", "COM_OF_LOSS_T", "COM_SPOOLUP_TIME", "COM_TAKEOFF_ACT", "COM_WIND_*", "GF_*",
+    "LNDMC_*", "MIS_*", "MNT_*", "MPC_*", "NAV_ACC_RAD", "NAV_MC_ALT_RAD", "NAV_RCL_ACT", "RTL_*",
 )  # fmt: skip
 """Parameters of a real vehicle that the simulated vehicle uses: they affect the flight and do not depend on
 the airframe."""
@@ -39,6 +41,18 @@ USED_PARAMETERS_OF_SIMULATED = (
 WIND_MAX_M_S = 40.0
 
 
+def simulated_release(release: tuple[int, int] | None) -> tuple[int, int]:
+    """The release that is simulated for a vehicle with this one: the same or the nearest; the oldest for an
+    unknown one."""
+    oldest, newest = SIMULATED_PX4[0], SIMULATED_PX4[-1]
+    return oldest if release is None else min(max(release, oldest), newest)
+
+
+def release_name(release: tuple[int, int]) -> str:
+    """A release without the `v`: `1.17`."""
+    return f"{release[0]}.{release[1]}"
+
+
 @dataclass(frozen=True, slots=True)
 class Aircraft:
     """The vehicle to simulate."""
@@ -55,6 +69,8 @@ class Aircraft:
     parameter."""
     battery_reserve: float = 0.2
     """Battery charge that must remain after the flight, 0 to 1."""
+    px4: str = "1.16"
+    """Release of PX4 to simulate, as `release_name` gives it: its defaults, failsafes and home."""
 
     @property
     def origin(self) -> LocalOrigin:

@@ -2,8 +2,12 @@
 nothing to the vehicle."""
 
 import json
+from dataclasses import replace
+
+import pytest
 
 from gcs_server.api import control_routes, dry_run_models, dry_run_routes
+from missions.dry_run.setup import release_name, simulated_release
 from tests.protocol.api_calls import ANNA, BOB, FORCED_CONTROL_REQUEST, json_of, run_with_routes
 from tests.protocol.command_numbers import REQUEST_MESSAGE, RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL
 from tests.protocol.offboard_testbed import sleep
@@ -60,9 +64,30 @@ def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(run_si
         assert aircraft["yaw_ned_rad"] == rig.vehicle.topic("attitude").value.yaw_ned_rad
         assert aircraft["parameters"] == {}
         assert "The parameters of vehicle 1 have not been read" in run_info["assumed"][0]
+        assert aircraft["px4"] == release_name(simulated_release(rig.vehicle.identity.software.release))
         assert run_info["vehicle"] == "1"
         assert set(request["origin"]) == {"lat_deg", "lon_deg", "alt_amsl_m"}
         json.dumps(request, allow_nan=False)
+
+    run_with_routes(run_simulated, scenario, flying=False)
+
+
+@pytest.mark.parametrize(
+    ("firmware", "px4", "assumption"),
+    [
+        (None, "1.16", "The release of PX4 of vehicle 1 is not known: v1.16 is simulated."),
+        ("1.15.4", "1.16", "PX4 v1.15 of vehicle 1 cannot be simulated: v1.16 is."),
+        ("1.17.0", "1.17", None),
+    ],
+)
+def test_a_dry_run_flies_as_the_vehicles_own_release_of_px4(run_simulated, firmware, px4, assumption):
+    async def scenario(rig):
+        rig.vehicle._identity = replace(rig.vehicle.identity, firmware=firmware)
+        request, run_info = await request_dry_run(rig)
+        assert request["aircraft"]["px4"] == px4
+        assert [text for text in run_info["assumed"] if "PX4 v1" in text or "release" in text] == (
+            [] if assumption is None else [assumption]
+        )
 
     run_with_routes(run_simulated, scenario, flying=False)
 

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
 from missions.dry_run.fleet import Fleet
-from missions.dry_run.setup import Aircraft, Conditions, Obstacle
+from missions.dry_run.setup import (
+    SIMULATED_PX4,
+    Aircraft,
+    Conditions,
+    Obstacle,
+    release_name,
+    simulated_release,
+)
 from missions.dry_run.spread import Chance, Spread
 from missions.errors import PlanError
 from missions.values import FenceCircle, Point
 from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN
+from vehicle_sim.px4_version import VERSIONS
 
 WALL = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0)
 
@@ -29,6 +38,26 @@ def test_airframe_parameters_of_a_real_vehicle_are_not_used_and_those_of_a_simul
     assert Aircraft(HOME, parameters=parameters).simulated_parameters() == {"MPC_XY_CRUISE": 7.0}
     of_simulator = Aircraft(HOME, parameters={**parameters, "SIH_MASS": 1.4}).simulated_parameters()
     assert set(of_simulator) == {"MPC_XY_CRUISE", "MC_ROLLRATE_P", "MPC_THR_HOVER", "SIH_MASS"}
+
+
+def test_each_vehicle_has_the_defaults_of_its_own_release_of_px4():
+    assert [release_name(each) for each in SIMULATED_PX4] == list(VERSIONS)
+    aircraft = [replace(AIRCRAFT, px4=release_name(each)) for each in SIMULATED_PX4]
+    stores = Fleet(aircraft, [Conditions()] * 2).sim.simulation.parameters
+    assert [(store.get("MC_ROLL_P"), store.get("COM_FLTT_LOW_ACT")) for store in stores] == [
+        (6.5, 3),
+        (4.0, 0),
+    ]
+    assert [store.px4.corrects_home for store in stores] == [False, True]
+    assert [store.get("MPC_XY_CRUISE") for store in stores] == [8.0, 8.0]
+
+
+@pytest.mark.parametrize(
+    ("release", "simulated"),
+    [(None, (1, 16)), ((1, 14), (1, 16)), ((1, 16), (1, 16)), ((1, 17), (1, 17)), ((2, 0), (1, 17))],
+)
+def test_the_nearest_release_is_simulated(release, simulated):
+    assert simulated_release(release) == simulated
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,9 @@ export interface paths {
          * Start
          * @description Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
          *
+         *     Over ROS 2, a vehicle that has just connected reports its topics' layouts and its estimates one after the
+         *     other: for up to 10 s the start waits for them, and then refuses with what is missing.
+         *
          *     In the response, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
          *     limits, and whether the operator's limits were restored after a restart.
          */
@@ -1443,6 +1446,10 @@ export interface paths {
          *     mission without a take-off is compiled again when it begins. A mission with a take-off is compiled again
          *     while the vehicle is disarmed, whenever its position or a setting has changed; PX4 arms in the mode only
          *     while `ready` is true.
+         *
+         *     A registration is an operation. A vehicle that has just connected reports its topics' layouts and its
+         *     estimates one after the other: for up to 10 s the registration waits for them, and then refuses with what
+         *     is missing.
          */
         readonly post: operations["register_api_v1_vehicles__v__mission_modes_register_post"];
         readonly delete?: never;
@@ -4114,6 +4121,11 @@ export interface components {
              * @description Simulation speed relative to real time.
              */
             readonly times_real_time: number;
+            /**
+             * Px4
+             * @description Release of PX4 whose defaults, failsafes and home were simulated: `1.17`.
+             */
+            readonly px4: string;
             /** @description Start position of the vehicle; origin of all local positions. */
             readonly origin: components["schemas"]["PlanOrigin"];
             /** @description The flown path; null: the flight did not start. */

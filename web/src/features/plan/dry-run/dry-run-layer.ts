@@ -171,8 +171,9 @@ export function resultLines(result: DryRunResult): string[] {
   const length = metres(nominal.length_m);
   const isBatteryKnown = nominal.battery_start_share !== null || nominal.battery_end_share !== null;
   const batteryText = isBatteryKnown ? `battery ${percentText(nominal.battery_start_share)} → ${percentText(nominal.battery_end_share)}` : 'battery not known';
+  const releases = [...new Set(nominalFlights(result).map(({ px4 }) => `PX4 v${px4}`))].join(' and ');
   const lines = [
-    `${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${durationText(nominal.duration_s)}, ${length.text} ${length.unit}, ${batteryText}.`,
+    `${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${durationText(nominal.duration_s)}, ${length.text} ${length.unit}, ${batteryText}; simulated ${releases}.`,
   ];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of group?.closest ?? [])

@@ -12,6 +12,7 @@ const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const RESULT = {
   nominal: {
     origin: ORIGIN,
+    px4: '1.17',
     finished: true,
     duration_s: 65,
     length_m: 120,
@@ -159,7 +160,7 @@ describe('a dry run', () => {
   });
 
   it('has a result with numbers', () => {
-    expect(resultLines(RESULT)).toEqual(['Dry run: 1 min 05 s, 120 m, battery 100 % → 81 %.']);
+    expect(resultLines(RESULT)).toEqual(['Dry run: 1 min 05 s, 120 m, battery 100 % → 81 %; simulated PX4 v1.17.']);
     expect(resultLines(TWO_ROLES)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 1 min 05 s.');
     expect(resultLines(MONTE_CARLO)[1]).toBe(
       '2 simulated flights: 95 % within 2.0 m of the path; flight time 1 min 00 s to 1 min 10 s (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
