@@ -41,6 +41,8 @@ from gcs_server.errors import GcsError
 from gcs_server.flights.flights import Flights
 from gcs_server.flights.resume import ProgressStore
 from gcs_server.links.names import shown_url
+from gcs_server.maps.sources import MapSources
+from gcs_server.maps.tiles import Tiles
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
@@ -197,6 +199,8 @@ class Server:
             started_s=clock.monotonic_s(),
             mavlink_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,
+            map_sources=MapSources(Records(folder.map_sources)),
+            map_tiles=Tiles(clock, folder.cache / "map_tiles"),
             logs=Cache(folder.logs, MAX_LOG_BYTES, LOGS_TOTAL_BYTES),
             has_scene=self.scene is not None,
             simulator=self._simulator,
@@ -230,6 +234,7 @@ class Server:
             ("fault", self.flights.groups.faults),
             ("plans", self.flights.plans.warnings),
             ("plans", self.flights.progress.warnings),
+            ("maps", self.station.map_sources.warnings),
         ]
         if self.scene is not None:
             texts += [("fault", self.scene.faults), ("scene", self.scene.warning)]
@@ -243,6 +248,7 @@ class Server:
         """Starts all parts; a link that cannot be opened becomes a warning."""
         await self.station.journal.load()
         self.station.journal.start(self.supervisor)
+        await asyncio.to_thread(self.station.map_sources.load)
         await self.streamer.limits.load()
         await self.flights.load()
         self.router.start()
@@ -276,6 +282,8 @@ class Server:
         await self.fleet.close()
         await self.supervisor.close()
         self.flights.progress.close()
+        await self.station.map_tiles.close()
+        self.station.map_sources.close()
         self.station.replays.stop()
         await asyncio.to_thread(self.station.topic_inspectors.close)
         await self.router.close()

@@ -18,6 +18,7 @@ from gcs_server.api.problems import RESPONSES, Problem, problem
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
+from gcs_server.maps.sources import MapSource
 from gcs_server.storage.maps import MapError, MapInfo, is_map_name, read_map, read_tile
 
 router = Routes(prefix="/maps", tags=["station"])
@@ -33,8 +34,10 @@ _threads = ThreadPoolExecutor(2, thread_name_prefix="maps")
 
 @router.get("", response_model=responses.Maps)
 async def list_maps(station: StationDep) -> Response:
-    """The map files in the data folder, sorted by name, and the files that cannot be read."""
+    """The chosen map source, the map files in the data folder, and the files that cannot be read."""
     maps, unreadable = await _in_thread(_scan_folder, station)
+    source = station.map_sources.chosen
+    maps = ([] if source is None else [_source_view(source)]) + maps
     return json_response({"folder": str(station.maps), "maps": maps, "unreadable": unreadable})
 
 
@@ -137,6 +140,21 @@ def _map_view(info: MapInfo) -> dict[str, object]:
         "attribution": info.attribution,
         "layers": info.layers,
         "bytes": info.bytes,
+    }
+
+
+def _source_view(source: MapSource) -> dict[str, object]:
+    return {
+        "name": source.name,
+        "url": f"/api/v1/map_sources/{source.id}",
+        "format": "source",
+        "tiles": "raster",
+        "min_zoom": 0,
+        "max_zoom": source.max_zoom,
+        "bounds_deg": None,
+        "attribution": source.attribution,
+        "layers": [],
+        "bytes": 0,
     }
 
 

@@ -35,6 +35,8 @@ from gcs_server.errors import (
     UnknownRecording,
     UnknownVehicle,
 )
+from gcs_server.maps.sources import UnknownSource
+from gcs_server.maps.tiles import MapSourceFailed
 from gcs_server.storage.maps import MapError
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.services.ftp_codec import FtpFailed
@@ -61,6 +63,8 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownRecording, 404, "Unknown recording"),
     (RecordingUnusable, 409, "Recording unusable"),
     (MapError, 409, "Map unusable"),
+    (UnknownSource, 404, "Unknown map source"),
+    (MapSourceFailed, 502, "The map source does not answer"),
     (PlanConflict, 409, "Changed by another client"),
     (InvalidRequest, 422, "Invalid request"),
     (NotPermitted, 403, "Not permitted"),

@@ -246,11 +246,11 @@ class MapFile(ResponseBody):
     """An offline map of the operator."""
 
     name: str
-    """The file's name in the maps folder."""
+    """The file's name in the maps folder; for a source its name."""
     url: str
-    """For PMTiles, the URL of the file, which is read in parts. For MBTiles, append `/{zoom}/{x}/{y}`."""
-    format: Literal["pmtiles", "mbtiles"]
-    """Format of the file."""
+    """For PMTiles, the URL of the file, which is read in parts. Otherwise append `/{zoom}/{x}/{y}`."""
+    format: Literal["pmtiles", "mbtiles", "source"]
+    """Format of the file; `source`: the chosen map source."""
     tiles: Literal["raster", "vector"]
     """Content of the tiles: raster images or vector shapes."""
     min_zoom: int
@@ -264,7 +264,7 @@ class MapFile(ResponseBody):
     layers: tuple[str, ...]
     """Names of a vector map's layers."""
     bytes: int
-    """Size of the file."""
+    """Size of the file; 0 for a source."""
 
 
 class Maps(ResponseBody):
@@ -273,7 +273,7 @@ class Maps(ResponseBody):
     folder: str
     """Folder for PMTiles and MBTiles files."""
     maps: list[MapFile]
-    """Maps, sorted by name; the first is drawn at the bottom."""
+    """The chosen map source, then the files by name; the first is drawn at the bottom."""
     unreadable: list[str]
     """Files in the folder that cannot be shown, each with the reason."""
 

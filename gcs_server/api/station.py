@@ -15,6 +15,8 @@ from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.flights.flights import Flights
+from gcs_server.maps.sources import MapSources
+from gcs_server.maps.tiles import Tiles
 from gcs_server.mavlink.router import Router
 from gcs_server.operations.operations import Operations
 from gcs_server.replay.service import Replays
@@ -47,6 +49,8 @@ class Station:
     """System and component id of this server."""
     maps: Path
     """Folder of the operator's offline maps; need not exist."""
+    map_sources: MapSources
+    map_tiles: Tiles
     logs: Cache
     """The flight logs that were downloaded from vehicles."""
     request_queue: RequestQueue = field(init=False)

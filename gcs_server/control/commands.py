@@ -269,6 +269,10 @@ ALL: tuple[Command, ...] = (
         confirm_text="link {link} closes, vehicle {vehicles} in flight loses its last link",
     ),
     Command("vehicles/remove", "station", ("DELETE /vehicles/{v}",), "not_anothers", "the vehicle"),
+    Command("maps/choose", "station", ("PUT /map_sources/chosen",)),
+    Command("maps/add_source", "station", ("POST /map_sources",)),
+    Command("maps/remove_source", "station", ("DELETE /map_sources/{s}",)),
+    Command("maps/save_region", "station", ("POST /map_regions",)),
     # recordings
     Command("replays/open", "replay", ("POST /replays",)),
     Command("replays/change", "replay", ("POST /replays/{name}",), journaled=False),
@@ -342,7 +346,15 @@ ALL: tuple[Command, ...] = (
         "GET /replays/{name}",
         "GET /replays/{name}/index",
     ),
-    _view("maps", "GET /maps", "GET /maps/{name}", "GET /maps/{name}/{zoom}/{x}/{y}"),
+    _view(
+        "maps",
+        "GET /maps",
+        "GET /maps/{name}",
+        "GET /maps/{name}/{zoom}/{x}/{y}",
+        "GET /map_sources",
+        "GET /map_sources/{s}/{zoom}/{x}/{y}",
+        "POST /map_regions/size",
+    ),
     _view(
         "server",
         "GET /health",

@@ -58,6 +58,11 @@ class DataFolder:
         return self.path / "maps"
 
     @property
+    def map_sources(self) -> Path:
+        """Folder of the operator's map sources."""
+        return self.path / "map_sources"
+
+    @property
     def cache(self) -> Path:
         """Folder of data that vehicles would send again; may be deleted at any time."""
         return self.path / "cache"

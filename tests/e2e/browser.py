@@ -144,9 +144,9 @@ class PageMonitor:
             return True
         if "status of 504" in message.text and message.location["url"].endswith("/hold"):
             return True  # Hold, sent to a vehicle whose connection is lost
-        is_plan_file = re.search("/api/v1/plans/(import|insert|table)", message.location["url"])
-        if "status of 422" in message.text and is_plan_file:
-            return True  # an unreadable file, or a mission that cannot be inserted
+        may_be_invalid = "/api/v1/(plans/(import|insert|table)|map_sources)"
+        if "status of 422" in message.text and re.search(may_be_invalid, message.location["url"]):
+            return True  # an unreadable file, a mission that cannot be inserted, an address without tiles
         if message.text.startswith("Tried to update non-existent component"):
             return True  # viser's client renders slower than labels change, and shows the next update
         return "status of 404" in message.text and "/api/v1/vehicles/" in message.location["url"]

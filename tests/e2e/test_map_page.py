@@ -18,6 +18,7 @@ from tests.e2e.browser import bounding_box, confirm_by_slider, open_page, scene_
 from tests.e2e.fast_station import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.station import wait_until
+from tests.support.tile_server import TileServer
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
@@ -193,6 +194,13 @@ def check_click_in_3d(page: Page) -> None:
     expect(menu).to_be_hidden()
 
 
+def mean_colour(page: Page) -> tuple[float, float, float]:
+    """Red, green, blue of a part of the map."""
+    screenshot = page.screenshot(clip={"x": 700, "y": 600, "width": 40, "height": 40})
+    r, g, b = page.evaluate(MEAN_COLOUR, base64.b64encode(screenshot).decode())
+    return r, g, b
+
+
 @pytest.mark.parametrize("file_type", ["pmtiles", "mbtiles"])
 def test_a_map_file_of_the_operator_is_shown(browser: Browser, station: Station, file_type: str) -> None:
     folder = Path(station.gcs.request("GET", "/maps")["folder"])
@@ -205,8 +213,41 @@ def test_a_map_file_of_the_operator_is_shown(browser: Browser, station: Station,
         expect(page.get_by_role("toolbar", name="Map")).to_contain_text(attribution)
 
         def is_red() -> bool:
-            screenshot = page.screenshot(clip={"x": 700, "y": 600, "width": 40, "height": 40})
-            r, g, b = page.evaluate(MEAN_COLOUR, base64.b64encode(screenshot).decode())
+            r, g, b = mean_colour(page)
             return r - max(g, b) > 60
 
         wait_until(is_red, "the tiles of the operator's file")
+
+
+def test_a_source_is_chosen_and_saved_by_clicks(browser: Browser, station: Station) -> None:
+    """The page itself asks nobody but the server: `open_page` checks it."""
+    source = TileServer(png((0, 0, 255)))
+    try:
+        with open_page(browser, station.url, theme="light", scene=False) as page:
+            open_large_map(page)
+            page.get_by_role("button", name="Choose map").click()
+            panel = page.get_by_role("region", name="Map source")
+            expect(panel).to_contain_text("nothing is asked for on the internet")
+            panel.get_by_role("button", name="Add a source").click()
+            panel.get_by_label("Name").fill("Field server")
+            panel.get_by_label("Address of a tile").fill(source.url.replace("{z}", "{level}"))
+            panel.get_by_label("allow saving").check()
+            panel.get_by_role("button", name="Add and show").click()
+            expect(panel.get_by_role("alert")).to_contain_text("{level}")
+            assert source.asked == []
+            panel.get_by_label("Address of a tile").fill(source.url)
+            panel.get_by_role("button", name="Add and show").click()
+            expect(panel).to_contain_text("and so tells it which area is viewed")
+            wait_until(lambda: mean_colour(page)[2] - mean_colour(page)[0] > 60, "the tiles of the source")
+            panel.get_by_label("Name").fill("Our field")
+            panel.get_by_role("button", name="How large?").click()
+            expect(panel).to_contain_text("tiles, about")
+            panel.get_by_role("button", name="Save", exact=True).click()
+            expect(panel).to_contain_text("shown without internet")
+            assert serious_violations(page) == []
+            source.close()
+            panel.get_by_label("Grid only").check()
+            expect(panel).to_contain_text("and the map file")
+            wait_until(lambda: mean_colour(page)[2] - mean_colour(page)[0] > 60, "the saved tiles")
+    finally:
+        source.close()

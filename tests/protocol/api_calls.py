@@ -14,12 +14,15 @@ from gcs_server.control.journal import Journal
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest
 from gcs_server.flights.flights import Flights
+from gcs_server.maps.sources import MapSources
+from gcs_server.maps.tiles import Tiles
 from gcs_server.operations.operations import Operations
 from gcs_server.plans import tasks
 from gcs_server.plans.store import PlanStore
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.storage.cache import Cache
+from gcs_server.storage.records import Records
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
@@ -84,6 +87,8 @@ def new_station(testbed, progress=None):
         mavlink_ids=(255, 190),
         topic_inspectors=TopicInspectors(),
         maps=Path("no maps"),
+        map_sources=MapSources(Records(Path("no sources"))),
+        map_tiles=Tiles(testbed.clock, Path("no tiles")),
         logs=Cache(Path("no logs")),
     )
     return station

@@ -210,6 +210,9 @@ export const BOUNDS = {
   MissionToInsert: {
     version: {"min":1},
   },
+  NewMapSource: {
+    max_zoom: {"min":0,"max":24},
+  },
   format_offboard_gcs_mission: {
     minimum_separation_m: {"min":1,"max":100},
   },
@@ -280,6 +283,10 @@ export const BOUNDS = {
   },
   type_rates: {
     thrust: {"min":0,"max":1},
+  },
+  RegionRequest: {
+    min_zoom: {"min":0,"max":24},
+    max_zoom: {"min":0,"max":24},
   },
   RegisterMode: {
     version: {"min":1},

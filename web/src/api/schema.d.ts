@@ -967,7 +967,7 @@ export interface paths {
         };
         /**
          * List Maps
-         * @description The map files in the data folder, sorted by name, and the files that cannot be read.
+         * @description The chosen map source, the map files in the data folder, and the files that cannot be read.
          */
         readonly get: operations["list_maps_api_v1_maps_get"];
         readonly put?: never;
@@ -1012,6 +1012,132 @@ export interface paths {
         readonly get: operations["map_tile_api_v1_maps__name___zoom___x___y__get"];
         readonly put?: never;
         readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/map_sources": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * List Map Sources
+         * @description The sources of map tiles. Nothing is asked of any of them before one is chosen.
+         */
+        readonly get: operations["list_map_sources_api_v1_map_sources_get"];
+        readonly put?: never;
+        /**
+         * Add Map Source
+         * @description Adds a source; it is not chosen, and not asked for anything.
+         */
+        readonly post: operations["add_map_source_api_v1_map_sources_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/map_sources/chosen": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        /**
+         * Choose Map Source
+         * @description Chooses the source that the map shows in all browsers, or none.
+         */
+        readonly put: operations["choose_map_source_api_v1_map_sources_chosen_put"];
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/map_sources/{s}": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        readonly post?: never;
+        /**
+         * Remove Map Source
+         * @description Removes one of the operator's own sources and its kept tiles.
+         */
+        readonly delete: operations["remove_map_source_api_v1_map_sources__s__delete"];
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/map_sources/{s}/{zoom}/{x}/{y}": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Source Tile
+         * @description A tile of the chosen source, y counted from the north; the server asks the source for a tile that it
+         *     has not kept, and shows an old one while the source does not answer.
+         */
+        readonly get: operations["source_tile_api_v1_map_sources__s___zoom___x___y__get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/map_regions/size": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Region Size
+         * @description The number of tiles and the size of a region, before it is saved.
+         */
+        readonly post: operations["region_size_api_v1_map_regions_size_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/map_regions": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Save Region
+         * @description Saves a region as a map file: an operation, which can be followed and cancelled. Its result is the
+         *     `file` in the maps folder and the number of `tiles`.
+         */
+        readonly post: operations["save_region_api_v1_map_regions_post"];
         readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
@@ -3164,6 +3290,20 @@ export interface components {
              * @description Version that was changed; 409 if it is not the newest.
              */
             readonly base_version: number;
+        };
+        /**
+         * ChosenSource
+         * @description Which source the map shows.
+         * @example {
+         *       "source": "osm"
+         *     }
+         */
+        readonly ChosenSource: {
+            /**
+             * Source
+             * @description Id of a source; null: none.
+             */
+            readonly source: string | null;
         };
         /**
          * CircleFenceBody
@@ -7767,20 +7907,20 @@ export interface components {
         readonly MapFile: {
             /**
              * Name
-             * @description The file's name in the maps folder.
+             * @description The file's name in the maps folder; for a source its name.
              */
             readonly name: string;
             /**
              * Url
-             * @description For PMTiles, the URL of the file, which is read in parts. For MBTiles, append `/{zoom}/{x}/{y}`.
+             * @description For PMTiles, the URL of the file, which is read in parts. Otherwise append `/{zoom}/{x}/{y}`.
              */
             readonly url: string;
             /**
              * Format
-             * @description Format of the file.
+             * @description Format of the file; `source`: the chosen map source.
              * @enum {string}
              */
-            readonly format: "pmtiles" | "mbtiles";
+            readonly format: "pmtiles" | "mbtiles" | "source";
             /**
              * Tiles
              * @description Content of the tiles: raster images or vector shapes.
@@ -7819,9 +7959,81 @@ export interface components {
             readonly layers: readonly string[];
             /**
              * Bytes
-             * @description Size of the file.
+             * @description Size of the file; 0 for a source.
              */
             readonly bytes: number;
+        };
+        /**
+         * MapSourceList
+         * @description The sources of map tiles.
+         */
+        readonly MapSourceList: {
+            /**
+             * Chosen
+             * @description The source that the map shows; null: none, and nothing is asked for.
+             */
+            readonly chosen: string | null;
+            /**
+             * Sources
+             * @description The usual sources, then the operator's own.
+             */
+            readonly sources: readonly components["schemas"]["MapSourceView"][];
+        };
+        /**
+         * MapSourceView
+         * @description A source of map tiles.
+         */
+        readonly MapSourceView: {
+            /**
+             * Id
+             * @description Id for the other calls.
+             */
+            readonly id: string;
+            /**
+             * Name
+             * @description Name in the page.
+             */
+            readonly name: string;
+            /**
+             * Url
+             * @description Address of a tile, with placeholders.
+             */
+            readonly url: string;
+            /**
+             * Host
+             * @description The computer that is asked for tiles, and thereby learns which area is viewed.
+             */
+            readonly host: string;
+            /**
+             * Attribution
+             * @description Attribution that its licence requires.
+             */
+            readonly attribution: string;
+            /**
+             * Max Zoom
+             * @description Largest zoom with tiles.
+             */
+            readonly max_zoom: number;
+            /**
+             * May Save
+             * @description Whether its terms allow saving a region.
+             */
+            readonly may_save: boolean;
+            /**
+             * Own
+             * @description Whether an operator added it.
+             */
+            readonly own: boolean;
+            /**
+             * Kept Bytes
+             * @description Size of its tiles on the server's disk.
+             */
+            readonly kept_bytes: number;
+            /**
+             * Problem
+             * @description Why it last failed; null: it answered since, or was not asked.
+             */
+            readonly problem: string | null;
         };
         /**
          * Maps
@@ -7835,7 +8047,7 @@ export interface components {
             readonly folder: string;
             /**
              * Maps
-             * @description Maps, sorted by name; the first is drawn at the bottom.
+             * @description The chosen map source, then the files by name; the first is drawn at the bottom.
              */
             readonly maps: readonly components["schemas"]["MapFile"][];
             /**
@@ -8597,6 +8809,42 @@ export interface components {
              * @default 2
              */
             readonly mode: number | null;
+        };
+        /**
+         * NewMapSource
+         * @description A source of the operator's own.
+         * @example {
+         *       "may_save": true,
+         *       "name": "Field",
+         *       "url": "http://192.168.1.20/tiles/{z}/{x}/{y}.png"
+         *     }
+         */
+        readonly NewMapSource: {
+            /**
+             * Name
+             * @description Name in the page.
+             */
+            readonly name: string;
+            /**
+             * Url
+             * @description Address of a tile: an XYZ or WMTS template, or a WMTS tile with its parameters.
+             */
+            readonly url: string;
+            /**
+             * Attribution
+             * @description Attribution that its licence requires.
+             */
+            readonly attribution?: string;
+            /**
+             * Max Zoom
+             * @description Largest zoom with tiles.
+             */
+            readonly max_zoom?: number;
+            /**
+             * May Save
+             * @description Whether its terms allow saving a region.
+             */
+            readonly may_save?: boolean;
         };
         /**
          * NewPlan
@@ -11264,6 +11512,70 @@ export interface components {
              * @description Answer only once all parameters have been read.
              */
             readonly wait?: boolean;
+        };
+        /**
+         * RegionRequest
+         * @description A region of a source.
+         * @example {
+         *       "bounds_deg": [
+         *         8.54,
+         *         47.39,
+         *         8.56,
+         *         47.41
+         *       ],
+         *       "max_zoom": 17,
+         *       "min_zoom": 10,
+         *       "name": "Test field",
+         *       "source": "own1"
+         *     }
+         */
+        readonly RegionRequest: {
+            /**
+             * Source
+             * @description Id of the source.
+             */
+            readonly source: string;
+            /**
+             * Name
+             * @description Name of the map file.
+             */
+            readonly name: string;
+            /**
+             * Bounds Deg
+             * @description West, south, east, north.
+             */
+            readonly bounds_deg: readonly [
+                number,
+                number,
+                number,
+                number
+            ];
+            /**
+             * Min Zoom
+             * @description Smallest zoom.
+             */
+            readonly min_zoom: number;
+            /**
+             * Max Zoom
+             * @description Largest zoom.
+             */
+            readonly max_zoom: number;
+        };
+        /**
+         * RegionSize
+         * @description What saving a region takes.
+         */
+        readonly RegionSize: {
+            /**
+             * Tiles
+             * @description Number of tiles.
+             */
+            readonly tiles: number;
+            /**
+             * Estimated Bytes
+             * @description Size of the file, from the mean of the kept tiles, or else from a usual tile.
+             */
+            readonly estimated_bytes: number;
         };
         /**
          * RegisterMode
@@ -17519,6 +17831,433 @@ export interface operations {
                     readonly [name: string]: unknown;
                 };
                 content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly list_map_sources_api_v1_map_sources_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MapSourceList"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly add_map_source_api_v1_map_sources_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["NewMapSource"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 201: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MapSourceView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly choose_map_source_api_v1_map_sources_chosen_put: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ChosenSource"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MapSourceList"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly remove_map_source_api_v1_map_sources__s__delete: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly s: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly source_tile_api_v1_map_sources__s___zoom___x___y__get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly s: string;
+                readonly zoom: number;
+                readonly x: number;
+                readonly y: number;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "image/png": unknown;
+                };
+            };
+            /** @description The source has no such tile. */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly region_size_api_v1_map_regions_size_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["RegionRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["RegionSize"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly save_region_api_v1_map_regions_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["RegionRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description The region is being saved. */
+            readonly 202: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Operation"];
+                };
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];

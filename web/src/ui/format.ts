@@ -70,3 +70,15 @@ export function join(parts: readonly (string | null | undefined)[], separator = 
   const texts = parts.filter((p): p is string => p !== null && p !== undefined && p !== '' && p !== UNKNOWN);
   return texts.length === 0 ? UNKNOWN : texts.join(separator);
 }
+
+/** A file size as text, for example 12 MB. */
+export function sizeText(bytes: number): string {
+  if (bytes < 1000) return `${bytes} B`;
+  const units = ['kB', 'MB', 'GB'];
+  let value = bytes / 1000;
+  while (value >= 999.5 && units.length > 1) {
+    value /= 1000;
+    units.shift();
+  }
+  return `${value.toFixed(value < 9.95 ? 1 : 0)} ${units[0]}`;
+}

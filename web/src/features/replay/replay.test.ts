@@ -14,10 +14,10 @@ import {
   recordingText,
   fractionAt,
   replayToShow,
-  sizeText,
   stateAt,
   type RecordingIndex,
 } from './replays';
+import { sizeText } from '../../ui/format';
 
 const replay = (more: Partial<Replay> = {}): Replay => ({
   name: 'replay-a.tlog',

@@ -2,7 +2,7 @@
 
 import type { components } from '../../api/schema';
 import type { Replay } from '../../live/wire';
-import { durationText, timeOfDay } from '../../ui/format';
+import { durationText, sizeText, timeOfDay } from '../../ui/format';
 
 type Schemas = components['schemas'];
 export type Recording = Schemas['RecordedFlight'];
@@ -132,18 +132,6 @@ export function dateTime(unix_s: number): string {
   const d = new Date(unix_s * 1000);
   const twoDigits = (n: number): string => String(n).padStart(2, '0');
   return `${d.getFullYear()}-${twoDigits(d.getMonth() + 1)}-${twoDigits(d.getDate())} ${timeOfDay(unix_s)}`;
-}
-
-/** A file size as text, for example 12 MB. */
-export function sizeText(bytes: number): string {
-  if (bytes < 1000) return `${bytes} B`;
-  const units = ['kB', 'MB', 'GB'];
-  let value = bytes / 1000;
-  while (value >= 999.5 && units.length > 1) {
-    value /= 1000;
-    units.shift();
-  }
-  return `${value.toFixed(value < 9.95 ? 1 : 0)} ${units[0]}`;
 }
 
 function vehicleText(vehicles: readonly number[]): string {

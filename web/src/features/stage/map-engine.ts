@@ -122,6 +122,13 @@ export class MapEngine {
     });
   }
 
+  /** What the map shows: west, south, east, north [deg]. */
+  bounds(): [number, number, number, number] {
+    const bounds = this.map.getBounds();
+    const lon = (deg: number): number => Math.max(-180, Math.min(180, deg));
+    return [lon(bounds.getWest()), bounds.getSouth(), lon(bounds.getEast()), bounds.getNorth()];
+  }
+
   /** The position in the middle of the free area. */
   centre(): GeoPosition {
     const { lat, lng } = this.map.getCenter();

@@ -1,4 +1,4 @@
-/** The server's offline maps. The page requests them when it first shows the map. */
+/** What the map shows below everything: the chosen source and the files of the server. The page requests them when it first shows the map. */
 
 import type { Palette } from './map-draw';
 import type { components } from '../../api/schema';
@@ -9,11 +9,23 @@ class Maps {
   list = $state.raw<readonly OfflineMap[]>([]);
   /** Files that cannot be shown, each with its reason. */
   unreadableFiles = $state.raw<readonly string[]>([]);
+  /** Counts the changes of the list after the first one: the map must then be made again. */
+  changes = $state(0);
   private isRequested = false;
 
   async load(api: ApiClient): Promise<void> {
     if (this.isRequested) return;
     this.isRequested = true;
+    await this.request(api);
+  }
+
+  /** Requests the list again, after a change of the sources or files. */
+  async reload(api: ApiClient): Promise<void> {
+    await this.request(api);
+    this.changes += 1;
+  }
+
+  private async request(api: ApiClient): Promise<void> {
     const response = await api.get('/maps');
     this.isRequested = response.ok;
     if (!response.ok) return;
@@ -31,7 +43,7 @@ export interface OfflineMap {
   source: SourceSpecification;
 }
 
-/** A file as a MapLibre source. A PMTiles file contains its own description; tiles of an MBTiles file are requested one by one. */
+/** A file as a MapLibre source. A PMTiles file contains its own description; tiles of an MBTiles file and of a source are requested one by one. */
 export function offlineMap(file: MapFile, origin: string): OfflineMap {
   const url = `${origin}${file.url}`;
   const type = file.tiles === 'vector' ? ('vector' as const) : ('raster' as const);

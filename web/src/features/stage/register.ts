@@ -17,11 +17,19 @@ page.eventListeners.push((event) => {
 });
 provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
+registry.addPanel({ id: 'map-sources', order: 13, place: 'side', load: async () => ({ component: (await import('./MapSources.svelte')).default }) });
 registry.addWarnings(() => maps.unreadableFiles);
 registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.reason}. The page tries again; the map shows the flight.`] : []));
 registry.addCloser({ order: 70, isOpen: () => mapPointMenu.mapPoint !== null, close: () => mapPointMenu.close() });
 registry.addKeys([
   { order: 190, keys: 'M', description: 'Swap map and 3D', inScene: true, handlers: { m: () => stage.swap() } },
+  {
+    order: 195,
+    keys: 'Shift M',
+    description: 'What the map shows: source, own sources, save for the field',
+    inScene: true,
+    handlers: { 'Shift M': (facts) => registry.toggle('map-sources', facts) },
+  },
   { order: 200, keys: 'F', description: 'Map follows the vehicle: on or off', inScene: true, handlers: { f: () => stage.map?.toggleFollow() } },
   { order: 210, keys: 'Z', description: 'Zoom the map to the vehicle', inScene: true, handlers: { z: () => stage.map?.zoomToVehicle() } },
   { order: 215, keys: 'U', description: 'Map north up', inScene: true, handlers: { u: () => stage.map?.northUp() } },

@@ -28,6 +28,8 @@ export interface MapCommands {
   northUp: () => void;
   /** Fits positions into the free area. */
   fit: (positions: readonly GeoPosition[]) => void;
+  /** What the large map shows: west, south, east, north [deg]; null: there is no large map. */
+  visibleBounds: () => [number, number, number, number] | null;
   /** The middle of the free area and the distance to its edge; null: the map is not drawn, or is the inset. */
   visibleMiddle: () => { at: GeoPosition; edgeDistance_m: number } | null;
 }

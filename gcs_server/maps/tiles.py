@@ -1,0 +1,274 @@
+"""Tiles of a source: asked for once, kept on disk, and shown again when the source does not answer."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import sqlite3
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from gcs_server.clock import Clock
+from gcs_server.errors import GcsError, ServerBusy
+from gcs_server.maps.sources import MapSource
+from gcs_server.version import __version__
+
+if TYPE_CHECKING:
+    import httpx
+
+log = logging.getLogger(__name__)
+T = TypeVar("T")
+
+FRESH_S = 14 * 86_400.0
+"""Age up to which a kept tile is shown without asking again [s]; OpenStreetMap asks for seven days."""
+TIMEOUT_S = 10.0
+MAX_REDIRECTS = 3
+MAX_TILE_BYTES = 2_000_000
+MAX_STORE_BYTES = 1_000_000_000
+"""Maximum size of the kept tiles of a source; the oldest tenth is dropped."""
+CONCURRENT = 6
+"""Maximum number of requests at a time, as a browser makes them."""
+MAX_WAITING = 500
+PAUSE_S = 5.0
+"""Pause after a request without an answer, so that a dead source is not asked for each tile [s]."""
+SIZE_CHECK_EVERY = 200
+REMEDY = "Check its address and this computer's connection, or choose another source."
+_IMAGES = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"), (b"RIFF", "image/webp"))
+
+
+class MapSourceFailed(GcsError):
+    """A map source did not answer, or with something other than a tile."""
+
+    code = "map_source_failed"
+
+
+def content_type(tile: bytes) -> str | None:
+    """The type of an image; None: it is no image that the page shows."""
+    found = next((kind for magic, kind in _IMAGES if tile.startswith(magic)), None)
+    return None if found == "image/webp" and tile[8:12] != b"WEBP" else found
+
+
+@dataclass(frozen=True, slots=True)
+class KeptTile:
+    """A tile on disk; empty: the source has no such tile."""
+
+    content: bytes
+    fetched_unix_s: float
+
+
+class TileStore:
+    """The kept tiles of one source: an SQLite file, which may be deleted at any time. All methods block."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._database: sqlite3.Connection | None = None
+        self._written = 0
+
+    def get(self, zoom: int, x: int, y: int) -> KeptTile | None:
+        """A tile; None: not kept."""
+        return self._tried(lambda database: self._get(database, zoom, x, y))
+
+    def put(self, zoom: int, x: int, y: int, tile: KeptTile) -> None:
+        """Keeps a tile; a full disk is only logged."""
+
+        def write(database: sqlite3.Connection) -> None:
+            row = (zoom, x, y, tile.content, tile.fetched_unix_s)
+            with database:
+                database.execute("INSERT OR REPLACE INTO kept VALUES (?, ?, ?, ?, ?)", row)
+            self._written += 1
+            if self._written % SIZE_CHECK_EVERY == 0 and _size(database) > MAX_STORE_BYTES:
+                with database:
+                    count = database.execute("SELECT count(*) FROM kept").fetchone()[0] // 10
+                    oldest = "SELECT rowid FROM kept ORDER BY fetched_unix_s LIMIT ?"
+                    database.execute(f"DELETE FROM kept WHERE rowid IN ({oldest})", (count,))
+
+        self._tried(write)
+
+    def size_bytes(self) -> int:
+        """Size of the kept tiles."""
+        return (self._tried(_size) or 0) if self._path.exists() else 0
+
+    def mean_tile_bytes(self) -> float | None:
+        """Mean size of the kept tiles; None: there are none."""
+        sample = "SELECT content FROM kept WHERE length(content) > 0 LIMIT 500"
+        query = f"SELECT avg(length(content)) FROM ({sample})"
+        return self._tried(lambda database: database.execute(query).fetchone()[0])
+
+    def close(self) -> None:
+        """Closes the file."""
+        if self._database is not None:
+            self._database.close()
+            self._database = None
+
+    @staticmethod
+    def _get(database: sqlite3.Connection, zoom: int, x: int, y: int) -> KeptTile | None:
+        query = "SELECT content, fetched_unix_s FROM kept WHERE zoom=? AND x=? AND y=?"
+        row = database.execute(query, (zoom, x, y)).fetchone()
+        return None if row is None else KeptTile(bytes(row[0]), float(row[1]))
+
+    def _tried(self, work: Callable[[sqlite3.Connection], T]) -> T | None:
+        """The result of the work; None: the file cannot be used, which is logged. A damaged file is
+        replaced."""
+        try:
+            return work(self._opened())
+        except (sqlite3.Error, OSError, TypeError) as error:
+            log.warning("the kept map tiles in %s: %s", self._path, error)
+            if isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.OperationalError):
+                self.close()
+                self._path.unlink(missing_ok=True)
+            return None
+
+    def _opened(self) -> sqlite3.Connection:
+        if self._database is None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            database = sqlite3.connect(self._path, check_same_thread=False)
+            database.execute("PRAGMA journal_mode=WAL")
+            database.execute("PRAGMA synchronous=NORMAL")
+            columns = "zoom INTEGER, x INTEGER, y INTEGER, content BLOB, fetched_unix_s REAL"
+            database.execute(f"CREATE TABLE IF NOT EXISTS kept ({columns}, PRIMARY KEY (zoom, x, y))")
+            self._database = database
+        return self._database
+
+
+def _size(database: sqlite3.Connection) -> int:
+    pages = database.execute("PRAGMA page_count").fetchone()[0]
+    free = database.execute("PRAGMA freelist_count").fetchone()[0]
+    return (pages - free) * database.execute("PRAGMA page_size").fetchone()[0]
+
+
+class Tiles:
+    """Answers with tiles of sources: kept ones, or asks the source.
+
+    Args:
+        clock: the server's clock.
+        folder: folder of the kept tiles; created when the first tile is kept.
+    """
+
+    def __init__(self, clock: Clock, folder: Path) -> None:
+        self._clock = clock
+        self._folder = folder
+        self._stores: dict[str, TileStore] = {}
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="map-tiles")
+        self._client: httpx.AsyncClient | None = None
+        self._places = asyncio.Semaphore(CONCURRENT)
+        self._waiting = 0
+        self._failures: dict[str, tuple[float, str]] = {}
+        """By source: time of the last failure [s, monotonic] and its text; removed by the next answer."""
+
+    async def tile(self, source: MapSource, zoom: int, x: int, y: int) -> bytes:
+        """A tile, y counted from the north; empty: the source has none there.
+
+        Raises:
+            MapSourceFailed: the source does not answer with a tile, and none is kept.
+            ServerBusy: too many requests wait.
+        """
+        kept = await self._in_thread(source, lambda store: store.get(zoom, x, y))
+        if kept is not None and self._clock.unix_s() - kept.fetched_unix_s < FRESH_S:
+            return kept.content
+        if self._waiting >= MAX_WAITING:
+            raise ServerBusy(f"{MAX_WAITING} map tiles are being requested.", remedy="Wait a moment.")
+        self._waiting += 1
+        try:
+            content = await self._ask(source, source.tile_url(zoom, x, y))
+        except MapSourceFailed:
+            if kept is None:
+                raise
+            return kept.content  # an old map is better than none
+        finally:
+            self._waiting -= 1
+        tile = KeptTile(content, self._clock.unix_s())
+        await self._in_thread(source, lambda store: store.put(zoom, x, y, tile))
+        return content
+
+    async def pause(self) -> None:
+        """Waits until a source that has failed is asked again."""
+        await self._clock.sleep(PAUSE_S)
+
+    def failure(self, source: MapSource) -> str | None:
+        """Why the source last failed; None: it answered since."""
+        failed = self._failures.get(source.id)
+        return None if failed is None else failed[1]
+
+    async def kept_bytes(self, source: MapSource) -> int:
+        """Size of the kept tiles of a source."""
+        return await self._in_thread(source, TileStore.size_bytes)
+
+    async def mean_tile_bytes(self, source: MapSource) -> float | None:
+        """Mean size of the kept tiles of a source; None: there are none."""
+        return await self._in_thread(source, TileStore.mean_tile_bytes)
+
+    async def forget(self, source: MapSource) -> None:
+        """Deletes the kept tiles of a source."""
+        await self._in_thread(source, TileStore.close)
+        self._stores.pop(source.id, None)
+        self._failures.pop(source.id, None)
+        for path in self._folder.glob(f"{source.id}.sqlite*"):
+            path.unlink(missing_ok=True)
+
+    async def close(self) -> None:
+        """Ends all requests and closes the files."""
+        if self._client is not None:
+            await self._client.aclose()
+        for store in self._stores.values():
+            await asyncio.get_running_loop().run_in_executor(self._thread, store.close)
+        self._thread.shutdown()
+
+    async def _in_thread(self, source: MapSource, work: Callable[[TileStore], T]) -> T:
+        store = self._stores.get(source.id)
+        if store is None:
+            store = self._stores[source.id] = TileStore(self._folder / f"{source.id}.sqlite")
+        return await asyncio.get_running_loop().run_in_executor(self._thread, work, store)
+
+    async def _ask(self, source: MapSource, url: str) -> bytes:
+        async with self._places:
+            failed = self._failures.get(source.id)
+            if failed is not None and self._clock.monotonic_s() - failed[0] < PAUSE_S:
+                raise MapSourceFailed(failed[1], remedy=REMEDY)
+            try:
+                content = await self._download(source, url)
+            except MapSourceFailed as error:
+                self._failures[source.id] = (self._clock.monotonic_s(), error.message)
+                raise
+            self._failures.pop(source.id, None)
+            return content
+
+    async def _download(self, source: MapSource, url: str) -> bytes:
+        import httpx  # only a server with a chosen source needs it
+
+        if self._client is None:
+            self._client = httpx.AsyncClient(
+                timeout=TIMEOUT_S,
+                follow_redirects=True,
+                max_redirects=MAX_REDIRECTS,
+                headers={"User-Agent": f"offboard-gcs/{__version__}"},
+            )
+        try:
+            async with asyncio.timeout(2 * TIMEOUT_S), self._client.stream("GET", url) as answer:
+                if answer.status_code in (204, 404):
+                    return b""
+                if answer.status_code != 200:
+                    raise self._failed(source, f"it answers with status {answer.status_code}")
+                content = bytearray()
+                async for part in answer.aiter_bytes():
+                    content += part
+                    if len(content) > MAX_TILE_BYTES:
+                        raise self._failed(source, f"its tiles have more than {MAX_TILE_BYTES / 1e6:g} MB")
+        except (httpx.HTTPError, httpx.InvalidURL) as error:
+            raise self._failed(source, str(error) or type(error).__name__) from error
+        except TimeoutError:
+            raise self._failed(source, f"no answer in {2 * TIMEOUT_S:g} s") from None
+        tile = bytes(content)
+        if content_type(tile) is None:
+            kind = answer.headers.get("content-type", "unknown type")[:60]
+            raise self._failed(source, f"it answers with no PNG, JPEG or WebP image ({kind})")
+        return tile
+
+    @staticmethod
+    def _failed(source: MapSource, reason: str) -> MapSourceFailed:
+        return MapSourceFailed(
+            f"The map source {source.name} ({source.host}) gives no tiles: {reason}.",
+            remedy=REMEDY,
+        )

@@ -1,0 +1,107 @@
+/** The map sources of the server: choosing one, adding own ones, and saving what the map shows for the field. */
+
+import type { ApiClient, Outcome } from '../../api/client';
+import type { Problem } from '../../api/problems';
+import type { components } from '../../api/schema';
+
+export type MapSource = components['schemas']['MapSourceView'];
+type SourceList = components['schemas']['MapSourceList'];
+type Operation = components['schemas']['Operation'];
+type RegionRequest = components['schemas']['RegionRequest'];
+
+const POLL_MS = 400;
+
+export class MapSources {
+  private list = $state.raw<SourceList | null>(null);
+  problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
+  /** The region whose size was asked for, which is then saved; null: none. */
+  measured = $state.raw<{ region: RegionRequest; tiles: number; estimated_bytes: number } | null>(null);
+  /** The saving of a region that this page has started. */
+  saving = $state.raw<Operation | null>(null);
+
+  /**
+   * @param api the server.
+   * @param onChange called when the map shows something else.
+   */
+  constructor(
+    private readonly api: ApiClient,
+    private readonly onChange: () => void,
+  ) {}
+
+  get sources(): readonly MapSource[] | null {
+    return this.list?.sources ?? null;
+  }
+
+  get chosen(): MapSource | null {
+    return this.list?.sources.find((each) => each.id === this.list?.chosen) ?? null;
+  }
+
+  async read(): Promise<void> {
+    this.take(await this.api.get('/map_sources'), (list) => (this.list = list));
+  }
+
+  async choose(source: string | null): Promise<void> {
+    this.measured = null;
+    const response = await this.api.put('/map_sources/chosen', { body: { source } });
+    if (this.take(response, (list) => (this.list = list))) this.onChange();
+  }
+
+  /** Adds a source and chooses it. Returns whether the server accepted it. */
+  async add(source: { name: string; url: string; attribution: string; may_save: boolean }): Promise<boolean> {
+    let id: string | null = null;
+    this.take(await this.api.post('/map_sources', { body: { ...source, max_zoom: 19 } }), (added) => (id = added.id));
+    if (id === null) return false;
+    await this.choose(id);
+    return true;
+  }
+
+  async remove(source: MapSource): Promise<void> {
+    const wasChosen = this.list?.chosen === source.id;
+    if (!this.take(await this.api.delete('/map_sources/{s}', { params: { path: { s: source.id } } }))) return;
+    await this.read();
+    if (wasChosen) this.onChange();
+  }
+
+  /** Asks how large a region is. @param region null: the map is not large, so nobody sees what would be saved. */
+  async measure(region: RegionRequest | null): Promise<void> {
+    this.measured = null;
+    this.saving = null;
+    if (region === null) this.problem = { title: 'The map is small', detail: 'Make it large (M) and show the area that you want to save.' };
+    else this.take(await this.api.post('/map_regions/size', { body: region }), (size) => (this.measured = { region, ...size }));
+  }
+
+  /** Saves the measured region, and follows the saving to its end. */
+  async save(name: string): Promise<void> {
+    const { measured } = this;
+    if (measured === null || this.saving?.state === 'running') return;
+    const region = { ...measured.region, name };
+    if (!this.take(await this.api.post('/map_regions', { body: region }), (operation) => (this.saving = operation))) return;
+    for (let current = this.saving; current?.state === 'running'; current = this.saving) {
+      await new Promise((resolve) => setTimeout(resolve, POLL_MS));
+      const response = await this.api.get('/operations/{o}', { params: { path: { o: current.id } } });
+      if (!this.take(response, (operation) => (this.saving = operation))) return;
+    }
+    if (this.saving?.error != null) this.problem = this.saving.error;
+    if (this.saving?.state !== 'succeeded') return;
+    this.measured = null;
+    this.onChange();
+  }
+
+  async cancel(): Promise<void> {
+    if (this.saving?.state !== 'running') return;
+    this.take(await this.api.delete('/operations/{o}', { params: { path: { o: this.saving.id } } }));
+  }
+
+  /** Uses the value of an answer, or shows why there is none. */
+  private take<T>(response: Outcome<T>, use: (value: T) => void = () => undefined): boolean {
+    this.problem = response.ok ? null : response.problem;
+    if (response.ok) use(response.value);
+    return response.ok;
+  }
+}
+
+/** What leaves this computer when a source is chosen, in one sentence. */
+export function whoLearns(source: MapSource | null): string {
+  if (source === null) return 'No source is chosen, so nothing is asked for on the internet.';
+  return `The server asks ${source.host} for the tiles that a map shows, and so tells it which area is viewed. Nothing else is sent.`;
+}

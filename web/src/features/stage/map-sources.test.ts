@@ -1,0 +1,107 @@
+import { beforeEach, expect, it, vi } from 'vitest';
+import type { ApiClient } from '../../api/client';
+import { MapSources, whoLearns, type MapSource } from './map-sources.svelte';
+
+const OWN: MapSource = {
+  id: 'own1',
+  name: 'Field',
+  url: 'http://10.0.0.2/{z}/{x}/{y}',
+  host: '10.0.0.2',
+  attribution: '',
+  max_zoom: 19,
+  may_save: true,
+  own: true,
+  kept_bytes: 0,
+  problem: null,
+};
+const REGION = { source: 'own1', name: 'x', bounds_deg: [8, 47, 8.1, 47.1] as [number, number, number, number], min_zoom: 8, max_zoom: 12 };
+const RUNNING = { id: '7', state: 'running', error: null };
+
+let calls: [string, string, unknown][] = [];
+let answers: Record<string, unknown[]> = {};
+const call =
+  (method: string) =>
+  (path: string, init?: { body?: unknown }): Promise<unknown> => {
+    calls.push([method, path, init?.body]);
+    const value = answers[`${method} ${path}`]?.shift();
+    const failed = value !== undefined && (value as { title?: string }).title !== undefined;
+    return Promise.resolve(failed ? { ok: false, problem: value } : { ok: true, value });
+  };
+const api = { get: call('GET'), post: call('POST'), put: call('PUT'), delete: call('DELETE') } as unknown as ApiClient;
+const onChange = vi.fn();
+let sources: MapSources;
+
+beforeEach(() => {
+  vi.useFakeTimers();
+  onChange.mockClear();
+  [calls, answers] = [[], {}];
+  sources = new MapSources(api, onChange);
+});
+
+it('says who learns what, before a source is chosen and after', () => {
+  expect(whoLearns(null)).toContain('nothing is asked for');
+  expect(whoLearns(OWN)).toContain('10.0.0.2');
+});
+
+it('shows an added source at once, and nothing if the address is refused', async () => {
+  answers = {
+    'POST /map_sources': [{ title: 'Invalid request', detail: 'names no tile' }, OWN],
+    'PUT /map_sources/chosen': [{ chosen: 'own1', sources: [OWN] }],
+  };
+  const draft = { name: 'Field', url: 'http://10.0.0.2/', attribution: '', may_save: true };
+  expect(await sources.add(draft)).toBe(false);
+  expect(sources.problem?.detail).toBe('names no tile');
+  expect(onChange).not.toHaveBeenCalled();
+  expect(await sources.add(draft)).toBe(true);
+  expect(sources.problem).toBeNull();
+  expect(sources.chosen?.id).toBe('own1');
+  expect(onChange).toHaveBeenCalledTimes(1);
+});
+
+it('saves exactly the area whose size it has shown', async () => {
+  await sources.measure(null);
+  expect(sources.problem?.detail).toContain('Make it large');
+  await sources.save('Field');
+  expect(calls).toEqual([]);
+  answers = {
+    'POST /map_regions/size': [{ tiles: 5, estimated_bytes: 100 }],
+    'POST /map_regions': [RUNNING],
+    'GET /operations/{o}': [RUNNING, { ...RUNNING, state: 'succeeded' }],
+  };
+  await sources.measure(REGION);
+  expect(sources.measured?.tiles).toBe(5);
+  const saving = sources.save('Test field');
+  await vi.advanceTimersByTimeAsync(1000);
+  await saving;
+  expect(calls[1]).toEqual(['POST', '/map_regions', { ...REGION, name: 'Test field' }]);
+  expect(sources.measured).toBeNull();
+  expect(onChange).toHaveBeenCalledTimes(1);
+});
+
+it('shows why saving ended, and changes nothing', async () => {
+  const error = { title: 'The map source does not answer', detail: 'Field gives no tiles' };
+  answers = {
+    'POST /map_regions/size': [{ tiles: 5, estimated_bytes: 100 }],
+    'POST /map_regions': [RUNNING],
+    'GET /operations/{o}': [{ ...RUNNING, state: 'failed', error }],
+  };
+  await sources.measure(REGION);
+  const saving = sources.save('x');
+  await vi.advanceTimersByTimeAsync(500);
+  await saving;
+  expect(sources.problem).toEqual(error);
+  expect(onChange).not.toHaveBeenCalled();
+});
+
+it('reads the list again after a source was removed', async () => {
+  answers = {
+    'GET /map_sources': [
+      { chosen: 'own1', sources: [OWN] },
+      { chosen: null, sources: [] },
+    ],
+  };
+  await sources.read();
+  await sources.remove(OWN);
+  expect(sources.sources).toEqual([]);
+  expect(onChange).toHaveBeenCalledTimes(1);
+});
