@@ -27,21 +27,24 @@ from tests.clients.px4_dds import (
 
 VEHICLE_CMD_COMPONENT_ARM_DISARM, VEHICLE_CMD_DO_SET_MODE, VEHICLE_CMD_NAV_LAND = 400, 176, 21
 NAVIGATION_STATE_OFFBOARD = 14
+POSITION_TOPICS = {
+    "1.16": "/fmu/out/vehicle_local_position",
+    "1.17": "/fmu/out/vehicle_local_position_v1",
+}
+"""Name of the position by version of PX4; the message is the same."""
 
 
 class OffboardControl:
     """Node for controlling a vehicle in offboard mode."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, position_topic: str) -> None:
         self.offboard_control_mode_publisher = node.publisher(
             OffboardControlMode, "/fmu/in/offboard_control_mode"
         )
         self.trajectory_setpoint_publisher = node.publisher(TrajectorySetpoint, "/fmu/in/trajectory_setpoint")
         self.vehicle_command_publisher = node.publisher(VehicleCommand, "/fmu/in/vehicle_command")
-        self.vehicle_local_position_subscriber = node.subscription(
-            VehicleLocalPosition, "/fmu/out/vehicle_local_position"
-        )
-        # PX4 v1.16 appends the version of this message.
+        self.vehicle_local_position_subscriber = node.subscription(VehicleLocalPosition, position_topic)
+        # PX4 appends the version of the message, from v1.16 on.
         self.vehicle_status_subscriber = node.subscription(VehicleStatus, "/fmu/out/vehicle_status_v1")
         self.offboard_setpoint_counter = 0
         self.takeoff_height = -5.0
@@ -102,9 +105,14 @@ class OffboardControl:
             self.offboard_setpoint_counter += 1
 
 
-def main(domain: int = 0, namespace: str = "", sleep: Callable[[float], None] = time.sleep) -> None:
+def main(
+    domain: int = 0,
+    namespace: str = "",
+    sleep: Callable[[float], None] = time.sleep,
+    position_topic: str = POSITION_TOPICS["1.16"],
+) -> None:
     """Run until the land command is sent."""
-    offboard_control = OffboardControl(Node(domain, namespace))
+    offboard_control = OffboardControl(Node(domain, namespace), position_topic)
     while not offboard_control.done:
         offboard_control.timer_callback()
         sleep(0.1)

@@ -7,20 +7,22 @@ import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.support.dds_recordings import FOLDERS
 from tests.support.dds_samples import base_name
 from tests.support.ros2_vehicle import Ros2Vehicle
 from vehicle_sim.external_modes.arming_checks import REQUEST_IDS
 from vehicle_sim.external_modes.slots import FIRST_MODE, name_hash
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
-from vehicle_sim.ros2.topics import COMMAND_ACK, SERVICE_REQUEST
+from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.ros2.messages import MESSAGES
+from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, SERVICE_REQUEST, topics_of
 
-RECORDINGS_FOLDER = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dds" / "dialogues"
+RECORDINGS_FOLDER = FOLDERS["1.16"] / "dialogues"
 CHECK_REQUEST, CHECK_REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
 REGISTER_REPLY, FORMAT_RESPONSE = "/fmu/out/register_ext_component_reply", "/fmu/out/message_format_response"
 MODE_COMPLETED = "/fmu/out/mode_completed"
@@ -38,6 +40,7 @@ STATE_FIELDS = (
     "arming_state", "nav_state", "nav_state_user_intention", "failsafe", "executor_in_charge",
     "failsafe_defer_state", "pre_flight_checks_pass",
 )  # fmt: skip
+MASK = "valid_registrations_mask"
 SELECTABLE_MODES = "can_set_nav_states_mask"
 FLAG_FIELDS = ("offboard_control_signal_lost", "manual_control_signal_lost")
 EVENT_FIELDS = {
@@ -77,6 +80,40 @@ def flat_fields(fields: dict[str, Any]) -> dict[str, Any]:
     return flat
 
 
+def with_present_names(dialogue: Dialogue, px4: Px4Version) -> Dialogue:
+    """A dialogue of v1.17 in the form of those of v1.16: topics without version, except those of a program of
+    v1.16; single replies as streams; the time of a reply as its age."""
+    wire_names = {topic.name: topic.base for topic in topics_of(px4).inputs}
+    clocks_us = [
+        each["fields"]["timestamp"] - each["dt_s"] * 1e6
+        for each in dialogue["send"]
+        if base_name(each["topic"]) == COMMAND and each["fields"].get("timestamp")
+    ]
+    sent: list[dict[str, Any]] = []
+    streams: dict[Any, dict[str, Any]] = {}
+    for each in dialogue["send"]:
+        of_this_version = "layout" not in each
+        topic = wire_names.get(each["topic"], each["topic"]) if of_this_version else each["topic"]
+        fields = {**each.get("fields", {})}
+        stamp_us = fields.pop("timestamp", 0)
+        entry = each | {"topic": topic, "fields": fields}
+        if base_name(str(topic)) == CHECK_REPLY:
+            entry = {"count": 1, "until_dt_s": each["dt_s"], **entry}
+            if stamp_us and clocks_us:
+                entry["age_s"] = (clocks_us[0] - stamp_us) / 1e6 + each["dt_s"]
+            stream = streams.setdefault((topic, fields.get("registration_id", 0)), entry)
+            if stream is not entry:
+                stream["count"] += entry["count"]
+                stream["until_dt_s"] = entry["until_dt_s"]
+                continue
+        sent.append(entry)
+    received = [
+        each | {"topic": base_name(each["topic"])} if "topic" in each else each
+        for each in dialogue["received"]
+    ]
+    return {"parameters": {}, **dialogue, "send": sent, "received": received}
+
+
 @dataclass(frozen=True)
 class TimedDialogue:
     """A dialogue, and its duration: the time until the next dialogue of the same boot begins."""
@@ -111,7 +148,7 @@ def _timed_dialogue(dialogue: Dialogue, following: Dialogue | None) -> TimedDial
     if not end_s - REQUEST_PERIOD_S < duration_s < end_s + LONGEST_PAUSE_S:
         return TimedDialogue(dialogue, end_s + PAUSE_S)
     replies = _replies(following)
-    replied = bool(replies) and replies[0]["fields"]["request_id"] <= first_id
+    replied = bool(replies) and replies[0]["fields"].get("request_id", 0) <= first_id
     return TimedDialogue(dialogue, max(duration_s, end_s + TOLERANCE_S), replied)
 
 
@@ -119,9 +156,10 @@ class _Responder:
     """Replies to arming check requests as one entry of a dialogue did."""
 
     def __init__(self, entry: dict[str, Any], requested: dict[int, float], continues: bool) -> None:
-        self._fields = flat_fields(entry["fields"])
+        kept = {name: entry[name] for name in ("age_s", "layout") if name in entry}
+        self._fields, self.topic = flat_fields(entry["fields"]) | kept, entry["topic"]
         first_s = entry["dt_s"]
-        delay_s = first_s - requested.get(entry["fields"]["request_id"], first_s)
+        delay_s = first_s - requested.get(entry["fields"].get("request_id", 0), first_s)
         self._delay_s = delay_s if delay_s > DELIBERATE_DELAY_S else 0.0
         self._from_s = first_s - self._delay_s - 0.1
         self._until_s = math.inf if continues else entry["until_dt_s"] - self._delay_s + 0.1
@@ -151,10 +189,11 @@ class _Vehicle(Ros2Vehicle):
 
 
 class Ros2DialoguePlayer:
-    """Replays dialogues in order; starts a new vehicle for each boot."""
+    """Replays dialogues in order; starts a new vehicle of this version of PX4 for each boot."""
 
-    def __init__(self) -> None:
-        self.vehicle = Ros2Vehicle()
+    def __init__(self, px4: Px4Version = V1_16) -> None:
+        self._px4 = px4
+        self.vehicle = Ros2Vehicle(px4=px4)
         self._session = ""
         self.began_s = self._until_s = 0.0
         self._parser = FrameParser()
@@ -169,7 +208,7 @@ class Ros2DialoguePlayer:
             namespaced = "ns1" in self._session
             self.vehicle = _Vehicle(
                 parameters={"UXRCE_DDS_SYNCT": 0, **dialogue["parameters"]}, links=(("gcs", "gcs"),),
-                first_instance=1 if namespaced else 0,
+                first_instance=1 if namespaced else 0, px4=self._px4,
             )  # fmt: skip
             self._parser = FrameParser()
             self._boot()
@@ -189,8 +228,8 @@ class Ros2DialoguePlayer:
                 if topic == CHECK_REQUEST:
                     pending += _due_replies(responders, at_s - self.began_s, fields["request_id"])
             read_count = len(self.vehicle.received_messages)
-            surplus_replies = [each.surplus_reply(now_s) for each in responders]
-            pending += [(now_s, CHECK_REPLY, fields) for fields in surplus_replies if fields is not None]
+            surplus_replies = [(each.topic, each.surplus_reply(now_s)) for each in responders]
+            pending += [(now_s, topic, fields) for topic, fields in surplus_replies if fields is not None]
             due = [each for each in pending if each[0] <= now_s + 1e-6]
             pending = [each for each in pending if each[0] > now_s + 1e-6]
             for _, topic, fields in due:
@@ -215,6 +254,14 @@ class Ros2DialoguePlayer:
         """Called when a dialogue begins."""
 
     def _send(self, topic: str, fields: dict[str, Any]) -> None:
+        if "age_s" in fields:
+            sent_s = self.vehicle.sim.time_s - fields["age_s"]
+            fields = {k: v for k, v in fields.items() if k != "age_s"} | {"timestamp": int(sent_s * 1e6)}
+        if "layout" in fields:
+            of_v1_16 = {k: v for k, v in fields.items() if k != "layout"}
+            data = MESSAGES["1.16"]["ArmingCheckReply"].encode(of_v1_16)
+            self.vehicle.send_bytes(topic, data + bytes(-len(data) % 4))
+            return
         if topic in self.vehicle.message_types:
             self.vehicle.send(topic, fields)
             return
@@ -256,7 +303,7 @@ def _messages(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]
     for sent in dialogue["send"]:
         topic = SERVICE_REQUEST if sent["topic"].endswith("vehicle_commandRequest") else sent["topic"]
         topic = topic[topic.find("/fmu/") :] if "/fmu/" in topic else topic
-        if topic == CHECK_REPLY:
+        if base_name(topic) == CHECK_REPLY:
             continue
         fields = sent.get("fields") or {}
         fields = flat_fields(fields) if topic.startswith("/fmu/") else fields
@@ -285,7 +332,7 @@ def _received(dialogue: Dialogue, topic: str) -> list[dict[str, Any]]:
 
 
 def _replies(dialogue: Dialogue) -> list[dict[str, Any]]:
-    return [message for message in dialogue["send"] if message["topic"].endswith("arming_check_reply")]
+    return [message for message in dialogue["send"] if base_name(message["topic"]) == CHECK_REPLY]
 
 
 def _responders(dialogue: Dialogue, *, continues: bool) -> list[_Responder]:
@@ -301,7 +348,7 @@ def _due_replies(
     for responder in responders:
         reply = responder.reply(at_s, request_id)
         if reply is not None:
-            yield reply[0], CHECK_REPLY, reply[1]
+            yield reply[0], responder.topic, reply[1]
 
 
 def _last_time_s(dialogue: Dialogue) -> float:
@@ -367,7 +414,13 @@ def compare(
     found: list[str] = []
     for topic in EVENT_FIELDS:
         simulated, recorded = player.events(topic), recorded_events(dialogue, topic)
-        if simulated != recorded:
+        if topic == FORMAT_RESPONSE:
+            simulated, recorded = map(_without_unset_fields, (simulated, recorded))
+        if dialogue.get("received_total"):  # a part of a long recording
+            rest = iter(simulated)
+            if not all(each in rest for each in recorded):
+                found.append(f"{topic}: {recorded} are not among {simulated}")
+        elif simulated != recorded:
             found.append(f"{topic}: {simulated}, recorded {recorded}")
     for topic, names in ((VEHICLE_STATUS, STATE_FIELDS), (FAILSAFE_FLAGS, FLAG_FIELDS)):
         for name in (each for each in names if each not in ignored):
@@ -386,6 +439,9 @@ def compare(
         pairs = zip(simulated, recorded, strict=True)
         if any(abs(a[2] - b[2]) > TOLERANCE_S and b[2] < until_s for a, b in pairs):
             found.append(f"{SELECTABLE_MODES} changed at {simulated}, recorded {recorded}")
+    simulated, recorded = _simulated_masks(player, dialogue), recorded_masks(dialogue)
+    if simulated != recorded:
+        found.append(f"{MASK}: {simulated}, recorded {recorded}")
     simulated = completed_modes(player.vehicle.all_fields(MODE_COMPLETED, player.began_s))
     recorded = recorded_completed_modes(dialogue)
     if simulated != recorded:
@@ -393,6 +449,27 @@ def compare(
     if _recorded_entries(player.modes, dialogue) != _recorded_entries(recorded_modes(dialogue), dialogue):
         found.append("AVAILABLE_MODES")
     return found
+
+
+def _without_unset_fields(responses: list[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
+    """PX4 leaves fields of a response unset if it does not know the topic or the protocol."""
+    return [each if each[1] else (each[1], each[3]) for each in responses]
+
+
+def recorded_masks(dialogue: Dialogue) -> list[int]:
+    """The registrations that the recorded requests name as valid, without repetitions; v1.16 has none."""
+    fields = [each["fields"] for each in _received(dialogue, CHECK_REQUEST)]
+    return [key for key, _ in itertools.groupby(each[MASK] for each in fields if MASK in each)]
+
+
+def _simulated_masks(player: Ros2DialoguePlayer, dialogue: Dialogue) -> list[int]:
+    last_s = max((at_s for at_s, _ in _requests(dialogue)), default=0.0)
+    masks = [
+        fields[MASK]
+        for at_s, topic, fields in player.vehicle.received_messages
+        if topic == CHECK_REQUEST and MASK in fields and 0.0 < at_s - player.began_s < last_s + 0.1
+    ]
+    return [key for key, _ in itertools.groupby(masks)]
 
 
 def _recorded_entries(modes: list[dict[str, Any]], dialogue: Dialogue) -> list[list[Any]]:

@@ -187,12 +187,12 @@ class VehicleWithMissionModes:
 
 
 @contextlib.contextmanager
-def vehicle_with_mission_modes() -> Iterator[VehicleWithMissionModes]:
-    """Runs the simulator and a server that is connected to it over ROS 2 only."""
+def vehicle_with_mission_modes(version: str = "1.16") -> Iterator[VehicleWithMissionModes]:
+    """Runs the simulator as this version of PX4, and a server that is connected to it over ROS 2 only."""
     port = station.free_port()
     ports = ["--tcp-port", str(port), "--gcs-remote-port", "0", "--no-api", "--no-log"]
     with (
-        station.running_process([*SIMULATOR, *ports, *DISARM_LATE]),
+        station.running_process([*SIMULATOR, "--px4", version, *ports, *DISARM_LATE]),
         station.running_server([LINK]) as (url, process),
     ):
         yield VehicleWithMissionModes(url, process, OtherStation(port))

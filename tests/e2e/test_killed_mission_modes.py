@@ -86,8 +86,8 @@ class Px4Topics:
 
 
 @pytest.fixture
-def vehicle() -> Iterator[VehicleWithMissionModes]:
-    with vehicle_with_mission_modes() as mission_vehicle:
+def vehicle(request: pytest.FixtureRequest) -> Iterator[VehicleWithMissionModes]:
+    with vehicle_with_mission_modes(getattr(request, "param", "1.16")) as mission_vehicle:
         yield mission_vehicle
 
 
@@ -137,6 +137,7 @@ def is_running(pid: int) -> bool:
     return False
 
 
+@pytest.mark.parametrize("vehicle", ["1.16", pytest.param("1.17", marks=pytest.mark.story)], indirect=True)
 @with_and_without_executor
 def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_selected(
     vehicle: VehicleWithMissionModes, px4: Px4Topics, executor: bool

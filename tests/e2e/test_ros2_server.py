@@ -66,9 +66,9 @@ class VehicleApi:
         station.wait_until(lambda: self.topic_value("global_position")["alt_home_m"] > 8.5, "the climb")
 
 
-@pytest.fixture
-def api() -> Iterator[VehicleApi]:
-    ports = ["--tcp-port", str(station.free_port())]
+@pytest.fixture(params=["1.16", pytest.param("1.17", marks=pytest.mark.story)])
+def api(request: pytest.FixtureRequest) -> Iterator[VehicleApi]:
+    ports = ["--tcp-port", str(station.free_port()), "--px4", request.param]
     with (
         station.running_process([*SIMULATOR, *WITHOUT_MAVLINK, *ports]),
         station.running_server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process),

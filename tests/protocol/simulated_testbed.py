@@ -6,14 +6,18 @@ import asyncio
 import random
 from typing import Any
 
+import pytest
+
 from gcs_server.vehicle.vehicle import Vehicle
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.offboard_testbed import OffboardTestbed
 from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
-from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.px4_version import V1_16, VERSIONS, Px4Version
 
 TICK_S = 0.02
+both_versions = pytest.mark.parametrize("px4", list(VERSIONS.values()), ids=list(VERSIONS))
+"""Runs a test with a vehicle of each version of PX4."""
 
 
 class SimulatedVehicles(MemoryTestbed):

@@ -22,8 +22,9 @@ from tests.protocol.mission_modes_testbed import (
     run_with_mission_modes,
 )
 from tests.protocol.offboard_testbed import sleep
-from tests.protocol.simulated_testbed import until
+from tests.protocol.simulated_testbed import both_versions, until
 from vehicle_sim.mavlink import generated_dialect as sim
+from vehicle_sim.px4_version import Px4Version
 
 TAKE_OFF = {"step": "take_off", "height_m": 6}
 FLY = {"step": "fly", "points": [{"offset_ned_m": [8, 0, -6]}], "speed_m_s": 3}
@@ -75,7 +76,10 @@ def altitude_m(rig: MissionModesTestbed) -> float:
     return -rig.vehicle.topic("local_position").value.position_ned_m[2]
 
 
-def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(run_simulated: Any) -> None:
+@both_versions
+def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(
+    run_simulated: Any, px4: Px4Version
+) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         await register_and_select(rig)
         rig.station.authority.control("1").lease.release(ANNA)
@@ -109,7 +113,7 @@ def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(r
         assert rig.vehicle.status.mode == "hold"
         assert rig.vehicle.status.landed_state == "on_ground"
 
-    run_with_mission_modes(run_simulated, scenario, in_air=False)
+    run_with_mission_modes(run_simulated, scenario, in_air=False, px4=px4)
 
 
 @pytest.mark.story
@@ -354,7 +358,10 @@ def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(run
     run_with_mission_modes(run_simulated, scenario, in_air=False)
 
 
-def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(run_simulated: Any) -> None:
+@both_versions
+def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(
+    run_simulated: Any, px4: Px4Version
+) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         await register_and_select(rig)
         await arm(rig)
@@ -367,4 +374,4 @@ def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(ru
         assert rig.vehicle.status.armed
         assert COMMAND in {topic for topic, _ in rig.testbed.topics[0].sent_messages}
 
-    run_with_mission_modes(run_simulated, scenario, in_air=False)
+    run_with_mission_modes(run_simulated, scenario, in_air=False, px4=px4)

@@ -21,8 +21,9 @@ from tests.protocol.mission_modes_testbed import (
     run_with_mission_modes,
 )
 from tests.protocol.offboard_testbed import sleep
-from tests.protocol.simulated_testbed import until
+from tests.protocol.simulated_testbed import both_versions, until
 from vehicle_sim.mavlink import generated_dialect as sim
+from vehicle_sim.px4_version import Px4Version
 
 SUCCESS, OTHER_FAILURE = 0, 100
 """result of ModeCompleted."""
@@ -51,7 +52,8 @@ def test_a_registered_mission_has_its_name_in_every_ground_station(run_simulated
     run_with_mission_modes(run_simulated, scenario, in_air=False)
 
 
-def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: Any) -> None:
+@both_versions
+def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: Any, px4: Px4Version) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         mode = await rig.start_in_flight()
         assert rig.vehicle.status.mode_label == MODE_NAME
@@ -69,7 +71,7 @@ def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: A
         assert {topic for topic, _ in rig.testbed.topics[0].sent_messages[before:]} == {CHECK_REPLY}
         assert (await rig.list_modes())["modes"][0]["state"] == "registered"
 
-    run_with_mission_modes(run_simulated, scenario)
+    run_with_mission_modes(run_simulated, scenario, px4=px4)
 
 
 @pytest.mark.story
@@ -87,7 +89,10 @@ def test_a_mission_mode_can_be_started_repeatedly_by_this_server(run_simulated: 
     run_with_mission_modes(run_simulated, scenario)
 
 
-def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(run_simulated: Any) -> None:
+@both_versions
+def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(
+    run_simulated: Any, px4: Px4Version
+) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         mode = await rig.start_in_flight()
         rig.other_station.command(*SELECT_HOLD)
@@ -100,7 +105,7 @@ def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(run_s
         await until(lambda: rig.mission_state == "flying", 5)
         await until(lambda: rig.mission_state == "done", 20)
 
-    run_with_mission_modes(run_simulated, scenario)
+    run_with_mission_modes(run_simulated, scenario, px4=px4)
 
 
 def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(run_simulated: Any) -> None:
@@ -144,7 +149,10 @@ def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected
     run_with_mission_modes(run_simulated, scenario)
 
 
-def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(run_simulated: Any) -> None:
+@both_versions
+def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(
+    run_simulated: Any, px4: Px4Version
+) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         mode = await rig.start_in_flight()
         rig.testbed.streamer._streams.mode_ports[-1].is_working = False
@@ -157,7 +165,7 @@ def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(r
         assert rig.station.flights.mission_modes.all("1")[0].state == "lost"
         assert rig.station.flights.missions.status("1").reason == "The vehicle's failsafe switched to Rtl"
 
-    run_with_mission_modes(run_simulated, scenario)
+    run_with_mission_modes(run_simulated, scenario, px4=px4)
 
 
 @pytest.mark.story
@@ -177,7 +185,10 @@ def test_a_stalled_event_loop_makes_px4_return(run_simulated: Any) -> None:
     run_with_mission_modes(run_simulated, scenario)
 
 
-def test_a_server_shutdown_puts_the_vehicle_into_hold_and_removes_the_mode(run_simulated: Any) -> None:
+@both_versions
+def test_a_server_shutdown_puts_the_vehicle_into_hold_and_removes_the_mode(
+    run_simulated: Any, px4: Px4Version
+) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         await rig.start_in_flight()
         (stopped,) = await rig.station.flights.stop_streams()
@@ -188,7 +199,7 @@ def test_a_server_shutdown_puts_the_vehicle_into_hold_and_removes_the_mode(run_s
         assert MODE_NAME not in await rig.other_station.selectable_modes()
         assert rig.vehicle.status.mode == "hold"
 
-    run_with_mission_modes(run_simulated, scenario)
+    run_with_mission_modes(run_simulated, scenario, px4=px4)
 
 
 def test_a_mission_without_a_take_off_does_not_start_on_the_ground(run_simulated: Any) -> None:
@@ -269,7 +280,10 @@ def test_resuming_the_mission_selects_its_mode(run_simulated: Any) -> None:
     run_with_mission_modes(run_simulated, scenario)
 
 
-def test_with_mavlink_and_ros_2_the_arming_report_has_the_modes_name(run_simulated: Any) -> None:
+@both_versions
+def test_with_mavlink_and_ros_2_the_arming_report_has_the_modes_name(
+    run_simulated: Any, px4: Px4Version
+) -> None:
     async def scenario(rig: MissionModesTestbed) -> None:
         rig.testbed.mavlink_on = True
         await until(lambda: "MAVLink" in rig.vehicle.reach.protocols, 10)
@@ -286,7 +300,7 @@ def test_with_mavlink_and_ros_2_the_arming_report_has_the_modes_name(run_simulat
         assert labels[mode] == MODE_NAME
         assert labels["hold"] == "Hold"
 
-    run_with_mission_modes(run_simulated, scenario, in_air=False)
+    run_with_mission_modes(run_simulated, scenario, in_air=False, px4=px4)
 
 
 @pytest.mark.story

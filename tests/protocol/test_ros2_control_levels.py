@@ -31,7 +31,8 @@ from missions.setpoints import (
     Velocity,
 )
 from tests.protocol.ros2_testbed import Ros2Testbed, newest_value, stream_request_for
-from tests.protocol.simulated_testbed import until
+from tests.protocol.simulated_testbed import both_versions, until
+from vehicle_sim.px4_version import Px4Version
 
 ALTITUDE_M = 20.0
 HOVER_NED_M = (0.0, 0.0, -ALTITUDE_M)
@@ -156,10 +157,11 @@ LEVELS = [
 ]
 
 
+@both_versions
 @pytest.mark.story
-def test_the_seven_control_levels_are_flown_in_one_flight(run_simulated: Any) -> None:
+def test_the_seven_control_levels_are_flown_in_one_flight(run_simulated: Any, px4: Px4Version) -> None:
     async def run() -> None:
-        testbed = Ros2Testbed()
+        testbed = Ros2Testbed(px4=px4)
         vehicle = await testbed.take_off(alt_home_m=ALTITUDE_M)
         await vehicle.offboard.start(stream_request_for(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
         for level in LEVELS:

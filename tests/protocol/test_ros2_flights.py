@@ -20,9 +20,10 @@ from tests.protocol.group_testbed import setpoints_request, start_group, velocit
 from tests.protocol.mission_flights import MissionsTestbed, event_codes
 from tests.protocol.mission_modes_testbed import OtherStation
 from tests.protocol.ros2_testbed import Ros2Testbed, newest_value, stream_request_for
-from tests.protocol.simulated_testbed import until
+from tests.protocol.simulated_testbed import both_versions, until
 from tests.support.offboard_missions import mission
 from vehicle_sim.mavlink import generated_dialect as sim
+from vehicle_sim.px4_version import V1_16, Px4Version
 
 MISSION = """
 - {step: take_off, height_m: 4}
@@ -31,10 +32,13 @@ MISSION = """
 """
 
 
+@both_versions
 @pytest.mark.story
-def test_an_offboard_mission_takes_off_flies_and_lands(run_simulated: Any, tmp_path: Path) -> None:
+def test_an_offboard_mission_takes_off_flies_and_lands(
+    run_simulated: Any, tmp_path: Path, px4: Px4Version
+) -> None:
     async def run() -> None:
-        testbed = Ros2Testbed()
+        testbed = Ros2Testbed(px4=px4)
         missions = MissionsTestbed(testbed, tmp_path)
         vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         flight = missions.begin(vehicle, mission(MISSION))
@@ -68,10 +72,11 @@ def test_a_mission_with_a_picture_is_flown_and_reports_that_ros2_carries_no_came
     run_simulated(run)
 
 
+@both_versions
 @pytest.mark.story
-def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: Any) -> None:
+def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: Any, px4: Px4Version) -> None:
     async def run() -> None:
-        testbed = Ros2Testbed(2)
+        testbed = Ros2Testbed(2, px4=(V1_16, px4))
         vehicles = [await testbed.take_off(v, alt_home_m=10.0) for v in ("1", "2")]
         rig = SimpleNamespace(testbed=testbed, station=new_station(testbed))
         await fly_6_m_east(vehicles[1])

@@ -156,7 +156,7 @@ _INPUTS: Final = (
     ("rover_steering_setpoint", "RoverSteeringSetpoint"),
 )
 """Topic and type, as in `_OUTPUTS`."""
-UNBRIDGED: Final = {"vehicle_angular_velocity": "VehicleAngularVelocity"}
+UNBRIDGED: Final = {"event": "Event", "vehicle_angular_velocity": "VehicleAngularVelocity"}
 """Topics without a bridge, for whose layout the simulator answers all the same."""
 
 

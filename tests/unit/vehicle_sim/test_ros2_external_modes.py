@@ -9,6 +9,9 @@ from typing import Any
 import pytest
 
 from tests.support.ros2_vehicle import Ros2Vehicle
+from vehicle_sim.fleet import DEFAULT_BOOT_TIME_UNIX_S
+from vehicle_sim.px4_version import V1_16, V1_17, Px4Version
+from vehicle_sim.ros2.messages import MESSAGES
 
 REGISTER, UNREGISTER = "/fmu/in/register_ext_component_request", "/fmu/in/unregister_ext_component"
 CHECK_REQUEST, CHECK_REPLY = "/fmu/out/arming_check_request", "/fmu/in/arming_check_reply"
@@ -38,10 +41,31 @@ POSITION_SETPOINT: tuple[str, Mapping[str, Any]] = (
 
 
 class Component:
-    """A program that has registered a mode and replies to the vehicle's arming checks."""
+    """A program that has registered a mode and replies to the vehicle's arming checks.
 
-    def __init__(self, *, controllers: Mapping[str, bool] = TRAJECTORY_CONTROLLERS, **request: Any) -> None:
-        self.vehicle = Ros2Vehicle()
+    Args:
+        controllers: `config_control_setpoints` of the mode.
+        px4: the vehicle's version of PX4.
+        age_s: age of the replies; None: their time is 0.
+        synchronized: whether the vehicle's time is Unix time.
+        request: other fields of the registration.
+    """
+
+    def __init__(
+        self,
+        *,
+        controllers: Mapping[str, bool] = TRAJECTORY_CONTROLLERS,
+        px4: Px4Version = V1_16,
+        age_s: float | None = None,
+        synchronized: bool = False,
+        **request: Any,
+    ) -> None:
+        parameters = {"UXRCE_DDS_SYNCT": float(synchronized)}
+        self.vehicle = Ros2Vehicle(
+            px4=px4, parameters=parameters, time_since_boot_s=8.0 if synchronized else 4.0
+        )
+        self._age_s, self._offset_s = age_s, DEFAULT_BOOT_TIME_UNIX_S if synchronized else 0.0
+        self.requires = "mode_req_local_position"
         self.can_run = self.replies_to_checks = True
         self._read_count = 0
         self.vehicle.send(
@@ -62,7 +86,9 @@ class Component:
             self.vehicle.run(0.02)
 
     def _reply(self, request_id: int) -> None:
-        reply = {"request_id": request_id, "can_arm_and_run": self.can_run, "mode_req_local_position": True}
+        reply = {"request_id": request_id, "can_arm_and_run": self.can_run, self.requires: True}
+        if self._age_s is not None:
+            reply["timestamp"] = int((self._offset_s + self.vehicle.sim.time_s - self._age_s) * 1e6)
         self.vehicle.send(CHECK_REPLY, reply)
 
     def select_mode(self, main_mode: float, sub_mode: float = 0.0) -> None:
@@ -225,3 +251,65 @@ def test_the_override_of_auto_disarm_keeps_a_landed_vehicle_armed_until_it_is_wi
     component.run(0.6)
     status = component.status
     assert (status["arming_state"], status["nav_state"]) == (1, EXTERNAL1)
+
+
+# --- PX4 v1.17 -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("px4", "age_s", "counts"),
+    [(V1_16, 3.0, True), (V1_17, 3.0, False), (V1_17, 0.35, False), (V1_17, 0.25, True),
+     (V1_17, -3600.0, True), (V1_17, None, True)],
+)  # fmt: skip
+def test_a_reply_that_is_too_old_for_the_version_of_px4_does_not_count(px4, age_s, counts):
+    component = Component(px4=px4, age_s=age_s)
+    component.run(4.0)
+    assert bool(component.vehicle.newest_fields(STATUS)["can_set_nav_states_mask"] >> EXTERNAL1 & 1) is counts
+
+
+def test_the_times_of_replies_are_the_programs_unix_time_if_time_is_synchronized():
+    component = Component(px4=V1_17, age_s=0.2, synchronized=True)
+    component.run(4.0)
+    assert component.vehicle.newest_fields(STATUS)["can_set_nav_states_mask"] >> EXTERNAL1 & 1
+
+
+def test_a_request_names_the_registrations_that_answer():
+    component = Component(px4=V1_17)
+    component.vehicle.send(REGISTER, {"name": "Silent", "register_arming_check": True, "register_mode": True})
+    component.run(1.0)
+    assert component.vehicle.newest_fields(CHECK_REQUEST)["valid_registrations_mask"] == 0b11
+    component.run(4.0)
+    assert component.vehicle.newest_fields(CHECK_REQUEST)["valid_registrations_mask"] == 0b01
+    component.fly_external_mode()
+    component.replies_to_checks = False
+    component.run(2.0)
+    assert component.vehicle.newest_fields(CHECK_REQUEST)["valid_registrations_mask"] == 0
+    component.replies_to_checks = True
+    component.run(1.0)
+    assert component.vehicle.newest_fields(CHECK_REQUEST)["valid_registrations_mask"] == 1
+    assert component.status["nav_state"] == EXTERNAL1
+
+
+def test_a_program_for_v1_16_registers_with_success_and_is_dropped_by_v1_17():
+    component = Component(px4=V1_17)
+    component.replies_to_checks = False
+    old_reply = MESSAGES["1.16"]["ArmingCheckReply"]
+    answered = 0
+    for _ in range(80):
+        for _, topic, fields in component.vehicle.received_messages[answered:]:
+            if topic == CHECK_REQUEST:
+                reply = old_reply.encode({"request_id": fields["request_id"], "can_arm_and_run": True})
+                component.vehicle.send_bytes("/fmu/in/arming_check_reply", reply)
+        answered = len(component.vehicle.received_messages)
+        component.vehicle.run(0.05)
+    assert not component.status["can_set_nav_states_mask"] >> EXTERNAL1 & 1
+    assert not component.vehicle.reports
+
+
+def test_a_mode_can_require_a_relaxed_global_position():
+    component = Component(px4=V1_17)
+    component.requires = "mode_req_global_position_relaxed"
+    component.run(1.0)
+    flags = component.vehicle.newest_fields("/fmu/out/failsafe_flags")
+    assert flags["mode_req_global_position_relaxed"] == 1 << EXTERNAL1
+    assert flags["mode_req_local_position"] >> EXTERNAL1 & 1 == 0
