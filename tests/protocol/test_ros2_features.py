@@ -18,7 +18,8 @@ from gcs_server.vehicle.services.camera import CameraService
 from missions.plan import Plan, write
 from tests.protocol.api_calls import json_of, new_station
 from tests.protocol.ros2_testbed import Ros2Testbed
-from tests.protocol.simulated_testbed import until
+from tests.protocol.simulated_testbed import both_versions, until
+from vehicle_sim.px4_version import Px4Version
 
 ANNA = Principal.from_identity("anna", "anna's tab")
 REQUESTS: dict[str, Callable[[Any], Any]] = {
@@ -81,9 +82,12 @@ def test_routes_that_need_mavlink_refuse_and_start_no_operation_without_mavlink(
     run_simulated(run)
 
 
-def test_with_both_protocols_commands_use_mavlink_and_setpoints_ros_2(run_simulated: Any) -> None:
+@both_versions
+def test_with_both_protocols_commands_use_mavlink_and_setpoints_ros_2(
+    run_simulated: Any, px4: Px4Version
+) -> None:
     async def run() -> None:
-        testbed = Ros2Testbed(mavlink=True)
+        testbed = Ros2Testbed(mavlink=True, px4=px4)
         vehicle = await testbed.wait_for_vehicle_ready_to_arm()
         await until(lambda: len(vehicle.reach.protocols) == 2, 10)
         reach = vehicle.reach
