@@ -57,6 +57,9 @@ class Px4Version:
     """Whether ROS 2 topics have shortest periods of their own."""
     reply_valid_s: float = math.inf
     """Age from which a reply to an arming check is ignored."""
+    disarms_to_owned_mode: bool = False
+    """Whether disarming selects the mode that the executor in charge owns, instead of the mode before the
+    landing."""
     relaxed_global_position: bool = False
     """Whether a mode can require a global position of less accuracy."""
 
@@ -100,6 +103,7 @@ V1_17: Final = Px4Version(
     fallback_needs_sticks=True,
     limits_topics=True,
     reply_valid_s=0.3,
+    disarms_to_owned_mode=True,
     relaxed_global_position=True,
 )
 VERSIONS: Final = {each.name: each for each in (V1_16, V1_17)}

@@ -137,9 +137,17 @@ class Commander:
         self.failsafe_watch.reset()
         self._flight_statistics.on_disarming()
         self._navigator.leave_mission()
+        self._select_mode_of_disarmed()
+        return True
+
+    def _select_mode_of_disarmed(self) -> None:
+        """Selects the mode before the landing; from v1.17 on the mode that the executor in charge owns."""
+        owned = self.external.owned_mode() if self._view.px4.disarms_to_owned_mode else None
+        if owned is not None:
+            self._mode_after_disarming = NavState(owned)
+            self.external.on_mode_change(owned)
         self.intended = self._mode_after_disarming
         self._activate(self.intended)
-        return True
 
     def set_mode(self, mode: NavState) -> bool:
         """Changes the intended mode; an armed vehicle changes only to a mode that can run."""

@@ -25,6 +25,8 @@ from vehicle_sim.external_modes.slots import (
 
 NAME_LENGTH = 24
 """Maximum length of a name; a longer name is cut."""
+HOLD = 4
+"""Navigation state of PX4's mode Hold."""
 AUTOPILOT = 0
 """Id of the autopilot, which is in charge if no external executor is in charge."""
 EXECUTOR_COMPONENT = 1000
@@ -227,6 +229,15 @@ class ExternalModes:
     def executor_in_charge(self) -> int:
         """Id of the executor in charge; during a failsafe the autopilot is in charge."""
         return AUTOPILOT if self.failsafe_acts else self._in_charge
+
+    def owned_mode(self) -> int | None:
+        """The mode that the executor in charge owns, or Hold if its component is unresponsive; None: no
+        external executor is in charge."""
+        in_charge = self.executor_in_charge
+        for nav_state, mode in self._slots.modes.items():
+            if in_charge != AUTOPILOT and mode.executor == in_charge:
+                return HOLD if self.checks.is_unresponsive(mode.arming_check) else nav_state
+        return None
 
     def on_mode_change(self, nav_state: int) -> None:
         """Called after a change of the intended mode; puts the executor of the new mode in charge.

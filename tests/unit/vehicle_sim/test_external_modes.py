@@ -294,3 +294,15 @@ def test_registrations_and_published_changes_are_counted():
     registry.on_status_published(registry.settable(0))
     registry.on_status_published(registry.settable(0))
     assert received_seqs == [1, 2]
+
+
+def test_the_executor_in_charge_owns_its_mode_while_the_mode_answers():
+    registry = Registry()
+    mode = registry.register_mode("Mine", executor=True).mode
+    assert registry.owned_mode() is None
+    registry.on_mode_change(mode)
+    assert registry.owned_mode() == mode
+    registry.run(5.0)
+    assert registry.owned_mode() == HOLD
+    registry.failsafe_acts = True
+    assert registry.owned_mode() is None

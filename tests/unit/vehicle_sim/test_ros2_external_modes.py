@@ -313,3 +313,19 @@ def test_a_mode_can_require_a_relaxed_global_position():
     flags = component.vehicle.newest_fields("/fmu/out/failsafe_flags")
     assert flags["mode_req_global_position_relaxed"] == 1 << EXTERNAL1
     assert flags["mode_req_local_position"] >> EXTERNAL1 & 1 == 0
+
+
+@pytest.mark.parametrize(("px4", "expected"), [(V1_16, HOLD), (V1_17, EXTERNAL1)])
+def test_disarming_selects_the_mode_that_the_executor_in_charge_owns(px4, expected):
+    component = Component(px4=px4, register_mode_executor=True)
+    component.select_mode(4.0, 11.0)
+    component.run(0.5)
+    component.send_executor_command(ARM, 1.0)
+    component.run(0.5)
+    component.send_executor_command(SET_MODE, 1.0, 4.0, 3.0)
+    component.run(0.5)
+    assert (component.status["nav_state"], component.status["executor_in_charge"]) == (HOLD, 1)
+    component.send_executor_command(ARM, 0.0)
+    component.run(0.5)
+    status = component.status
+    assert (status["arming_state"], status["nav_state"]) == (1, expected)
