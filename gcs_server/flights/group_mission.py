@@ -56,7 +56,12 @@ class GroupMission:
         return requests
 
     def update(self) -> None:
-        """Updates all flights, then the mission."""
+        """Updates all flights, then the mission; ends it before that if a vehicle on the ground was given
+        another command, so that none takes off."""
+        for flight in self.flights.values():
+            command = flight.overtaken_by
+            if command is not None and not flight.over and not flight.vehicle.status.armed:
+                self.stop(f"Vehicle {flight.vehicle_id} was given “{command.label}”")
         for flight in self.flights.values():
             flight.run_isolated(flight.update)
         now_s = self._clock.monotonic_s()

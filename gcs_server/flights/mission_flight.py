@@ -99,6 +99,8 @@ class MissionFlight:
         )  # fmt: skip
         self._client_ticket: Ticket | None = None
         """Ticket of the client's command that is being executed by the runner in this call."""
+        self._followed: Ticket | None = None
+        """The newest claimed ticket when a client last commanded this mission."""
         self._task: asyncio.Task[Any] | None = None
         """The running command; a newer command cancels it."""
         self._ticket: Ticket | None = None
@@ -125,6 +127,7 @@ class MissionFlight:
             yield
         finally:
             self._client_ticket = None
+            self._followed = self._vehicle.tickets.newest_claimed
 
     def begin(self) -> None:
         """Starts the mission. Raises Refused if this is not possible now."""
@@ -204,6 +207,14 @@ class MissionFlight:
     def mode(self) -> str:
         """Mode in which the mission is flown (`Start.mode`)."""
         return self.start.mode
+
+    @property
+    def overtaken_by(self) -> Ticket | None:
+        """A command for the vehicle that was accepted, and may be done, since a client last commanded this
+        mission: a mission that waits on the ground, such as for the common start, must not take off after
+        it."""
+        newest = self._vehicle.tickets.newest_claimed
+        return None if newest is self._followed else newest
 
     @property
     def over(self) -> bool:
@@ -343,6 +354,8 @@ class MissionFlight:
         self._request, self._ticket = request, tickets.open(self._by, yields=True)
         ticket = self._ticket
         replaced_by = tickets.commanding(but=self._client_ticket)
+        if isinstance(request, TakeOff) and self._client_ticket is None:
+            replaced_by = replaced_by or self.overtaken_by
         if replaced_by is not None:
             ticket.cancel(f"Interrupted by “{replaced_by.label}”.")
 

@@ -88,6 +88,9 @@ class Tickets:
         self._valid: list[Ticket] = []
         """In the order of acceptance."""
         self._count = 0
+        self.newest_claimed: Ticket | None = None
+        """The command that the vehicle was last made to follow, other than those of a running flight; it may
+        have ended since."""
 
     def open(self, label: str, client_key: str | None = None, *, yields: bool = False) -> Ticket:
         """The ticket of a command that is accepted now. Later commands cancel it from now on; it cancels
@@ -103,6 +106,8 @@ class Tickets:
 
     def cancel_earlier(self, ticket: Ticket) -> tuple[Ticket, ...]:
         """See `Ticket.claim`."""
+        if not ticket.yields:
+            self.newest_claimed = ticket
         earlier = tuple(each for each in self._valid if each.number < ticket.number)
         for each in earlier:
             each.cancel(f"Interrupted by “{ticket.label}”.")

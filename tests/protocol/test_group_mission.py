@@ -177,6 +177,21 @@ def test_hold_of_one_vehicle_puts_the_other_into_hold_and_ends_the_mission(run_s
     run_with_two_vehicles(run_simulated, scenario)
 
 
+@pytest.mark.parametrize("stops", [command_routes.hold, command_routes.land, command_routes.disarm])
+def test_a_command_for_one_vehicle_before_the_common_start_keeps_all_on_the_ground(run_simulated, stops):
+    async def scenario(rig):
+        await start(rig, crossing_mission(), despite=["separation"])
+        assert not any(vehicle.status.armed for vehicle in rig.vehicles)
+        await stops("2", rig.station, ANNA)
+        assert not any(vehicle.status.armed for vehicle in rig.vehicles)
+        await sleep(10)
+        assert not any(vehicle.status.armed for vehicle in rig.vehicles)
+        assert states(rig) == ["stopped", "stopped"]
+        assert "Vehicle 2 was given" in rig.vehicles[0].offboard_mission.status().reason
+
+    run_with_two_vehicles(run_simulated, scenario)
+
+
 def test_the_vehicles_of_a_mission_are_a_group_that_accepts_no_setpoints(run_simulated):
     async def scenario(rig):
         await start_crossing(rig)

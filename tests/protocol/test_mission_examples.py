@@ -84,7 +84,7 @@ def fly_example(run_simulated, tmp_path, name):
 
 def test_the_figure_eight_at_5_m_s_is_flown_along_its_path(run_simulated, tmp_path):
     recorder = fly_example(run_simulated, tmp_path, "figure_eight.yaml")
-    timeline = recorder.missions.flight._start.timeline
+    timeline = recorder.missions.flight.start.timeline
     path_error, tracking_error = recorder.path_error_m(timeline), recorder.tracking_error_m()
     assert np.percentile(path_error, 95) < PATH_ERROR_M
     assert np.percentile(tracking_error, 95) < TRACKING_ERROR_M
@@ -92,7 +92,7 @@ def test_the_figure_eight_at_5_m_s_is_flown_along_its_path(run_simulated, tmp_pa
 
 def test_the_tower_inspection_is_flown_with_all_pictures_and_the_gimbal_on_the_tower(run_simulated, tmp_path):
     recorder = fly_example(run_simulated, tmp_path, "tower_inspection.yaml")
-    timeline = recorder.missions.flight._start.timeline
+    timeline = recorder.missions.flight.start.timeline
     path_error, tracking_error = recorder.path_error_m(timeline), recorder.tracking_error_m()
     assert np.percentile(path_error, 95) < PATH_ERROR_M
     assert np.percentile(tracking_error, 95) < TRACKING_ERROR_M
