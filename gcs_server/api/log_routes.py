@@ -28,9 +28,9 @@ class LogView(ResponseBody):
     """A flight log on the vehicle."""
 
     number: int
-    """Number by which the vehicle knows the log; changes when logs are deleted."""
-    started_unix_s: float | None
-    """Start of the log [s since 1970 UTC]; null: the vehicle did not know the time."""
+    """Number by which the vehicle knows the log; changes when logs are added or deleted."""
+    ended_unix_s: float | None
+    """Its last change, normally its end [s since 1970 UTC]; null: the vehicle did not know the time."""
     size_bytes: int
     """Size [bytes]."""
     downloaded: str | None
@@ -41,12 +41,12 @@ class LogList(ResponseBody):
     """The logs on a vehicle."""
 
     logs: list[LogView]
-    """By number, the oldest first."""
+    """The oldest first; numbers are in another order, that of the vehicle's files."""
 
 
 def _file_name(vehicle: Vehicle, log: FlightLog) -> str:
     vehicle_id = vehicle.id.replace("~", "-")
-    return f"vehicle-{vehicle_id}-{log.started_unix_s or 0:.0f}-{log.number}-{log.size_bytes}.ulg"
+    return f"vehicle-{vehicle_id}-{log.ended_unix_s or 0:.0f}-{log.number}-{log.size_bytes}.ulg"
 
 
 async def _found(station: Station, vehicle: Vehicle, log: FlightLog) -> str | None:

@@ -1,6 +1,7 @@
 """The vehicle's flight logs over LOG_* messages with the simulated vehicle, with packet loss."""
 
 import asyncio
+import os
 from contextlib import suppress
 
 import pytest
@@ -55,7 +56,8 @@ def test_logs_are_listed_and_downloaded_completely_at_any_packet_loss(run_simula
         files = files_of(autopilot)
         assert [(log.number, log.size_bytes) for log in listed] == [(n, len(f)) for n, f in enumerate(files)]
         assert len(files) == 2
-        assert listed[0].started_unix_s == pytest.approx(BOOT_UNIX_S, abs=60)
+        assert listed[0].ended_unix_s == pytest.approx(BOOT_UNIX_S, abs=60)
+        assert listed[0].ended_unix_s <= listed[1].ended_unix_s
         progress = []
         content = await service.download(listed[1], lambda *received: progress.append(received))
         assert content == files[1]
@@ -64,6 +66,18 @@ def test_logs_are_listed_and_downloaded_completely_at_any_packet_loss(run_simula
             assert autopilot.count(LOG_REQUEST_DATA) == -(-len(content) // log_service.WINDOW_BYTES)
 
     run_with_logs(run_simulated, scenario, log_count=2, loss=loss, seed=seed)
+
+
+def test_logs_are_listed_by_time_because_px4_numbers_them_as_its_file_system_lists_them(run_simulated):
+    # v1.17.0 numbered nine logs by no order of time; the time of each was that of the end of its flight.
+    async def scenario(service, autopilot, vehicle):
+        root = autopilot.sim.files[0].root / "log"
+        for path, ended_s in zip(sorted(root.rglob("*.ulg")), (1_795_222_100, 1_795_222_050), strict=True):
+            os.utime(path, (ended_s, ended_s))
+        listed = await service.list()
+        assert [(log.number, log.ended_unix_s) for log in listed] == [(1, 1_795_222_050), (0, 1_795_222_100)]
+
+    run_with_logs(run_simulated, scenario, log_count=2)
 
 
 def test_a_vehicle_without_logs_has_an_empty_list(run_simulated):

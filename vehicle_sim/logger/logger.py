@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import shutil
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -148,6 +150,7 @@ class Logger:
         """Writes buffered data to the file."""
         if self._recorder is not None:
             self._recorder.flush()
+            self._set_file_time()
 
     def stop(self) -> None:
         """Closes the log."""
@@ -315,6 +318,14 @@ class Logger:
                 file.close()
             except OSError as error:
                 self._report_error("log file not closed", error)
+            self._set_file_time()
+
+    def _set_file_time(self) -> None:
+        """Gives the file the vehicle's time, which log lists contain."""
+        time_ns = 1000 * self._view.time_unix_us()
+        if self.path is not None:
+            with contextlib.suppress(OSError):
+                os.utime(self._files.host_path(self.path), ns=(time_ns, time_ns))
 
     def _report_full_disk(self, free: int) -> None:
         free_mib = free >> 20

@@ -37,9 +37,9 @@ class FlightLog:
     """A log on the vehicle."""
 
     number: int
-    """Number by which the vehicle knows the log; changes when logs are deleted."""
-    started_unix_s: float | None
-    """Start of the log [s since 1970 UTC]; null: the vehicle did not know the time."""
+    """Number by which the vehicle knows the log; changes when logs are added or deleted."""
+    ended_unix_s: float | None
+    """Its last change, normally its end [s since 1970 UTC]; null: the vehicle did not know the time."""
     size_bytes: int
     """Size [bytes]."""
 
@@ -52,7 +52,7 @@ class LogService:
         self._lock = asyncio.Lock()
 
     async def list(self) -> tuple[FlightLog, ...]:
-        """The logs on the vehicle, by number. PX4 does not answer if it has none.
+        """The logs on the vehicle, the oldest first. PX4 does not answer if it has none.
 
         Raises:
             Refused: the vehicle is armed, or its links carry no files.
@@ -73,7 +73,7 @@ class LogService:
                             time_s = float(entry.time_utc) or None
                             logs[entry.id] = FlightLog(entry.id, time_s, entry.size)
                         if len(logs) >= count:
-                            return tuple(logs[number] for number in sorted(logs))
+                            return tuple(sorted(logs.values(), key=_age))
                     silent = 0 if len(logs) > known else silent + 1
         if not logs:
             return ()
@@ -150,6 +150,11 @@ class LogService:
             deadline_s=ATTEMPTS * SILENCE_S,
             remedy="Check the link, then try again.",
         )
+
+
+def _age(log: FlightLog) -> tuple[float, int]:
+    """For sorting: PX4 numbers logs in the order in which its file system lists them."""
+    return log.ended_unix_s or 0.0, log.number
 
 
 async def _next(waiter: Waiter) -> Reply | None:

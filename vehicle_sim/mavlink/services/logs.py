@@ -1,13 +1,13 @@
 """Download of onboard logs by LOG_* messages: listing, data in parts of 90 bytes, and deletion.
 
-As in PX4, the oldest log has number 0, an invalid request gets no reply, and a new request replaces the
-previous request. A log keeps its number until a client requests a new listing.
+As in PX4, the time of a log is that of its end, an invalid request gets no reply, and a new request replaces
+the previous request. A log keeps its number until a client requests a new listing. The oldest log has number
+0; PX4 numbers them as its file system lists them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 from vehicle_sim.logger.logger import FOLDER, Logger
 from vehicle_sim.mavlink.context import Context
@@ -133,8 +133,16 @@ class LogService:
                 continue
             for name, file_size in self._files.listing(f"{FOLDER}/{day}"):
                 if file_size is not None and name.endswith(".ulg"):
-                    logs.append(Log(f"{FOLDER}/{day}/{name}", _start_time_s(day, name)))
+                    path = f"{FOLDER}/{day}/{name}"
+                    logs.append(Log(path, self._file_time_s(path)))
         return logs
+
+    def _file_time_s(self, path: str) -> int:
+        """Last change of a file (UTC), which PX4 reports as the time of a log."""
+        try:
+            return int(self._files.host_path(path).stat().st_mtime)
+        except OSError:
+            return 0
 
     def _file_size(self, path: str) -> int:
         try:
@@ -174,12 +182,3 @@ class LogService:
         transfer.offset += len(data)
         if len(data) < byte_count or transfer.offset >= transfer.end:
             del self._transfers[link.name]
-
-
-def _start_time_s(day: str, name: str) -> int:
-    """Start time of a log (UTC), from its path; 0 if the path contains no time."""
-    try:
-        start = datetime.strptime(f"{day}/{name[:8]}", "%Y-%m-%d/%H_%M_%S")
-    except ValueError:
-        return 0
-    return int(start.replace(tzinfo=UTC).timestamp())

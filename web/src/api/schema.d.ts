@@ -7695,7 +7695,7 @@ export interface components {
         readonly LogList: {
             /**
              * Logs
-             * @description By number, the oldest first.
+             * @description The oldest first; numbers are in another order, that of the vehicle's files.
              */
             readonly logs: readonly components["schemas"]["LogView"][];
         };
@@ -7706,14 +7706,14 @@ export interface components {
         readonly LogView: {
             /**
              * Number
-             * @description Number by which the vehicle knows the log; changes when logs are deleted.
+             * @description Number by which the vehicle knows the log; changes when logs are added or deleted.
              */
             readonly number: number;
             /**
-             * Started Unix S
-             * @description Start of the log [s since 1970 UTC]; null: the vehicle did not know the time.
+             * Ended Unix S
+             * @description Its last change, normally its end [s since 1970 UTC]; null: the vehicle did not know the time.
              */
-            readonly started_unix_s: number | null;
+            readonly ended_unix_s: number | null;
             /**
              * Size Bytes
              * @description Size [bytes].

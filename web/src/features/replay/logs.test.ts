@@ -2,7 +2,7 @@ import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { VehicleLogs } from './logs.svelte';
 
-const LOG = { number: 3, started_unix_s: 1, size_bytes: 4000, downloaded: null };
+const LOG = { number: 3, ended_unix_s: 1, size_bytes: 4000, downloaded: null };
 const operation = (more: object) => ({ id: '7', vehicle: '1', subject: '3', state: 'running', text: '', error: null, result: null, ...more });
 
 function scripted(answers: Record<string, [number, unknown][]>) {
