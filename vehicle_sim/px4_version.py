@@ -40,6 +40,9 @@ class Px4Version:
     """Whether the first upload after a boot is requested with MISSION_REQUEST_INT."""
     arms_by_mission_item: bool = False
     """Whether ARM_DISARM may be an item of a mission."""
+    completes_return_item: bool = False
+    """Whether a return as an item of a mission is reached at once, so that the mission is finished before the
+    return begins."""
     reports_mission_state: bool = False
     """Whether MISSION_CURRENT has state and mode."""
     airspeed_without_sensor_m_s: float = 0.0
@@ -94,6 +97,7 @@ V1_17: Final = Px4Version(
     interval_on_request=True,
     requests_int_first=True,
     arms_by_mission_item=True,
+    completes_return_item=True,
     reports_mission_state=True,
     airspeed_without_sensor_m_s=float("nan"),
     altitude_cruise=True,

@@ -180,6 +180,8 @@ class Commander:
         if self.armed and not self._can_switch(NavState.RTL):
             self.refusals.report(NavState.RTL)
             return False
+        if self.active is NavState.MISSION and self._navigator.mission.finished and not self.landed:
+            self._switch_after_task(NavState.HOLD)  # as the last item of the mission
         self._announcer.announce(6, "Returning to launch", "commander_rtl")
         return self.set_mode(NavState.RTL)
 

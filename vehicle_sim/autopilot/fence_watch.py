@@ -9,9 +9,13 @@ from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, rea
 from vehicle_sim.autopilot.plans import FENCE, Plans
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.home import Home
-from vehicle_sim.vehicle_view import VehicleView
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 CHECK_EVERY_S = 0.2
+HOLD_ACTION = 2
+"""GF_ACTION: Hold."""
+STOP_VALID_S = 0.5
+"""A stop at the fence applies to a Hold that begins within this time."""
 
 
 class FenceWatch:
@@ -22,6 +26,8 @@ class FenceWatch:
         self.zones: tuple[Zone, ...] = ()
         self.breaches: frozenset[Breach] = frozenset()
         """The parts of the fence that the vehicle violates."""
+        self._breach: tuple[float, Vector] | None = None
+        """When and where the present breach was detected; None: there is none."""
         self._revision = 0
         self.checked_at_s = -math.inf
 
@@ -61,10 +67,24 @@ class FenceWatch:
         if not estimate.valid_position or not math.isfinite(estimate.lat_deg):
             return
         if not self.enabled or not (self.zones or any(self.limits())):
-            self.breaches = frozenset()
+            self.breaches, self._breach = frozenset(), None
             return
         lat, lon, alt = self._position_to_check()
         self.breaches = breaches(self.zones, self.cylinder(), lat, lon, alt)
+        if not self.breaches:
+            self._breach = None
+        elif self._breach is None:
+            self._breach = (now_s, estimate.position_ned_m)
+
+    @property
+    def stop_ned_m(self) -> Vector | None:
+        """Where a Hold that begins now stops because of the fence: where the breach was detected, so that the
+        vehicle flies back; None: where it can stop."""
+        if self._breach is None or self._view.choice("GF_ACTION") != HOLD_ACTION:
+            return None
+        detected_at_s, position_ned_m = self._breach
+        is_new = self._view.time_s - detected_at_s < STOP_VALID_S
+        return position_ned_m if is_new and self._view.choice("GF_PREDICT") != 1 else None
 
     def _position_to_check(self) -> tuple[float, float, float]:
         """The current position, or with GF_PREDICT the predicted stopping position."""

@@ -177,6 +177,8 @@ class Navigator:
 
     def _stopping_position(self) -> Vector:
         """Position at which Hold stops the vehicle, at the current altitude."""
+        if (at_fence := self.fence.stop_ned_m) is not None:
+            return at_fence
         (north, east, down), (vn, ve, _) = (
             self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s,
         )  # fmt: skip

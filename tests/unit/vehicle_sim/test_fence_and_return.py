@@ -4,10 +4,11 @@ import math
 
 import pytest
 
-from tests.unit.vehicle_sim.plan_station import TERMINATION_MODE, PlanStation
+from tests.unit.vehicle_sim.plan_station import MISSION_MODE, TERMINATION_MODE, PlanStation
 from tests.unit.vehicle_sim.prepared_stations import station_in_hover
 from tests.unit.vehicle_sim.sim_station import HOLD_MODE, LAND_MODE, NAN, OFFBOARD_MODE, RTL_MODE
 from vehicle_sim.autopilot.geofence import Breach, Cylinder, Zone, breaches, inside
+from vehicle_sim.px4_version import V1_16, V1_17, Px4Version
 
 pytestmark = pytest.mark.flight
 
@@ -84,6 +85,17 @@ def test_a_vehicle_outside_the_fence_holds_and_then_returns() -> None:
     assert station.mode == OFFBOARD_MODE, "not the requested mode after the failsafe"
 
 
+def test_a_hold_at_the_fence_flies_back_to_where_the_breach_was_detected() -> None:
+    # v1.17.0 at 3.8 m/s: detected within 0.8 m of the fence, stopped 3.2 m further and flew back.
+    station = hovering_station(GF_ACTION=2, GF_MAX_HOR_DIST=12.0, COM_FAIL_ACT_T=0.0)
+    fly_out(station)
+    assert station.active_mode == HOLD_MODE
+    north_m: list[float] = []
+    station.run(8.0, lambda: north_m.append(float(station.sim.simulation.truth.position_ned_m[0, 0])))
+    assert max(north_m) > 14.0
+    assert 11.9 < north_m[-1] < 13.2
+
+
 @pytest.mark.parametrize(("action", "mode"), [(2, HOLD_MODE), (5, LAND_MODE), (4, TERMINATION_MODE)])
 def test_the_altitude_limit_triggers_its_action(action: int, mode: int) -> None:
     station = hovering_station(2.5, GF_ACTION=action, COM_FAIL_ACT_T=0.0)
@@ -105,6 +117,46 @@ def test_a_fence_that_only_warns_does_not_act_and_an_operator_can_take_over() ->
     station.command(SET_MODE, 1, 4, 3)
     station.run(0.5)
     assert station.active_mode == HOLD_MODE, "the failsafe took over again"
+
+
+@pytest.mark.parametrize(("px4", "reached", "mode"), [(V1_17, [0, 1], HOLD_MODE), (V1_16, [0], MISSION_MODE)])
+def test_a_return_item_of_v1_17_finishes_the_mission_before_the_return_begins(
+    px4: Px4Version, reached: list[int], mode: int
+) -> None:
+    # v1.17.0: the return was reached, "Mission finished, loitering", then the return; in Hold when disarmed.
+    station = station_in_hover(PlanStation, 3.0, {"RTL_RETURN_ALT": 3.0}, sensor_noise=False, px4=px4)
+    assert station.upload([station.item(WAYPOINT, 3, 0, 3.0), station.command_item(RETURN)]) == 0
+    station.run(1.0)
+    station.start_mission()
+    station.run_until(lambda: station.active_mode == RTL_MODE, 15)
+    station.run(1.2)
+    assert station.reached_items() == reached
+    finished = px4 is V1_17
+    assert ("mission_finished_loiter" in station.events()) is finished
+    if finished:
+        assert station.received("MISSION_CURRENT")[-1].mission_state == 5
+    station.run_until(lambda: not station.armed, 40)
+    station.run(1.1)
+    assert station.mode == mode
+
+
+def test_a_return_beside_a_rally_point_above_the_vehicle_climbs_to_it() -> None:
+    # v1.17.0, 9 m below and 3.4 m beside a rally point: "4 m above destination".
+    station = hovering_station()
+    assert station.upload([station.item(RALLY_POINT, 11, 0, 9, frame=3)], kind=2) == 0
+    station.send(
+        "COMMAND_INT", target_system=1, target_component=1, command=REPOSITION, frame=0, param1=-1, param2=1,
+        param4=NAN, x=station.item(WAYPOINT, 10)["x"], y=station.item(WAYPOINT, 10)["y"],
+        z=to_amsl_m(station, 3.0),
+    )  # fmt: skip
+    station.run(7)
+    station.command(RETURN)
+    station.run(0.1)
+    distance_m = math.hypot(*(a - b for a, b in zip((11.0, 0.0), station.position_ne_m, strict=True)))
+    assert distance_m < 2.0
+    announced = next(text for text in reversed(station.status_texts()) if "start return" in text)
+    assert f"({math.ceil(2.0 * distance_m)} m above destination)" in announced
+    station.run_until(lambda: station.sim.simulation.truth.position_ned_m[0, 2] < -9.5, 8)
 
 
 @pytest.mark.story

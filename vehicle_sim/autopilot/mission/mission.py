@@ -255,7 +255,7 @@ class Mission:
         self._arrived_at_s = math.nan
         if not item.is_position:
             self._phase = Phase.WAIT
-            if item.command not in (LAND_START, GATE):
+            if item.command not in (LAND_START, GATE) and not self._completes_return(item):
                 self._issue(item)
             if item.command == GATE:
                 self._fly_to(self._position_of(item), self._next_target(self.current), item)
@@ -314,10 +314,12 @@ class Mission:
             self._phase = Phase.LAND
             self._report_reached()  # at the place of the landing, before the descent
             return False
-        if item.command in (LOITER_UNLIMITED, RETURN):
+        if item.command in (LOITER_UNLIMITED, RETURN) and not self._completes_return(item):
             return False
         if math.isnan(self._arrived_at_s):
             self._arrived_at_s = self._view.time_s
+            if item.command == RETURN:
+                return False  # the item before it is reported first
         return self._view.time_s - self._arrived_at_s >= item.hold_time_s()
 
     def _arrived(self, item: Item) -> bool:
@@ -350,12 +352,21 @@ class Mission:
     def _complete(self, item: Item, landed: bool) -> bool:
         """Reports the item as reached, and continues; False: the mission waits or has ended."""
         self._report_reached()
+        if self._completes_return(item):
+            self._phase = Phase.NONE
+            self._advance(landed)
+            self._issue(item)
+            return False
         if not item.autocontinue:
             self._phase = Phase.WAIT
             self._arrived_at_s = math.inf  # the hold time never ends
             return False
         self._phase = Phase.NONE
         return self._advance(landed)
+
+    def _completes_return(self, item: Item) -> bool:
+        """Whether the item is a return that is reached before it begins."""
+        return item.command == RETURN and self._view.px4.completes_return_item
 
     def _report_reached(self) -> None:
         if self.reached != self.current:

@@ -78,7 +78,7 @@ class ReturnHome:
         goal_n, goal_e, goal_d = self._destination.position_ned_m
         distance_m = math.hypot(north - goal_n, east - goal_e)
         vehicle_above_m = goal_d - down
-        return_above_m = max(vehicle_above_m, self._return_above_m(distance_m, vehicle_above_m))
+        return_above_m = max(vehicle_above_m, self._return_above_m(distance_m))
         self._return_down_m = goal_d - return_above_m
         self._set_phase(ReturnPhase.CLIMB)
         self._path.target_ned_m = (north, east, self._return_down_m)
@@ -95,13 +95,13 @@ class ReturnHome:
             "vrtl_return_at", "ii", amsl_m, rounded_above_m,
         )  # fmt: skip
 
-    def _return_above_m(self, distance_m: float, vehicle_above_m: float) -> float:
+    def _return_above_m(self, distance_m: float) -> float:
         """Return altitude above the destination: RTL_RETURN_ALT, which RTL_CONE_ANG limits within
         RTL_MIN_DIST."""
         parameter = self._view.parameter
         radius = parameter("NAV_ACC_RAD")
         if distance_m <= radius:
-            return vehicle_above_m
+            return min(2.0 * distance_m, parameter("RTL_RETURN_ALT"))
         return_above_m = parameter("RTL_RETURN_ALT")
         cone_deg = self._view.choice("RTL_CONE_ANG")
         if cone_deg >= 90:
@@ -115,7 +115,7 @@ class ReturnHome:
         north, east, down = self._view.estimate.position_ned_m
         distance_m = math.hypot(north - to_ned_m[0], east - to_ned_m[1])
         vehicle_above_m = max(0.0, to_ned_m[2] - down)
-        top_m = max(vehicle_above_m, self._return_above_m(distance_m, vehicle_above_m))
+        top_m = max(vehicle_above_m, self._return_above_m(distance_m))
         speeds = (self._view.parameter(name) for name in SPEED_PARAMETERS)
         legs = zip((top_m - vehicle_above_m, distance_m, top_m), speeds, strict=True)
         return sum(leg_m / max(0.1, speed) for leg_m, speed in legs)
