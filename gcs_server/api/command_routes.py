@@ -25,8 +25,9 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import UnknownVehicle
 from gcs_server.flights.waypoint_start import WaypointStart, checked_start
 from gcs_server.vehicle.services.camera import CameraService
-from gcs_server.vehicle.services.command import ARMING_STARTS_FLIGHT, GOTO_MAX_DISTANCE_M, CommandOptions
+from gcs_server.vehicle.services.command import ARMING_STARTS_FLIGHT, CommandOptions
 from gcs_server.vehicle.services.gimbal import GimbalService
+from gcs_server.vehicle.services.guided import MAX_DISTANCE_M
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -152,28 +153,68 @@ async def mode(v: str, body: models.ModeRequest, station: StationDep, principal:
     )
 
 
+async def read_ground(station: Station, v: str, lat_deg: float, lon_deg: float) -> None:
+    """Reads the ground around a target, with which the command compares it."""
+    with suppress(UnknownVehicle):  # reported by the command
+        await station.flights.known_ground.read_around(station.fleet.get(v), lat_deg, lon_deg)
+
+
 @router.post("/{v}/goto", response_model=responses.CommandDone, tags=TAGS)
 async def goto(v: str, body: models.GotoRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """In Hold mode, flies to a position; answers once the vehicle has accepted the target.
 
     A target below home, or where elevation data show the ground, below that ground, by more than the
-    vehicle's landing height (MPC_LAND_ALT3) is refused.
+    vehicle's landing height (MPC_LAND_ALT3) is refused; so is a speed above MPC_XY_VEL_MAX.
     """
-    with suppress(UnknownVehicle):  # reported by the command
-        await station.flights.known_ground.read_around(station.fleet.get(v), body.lat_deg, body.lon_deg)
+    await read_ground(station, v, body.lat_deg, body.lon_deg)
 
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
-        await vehicle.command.goto(
-            body.lat_deg,
-            body.lon_deg,
-            alt_amsl_m=body.alt_amsl_m,
-            alt_home_m=body.alt_home_m,
-            yaw_ned_deg=body.yaw_ned_deg,
-            max_distance_m=GOTO_MAX_DISTANCE_M if body.max_distance_m is None else body.max_distance_m,
-            **command_options(vehicle, principal, "goto", ticket),
-        )
+        options = command_options(vehicle, principal, "goto", ticket)
+        await vehicle.guided.goto(**body.model_dump(exclude_none=True), **options)
 
     return await run_flight_command(station, principal, "goto", v, body.model_dump(exclude_none=True), work)
+
+
+@router.post("/{v}/orbit", response_model=responses.CommandDone, tags=TAGS)
+async def orbit(v: str, body: models.OrbitRequest, station: StationDep, principal: PrincipalDep) -> Response:
+    """Circles around a point until another command; answers once the vehicle reports this circle, before it
+    has reached it. The topic `orbit` shows the circle.
+
+    Refused are a radius beyond MC_ORBIT_RAD_MAX, a speed that PX4 would limit, and a circle below home or the
+    known ground.
+    """
+    await read_ground(station, v, body.lat_deg, body.lon_deg)
+
+    async def work(vehicle: Vehicle, ticket: Ticket) -> None:
+        options = command_options(vehicle, principal, "orbit", ticket)
+        await vehicle.guided.orbit(**body.model_dump(exclude_none=True), **options)
+
+    return await run_flight_command(station, principal, "orbit", v, body.model_dump(exclude_none=True), work)
+
+
+@router.post("/{v}/home", response_model=responses.CommandDone, tags=TAGS)
+async def home(v: str, body: models.HomeRequest, station: StationDep, principal: PrincipalDep) -> Response:
+    """Sets home, to which Return flies and to which altitudes above home refer; answers once the vehicle
+    reports it. PX4 sets home again at the next arming.
+
+    Refused while the server streams setpoints or flies a mission, and in Mission and Return: their altitudes
+    and target would move.
+    """
+    if body.lat_deg is not None and body.lon_deg is not None:
+        await read_ground(station, v, body.lat_deg, body.lon_deg)
+
+    async def work(vehicle: Vehicle) -> None:
+        place = None
+        if body.lat_deg is not None and body.lon_deg is not None:
+            place = (body.lat_deg, body.lon_deg, body.alt_amsl_m)
+        await vehicle.guided.set_home(
+            place,
+            max_distance_m=MAX_DISTANCE_M if body.max_distance_m is None else body.max_distance_m,
+            progress=progress_reporter(vehicle, principal, "home"),
+        )
+
+    arguments = body.model_dump(exclude_defaults=True)
+    return await run_command(station, principal, "home", v, arguments, work)
 
 
 # --- the table of plain commands ----------------------------------------------------------------------
@@ -332,6 +373,27 @@ rtl = plain_command(
     NoneType,
     lambda g: g.vehicle.command.rtl(**g.options),
     "Returns to the launch position; answers once the vehicle is returning.",
+)
+altitude = plain_command(
+    "altitude",
+    models.AltitudeRequest,
+    lambda g: g.vehicle.guided.change_altitude(**g.body.model_dump(exclude_none=True), **g.options),
+    """Climbs or descends in Hold; a go-to continues at the new altitude. In another mode the vehicle first
+    switches to Hold. Answers once the vehicle has the target, before it arrives.""",
+)
+heading = plain_command(
+    "heading",
+    models.HeadingRequest,
+    lambda g: g.vehicle.guided.change_heading(g.body.yaw_ned_deg, **g.options),
+    """Turns to a heading in Hold; in another mode the vehicle first switches to Hold. Answers once the
+    vehicle has turned.""",
+)
+speed = plain_command(
+    "speed",
+    models.SpeedRequest,
+    lambda g: g.vehicle.guided.change_speed(g.body.speed_m_s, **g.options),
+    """Changes the ground speed in Hold (go-to) or Mission, until the next change of mode. Answers once the
+    vehicle has acknowledged it; PX4 reports no speed.""",
 )
 takeoff = plain_command(
     "takeoff",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
 from gcs_server.api.strict_body import Latitude, Longitude, StrictBody, example
 from gcs_server.links.names import MAX_NAME_LENGTH, NAME_RULE
 from gcs_server.replay.playback import MAX_SPEED, MIN_SPEED
+from gcs_server.vehicle.services.guided import OrbitYaw
 
 Despite = Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)]
 """Codes of the error findings that the caller accepts."""
@@ -44,26 +45,105 @@ class ModeRequest(StrictBody):
     """For the mode mission: codes as for `mission/start`."""
 
 
-class GotoRequest(StrictBody):
+class TargetAltitude(StrictBody):
+    """An altitude; exactly one of the two."""
+
+    alt_amsl_m: float | None = Field(default=None, allow_inf_nan=False, ge=-500, le=10_000)
+    """Above mean sea level [m]."""
+    alt_home_m: float | None = Field(default=None, allow_inf_nan=False, ge=-100, le=1000)
+    """Above home [m]."""
+    max_distance_m: float | None = Field(default=None, allow_inf_nan=False, gt=0, le=100_000)
+    """Refuse a target that is farther away than this [m]; default 1000."""
+
+    @model_validator(mode="after")
+    def _check_one_altitude(self) -> Self:
+        if (self.alt_amsl_m is None) == (self.alt_home_m is None):
+            raise ValueError("give exactly one of alt_amsl_m and alt_home_m")
+        return self
+
+
+class AltitudeRequest(TargetAltitude):
+    """The altitude to climb or descend to; exactly one of the two."""
+
+    model_config = example(alt_home_m=20)
+
+
+class GotoRequest(TargetAltitude):
     """The target position; exactly one of the two altitudes."""
 
     model_config = example(lat_deg=47.3982, lon_deg=8.5462, alt_home_m=15)
 
     lat_deg: Latitude
     lon_deg: Longitude
-    alt_amsl_m: float | None = Field(default=None, allow_inf_nan=False, ge=-500, le=10_000)
-    """Above mean sea level [m]."""
-    alt_home_m: float | None = Field(default=None, allow_inf_nan=False, ge=-100, le=1000)
-    """Above home [m]."""
     yaw_ned_deg: float | None = Field(default=None, allow_inf_nan=False, ge=-360, le=360)
     """Heading clockwise from north [deg]."""
+    speed_m_s: float | None = Field(default=None, allow_inf_nan=False, ge=0.1, le=100)
+    """Ground speed [m/s], at most MPC_XY_VEL_MAX. Default: the speed of an earlier command since the vehicle
+    has been in Hold, otherwise MPC_XY_CRUISE."""
+
+
+class OrbitRequest(TargetAltitude):
+    """The circle; exactly one of the two altitudes."""
+
+    model_config = example(lat_deg=47.3982, lon_deg=8.5462, alt_home_m=15, radius_m=20, speed_m_s=3)
+
+    lat_deg: Latitude
+    """Of the centre."""
+    lon_deg: Longitude
+    """Of the centre."""
+    radius_m: float = Field(allow_inf_nan=False, ge=1, le=10_000)
+    """Radius [m], at most MC_ORBIT_RAD_MAX."""
+    speed_m_s: float = Field(allow_inf_nan=False, ge=0.1, le=100)
+    """Speed along the circle [m/s], at most MPC_XY_VEL_MAX, and the square root of 2 m/s² times the radius:
+    PX4 would limit it without a word."""
+    clockwise: bool = True
+    """Direction, seen from above."""
+    yaw: OrbitYaw | None = None
+    """Where the nose points: to the `center`, as at the beginning (`initial`), along the circle (`tangent`),
+    or anywhere (`uncontrolled`). Default: as MC_ORBIT_YAW_MOD says."""
+
+
+class HeadingRequest(StrictBody):
+    """The heading."""
+
+    model_config = example(yaw_ned_deg=90)
+
+    yaw_ned_deg: float = Field(allow_inf_nan=False, ge=-360, le=360)
+    """Clockwise from north [deg]."""
+
+
+class SpeedRequest(StrictBody):
+    """The ground speed."""
+
+    model_config = example(speed_m_s=3)
+
+    speed_m_s: float = Field(allow_inf_nan=False, ge=0.1, le=100)
+    """At most MPC_XY_VEL_MAX [m/s]."""
+
+
+class HomeRequest(StrictBody):
+    """The position of home: `{"here": true}`, or a position."""
+
+    model_config = example(lat_deg=47.3982, lon_deg=8.5462)
+
+    here: bool = False
+    """The vehicle's position."""
+    lat_deg: Latitude | None = None
+    """Degrees north, WGS 84."""
+    lon_deg: Longitude | None = None
+    """Degrees east, WGS 84."""
+    alt_amsl_m: float | None = Field(default=None, allow_inf_nan=False, ge=-500, le=10_000)
+    """Above mean sea level [m]. Default: the ground there if elevation files show it, otherwise the altitude
+    of the present home."""
     max_distance_m: float | None = Field(default=None, allow_inf_nan=False, gt=0, le=100_000)
-    """Refuse a target that is farther away than this [m]; default 1000."""
+    """Refuse a position that is farther from the vehicle than this [m]; default 1000."""
 
     @model_validator(mode="after")
-    def _check_one_altitude(self) -> GotoRequest:
-        if (self.alt_amsl_m is None) == (self.alt_home_m is None):
-            raise ValueError("give exactly one of alt_amsl_m and alt_home_m")
+    def _check_one_position(self) -> Self:
+        if self.here == (self.lat_deg is not None) or (self.lat_deg is None) != (self.lon_deg is None):
+            raise ValueError("give either here: true, or lat_deg and lon_deg")
+        if self.here and self.alt_amsl_m is not None:
+            raise ValueError("here: true takes no alt_amsl_m: it is the vehicle's own altitude")
         return self
 
 

@@ -199,9 +199,37 @@ class Vehicle:
         return (await self.request("GET", "/modes"))["modes"]
 
     async def goto(self, lat_deg: float, lon_deg: float, **options: float) -> None:
-        """Flies to a position; give `alt_amsl_m` or `alt_home_m`, and optionally `yaw_ned_deg` and
-        `max_distance_m`."""
+        """Flies to a position; give `alt_amsl_m` or `alt_home_m`, and optionally `yaw_ned_deg`, `speed_m_s`
+        and `max_distance_m`."""
         await self.request("POST", "/goto", {"lat_deg": lat_deg, "lon_deg": lon_deg, **options})
+
+    async def change_altitude(self, **options: float) -> None:
+        """Climbs or descends in Hold; give `alt_amsl_m` or `alt_home_m`, and optionally `max_distance_m`."""
+        await self.request("POST", "/altitude", {**options})
+
+    async def change_heading(self, yaw_ned_deg: float) -> None:
+        """Turns to a heading, clockwise from north [deg], in Hold; returns once the vehicle has turned."""
+        await self.request("POST", "/heading", {"yaw_ned_deg": yaw_ned_deg})
+
+    async def change_speed(self, speed_m_s: float) -> None:
+        """Changes the ground speed in Hold or Mission [m/s]."""
+        await self.request("POST", "/speed", {"speed_m_s": speed_m_s})
+
+    async def orbit(
+        self, lat_deg: float, lon_deg: float, *, radius_m: float, speed_m_s: float, **options: object
+    ) -> None:
+        """Circles around a point; give `alt_amsl_m` or `alt_home_m`, and optionally `clockwise`, `yaw`
+        (`center`, `initial`, `tangent`, `uncontrolled`) and `max_distance_m`."""
+        body: Body = {"lat_deg": lat_deg, "lon_deg": lon_deg, "radius_m": radius_m, "speed_m_s": speed_m_s}
+        await self.request("POST", "/orbit", {**body, **options})
+
+    async def set_home(
+        self, lat_deg: float | None = None, lon_deg: float | None = None, **options: float
+    ) -> None:
+        """Sets home to a position, with `alt_amsl_m` and `max_distance_m` as options; without a position, to
+        the vehicle's own."""
+        body: Body = {"here": True} if lat_deg is None else {"lat_deg": lat_deg, "lon_deg": lon_deg}
+        await self.request("POST", "/home", {**body, **options})
 
     async def kill(self) -> None:
         """Stops the motors, even in flight: the vehicle falls."""

@@ -163,6 +163,11 @@ ALL: tuple[Command, ...] = (
     _flight("rtl", "POST /vehicles/{v}/rtl", confirmed=True, acts="stops"),
     _flight("mode", "POST /vehicles/{v}/mode"),
     _flight("goto", "POST /vehicles/{v}/goto", confirmed=True),
+    _flight("altitude", "POST /vehicles/{v}/altitude", confirmed=True),
+    _flight("heading", "POST /vehicles/{v}/heading", confirmed=True),
+    _flight("speed", "POST /vehicles/{v}/speed", confirmed=True),
+    _flight("orbit", "POST /vehicles/{v}/orbit", confirmed=True),
+    _flight("home", "POST /vehicles/{v}/home", confirmed=True, acts="no"),
     _flight(
         "mission/upload",
         "POST /vehicles/{v}/mission/upload",

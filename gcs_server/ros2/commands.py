@@ -24,6 +24,7 @@ ROS2_COMPONENT: Final = 192
 MODE_OF_COMMAND: Final = {
     d.MAV_CMD_NAV_TAKEOFF: "takeoff",
     d.MAV_CMD_DO_REPOSITION: "hold",
+    d.MAV_CMD_DO_ORBIT: "orbit",
     d.MAV_CMD_MISSION_START: "mission",
 }
 """Mode to which a command switches."""

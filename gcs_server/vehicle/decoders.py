@@ -118,6 +118,7 @@ _target_attitude = struct.Struct("<I4f3ff")
 _hud = struct.Struct("<4fhH")
 _estimator = struct.Struct("<Q8fH")
 _wind = struct.Struct("<Q8f")
+_orbit = struct.Struct("<QfiifB")
 
 _mission_current = struct.Struct("<HHBBIII")
 _mission_reached = struct.Struct("<H")
@@ -137,6 +138,7 @@ FORMATS: dict[int, struct.Struct] = {
     d.MAVLINK_MSG_ID_VFR_HUD: _hud,
     d.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator,
     d.MAVLINK_MSG_ID_WIND_COV: _wind,
+    d.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: _orbit,
     d.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
     d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: _mission_reached,
     **gimbal_decoder.FORMATS,
@@ -144,6 +146,7 @@ FORMATS: dict[int, struct.Struct] = {
     d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: _obstacle_distance,
 }
 
+GLOBAL_FRAMES = (d.MAV_FRAME_GLOBAL, d.MAV_FRAME_GLOBAL_INT)
 MAX_CELL_MV = 6000
 """Maximum voltage of a cell [mV]; a larger value is the total voltage of a battery, or marks an unused
 cell."""
@@ -374,6 +377,19 @@ def wind(payloads: Payloads) -> Decoded:
     return samples.Wind((north, east, number(down) or 0.0), math.hypot(north, east)), time_us / 1e6
 
 
+def orbit(payloads: Payloads) -> Decoded:
+    """ORBIT_EXECUTION_STATUS."""
+    time_us, radius_m, lat, lon, alt_m, frame = _orbit.unpack_from(
+        payloads[d.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS]
+    )
+    require_on_earth("ORBIT_EXECUTION_STATUS", lat / 1e7, lon / 1e7)
+    require_valid("ORBIT_EXECUTION_STATUS: radius", radius_m)
+    if frame not in GLOBAL_FRAMES:
+        raise Unusable(f"ORBIT_EXECUTION_STATUS: the frame {frame} is not global")
+    value = samples.Orbit(lat / 1e7, lon / 1e7, number(alt_m), abs(radius_m), radius_m >= 0.0)
+    return value, time_us / 1e6
+
+
 def mission(payloads: Payloads) -> Decoded | None:
     """MISSION_CURRENT with the newest MISSION_ITEM_REACHED; None before the first MISSION_CURRENT."""
     payload = payloads.get(d.MAVLINK_MSG_ID_MISSION_CURRENT)
@@ -406,6 +422,7 @@ DECODERS: dict[str, tuple[tuple[int, ...], Decoder]] = {
     "mission": ((d.MAVLINK_MSG_ID_MISSION_CURRENT, d.MAVLINK_MSG_ID_MISSION_ITEM_REACHED), mission),
     "estimator": ((d.MAVLINK_MSG_ID_ESTIMATOR_STATUS,), estimator),
     "wind": ((d.MAVLINK_MSG_ID_WIND_COV,), wind),
+    "orbit": ((d.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS,), orbit),
     "distance_sensors": ((d.MAVLINK_MSG_ID_DISTANCE_SENSOR,), distance_sensors),
     "obstacle_distance": ((d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,), obstacle_distance),
 }

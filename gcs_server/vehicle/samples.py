@@ -101,6 +101,20 @@ class Home:
 
 
 @dataclass(frozen=True, slots=True)
+class Orbit:
+    """ORBIT_EXECUTION_STATUS: the circle of the mode Orbit; PX4 sends it only while it flies one."""
+
+    lat_deg: float
+    """Of the centre."""
+    lon_deg: float
+    """Of the centre."""
+    alt_amsl_m: float | None
+    radius_m: float
+    clockwise: bool
+    """Seen from above."""
+
+
+@dataclass(frozen=True, slots=True)
 class GimbalReading:
     """One gimbal."""
 
@@ -318,6 +332,7 @@ TOPICS: dict[str, type] = {
     "distance_sensors": DistanceSensors,
     "obstacle_distance": ObstacleDistance,
     "wind": Wind,
+    "orbit": Orbit,
 }
 
 

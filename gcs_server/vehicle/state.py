@@ -161,6 +161,10 @@ class SteadyHome:
         self._home = replace(home, alt_amsl_m=held.alt_amsl_m, position_ned_m=position_ned_m)
         return self._home
 
+    def forget(self) -> None:
+        """Uses the newest home as it is: a command has set it, so its altitude is no correction."""
+        self._home, self._corrected = None, False
+
     def watch(self, position: GlobalPosition) -> GlobalPosition:
         """Notices a correction in the vehicle's newest position, which PX4 sends more often than home; see
         `altitude_above`."""
@@ -333,6 +337,11 @@ class VehicleState:
         self._decoded.add(name)
         self._inputs.update(INPUT_MESSAGES[name])
         return sample
+
+    def home_was_set(self) -> None:
+        """Called when the vehicle has reported a home that a command has set."""
+        self._home.forget()
+        self._decoded.discard("home")
 
     def newest(self, msg_id: int, component_id: int | None, instance: int | None) -> Frame | None:
         """The newest frame of a message from a component and instance. By default the autopilot's frame,

@@ -33,6 +33,7 @@ from gcs_server.vehicle.services.checks import VehicleFloor
 from gcs_server.vehicle.services.command import CommandService
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.gimbals import Gimbals
+from gcs_server.vehicle.services.guided import Guided
 from gcs_server.vehicle.services.health import HealthService
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.mission import MissionService
@@ -61,7 +62,7 @@ class Vehicle:
         "__weakref__", "_endpoint_in_use", "_endpoints", "_event_logger", "_external_control",
         "_handled_ids", "_handlers", "_identity", "_known_links", "_lost", "_services", "_state",
         "_supervisor",
-        "clock", "command", "components", "control", "events", "ftp", "gimbal", "gimbals",
+        "clock", "command", "components", "control", "events", "ftp", "gimbal", "gimbals", "guided",
         "health", "id", "isolation", "listeners", "mailbox", "metadata", "mission", "mode_list", "mode_names",
         "offboard", "offboard_mission", "own_ids", "params", "tickets", "waypoint_flight",
     )  # fmt: skip
@@ -106,6 +107,14 @@ class Vehicle:
         self.mode_list = ModeList(self)
         self.command = CommandService(
             self, VehicleFloor(self, self._known_parameter), lambda: self.mission.startable_s
+        )
+        self.guided = Guided(
+            self,
+            self.command,
+            self._known_parameter,
+            self._read_parameter,
+            self._home_in_use,
+            self._state.home_was_set,
         )
         self.components = Components(identity.component_id, clock, self._report_component)
         self.gimbals = Gimbals(self, self._state)
@@ -421,6 +430,19 @@ class Vehicle:
     def _known_parameter(self, name: str) -> float | None:
         param = self.params.known(name)
         return None if param is None else param.value
+
+    async def _read_parameter(self, name: str) -> float | None:
+        with contextlib.suppress(GcsError):
+            return (await self.params.get(name)).value
+        return None
+
+    def _home_in_use(self) -> str | None:
+        """Why home must not move now, as a sentence; None: it may."""
+        if self.streaming:
+            return f"Vehicle {self.id} follows setpoints whose limits and altitudes refer to home."
+        if self.offboard_mission is not None and self.offboard_mission.active:
+            return f"Vehicle {self.id} flies a mission whose limits and altitudes refer to home."
+        return None
 
     def _report_component(self, text: str, loss: bool) -> None:
         severity = d.MAV_SEVERITY_WARNING if loss else d.MAV_SEVERITY_INFO

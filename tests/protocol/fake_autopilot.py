@@ -5,6 +5,7 @@ server's codec against independent code.
 """
 
 import asyncio
+import math
 import random
 import struct
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 HOLD_MODE, TAKEOFF_MODE, LAND_MODE, RTL_MODE = (4 << 16 | sub << 24 for sub in (3, 2, 6, 5))
 MANUAL_MODE, POSITION_MODE, OFFBOARD_MODE = (main << 16 for main in (1, 3, 6))
+ORBIT_MODE = 3 << 16 | 1 << 24
 ON_GROUND, IN_AIR = sim.MAV_LANDED_STATE_ON_GROUND, sim.MAV_LANDED_STATE_IN_AIR
 TAKING_OFF = sim.MAV_LANDED_STATE_TAKEOFF
 INT32, REAL32 = sim.MAV_PARAM_TYPE_INT32, sim.MAV_PARAM_TYPE_REAL32
@@ -56,8 +58,12 @@ class FakeAutopilot:
         self.position = [47.397742, 8.545594, 489.0]
         self.has_position = True
         self.target = (47.397742, 8.545594, 489.0)
+        self.target_yaw_rad = 0.0
+        self.circle = (1.0, 47.397742, 8.545594, 489.0)
+        """Radius, latitude, longitude, altitude of the orbit."""
         self.params: dict[str, tuple[int, float]] = {
             "MPC_XY_VEL_MAX": (REAL32, 12.0),
+            "MC_ORBIT_RAD_MAX": (REAL32, 1000.0),
             "NAV_DLL_ACT": (INT32, 2),
         }
         self.gimbal_control = (0, 0)
@@ -147,9 +153,23 @@ class FakeAutopilot:
         lat, lon, alt = self.target
         self.send(
             sim.MAVLink_position_target_global_int_message(
-                self.boot_ms(), 5, 0, round(lat * 1e7), round(lon * 1e7), alt, 0, 0, 0, 0, 0, 0, 0, 0
+                self.boot_ms(),
+                5,
+                0,
+                round(lat * 1e7),
+                round(lon * 1e7),
+                alt,
+                *[0] * 6,
+                self.target_yaw_rad,
+                0,
             )
         )
+
+    def send_orbit_status(self) -> None:
+        if self.mode == ORBIT_MODE:
+            radius, lat, lon, alt = self.circle
+            message = sim.MAVLink_orbit_execution_status_message
+            self.send(message(0, radius, 0, round(lat * 1e7), round(lon * 1e7), alt))
 
     def send_gimbal_status(self) -> None:
         if self.has_gimbal:
@@ -235,7 +255,14 @@ class FakeAutopilot:
             self.mode, self.target = TAKEOFF_MODE, (self.position[0], self.position[1], position[2])
             self.send_ack(command, 0)
         elif command == sim.MAV_CMD_DO_REPOSITION:
-            self.mode, self.target = HOLD_MODE, position
+            self.reposition(params, position)
+        elif command == sim.MAV_CMD_DO_ORBIT:
+            self.mode, self.circle = ORBIT_MODE, (params[0], *position)
+            self.send_ack(command, 0)
+        elif command == sim.MAV_CMD_DO_CHANGE_SPEED:
+            self.send_ack(command, 0)
+        elif command == sim.MAV_CMD_DO_SET_HOME:
+            self.home = tuple(self.position) if params[0] == 1 else position
             self.send_ack(command, 0)
         elif command == sim.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE and self.has_gimbal:
             if params[0] == -3.0:
@@ -250,6 +277,14 @@ class FakeAutopilot:
             )
         elif command in (sim.MAV_CMD_DO_SET_ROI_LOCATION, sim.MAV_CMD_DO_SET_ROI_NONE):
             self.send_ack(command, 0)
+
+    def reposition(self, params: list[float], position: tuple[float, float, float]) -> None:
+        values = zip(position, self.target, strict=True)
+        self.target = tuple(old if math.isnan(new) else new for new, old in values)  # type: ignore[assignment]
+        if not math.isnan(params[3]):
+            self.target_yaw_rad = params[3]
+        self.mode = HOLD_MODE
+        self.send_ack(sim.MAV_CMD_DO_REPOSITION, 0)
 
     def arm(self, params: list[float]) -> None:
         if params[0] == 1 and self.arm_denied:
@@ -294,6 +329,8 @@ class FakeAutopilot:
             sim.MAVLINK_MSG_ID_CURRENT_MODE: self.send_current_mode,
             sim.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.send_extended_sys_state,
             sim.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: self.send_position_target,
+            sim.MAVLINK_MSG_ID_HOME_POSITION: self.send_home_position,
+            sim.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: self.send_orbit_status,
             sim.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: self.send_gimbal_status,
             sim.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: self.send_gimbal_attitude,
             sim.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self.send_autopilot_version,

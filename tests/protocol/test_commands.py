@@ -44,7 +44,7 @@ def test_each_command_of_a_flight_reaches_its_state_in_time(run_simulated, loss,
         autopilot.landed_state, autopilot.position[2] = IN_AIR, 499.0
         await finish_within(6, vehicle.command.hold())
         assert vehicle.status.mode == "hold"
-        await finish_within(6, vehicle.command.goto(47.398, 8.546, alt_home_m=12, yaw_ned_deg=90))
+        await finish_within(6, vehicle.guided.goto(47.398, 8.546, alt_home_m=12, yaw_ned_deg=90))
         assert autopilot.target == pytest.approx((47.398, 8.546, 501.0))
         command = autopilot.received_commands(DO_REPOSITION)[-1]
         assert command.get_type() == "COMMAND_INT"
@@ -306,26 +306,31 @@ def test_a_lost_link_fails_pending_commands_at_once(run_simulated):
 @pytest.mark.parametrize(
     ("call", "field"),
     [
-        (lambda c: c.takeoff(math.nan), "alt_home_m"),
-        (lambda c: c.takeoff(0.2), "alt_home_m"),
-        (lambda c: c.takeoff(500), "alt_home_m"),
-        (lambda c: c.set_mode("fly"), "mode"),
-        (lambda c: c.set_mode("termination"), "mode"),
-        (lambda c: c.goto(math.nan, 8, alt_home_m=5), "lat_deg"),
-        (lambda c: c.goto(95, 8, alt_home_m=5), "lat_deg"),
-        (lambda c: c.goto(47, math.inf, alt_home_m=5), "lon_deg"),
-        (lambda c: c.goto(47, 8), "alt_amsl_m"),
-        (lambda c: c.goto(47, 8, alt_home_m=5, alt_amsl_m=500), "alt_amsl_m"),
-        (lambda c: c.goto(47, 8, alt_home_m=math.nan), "alt_home_m"),
-        (lambda c: c.goto(47, 8, alt_home_m=5, yaw_ned_deg=math.nan), "yaw_ned_deg"),
-        (lambda c: c.goto(47, 8, alt_home_m=5, max_distance_m=math.nan), "max_distance_m"),
+        (lambda v: v.command.takeoff(math.nan), "alt_home_m"),
+        (lambda v: v.command.takeoff(0.2), "alt_home_m"),
+        (lambda v: v.command.takeoff(500), "alt_home_m"),
+        (lambda v: v.command.set_mode("fly"), "mode"),
+        (lambda v: v.command.set_mode("termination"), "mode"),
+        (lambda v: v.guided.goto(math.nan, 8, alt_home_m=5), "lat_deg"),
+        (lambda v: v.guided.goto(95, 8, alt_home_m=5), "lat_deg"),
+        (lambda v: v.guided.goto(47, math.inf, alt_home_m=5), "lon_deg"),
+        (lambda v: v.guided.goto(47, 8), "alt_amsl_m"),
+        (lambda v: v.guided.goto(47, 8, alt_home_m=5, alt_amsl_m=500), "alt_amsl_m"),
+        (lambda v: v.guided.goto(47, 8, alt_home_m=math.nan), "alt_home_m"),
+        (lambda v: v.guided.goto(47, 8, alt_home_m=5, yaw_ned_deg=math.nan), "yaw_ned_deg"),
+        (lambda v: v.guided.goto(47, 8, alt_home_m=5, max_distance_m=math.nan), "max_distance_m"),
+        (lambda v: v.guided.change_altitude(), "alt_amsl_m"),
+        (lambda v: v.guided.change_altitude(alt_home_m=math.inf), "alt_home_m"),
+        (lambda v: v.guided.change_heading(math.nan), "yaw_ned_deg"),
+        (lambda v: v.guided.orbit(math.nan, 8, alt_home_m=5, radius_m=9, speed_m_s=1), "lat_deg"),
+        (lambda v: v.guided.set_home((47, 999, 489)), "lon_deg"),
     ],
 )
 def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(run_simulated, call, field):
     async def scenario(testbed, vehicle, autopilot):
         count = len([m for m in autopilot.received_messages if m.get_type().startswith("COMMAND_")])
         with pytest.raises(InvalidRequest) as caught:
-            await call(vehicle.command)
+            await call(vehicle)
         assert caught.value.field == field
         assert len([m for m in autopilot.received_messages if m.get_type().startswith("COMMAND_")]) == count
 
@@ -335,13 +340,13 @@ def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(ru
 def test_the_server_refuses_commands_that_px4_would_accept(run_simulated):
     async def scenario(testbed, vehicle, autopilot):
         with pytest.raises(Refused, match="is not flying"):
-            await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
+            await vehicle.guided.goto(47.3978, 8.5456, alt_home_m=10)
         autopilot.armed, autopilot.landed_state = True, IN_AIR
         await asyncio.sleep(3)
         with pytest.raises(Refused, match="m away"):
-            await vehicle.command.goto(47.85, 8.5456, alt_home_m=10)
+            await vehicle.guided.goto(47.85, 8.5456, alt_home_m=10)
         with pytest.raises(Refused, match="m away"):
-            await vehicle.command.goto(47.3978, 8.5456, alt_amsl_m=5000)
+            await vehicle.guided.goto(47.3978, 8.5456, alt_amsl_m=5000)
         with pytest.raises(Refused, match="is already flying"):
             await vehicle.command.takeoff(10)
         autopilot.has_position, autopilot.armed, autopilot.landed_state = False, False, ON_GROUND

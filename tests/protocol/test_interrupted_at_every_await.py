@@ -36,7 +36,14 @@ from tests.protocol.api_calls import (
     InlinePlanWork,
     new_station,
 )
-from tests.protocol.command_numbers import ARM_DISARM, DO_REPOSITION, DO_SET_MODE, TAKEOFF_COMMAND
+from tests.protocol.command_numbers import (
+    ARM_DISARM,
+    DO_CHANGE_SPEED,
+    DO_ORBIT,
+    DO_REPOSITION,
+    DO_SET_MODE,
+    TAKEOFF_COMMAND,
+)
 from tests.protocol.fake_autopilot import HOLD_MODE, LAND_MODE, POSITION_MODE, RTL_MODE, TAKEOFF_MODE
 from tests.protocol.group_testbed import position_setpoint, start_request
 from tests.protocol.mission_autopilot import MissionAutopilot
@@ -121,6 +128,31 @@ COMMANDS = {
         lambda rig: command_routes.goto(
             "1",
             models.GotoRequest(lat_deg=LAT + 1e-4, lon_deg=LON, alt_home_m=20),
+            rig.station,
+            ANNA,
+        ),
+    ),
+    "altitude": (
+        True,
+        None,
+        lambda rig: command_routes.altitude("1", models.AltitudeRequest(alt_home_m=20), rig.station, ANNA),
+    ),
+    "heading": (
+        True,
+        None,
+        lambda rig: command_routes.heading("1", models.HeadingRequest(yaw_ned_deg=90), rig.station, ANNA),
+    ),
+    "speed": (
+        True,
+        None,
+        lambda rig: command_routes.speed("1", models.SpeedRequest(speed_m_s=3), rig.station, ANNA),
+    ),
+    "orbit": (
+        True,
+        None,
+        lambda rig: command_routes.orbit(
+            "1",
+            models.OrbitRequest(lat_deg=LAT, lon_deg=LON, alt_home_m=20, radius_m=20, speed_m_s=3),
             rig.station,
             ANNA,
         ),
@@ -240,7 +272,7 @@ def is_moving(message):
         return message.param1 == 1.0
     if command == DO_SET_MODE:
         return (int(message.param2) << 16 | int(message.param3) << 24) not in STOPPING_MODES
-    return command in (TAKEOFF_COMMAND, DO_REPOSITION)
+    return command in (TAKEOFF_COMMAND, DO_REPOSITION, DO_ORBIT, DO_CHANGE_SPEED)
 
 
 def record_streams(streams, sent):

@@ -31,7 +31,7 @@ CALLS = {
     "mode": lambda v: v.command.set_mode("position", by="bob"),
     "arm": lambda v: v.command.arm(),
     "disarm": lambda v: v.command.disarm(),
-    "goto": lambda v: v.command.goto(**GOTO),
+    "goto": lambda v: v.guided.goto(**GOTO),
     "offboard": lambda v: v.offboard.start(stream_request()),
 }
 MOVING_COMMANDS = (TAKEOFF_COMMAND, DO_SET_MODE, DO_REPOSITION, ARM_DISARM)

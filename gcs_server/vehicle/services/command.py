@@ -26,7 +26,6 @@ from gcs_server.errors import (
     Rejected,
 )
 from gcs_server.mavlink import dialect as d
-from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE, BY_NAME, Mode
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services import checks
@@ -36,9 +35,7 @@ from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.stop_motors import StopMotors
 from gcs_server.vehicle.services.transaction import Goal, ReportProgress, Request, Transaction
 from gcs_server.vehicle.tickets import Ticket
-from missions.geodesy import distance_m
 
-GOTO_MAX_DISTANCE_M = 1000.0
 TAKEOFF_MIN_M, TAKEOFF_MAX_M = 1.0, 120.0
 STATE_DEADLINE_S = 6.0
 LIFT_OFF_DEADLINE_S = 12.0
@@ -46,14 +43,11 @@ HOME_DEADLINE_S = MODE_LIST_DEADLINE_S = 3.0
 MAX_MODE_DELAY_S = STATE_DEADLINE_S + HOME_DEADLINE_S
 """Maximum time between a command and its mode change [s]."""
 NAN = math.nan
-REPOSITION_CHANGES_MODE = 1.0
 AIRBORNE = ("in_air", "taking_off", "landing")
-SAME_POSITION_M = 3.0
 ARMING_STARTS_FLIGHT = "arming_starts_flight"
 """Code of the finding that arming starts a flight, which `arm` must accept."""
 MISSION_REFUSED_WITHIN_S = 2.0
 """A refusal of Mission within this time after an upload, and the wait that follows it, is not final [s]."""
-_target = LAYOUTS[d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT].unpacker
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +80,7 @@ class CommandOptions(TypedDict, total=False):
 
 
 class CommandService:
-    """Arm, modes, take-off, go-to.
+    """Arm, modes, take-off. The commands in flight are in `guided.py`.
 
     Every method may raise Refused or NotVerified (nothing was sent), InvalidRequest (an invalid value),
     Rejected (with the vehicle's reasons), NoReply (at the deadline), Disconnected (the vehicle or its link
@@ -153,7 +147,7 @@ class CommandService:
                 codes=(ARMING_STARTS_FLIGHT,),
                 remedy="Select Hold first; or accept the flight by naming arming_starts_flight in `despite`.",
             )
-        with self._begin("arm", options) as ticket:
+        with self.begin("arm", options) as ticket:
             if not starts_flight:
                 ticket.add_condition(self._disarmed.flight_when_armed)
             await self._arm(ticket, options)
@@ -167,8 +161,8 @@ class CommandService:
             STATE_DEADLINE_S,
             requested_ids=REQUEST_HEARTBEAT,
         )
-        with self._begin("disarm", options) as ticket:
-            await self._run(ticket, _arm_disarm(0.0, 0.0), goal, options)
+        with self.begin("disarm", options) as ticket:
+            await self.run(ticket, _arm_disarm(0.0, 0.0), goal, options)
         self._disarmed.hold_after_disarming()
 
     async def set_mode(
@@ -186,8 +180,8 @@ class CommandService:
             raise InvalidRequest("mode", f"There is no mode {name!r} to set.", remedy=f"Modes: {names}.")
         self._vehicle.require_commandable()
         label = f"mode {self._vehicle.mode_names.label(mode)}"
-        with self._begin(label, options, mode) as ticket:
-            await self._set_mode(ticket, mode, options)
+        with self.begin(label, options, mode) as ticket:
+            await self.enter_mode(ticket, mode, options)
 
     async def takeoff(
         self,
@@ -204,12 +198,12 @@ class CommandService:
                 f"Vehicle {vehicle.id} is already flying.", remedy="Use go-to for another altitude."
             )
         checks.position_of(vehicle)
-        with self._begin("take off", options, BY_NAME["takeoff"]) as ticket:
-            alt_amsl_m = checks.require_climb(vehicle, alt_home_m, await self._home_alt_amsl_m(ticket))
+        with self.begin("take off", options, BY_NAME["takeoff"]) as ticket:
+            alt_amsl_m = checks.require_climb(vehicle, alt_home_m, await self.home_alt_amsl_m(ticket))
             request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
             async with self._disarmed.hold_unless_armed(ticket, BY_NAME["takeoff"]):
-                in_takeoff = Goal("take off", _in_mode(BY_NAME["takeoff"]), STATE_DEADLINE_S)
-                await self._run(ticket, request, in_takeoff, options)
+                in_takeoff = Goal("take off", in_mode(BY_NAME["takeoff"]), STATE_DEADLINE_S)
+                await self.run(ticket, request, in_takeoff, options)
                 if not vehicle.flight_state.armed:
                     await self._arm(ticket, options)
                     # sent again, because a disarmed PX4 may drop the altitude
@@ -220,7 +214,7 @@ class CommandService:
                         requested_ids=(),
                         ack_is_enough=True,
                     )
-                    await self._run(ticket, request, again, options)
+                    await self.run(ticket, request, again, options)
             lifted = Goal(
                 "take off",
                 lambda f, _: f.armed and f.landed_state in ("taking_off", "in_air"),
@@ -229,7 +223,7 @@ class CommandService:
             )
             if (progress := options.get("progress")) is not None:
                 progress("Armed, waiting for lift-off", None)
-            await self._run(ticket, None, lifted, options)
+            await self.run(ticket, None, lifted, options)
 
     async def start_mission(
         self,
@@ -241,9 +235,9 @@ class CommandService:
         """
         mission = BY_NAME["mission"]
         self._vehicle.require_commandable()
-        with self._begin("start the mission", options, mission) as ticket:
+        with self.begin("start the mission", options, mission) as ticket:
             async with self._disarmed.hold_unless_armed(ticket, mission):
-                await self._set_mode(ticket, mission, options)
+                await self.enter_mode(ticket, mission, options)
                 if not self._vehicle.flight_state.armed:
                     await self._arm(ticket, options)
 
@@ -261,58 +255,6 @@ class CommandService:
     async def hold(self, **options: Unpack[CommandOptions]) -> None:
         """Switches to Hold: the vehicle stops and keeps its position."""
         await self._switch("hold", "hold", options)
-
-    async def goto(
-        self,
-        lat_deg: float,
-        lon_deg: float,
-        *,
-        alt_amsl_m: float | None = None,
-        alt_home_m: float | None = None,
-        yaw_ned_deg: float | None = None,
-        max_distance_m: float = GOTO_MAX_DISTANCE_M,
-        **options: Unpack[CommandOptions],
-    ) -> None:
-        """Flies to a position in Hold mode, at exactly one of the two altitudes. Returns once the vehicle has
-        the target, before it arrives."""
-        checks.check_range("lat_deg", lat_deg, -90.0, 90.0)
-        checks.check_range("lon_deg", lon_deg, -180.0, 180.0)
-        checks.check_range("max_distance_m", max_distance_m, 1.0, 100_000.0)
-        if yaw_ned_deg is not None:
-            checks.check_range("yaw_ned_deg", yaw_ned_deg, -360.0, 360.0)
-        yaw_rad = NAN if yaw_ned_deg is None else math.radians(yaw_ned_deg)
-        if (alt_amsl_m is None) == (alt_home_m is None):
-            raise InvalidRequest("alt_amsl_m", "Give exactly one altitude: alt_amsl_m or alt_home_m.")
-        if alt_amsl_m is not None:
-            checks.check_range("alt_amsl_m", alt_amsl_m, -500.0, 10_000.0)
-        if alt_home_m is not None:
-            checks.check_range("alt_home_m", alt_home_m, -500.0, 10_000.0)
-        vehicle = self._vehicle
-        vehicle.require_commandable()
-        if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
-            raise Refused(f"Vehicle {vehicle.id} is not flying.", remedy="Take off first.")
-        with self._begin("go to", options, BY_NAME["hold"]) as ticket:
-            if alt_amsl_m is None:
-                assert alt_home_m is not None
-                alt_amsl_m = await self._home_alt_amsl_m(ticket) + alt_home_m
-            else:
-                await self._request_home(ticket)
-            checks.require_near(vehicle, lat_deg, lon_deg, alt_amsl_m, max_distance_m)
-            checks.require_above_ground(vehicle, self.floor.now(), lat_deg, lon_deg, alt_amsl_m)
-            reached = self._target_is(lat_deg, lon_deg, alt_amsl_m)
-            goal = Goal(
-                "go there",
-                reached,
-                STATE_DEADLINE_S,
-                requested_ids=(d.MAVLINK_MSG_ID_CURRENT_MODE, d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT),
-                listen=(d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,),
-            )
-            request = Request(
-                d.MAV_CMD_DO_REPOSITION,
-                (-1.0, REPOSITION_CHANGES_MODE, 0.0, yaw_rad, lat_deg, lon_deg, alt_amsl_m),
-                frame=d.MAV_FRAME_GLOBAL,
-            )
-            await self._run(ticket, request, goal, options)
 
     async def kill(
         self,
@@ -351,8 +293,8 @@ class CommandService:
     ) -> None:
         self._vehicle.require_commandable(on_lost_link=options.get("on_lost_link", False))
         mode = BY_NAME[mode_name]
-        with self._begin(label, options, mode) as ticket:
-            await self._set_mode(ticket, mode, options, or_disarmed=or_disarmed)
+        with self.begin(label, options, mode) as ticket:
+            await self.enter_mode(ticket, mode, options, or_disarmed=or_disarmed)
 
     async def _arm(self, ticket: Ticket, options: CommandOptions) -> None:
         goal = Goal(
@@ -362,9 +304,9 @@ class CommandService:
             requested_ids=REQUEST_HEARTBEAT,
             present_problems=self._arming_problems,
         )
-        await self._run(ticket, _arm_disarm(1.0, 0.0), goal, options)
+        await self.run(ticket, _arm_disarm(1.0, 0.0), goal, options)
 
-    async def _set_mode(
+    async def enter_mode(
         self,
         ticket: Ticket,
         mode: Mode,
@@ -372,12 +314,13 @@ class CommandService:
         *,
         or_disarmed: bool = False,
     ) -> None:
-        """Changes to a mode. With `or_disarmed`, an armed vehicle that disarms has reached the goal too."""
-        in_mode, was_armed = _in_mode(mode), self._vehicle.flight_state.armed
+        """Changes to a mode, as a part of a command. With `or_disarmed`, an armed vehicle that disarms has
+        reached the goal too."""
+        is_in_mode, was_armed = in_mode(mode), self._vehicle.flight_state.armed
 
         def reached(flight_state: FlightState, since_s: float) -> bool:
             has_disarmed = was_armed and flight_state.heartbeat_s > since_s and not flight_state.armed
-            return in_mode(flight_state, since_s) or (or_disarmed and has_disarmed)
+            return is_in_mode(flight_state, since_s) or (or_disarmed and has_disarmed)
 
         request = Request(
             d.MAV_CMD_DO_SET_MODE,
@@ -389,7 +332,7 @@ class CommandService:
         if mode.name == "mission":
             await self._run_once_startable(ticket, request, goal, options)
         else:
-            await self._run(ticket, request, goal, options)
+            await self.run(ticket, request, goal, options)
 
     async def _run_once_startable(
         self, ticket: Ticket, request: Request, goal: Goal, options: CommandOptions
@@ -401,7 +344,7 @@ class CommandService:
             startable_s = self._mission_startable_s()
             await clock.sleep(max(0.0, startable_s - clock.monotonic_s()))
             try:
-                await self._run(ticket, request, goal, options)
+                await self.run(ticket, request, goal, options)
                 return
             except Rejected:
                 if clock.monotonic_s() >= startable_s + MISSION_REFUSED_WITHIN_S:
@@ -420,19 +363,19 @@ class CommandService:
         )
         if mode.name not in vehicle.mode_names.selectable:
             with suppress(NoReply, Rejected), closing(vehicle.tickets.open("the list of modes")) as ticket:
-                await self._run(ticket, None, goal, {})
+                await self.run(ticket, None, goal, {})
         if mode.name not in vehicle.mode_names.selectable:
             raise Refused(
                 f"Vehicle {vehicle.id} does not announce the mode {mode.label}, which PX4 has from v1.17 on.",
                 remedy="Use Altitude or Position instead.",
             )
 
-    async def _home_alt_amsl_m(self, ticket: Ticket) -> float:
+    async def home_alt_amsl_m(self, ticket: Ticket) -> float:
         """Altitude of home [m]."""
-        await self._request_home(ticket)
+        await self.request_home(ticket)
         return checks.home_of(self._vehicle).alt_amsl_m
 
-    async def _request_home(self, ticket: Ticket) -> None:
+    async def request_home(self, ticket: Ticket) -> None:
         """Requests an unknown home, because PX4 sends it only every two seconds."""
         vehicle = self._vehicle
         if vehicle.topic("home") is None:
@@ -445,31 +388,14 @@ class CommandService:
                 listen=home,
             )
             with suppress(NoReply):
-                await self._run(ticket, None, goal, {})
-
-    def _target_is(
-        self, lat_deg: float, lon_deg: float, alt_amsl_m: float
-    ) -> Callable[[FlightState, float], bool]:
-        in_hold = _in_mode(BY_NAME["hold"])
-
-        def reached(flight_state: FlightState, since_s: float) -> bool:
-            if not in_hold(flight_state, since_s):
-                return False
-            newest = self._vehicle.newest_payload(d.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT)
-            if newest is None or newest[1] <= since_s:
-                return False
-            _, lat, lon, alt_m, *_ = _target.unpack(newest[0])
-            offset_m = distance_m(lat / 1e7, lon / 1e7, lat_deg, lon_deg)
-            return offset_m < SAME_POSITION_M and abs(alt_m - alt_amsl_m) < SAME_POSITION_M
-
-        return reached
+                await self.run(ticket, None, goal, {})
 
     def _arming_problems(self) -> tuple[str, ...]:
         mode = BY_CUSTOM_MODE.get(self._vehicle.flight_state.custom_mode)
         return self._vehicle.health.arming_problems(mode.nav_state if mode else None)
 
     @contextmanager
-    def _begin(self, label: str, options: CommandOptions, mode: Mode | None = None) -> Generator[Ticket]:
+    def begin(self, label: str, options: CommandOptions, mode: Mode | None = None) -> Generator[Ticket]:
         """The block of a command: its ticket, which has cancelled those of earlier commands."""
         self.require_no_kill(label)
         ticket = options.get("ticket")
@@ -486,9 +412,7 @@ class CommandService:
             if ticket is None:
                 own.close()
 
-    async def _run(
-        self, ticket: Ticket, request: Request | None, goal: Goal, options: CommandOptions
-    ) -> None:
+    async def run(self, ticket: Ticket, request: Request | None, goal: Goal, options: CommandOptions) -> None:
         progress = options.get("progress")
         if request is None:
             await Transaction(self._vehicle, None, goal, progress, ticket).run()
@@ -508,7 +432,7 @@ def _arm_disarm(arm: float, force: float) -> Request:
     return Request(d.MAV_CMD_COMPONENT_ARM_DISARM, (arm, force, 0, 0, 0, 0, 0))
 
 
-def _in_mode(mode: Mode) -> Callable[[FlightState, float], bool]:
+def in_mode(mode: Mode) -> Callable[[FlightState, float], bool]:
     return lambda flight_state, since_s: (
         flight_state.mode_s > since_s and flight_state.custom_mode == mode.custom_mode
     )

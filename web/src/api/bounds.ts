@@ -10,6 +10,11 @@ export const BOUNDS = {
     value_m: {"min":-12000,"max":100000},
     resolved_amsl_m: {"min":-12000,"max":100000},
   },
+  AltitudeRequest: {
+    alt_amsl_m: {"min":-500,"max":10000},
+    alt_home_m: {"min":-100,"max":1000},
+    max_distance_m: {"above":0,"max":100000},
+  },
   type_attitude: {
     roll_rad: {"min":-6.283185307179586,"max":6.283185307179586},
     pitch_rad: {"min":-1.5707963267948966,"max":1.5707963267948966},
@@ -136,15 +141,19 @@ export const BOUNDS = {
     alt_amsl_m: {"min":-500,"max":10000},
   },
   GotoRequest: {
-    lat_deg: {"min":-90,"max":90},
-    lon_deg: {"min":-180,"max":180},
     alt_amsl_m: {"min":-500,"max":10000},
     alt_home_m: {"min":-100,"max":1000},
-    yaw_ned_deg: {"min":-360,"max":360},
     max_distance_m: {"above":0,"max":100000},
+    lat_deg: {"min":-90,"max":90},
+    lon_deg: {"min":-180,"max":180},
+    yaw_ned_deg: {"min":-360,"max":360},
+    speed_m_s: {"min":0.1,"max":100},
   },
   GroupSetpoints: {
     valid_for_s: {"min":0.05,"max":600},
+  },
+  HeadingRequest: {
+    yaw_ned_deg: {"min":-360,"max":360},
   },
   step_helix: {
     speed_m_s: {"above":0,"max":100},
@@ -166,6 +175,12 @@ export const BOUNDS = {
     lat_deg: {"min":-90,"max":90},
     lon_deg: {"min":-180,"max":180},
     alt_amsl_m: {"min":-12000,"max":100000},
+  },
+  HomeRequest: {
+    lat_deg: {"min":-90,"max":90},
+    lon_deg: {"min":-180,"max":180},
+    alt_amsl_m: {"min":-500,"max":10000},
+    max_distance_m: {"above":0,"max":100000},
   },
   kind_jump: {
     target_index: {"min":0,"max":100000},
@@ -216,17 +231,18 @@ export const BOUNDS = {
   format_offboard_gcs_mission: {
     minimum_separation_m: {"min":1,"max":100},
   },
-  step_orbit: {
-    speed_m_s: {"above":0,"max":100},
-    yaw_ned_rad: {"min":-1000,"max":1000},
-    photo_every_m: {"above":0,"max":10000},
-    radius_m: {"above":0,"max":10000},
-    turns: {"min":0.01,"max":200},
-    start_angle_ned_rad: {"min":-1000,"max":1000},
-  },
   kind_orbit: {
     radius_m: {"min":0,"max":10000000},
     rounds: {"min":1,"max":100},
+  },
+  OrbitRequest: {
+    alt_amsl_m: {"min":-500,"max":10000},
+    alt_home_m: {"min":-100,"max":1000},
+    max_distance_m: {"above":0,"max":100000},
+    lat_deg: {"min":-90,"max":90},
+    lon_deg: {"min":-180,"max":180},
+    radius_m: {"min":1,"max":10000},
+    speed_m_s: {"min":0.1,"max":100},
   },
   PathPointBody: {
     t_s: {"min":0,"max":3600},
@@ -308,6 +324,9 @@ export const BOUNDS = {
   },
   SetpointRequest: {
     valid_for_s: {"min":0.05,"max":3600},
+  },
+  SpeedRequest: {
+    speed_m_s: {"min":0.1,"max":100},
   },
   step_spiral: {
     speed_m_s: {"above":0,"max":100},
@@ -399,5 +418,13 @@ export const BOUNDS = {
   },
   step_land: {
     timeout_s: {"above":0,"max":86400},
+  },
+  step_orbit: {
+    speed_m_s: {"above":0,"max":100},
+    yaw_ned_rad: {"min":-1000,"max":1000},
+    photo_every_m: {"above":0,"max":10000},
+    radius_m: {"above":0,"max":10000},
+    turns: {"min":0.01,"max":200},
+    start_angle_ned_rad: {"min":-1000,"max":1000},
   },
 } as const;

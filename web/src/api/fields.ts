@@ -127,4 +127,11 @@ export const FIELDS = {
     wind_ned_m_s: 'vector3',
     speed_m_s: 'number',
   },
+  orbit: {
+    lat_deg: 'number',
+    lon_deg: 'number',
+    alt_amsl_m: 'number',
+    radius_m: 'number',
+    clockwise: 'boolean',
+  },
 } as const;

@@ -215,9 +215,57 @@ export interface paths {
          * @description In Hold mode, flies to a position; answers once the vehicle has accepted the target.
          *
          *     A target below home, or where elevation data show the ground, below that ground, by more than the
-         *     vehicle's landing height (MPC_LAND_ALT3) is refused.
+         *     vehicle's landing height (MPC_LAND_ALT3) is refused; so is a speed above MPC_XY_VEL_MAX.
          */
         readonly post: operations["goto_api_v1_vehicles__v__goto_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/orbit": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Orbit
+         * @description Circles around a point until another command; answers once the vehicle reports this circle, before it
+         *     has reached it. The topic `orbit` shows the circle.
+         *
+         *     Refused are a radius beyond MC_ORBIT_RAD_MAX, a speed that PX4 would limit, and a circle below home or the
+         *     known ground.
+         */
+        readonly post: operations["orbit_api_v1_vehicles__v__orbit_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/home": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Home
+         * @description Sets home, to which Return flies and to which altitudes above home refer; answers once the vehicle
+         *     reports it. PX4 sets home again at the next arming.
+         *
+         *     Refused while the server streams setpoints or flies a mission, and in Mission and Return: their altitudes
+         *     and target would move.
+         */
+        readonly post: operations["home_api_v1_vehicles__v__home_post"];
         readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
@@ -319,6 +367,69 @@ export interface paths {
          * @description Returns to the launch position; answers once the vehicle is returning.
          */
         readonly post: operations["rtl_api_v1_vehicles__v__rtl_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/altitude": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Altitude
+         * @description Climbs or descends in Hold; a go-to continues at the new altitude. In another mode the vehicle first
+         *     switches to Hold. Answers once the vehicle has the target, before it arrives.
+         */
+        readonly post: operations["altitude_api_v1_vehicles__v__altitude_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/heading": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Heading
+         * @description Turns to a heading in Hold; in another mode the vehicle first switches to Hold. Answers once the
+         *     vehicle has turned.
+         */
+        readonly post: operations["heading_api_v1_vehicles__v__heading_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/speed": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Speed
+         * @description Changes the ground speed in Hold (go-to) or Mission, until the next change of mode. Answers once the
+         *     vehicle has acknowledged it; PX4 reports no speed.
+         */
+        readonly post: operations["speed_api_v1_vehicles__v__speed_post"];
         readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
@@ -2606,6 +2717,30 @@ export interface components {
             readonly resolved_amsl_m?: number | null;
         };
         /**
+         * AltitudeRequest
+         * @description The altitude to climb or descend to; exactly one of the two.
+         * @example {
+         *       "alt_home_m": 20
+         *     }
+         */
+        readonly AltitudeRequest: {
+            /**
+             * Alt Amsl M
+             * @description Above mean sea level [m].
+             */
+            readonly alt_amsl_m?: number | null;
+            /**
+             * Alt Home M
+             * @description Above home [m].
+             */
+            readonly alt_home_m?: number | null;
+            /**
+             * Max Distance M
+             * @description Refuse a target that is farther away than this [m]; default 1000.
+             */
+            readonly max_distance_m?: number | null;
+        };
+        /**
          * AnswerControl
          * @description The client that gets control.
          * @example {
@@ -3016,13 +3151,13 @@ export interface components {
              * Then
              * @description Then.
              */
-            readonly then: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
+            readonly then: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["missions__offboard__steps__Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
             /**
              * Otherwise
              * @description Otherwise.
              * @default []
              */
-            readonly otherwise: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
+            readonly otherwise: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["missions__offboard__steps__Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
         };
         /**
          * Call
@@ -6051,16 +6186,6 @@ export interface components {
          */
         readonly GotoRequest: {
             /**
-             * Lat Deg
-             * @description Degrees north, WGS 84.
-             */
-            readonly lat_deg: number;
-            /**
-             * Lon Deg
-             * @description Degrees east, WGS 84.
-             */
-            readonly lon_deg: number;
-            /**
              * Alt Amsl M
              * @description Above mean sea level [m].
              */
@@ -6071,15 +6196,31 @@ export interface components {
              */
             readonly alt_home_m?: number | null;
             /**
+             * Max Distance M
+             * @description Refuse a target that is farther away than this [m]; default 1000.
+             */
+            readonly max_distance_m?: number | null;
+            /**
+             * Lat Deg
+             * @description Degrees north, WGS 84.
+             */
+            readonly lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Degrees east, WGS 84.
+             */
+            readonly lon_deg: number;
+            /**
              * Yaw Ned Deg
              * @description Heading clockwise from north [deg].
              */
             readonly yaw_ned_deg?: number | null;
             /**
-             * Max Distance M
-             * @description Refuse a target that is farther away than this [m]; default 1000.
+             * Speed M S
+             * @description Ground speed [m/s], at most MPC_XY_VEL_MAX. Default: the speed of an earlier command since the vehicle
+             *     has been in Hold, otherwise MPC_XY_CRUISE.
              */
-            readonly max_distance_m?: number | null;
+            readonly speed_m_s?: number | null;
         };
         /**
          * Gps
@@ -6502,6 +6643,20 @@ export interface components {
             };
         };
         /**
+         * HeadingRequest
+         * @description The heading.
+         * @example {
+         *       "yaw_ned_deg": 90
+         *     }
+         */
+        readonly HeadingRequest: {
+            /**
+             * Yaw Ned Deg
+             * @description Clockwise from north [deg].
+             */
+            readonly yaw_ned_deg: number;
+        };
+        /**
          * Health
          * @description SYS_STATUS bit masks (MAV_SYS_STATUS_SENSOR) and CPU load.
          */
@@ -6848,6 +7003,42 @@ export interface components {
              * @description Alt amsl (above mean sea level) [m].
              */
             readonly alt_amsl_m: number;
+        };
+        /**
+         * HomeRequest
+         * @description The position of home: `{"here": true}`, or a position.
+         * @example {
+         *       "lat_deg": 47.3982,
+         *       "lon_deg": 8.5462
+         *     }
+         */
+        readonly HomeRequest: {
+            /**
+             * Here
+             * @description The vehicle's position.
+             */
+            readonly here?: boolean;
+            /**
+             * Lat Deg
+             * @description Degrees north, WGS 84.
+             */
+            readonly lat_deg?: number | null;
+            /**
+             * Lon Deg
+             * @description Degrees east, WGS 84.
+             */
+            readonly lon_deg?: number | null;
+            /**
+             * Alt Amsl M
+             * @description Above mean sea level [m]. Default: the ground there if elevation files show it, otherwise the altitude
+             *     of the present home.
+             */
+            readonly alt_amsl_m?: number | null;
+            /**
+             * Max Distance M
+             * @description Refuse a position that is farther from the vehicle than this [m]; default 1000.
+             */
+            readonly max_distance_m?: number | null;
         };
         /**
          * HomeSample
@@ -9195,7 +9386,7 @@ export interface components {
              * @description Steps of one vehicle; empty with `roles`.
              * @default []
              */
-            readonly steps: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
+            readonly steps: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["missions__offboard__steps__Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
             /**
              * Roles
              * @description Steps of several vehicles, by role name; all other fields apply to all vehicles.
@@ -9213,7 +9404,7 @@ export interface components {
              * @description Named lists of steps for `call`.
              */
             readonly missions?: {
-                readonly [key: string]: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
+                readonly [key: string]: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["missions__offboard__steps__Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
             };
             /**
              * Tables
@@ -9816,74 +10007,6 @@ export interface components {
             readonly obstacle_brake: boolean;
         };
         /**
-         * Orbit
-         * @description Fly circles around a position, at the altitude of the position.
-         */
-        readonly Orbit: {
-            /**
-             * Name
-             * @description Name shown to the pilot.
-             */
-            readonly name?: string | null;
-            /**
-             * Speed M S
-             * @description Maximum horizontal speed; None: MPC_XY_CRUISE.
-             */
-            readonly speed_m_s?: number | null;
-            /**
-             * Heading
-             * @description Heading.
-             * @default keep
-             * @enum {string}
-             */
-            readonly heading: "keep" | "along_path";
-            /**
-             * Yaw Ned Rad
-             * @description Yaw ned (north, east, down of the local origin) [rad].
-             */
-            readonly yaw_ned_rad?: number | null;
-            /** @description Look at. */
-            readonly look_at?: components["schemas"]["MissionPosition"] | null;
-            /**
-             * Photo Every M
-             * @description Photo every [m].
-             */
-            readonly photo_every_m?: number | null;
-            /**
-             * Avoidance
-             * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
-             */
-            readonly avoidance?: boolean | ("over" | "around") | null;
-            /**
-             * @description discriminator enum property added by openapi-typescript
-             * @enum {string}
-             */
-            readonly step: "orbit";
-            readonly center: components["schemas"]["MissionPosition"];
-            /**
-             * Radius M
-             * @description Radius [m].
-             */
-            readonly radius_m: number;
-            /**
-             * Turns
-             * @description Turns.
-             * @default 1
-             */
-            readonly turns: number;
-            /**
-             * Clockwise
-             * @description Clockwise.
-             * @default true
-             */
-            readonly clockwise: boolean;
-            /**
-             * Start Angle Ned Rad
-             * @description Bearing of the start from the centre; None: the point nearest to the vehicle.
-             */
-            readonly start_angle_ned_rad?: number | null;
-        };
-        /**
          * OrbitPattern
          * @description Circles around a point, as waypoints.
          */
@@ -9917,6 +10040,84 @@ export interface components {
              * @description Bearing of the start from the centre, clockwise from north.
              */
             readonly start_deg?: number;
+        };
+        /**
+         * OrbitRequest
+         * @description The circle; exactly one of the two altitudes.
+         * @example {
+         *       "alt_home_m": 15,
+         *       "lat_deg": 47.3982,
+         *       "lon_deg": 8.5462,
+         *       "radius_m": 20,
+         *       "speed_m_s": 3
+         *     }
+         */
+        readonly OrbitRequest: {
+            /**
+             * Alt Amsl M
+             * @description Above mean sea level [m].
+             */
+            readonly alt_amsl_m?: number | null;
+            /**
+             * Alt Home M
+             * @description Above home [m].
+             */
+            readonly alt_home_m?: number | null;
+            /**
+             * Max Distance M
+             * @description Refuse a target that is farther away than this [m]; default 1000.
+             */
+            readonly max_distance_m?: number | null;
+            /**
+             * Lat Deg
+             * @description Degrees north, WGS 84.
+             */
+            readonly lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Degrees east, WGS 84.
+             */
+            readonly lon_deg: number;
+            /**
+             * Radius M
+             * @description Radius [m], at most MC_ORBIT_RAD_MAX.
+             */
+            readonly radius_m: number;
+            /**
+             * Speed M S
+             * @description Speed along the circle [m/s], at most MPC_XY_VEL_MAX, and the square root of 2 m/s² times the radius:
+             *     PX4 would limit it without a word.
+             */
+            readonly speed_m_s: number;
+            /**
+             * Clockwise
+             * @description Direction, seen from above.
+             */
+            readonly clockwise?: boolean;
+            /**
+             * Yaw
+             * @description Where the nose points: to the `center`, as at the beginning (`initial`), along the circle (`tangent`),
+             *     or anywhere (`uncontrolled`). Default: as MC_ORBIT_YAW_MOD says.
+             */
+            readonly yaw?: ("center" | "initial" | "uncontrolled" | "tangent") | null;
+        };
+        /**
+         * OrbitSample
+         * @description The newest `orbit` with its time on two clocks.
+         */
+        readonly OrbitSample: {
+            /**
+             * Vehicle Time Boot S
+             * @description The vehicle's boot clock [s]; null if its message has no time.
+             */
+            readonly vehicle_time_boot_s: number | null;
+            /**
+             * Received Unix S
+             * @description Time of reception by the server [s since 1970 UTC].
+             */
+            readonly received_unix_s: number;
+            /** @description The sample itself. */
+            readonly value: components["schemas"]["gcs_server__api__reflect__Orbit"];
         };
         /**
          * OutputGroup
@@ -11636,7 +11837,7 @@ export interface components {
              * Steps
              * @description Steps.
              */
-            readonly steps: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
+            readonly steps: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["missions__offboard__steps__Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
         };
         /**
          * Replay
@@ -12061,7 +12262,7 @@ export interface components {
              * Steps
              * @description Steps.
              */
-            readonly steps: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
+            readonly steps: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["missions__offboard__steps__Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
         };
         /**
          * Ros2Topic
@@ -12466,6 +12667,20 @@ export interface components {
              * @description The last 16 kB that it printed.
              */
             readonly console: string;
+        };
+        /**
+         * SpeedRequest
+         * @description The ground speed.
+         * @example {
+         *       "speed_m_s": 3
+         *     }
+         */
+        readonly SpeedRequest: {
+            /**
+             * Speed M S
+             * @description At most MPC_XY_VEL_MAX [m/s].
+             */
+            readonly speed_m_s: number;
         };
         /**
          * Spiral
@@ -13343,6 +13558,8 @@ export interface components {
             readonly obstacle_distance?: components["schemas"]["ObstacleDistanceSample"] | null;
             /** @description Newest `wind`. */
             readonly wind?: components["schemas"]["WindSample"] | null;
+            /** @description Newest `orbit`. */
+            readonly orbit?: components["schemas"]["OrbitSample"] | null;
         };
         /**
          * TrajectorySetpoint
@@ -14536,6 +14753,37 @@ export interface components {
             readonly gimbals: readonly components["schemas"]["GimbalReading"][];
         };
         /**
+         * Orbit
+         * @description ORBIT_EXECUTION_STATUS: the circle of the mode Orbit; PX4 sends it only while it flies one.
+         */
+        readonly gcs_server__api__reflect__Orbit: {
+            /**
+             * Lat Deg
+             * @description Of the centre.
+             */
+            readonly lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Of the centre.
+             */
+            readonly lon_deg: number;
+            /**
+             * Alt Amsl M
+             * @description Alt amsl (above mean sea level) [m].
+             */
+            readonly alt_amsl_m: number | null;
+            /**
+             * Radius M
+             * @description Radius [m].
+             */
+            readonly radius_m: number;
+            /**
+             * Clockwise
+             * @description Seen from above.
+             */
+            readonly clockwise: boolean;
+        };
+        /**
          * StartRequest
          * @description The first setpoint and the stream's settings; the validity starts when Offboard is confirmed.
          * @example {
@@ -14706,6 +14954,74 @@ export interface components {
              * @default 300
              */
             readonly timeout_s: number;
+        };
+        /**
+         * Orbit
+         * @description Fly circles around a position, at the altitude of the position.
+         */
+        readonly missions__offboard__steps__Orbit: {
+            /**
+             * Name
+             * @description Name shown to the pilot.
+             */
+            readonly name?: string | null;
+            /**
+             * Speed M S
+             * @description Maximum horizontal speed; None: MPC_XY_CRUISE.
+             */
+            readonly speed_m_s?: number | null;
+            /**
+             * Heading
+             * @description Heading.
+             * @default keep
+             * @enum {string}
+             */
+            readonly heading: "keep" | "along_path";
+            /**
+             * Yaw Ned Rad
+             * @description Yaw ned (north, east, down of the local origin) [rad].
+             */
+            readonly yaw_ned_rad?: number | null;
+            /** @description Look at. */
+            readonly look_at?: components["schemas"]["MissionPosition"] | null;
+            /**
+             * Photo Every M
+             * @description Photo every [m].
+             */
+            readonly photo_every_m?: number | null;
+            /**
+             * Avoidance
+             * @description Avoid obstacles that the vehicle's sensors measure; None: the mission's setting.
+             */
+            readonly avoidance?: boolean | ("over" | "around") | null;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            readonly step: "orbit";
+            readonly center: components["schemas"]["MissionPosition"];
+            /**
+             * Radius M
+             * @description Radius [m].
+             */
+            readonly radius_m: number;
+            /**
+             * Turns
+             * @description Turns.
+             * @default 1
+             */
+            readonly turns: number;
+            /**
+             * Clockwise
+             * @description Clockwise.
+             * @default true
+             */
+            readonly clockwise: boolean;
+            /**
+             * Start Angle Ned Rad
+             * @description Bearing of the start from the centre; None: the point nearest to the vehicle.
+             */
+            readonly start_angle_ned_rad?: number | null;
         };
     };
     responses: {
@@ -15489,6 +15805,132 @@ export interface operations {
             };
         };
     };
+    readonly orbit_api_v1_vehicles__v__orbit_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["OrbitRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly home_api_v1_vehicles__v__home_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["HomeRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     readonly show_api_v1_vehicles__v__gimbal_get: {
         readonly parameters: {
             readonly query?: {
@@ -15740,6 +16182,195 @@ export interface operations {
             readonly cookie?: never;
         };
         readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly altitude_api_v1_vehicles__v__altitude_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["AltitudeRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly heading_api_v1_vehicles__v__heading_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["HeadingRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly speed_api_v1_vehicles__v__speed_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["SpeedRequest"];
+            };
+        };
         readonly responses: {
             /** @description Successful Response */
             readonly 200: {

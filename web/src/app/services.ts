@@ -20,6 +20,10 @@ export interface Services {
     /** Starts the stream with the given setpoint; null: with the vehicle's position. */
     start: (facts: VehicleFacts, streamStart: StreamStart | null) => Promise<Outcome<unknown>>;
   };
+  guided: {
+    /** Opens the form of a guided command at a position on the map. */
+    open: (kind: 'go' | 'orbit' | 'home', facts: VehicleFacts, place: GeoPosition & { readonly ground_amsl_m: number | null }) => void;
+  };
   gimbal: {
     /** The vehicle's facts, with the gimbal that is selected on the gimbal card. The other functions need these facts. */
     withSelectedGimbal: (facts: VehicleFacts) => VehicleFacts;

@@ -40,6 +40,7 @@ const { paramPanel } = await import('./params/controllers');
 const { readinessPanel } = await import('./readiness/controllers');
 const { vehicleList } = await import('./vehicles/controllers');
 const { mapPointMenu } = await import('./stage/controllers');
+const { guided } = await import('./guided/controllers');
 const { modeMenu } = await import('./modes/controllers');
 const { modeGroups } = await import('./modes/mode-texts');
 const { replay, vehicleLogs } = await import('./replay/controllers');
@@ -118,6 +119,20 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
       mapPointMenu.requestGoto(facts);
     },
   },
+  ...Object.fromEntries(
+    (['go', 'altitude', 'heading', 'speed', 'orbit', 'home'] as const).map((kind): [string, PageCommand] => [
+      `guide: ${kind}`,
+      {
+        click: (facts) => {
+          guided.open(kind, facts, { lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null });
+          if (kind === 'heading') guided.enter('yaw_ned_deg', '90');
+          if (kind === 'speed') guided.enter('speed_m_s', '3');
+          // The vehicle of these tests streams setpoints, and home does not move then.
+          guided.request(kind === 'home' ? { ...facts, offboard: null } : facts);
+        },
+      },
+    ]),
+  ),
   'look here': {
     click: (facts) => {
       mapPointMenu.open({ lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null, scenePixel: null }, facts);

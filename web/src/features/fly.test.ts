@@ -28,6 +28,7 @@ function source(topics: Record<string, Record<string, unknown>>, stale = false):
     home: null,
     health: null,
     gimbal: null,
+    orbit: null,
     offboard: null,
     control: null,
   };

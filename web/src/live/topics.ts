@@ -19,6 +19,7 @@ export type Hud = Schemas['HudSample']['value'];
 export type Health = Schemas['HealthSample']['value'];
 export type DistanceSensors = Schemas['DistanceSensorsSample']['value'];
 export type ObstacleDistance = Schemas['ObstacleDistanceSample']['value'];
+export type Orbit = Schemas['OrbitSample']['value'];
 export type Status = Schemas['StatusSample']['value'];
 
 /** Types of the topics' values by name. */
@@ -34,6 +35,7 @@ export interface Topics {
   hud: Hud;
   health: Health;
   distance_sensors: DistanceSensors;
+  orbit: Orbit;
   obstacle_distance: ObstacleDistance;
 }
 
@@ -58,6 +60,7 @@ export const PAGE_TOPICS: readonly string[] = [
   'waypoint_flight',
   'distance_sensors',
   'obstacle_distance',
+  'orbit',
   'readiness',
   'offboard',
   'control',
@@ -85,4 +88,5 @@ export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {
   mission: 1,
   distance_sensors: 0.2,
   obstacle_distance: 0.2,
+  orbit: 0.5,
 };

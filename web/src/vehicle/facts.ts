@@ -4,7 +4,7 @@ import type { components } from '../api/schema';
 import { readOffboard, type OffboardStatus } from './offboard';
 import { groundDistance_m } from './geo';
 import { isAirborne } from '../live/flight-time';
-import type { Attitude, Battery, Component, Gimbal, GlobalPosition, Gps, Health, Home, Hud, LocalPosition, Status } from '../live/topics';
+import type { Attitude, Battery, Component, Gimbal, GlobalPosition, Gps, Health, Home, Hud, LocalPosition, Orbit, Status } from '../live/topics';
 import type { Reading, VehicleState } from '../live/vehicle-state';
 import { readControl, type Control } from './control';
 import { vehicleName } from './names';
@@ -32,6 +32,8 @@ export interface VehicleFacts {
   home: Reading<Home> | null;
   health: Reading<Health> | null;
   gimbal: Reading<Gimbal> | null;
+  /** The circle of mode Orbit, as the vehicle last reported it. */
+  orbit: Reading<Orbit> | null;
   offboard: (OffboardStatus & { age_s: number }) | null;
   /** Who may command the vehicle; null for a replay, and before the server has sent it. */
   control: Control | null;
@@ -69,6 +71,7 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connecte
     battery: vehicle.read('battery', now_unix_s),
     health: vehicle.read('health', now_unix_s),
     gimbal: vehicle.read('gimbal', now_unix_s),
+    orbit: vehicle.read('orbit', now_unix_s),
     offboard: offboard === null || offboardReading === null ? null : { ...offboard, age_s: offboardReading.age_s },
     control: readControl(vehicle.newestSample('control')?.value),
     components: vehicle.readAs<readonly Component[]>('components', now_unix_s)?.value ?? [],

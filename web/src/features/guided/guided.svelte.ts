@@ -1,0 +1,190 @@
+/** The draft of a guided command, its limits, and the commands that the vehicles have accepted. */
+
+import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
+import { commandTo } from '../../app/actions/command.svelte';
+import { MAIN_PART, type ActionController } from '../../app/actions/controller.svelte';
+import type { LayerContent, LayerEditor } from '../../app/map-layers.svelte';
+import type { VehicleFacts } from '../../vehicle/facts';
+import type { GeoPosition } from '../../vehicle/geo';
+import {
+  confirmationTexts,
+  FIELDS,
+  KIND_NAMES,
+  NO_LIMITS,
+  numberOf,
+  PARAMETERS,
+  placeOf,
+  previewContent,
+  whyNot,
+  type Accepted,
+  type Draft,
+  type Field,
+  type Kind,
+  type Limits,
+  type Place,
+} from './guided';
+
+const EMPTY: Draft = {
+  kind: 'altitude',
+  place: null,
+  texts: { alt_home_m: '', yaw_ned_deg: '', speed_m_s: '', radius_m: '20' },
+  clockwise: true,
+  nose: 'vehicle',
+};
+const DEFAULT_ORBIT_SPEED = '3';
+
+export class GuidedCommands {
+  draft = $state.raw<Draft>(EMPTY);
+  /** The vehicle of the draft; null: none yet. */
+  private vehicle = $state<string | null>(null);
+  private limits = $state.raw<Readonly<Record<string, Limits>>>({});
+  private accepted = $state.raw<Readonly<Record<string, Accepted>>>({});
+
+  constructor(
+    private readonly api: ApiClient,
+    private readonly actions: ActionController,
+    /** The vehicle's present state; null: it was removed. */
+    private readonly factsNow: (id: string) => VehicleFacts | null,
+  ) {}
+
+  limitsOf(id: string): Limits {
+    return this.limits[id] ?? NO_LIMITS;
+  }
+
+  /** The newest command that the vehicle has accepted; null: none. */
+  acceptedOf(id: string): Accepted | null {
+    return this.accepted[id] ?? null;
+  }
+
+  /** Begins a command with the vehicle's present values. @param place the position from the map; null: the vehicle's. */
+  open(kind: Kind, facts: VehicleFacts, place: Place | null = null): void {
+    const alt_m = Math.round((facts.globalPosition?.value.alt_home_m ?? 10) * 10) / 10;
+    const heading_deg = facts.globalPosition?.value.heading_deg ?? null;
+    const texts = {
+      ...EMPTY.texts,
+      alt_home_m: String(alt_m),
+      yaw_ned_deg: kind === 'go' || heading_deg === null ? '' : String(Math.round(heading_deg)),
+      speed_m_s: kind === 'orbit' ? DEFAULT_ORBIT_SPEED : '',
+    };
+    this.draft = { ...this.draft, kind, place, texts };
+    this.vehicle = facts.id;
+    if (!facts.replayed && !facts.lost) void this.loadLimits(facts.id);
+  }
+
+  /** Shows the draft for the selected vehicle; another vehicle gets its own values. */
+  selectVehicle(facts: VehicleFacts): void {
+    if (this.vehicle !== facts.id) this.open(this.draft.kind === 'go' ? 'altitude' : this.draft.kind, facts);
+  }
+
+  choose(kind: Kind, facts: VehicleFacts): void {
+    this.open(kind, facts, this.draft.place);
+  }
+
+  /** Uses the vehicle's position instead of the one from the map. */
+  forgetPlace(): void {
+    this.draft = { ...this.draft, place: null };
+  }
+
+  enter(field: Field, text: string): void {
+    this.draft = { ...this.draft, texts: { ...this.draft.texts, [field]: text } };
+  }
+
+  change(changes: Partial<Pick<Draft, 'clockwise' | 'nose'>>): void {
+    this.draft = { ...this.draft, ...changes };
+  }
+
+  /** A click on the map or a drag moves the position of the draft. */
+  readonly editor: LayerEditor = {
+    pick: () => undefined,
+    grab: (id) => {
+      this.dragged = this.draft.place;
+      return id;
+    },
+    drag: (_, at) => this.moveTo(at),
+    raise: () => undefined,
+    drop: (keep) => {
+      if (!keep) this.draft = { ...this.draft, place: this.dragged };
+    },
+    press: (at) => {
+      this.moveTo(at);
+      return true;
+    },
+    remove: () => false,
+  };
+  /** The position before a drag. */
+  private dragged: Place | null = null;
+
+  private moveTo({ lat_deg, lon_deg }: GeoPosition): void {
+    this.draft = { ...this.draft, place: { lat_deg, lon_deg, ground_amsl_m: null } };
+  }
+
+  /** What the map shows of the draft; null: nothing. */
+  preview(facts: VehicleFacts | null): LayerContent | null {
+    return facts === null || facts.id !== this.vehicle ? null : previewContent(this.draft, facts);
+  }
+
+  /** Whether the command has a position, which a click on the map sets. */
+  get usesPlace(): boolean {
+    return this.draft.kind === 'go' || this.draft.kind === 'orbit' || this.draft.kind === 'home';
+  }
+
+  /** Opens the confirmation of the draft, which says the effect with numbers. */
+  request(facts: VehicleFacts): void {
+    const draft = this.draft;
+    const at = placeOf(draft, facts);
+    if (at === null || whyNot(draft, facts, this.limitsOf(facts.id)) !== null) return;
+    const present = (): VehicleFacts => this.factsNow(facts.id) ?? facts;
+    const changed = (): string | null => {
+      const now = this.factsNow(facts.id);
+      return now === null || now.inAir === facts.inAir ? null : `${facts.name} has ${facts.inAir ? 'landed' : 'taken off'} since the command was given.`;
+    };
+    const send = async (): Promise<Outcome<unknown>> => {
+      const outcome = await this.send(draft, facts.id, at);
+      if (outcome.ok) this.accepted = { ...this.accepted, [facts.id]: { draft, at } };
+      return outcome;
+    };
+    const command = commandTo(facts, KIND_NAMES[draft.kind], send, { changed });
+    this.actions.requestCommand({ ...command, texts: () => confirmationTexts(draft, present(), this.limitsOf(facts.id)) }, MAIN_PART);
+  }
+
+  private send(draft: Draft, id: string, { lat_deg, lon_deg }: { lat_deg: number; lon_deg: number }): Promise<Outcome<unknown>> {
+    const params = ofVehicle(id);
+    const given = Object.fromEntries(FIELDS[draft.kind].flatMap((field) => ((value) => (value === null ? [] : [[field, value]]))(numberOf(draft, field))));
+    const value = (field: Field): number => given[field] as number;
+    switch (draft.kind) {
+      case 'go':
+        return this.api.post('/vehicles/{v}/goto', { ...params, body: { lat_deg, lon_deg, ...given } });
+      case 'altitude':
+        return this.api.post('/vehicles/{v}/altitude', { ...params, body: { alt_home_m: value('alt_home_m') } });
+      case 'heading':
+        return this.api.post('/vehicles/{v}/heading', { ...params, body: { yaw_ned_deg: value('yaw_ned_deg') } });
+      case 'speed':
+        return this.api.post('/vehicles/{v}/speed', { ...params, body: { speed_m_s: value('speed_m_s') } });
+      case 'orbit': {
+        const nose = draft.nose === 'vehicle' ? {} : { yaw: draft.nose };
+        const circle = { lat_deg, lon_deg, alt_home_m: value('alt_home_m'), radius_m: value('radius_m'), speed_m_s: value('speed_m_s') };
+        return this.api.post('/vehicles/{v}/orbit', { ...params, body: { ...circle, clockwise: draft.clockwise, ...nose } });
+      }
+      case 'home': {
+        const ground_m = draft.place?.ground_amsl_m ?? null;
+        const body = draft.place === null ? { here: true } : { lat_deg, lon_deg, ...(ground_m === null ? {} : { alt_amsl_m: ground_m }) };
+        return this.api.post('/vehicles/{v}/home', { ...params, body });
+      }
+    }
+  }
+
+  /** Reads the parameters that limit the commands, once for each vehicle. */
+  private async loadLimits(id: string): Promise<void> {
+    if (id in this.limits) return;
+    this.limits = { ...this.limits, [id]: NO_LIMITS };
+    for (const [field, name] of Object.entries(PARAMETERS)) {
+      const response = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name } } });
+      if (response.ok && typeof response.value.value === 'number')
+        this.limits = { ...this.limits, [id]: { ...this.limitsOf(id), [field]: response.value.value } };
+    }
+    if (Object.values(this.limitsOf(id)).every((value) => value === null)) {
+      const { [id]: _failed, ...others } = this.limits;
+      this.limits = others; // read again when the panel opens again
+    }
+  }
+}

@@ -1,0 +1,151 @@
+import { describe, expect, it, vi } from 'vitest';
+import { ApiClient } from '../../api/client';
+import { ActionController } from '../../app/actions/controller.svelte';
+import type { VehicleFacts } from '../../vehicle/facts';
+import { groundDistance_m } from '../../vehicle/geo';
+import { effectText, fieldProblem, flownCircle, NO_LIMITS, orbitSpeedMax_m_s, previewContent, progressOf, whyNot, type Draft, type Limits } from './guided';
+import { GuidedCommands } from './guided.svelte';
+
+const LIMITS: Limits = { speedMax_m_s: 12, cruise_m_s: 5, up_m_s: 3, down_m_s: 1.5, turn_deg_s: 45, radiusMax_m: 1000, returnAlt_m: 30 };
+const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
+const NORTH = { lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null };
+const draftOf = (kind: Draft['kind'], texts: Partial<Draft['texts']> = {}, more: Partial<Draft> = {}): Draft => ({
+  kind,
+  place: null,
+  texts: { alt_home_m: '20', yaw_ned_deg: '90', speed_m_s: '3', radius_m: '20', ...texts },
+  clockwise: true,
+  nose: 'vehicle',
+  ...more,
+});
+const factsOf = (mode = 'hold', more: object = {}): VehicleFacts =>
+  ({
+    id: '1',
+    name: 'Quad 1',
+    lost: false,
+    replayed: false,
+    inAir: true,
+    status: { value: { armed: true, mode, mode_label: mode } },
+    globalPosition: { value: { ...HERE, alt_amsl_m: 510, alt_home_m: 10, heading_deg: 0 }, stale: false },
+    home: { value: { ...HERE, alt_amsl_m: 500 } },
+    orbit: null,
+    offboard: null,
+    ...more,
+  }) as unknown as VehicleFacts;
+
+describe('the values of a guided command', () => {
+  it('are refused where PX4 would limit them, with its parameter', () => {
+    expect(fieldProblem(draftOf('speed', { speed_m_s: '13' }), 'speed_m_s', LIMITS)).toBe('From 0.1 to 12 m/s (MPC_XY_VEL_MAX).');
+    expect(fieldProblem(draftOf('orbit', { radius_m: '1500' }), 'radius_m', LIMITS)).toBe('From 1 to 1000 m (MC_ORBIT_RAD_MAX).');
+    expect(fieldProblem(draftOf('orbit', { radius_m: '8', speed_m_s: '5' }), 'speed_m_s', LIMITS)).toBe('At 8 m the vehicle flies at most 4 m/s.');
+    expect(orbitSpeedMax_m_s(8)).toBe(4);
+    expect(fieldProblem(draftOf('speed', { speed_m_s: '13' }), 'speed_m_s', NO_LIMITS)).toBeNull();
+  });
+  it('must be numbers; speed and heading of a flight to a position may be left out', () => {
+    for (const text of ['', 'abc', '1e999']) expect(fieldProblem(draftOf('altitude', { alt_home_m: text }), 'alt_home_m', LIMITS), text).not.toBeNull();
+    expect(fieldProblem(draftOf('altitude', { alt_home_m: '12,5' }), 'alt_home_m', LIMITS)).toBeNull();
+    const go = draftOf('go', { speed_m_s: '', yaw_ned_deg: '' }, { place: NORTH });
+    expect(whyNot(go, factsOf(), LIMITS)).toBeNull();
+  });
+});
+
+describe('a command', () => {
+  it('says why it cannot be given', () => {
+    const because = (draft: Draft, facts: VehicleFacts): string | null => whyNot(draft, facts, LIMITS);
+    expect(because(draftOf('altitude'), factsOf('hold', { inAir: false }))).toContain('take off first');
+    expect(because(draftOf('altitude'), factsOf('hold', { lost: true }))).toContain('No connection');
+    expect(because(draftOf('altitude'), factsOf('hold', { replayed: true }))).toContain('replayed');
+    expect(because(draftOf('speed'), factsOf('orbit'))).toContain('Hold and Mission');
+    expect(because(draftOf('go'), factsOf())).toContain('Click on the map');
+    expect(because(draftOf('home'), factsOf('rtl'))).toContain('Hold first');
+    expect(because(draftOf('home'), factsOf('hold', { offboard: { streaming: true } }))).toContain('Hold first');
+    expect(because(draftOf('home'), factsOf('hold', { inAir: false }))).toBeNull();
+  });
+  it('says its effect with numbers before', () => {
+    expect(effectText(draftOf('altitude'), factsOf(), LIMITS)).toBe('Climbs 10.0 m to 20.0 m above home in about 3 s; a flight to a position continues.');
+    expect(effectText(draftOf('altitude'), factsOf('mission'), LIMITS)).toContain('Leaves mission.');
+    expect(effectText(draftOf('heading', { yaw_ned_deg: '270' }), factsOf(), LIMITS)).toContain('Turns 90° to the left to 270°, at up to 45 °/s');
+    expect(effectText(draftOf('orbit'), factsOf(), LIMITS)).toContain(
+      'Flies 20.0 m to a circle of 20 m radius at 20.0 m above home, and circles clockwise at 3 m/s, about 42 s a round',
+    );
+    expect(effectText(draftOf('go', {}, { place: NORTH }), factsOf(), LIMITS)).toMatch(/^Flies 111 m at 3 m\/s to 20\.0 m above home in about 37 s/);
+    const home = effectText(draftOf('home', {}, { place: { ...NORTH, ground_amsl_m: 495 } }), factsOf(), LIMITS);
+    expect(home).toContain('111 m from the present home. Return flies here and lands here, at 30 m above this home.');
+    expect(home).toContain('the vehicle is then at 15.0 m');
+  });
+  it('is drawn before: the ring around the centre, the line to the position', () => {
+    const ring = previewContent(draftOf('orbit', {}, { place: NORTH }), factsOf());
+    for (const position of ring?.lines[0]?.positions ?? []) expect(groundDistance_m(NORTH, position)).toBeCloseTo(20, 1);
+    expect(ring?.points[0]).toMatchObject({ mark: 'cross', lat_deg: NORTH.lat_deg });
+    expect(previewContent(draftOf('go', {}, { place: NORTH }), factsOf())?.lines[0]?.positions.at(-1)).toMatchObject({
+      lat_deg: NORTH.lat_deg,
+      alt_amsl_m: 520,
+    });
+    expect(previewContent(draftOf('orbit', { radius_m: '' }), factsOf())).toBeNull();
+  });
+  it('says what is left, and its end', () => {
+    const accepted = { draft: draftOf('altitude'), at: HERE };
+    expect(progressOf(accepted, factsOf())).toEqual({ text: '10.0 m left.', ended: false });
+    expect(progressOf(accepted, factsOf('rtl')).text).toBe('Interrupted: the vehicle is in rtl.');
+    const orbit = { value: { ...NORTH, radius_m: 20, clockwise: false, alt_amsl_m: 520 }, stale: false };
+    expect(progressOf({ draft: draftOf('orbit'), at: NORTH }, factsOf('orbit', { orbit })).text).toMatch(/^Orbit of 20 m, counter-clockwise: 111\.\d m/);
+    expect(progressOf({ draft: draftOf('orbit'), at: NORTH }, factsOf('hold', { orbit })).ended).toBe(true);
+  });
+});
+
+describe('the circle on the map', () => {
+  const orbit = { value: { ...NORTH, radius_m: 20, clockwise: true, alt_amsl_m: 520 }, stale: false };
+  it('is the one that the vehicle reports, in Orbit only and while it is new', () => {
+    expect(flownCircle(factsOf('orbit', { orbit }))?.lines[0]?.style).toBe('solid');
+    expect(flownCircle(factsOf('hold', { orbit }))).toBeNull();
+    expect(flownCircle(factsOf('orbit', { orbit: { ...orbit, stale: true } }))).toBeNull();
+  });
+});
+
+describe('the form', () => {
+  const requests: { path: string; body: unknown }[] = [];
+  const answer = (path: string): object => (path.includes('/params/') ? { name: 'x', value: path.includes('RAD_MAX') ? 1000 : 12 } : {});
+  const api = new ApiClient('p', undefined, (path, init) => {
+    requests.push({ path: path.replace('/api/v1', ''), body: init.body === undefined ? null : JSON.parse(String(init.body)) });
+    return Promise.resolve(Response.json(answer(path)));
+  });
+  let now_s = 0;
+  const actions = new ActionController(api, () => now_s, () => Promise.reject(new Error('not used')), () => factsOf()); // prettier-ignore
+  const guided = new GuidedCommands(api, actions, () => factsOf());
+  const confirm = async (): Promise<void> => {
+    actions.confirmation?.slider.slide(1, now_s);
+    actions.onFrame(null);
+    await vi.waitFor(() => expect(actions.runningCommands).toEqual([]));
+  };
+
+  it('reads the limits once, sends exactly the shown values after the confirmation, and shows the progress', async () => {
+    guided.open('orbit', factsOf(), { ...NORTH, ground_amsl_m: 480 });
+    await vi.waitFor(() => expect(guided.limitsOf('1').returnAlt_m).toBe(12));
+    guided.change({ clockwise: false, nose: 'center' });
+    guided.enter('alt_home_m', '15');
+    guided.request(factsOf());
+    expect(requests.filter(({ body }) => body !== null)).toEqual([]);
+    await confirm();
+    const circle = { lat_deg: 47.401, lon_deg: 8.5, alt_home_m: 15, radius_m: 20, speed_m_s: 3, clockwise: false, yaw: 'center' };
+    expect(requests.at(-1)).toEqual({ path: '/vehicles/1/orbit', body: circle });
+    expect(guided.acceptedOf('1')?.draft.kind).toBe('orbit');
+    expect(guided.acceptedOf('2')).toBeNull();
+  });
+  it('takes a click on the map as the position, and gives a drag back that was cancelled', () => {
+    guided.open('home', factsOf());
+    expect(guided.editor.press(NORTH)).toBe(true);
+    expect(guided.draft.place).toMatchObject({ lat_deg: 47.401 });
+    guided.editor.grab('target');
+    guided.editor.drag('target', HERE);
+    expect(guided.draft.place).toMatchObject(HERE);
+    guided.editor.drop(false);
+    expect(guided.draft.place).toMatchObject({ lat_deg: 47.401 });
+  });
+  it('opens no confirmation for a value that cannot be sent', () => {
+    guided.open('altitude', factsOf());
+    guided.enter('alt_home_m', 'high');
+    now_s += 10;
+    actions.onFrame(null);
+    guided.request(factsOf());
+    expect(actions.confirmation).toBeNull();
+  });
+});
