@@ -30,7 +30,11 @@ class Row(NamedTuple):
 ROWS = (
     Row("Python", "3.11 to 3.13", "all tests, with the version of the environment"),
     Row("PX4 over MAVLink", "1.14 to 1.17; recorded: 1.16, 1.17", "`tests/contract`, `test_px4_1_17.py`"),
-    Row("PX4 over ROS 2", "see [links](links.md#ros-2-topics)", "`tests/protocol/test_ros2_*.py`"),
+    Row(
+        "PX4 over ROS 2",
+        "see [links](links.md#ros-2-topics); recorded: 1.16, 1.17",
+        "`tests/protocol/test_ros2_*.py`, `tests/contract`",
+    ),
     Row(
         "MAVSDK (Python)",
         "3 and 4; `from mavsdk import System` needs `mavsdk<4`",

@@ -48,3 +48,10 @@ def explained_count(key: DifferenceKey) -> int:
 def key_of(session: str, difference: Difference) -> DifferenceKey:
     """The key of a difference in the table."""
     return session, difference.dialogue, difference.message, difference.field
+
+
+def rows_of_1_17() -> dict[str, str]:
+    """Cause of each dialogue of v1.17 that differs; those over ROS 2 begin with "ros2:"."""
+    path = Path(__file__).resolve().parent / "explained_1_17.tsv"
+    with path.open(encoding="utf-8", newline="") as file:
+        return dict(csv.reader(file, delimiter="\t"))

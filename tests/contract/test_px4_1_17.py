@@ -7,7 +7,6 @@ compared with the values of v1.17, and the rows of `explained_1_17.tsv`.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
 import re
@@ -20,7 +19,7 @@ import pytest
 
 from tests.contract.compare import Difference, compare
 from tests.contract.driver import DialoguePlayer, DialogueResult
-from tests.contract.explained import explained_count, key_of
+from tests.contract.explained import explained_count, key_of, rows_of_1_17
 from tests.contract.recordings import Dialogue, folder_of_1_17, needs_logs, sessions
 from tests.contract.rules import ParameterHashes
 from vehicle_sim.px4_version import V1_17
@@ -81,13 +80,6 @@ OF_THE_VERSION: dict[tuple[str, str], Callable[[Difference], bool]] = {
 }
 """Fields that say the version, or that follow from its list of modes, and whether the value is that of v1.17;
 the log and the console contain the version's name, and modes are compared by themselves."""
-
-
-def explained_rows() -> dict[str, str]:
-    """Cause of each dialogue that differs otherwise."""
-    path = Path(__file__).resolve().parent / "explained_1_17.tsv"
-    with path.open(encoding="utf-8", newline="") as file:
-        return dict(csv.reader(file, delimiter="\t"))
 
 
 def is_of_the_version(difference: Difference) -> bool:
@@ -166,7 +158,7 @@ def test_the_dialogues_of_a_session_are_answered_as_by_v1_17(session: str, refer
     differing: dict[str, dict[str, Any]] = {each["id"]: each for each in map(json.loads, lines)}
     dialogues: list[Dialogue] = dict(sessions(reference_data / "px4" / "dialogues"))[session]
     player, hashes = DialoguePlayer(log=needs_logs(dialogues), px4=V1_17), ParameterHashes()
-    explained, unexplained = explained_rows(), list[str]()
+    explained, unexplained = rows_of_1_17(), list[str]()
     unused = {each["id"] for each in dialogues} & explained.keys()
     for dialogue, next_dialogue in itertools.zip_longest(dialogues, dialogues[1:]):
         name, result = dialogue["id"], player.play(dialogue, next_dialogue)
@@ -191,4 +183,4 @@ def test_the_dialogues_of_a_session_are_answered_as_by_v1_17(session: str, refer
 def test_every_recorded_session_is_replayed(reference_data: Path) -> None:
     folder_of_1_17(reference_data)
     assert {name for name, _ in sessions(reference_data / "px4" / "dialogues")} == set(SESSION_NAMES)
-    assert len(explained_rows()) <= MAX_ROWS
+    assert len(rows_of_1_17()) <= MAX_ROWS

@@ -11,6 +11,7 @@ import json
 
 import pytest
 
+from tests.contract.explained import rows_of_1_17
 from tests.contract.ros2_dialogues import (
     CHECK_REPLY,
     CHECK_REQUEST,
@@ -23,7 +24,6 @@ from tests.contract.ros2_dialogues import (
     timed_dialogues,
     with_present_names,
 )
-from tests.contract.test_px4_1_17 import explained_rows
 from tests.support.dds_recordings import FOLDERS
 from vehicle_sim.external_modes.slots import FIRST_MODE
 from vehicle_sim.px4_version import V1_17
@@ -123,7 +123,7 @@ def test_a_dialogue_of_v1_17_has_the_recorded_replies_and_states(
     player.play(timed_dialogue)
     found = compare(player, timed_dialogue.dialogue)
     row = f"ros2:{timed_dialogue.dialogue['id']}"
-    if row in explained_rows():
+    if row in rows_of_1_17():
         assert found, f"{row} no longer differs: delete it from explained_1_17.tsv"
     else:
         assert not found
@@ -133,5 +133,5 @@ def test_every_recorded_dialogue_is_replayed_or_flown() -> None:
     if not DIALOGUES:
         pytest.skip("the ROS 2 recordings of PX4 v1.17 are not beside this checkout")
     assert {each["id"] for each in DIALOGUES} == {*ON_THE_GROUND, *IN_FLIGHT}
-    rows = {row.removeprefix("ros2:") for row in explained_rows() if row.startswith("ros2:")}
+    rows = {row.removeprefix("ros2:") for row in rows_of_1_17() if row.startswith("ros2:")}
     assert rows <= set(ON_THE_GROUND)
