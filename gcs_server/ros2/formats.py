@@ -379,6 +379,14 @@ class AnnouncedTopics:
             topic = AnnouncedTopic(parsed.base, parsed.name, ros_message(each.topic.type))
             self._topics.setdefault(parsed.namespace, {})[each.key] = each.participant, topic
 
+    def vehicles(self) -> list[str]:
+        """The namespaces in which a vehicle's status is published."""
+        return sorted(
+            namespace
+            for namespace, topics in self._topics.items()
+            if any(topic.base == STATUS for _, topic in topics.values())
+        )
+
     def of(self, namespace: str, participant: str | None) -> list[AnnouncedTopic]:
         """The topics of a participant in a namespace; None: of all participants."""
         topics = self._topics.get(namespace, {}).values()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from gcs_server.links.base import DdsAddress, Link, Peer, UnusableTopic
 from gcs_server.links.writer import LinkWriter
-from gcs_server.ros2.formats import REQUEST, AnnouncedTopics
+from gcs_server.ros2.formats import MAX_NAMED, REQUEST, SILENT_S, AnnouncedTopics
 from gcs_server.ros2.topics import STATUS, status_namespace
 from gcs_server.ros2.vehicle_link import VehicleLink
 
@@ -240,9 +240,12 @@ class _Run:
             vehicle = self.vehicles[name]
             texts += vehicle.formats.problems()
             texts += vehicle.problems(now_s)
-            silent = port.status_s == float("-inf") and now_s - self._found_s[name] > FIRST_REPORT_S
-            if silent and STATUS in vehicle.formats.usable:
-                texts.append(f"{name} has confirmed the layout of {STATUS}, but sends no message on it.")
+            if port.status_s == float("-inf"):
+                is_read = STATUS in vehicle.formats.usable
+                if is_read and now_s - self._found_s[name] > FIRST_REPORT_S:
+                    texts.append(f"{name} has confirmed the layout of {STATUS}, but sends no message on it.")
+            elif now_s - port.status_s > SILENT_S:
+                texts.append(f"{name} sends nothing more. Check the agent and PX4's uxrce_dds_client.")
             if now_s - port.other_status_s < SAME_NAMESPACE_S:
                 texts.append(
                     f"Several vehicles publish the topics of {name}; only the first is read. Give each "
@@ -253,9 +256,15 @@ class _Run:
             topic = f"/{self._link.namespace}{STATUS}" if self._link.namespace else STATUS
             texts.append(
                 f"No vehicle publishes {topic} in DDS domain {self._link.domain_id} on {interface}. "
-                "Check the agent, the domain and the interface."
+                f"{self._others()}Check the agent, the domain and the interface; `gcs doctor ros2` "
+                "searches the domains 0 to 9."
             )
         return " ".join(texts[:4])
+
+    def _others(self) -> str:
+        """A sentence about the vehicles of the domain that the link does not read; empty: none."""
+        names = ", ".join(f"/{each}" for each in self._announced.vehicles()[:MAX_NAMED])
+        return f"Vehicles in this domain: {names}. " if names else ""
 
     def _post(self, call: Callable[..., None], *arguments: object) -> None:
         with contextlib.suppress(RuntimeError):  # the event loop is closed, so the server has ended
