@@ -27,7 +27,8 @@ MAX_START_S: Final = 4.0
 @router.get("/{v}/ros2/topics", response_model=Ros2TopicsModel)
 async def ros2_topics(vehicle: VehicleDep, station: StationDep) -> Response:
     """The ROS 2 topics of the vehicle, and the topics of its DDS domain that belong to no vehicle: type,
-    publishers, rate, age and last message.
+    publishers, rate, age, last message and confirmed layout; which vehicles are in the domain; and why topics
+    are empty or setpoints do nothing (`problems`).
 
     The server reads ROS 2 topics only while clients request them, so the first response takes about 1.5 s.
     For continuous values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no

@@ -6,15 +6,15 @@ from __future__ import annotations
 import argparse
 import socket
 import time
-from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from gcs_server.errors import LinkError
-from gcs_server.ros2.formats import REQUEST, RESPONSE, AnnouncedTopics, VehicleFormats
-from gcs_server.ros2.inspection import Announcement, ros_name
-from gcs_server.ros2.message_types import MESSAGES, VERSIONS, MalformedMessage
-from gcs_server.ros2.topics import VehicleTopic, parse_topic, status_namespace
+from gcs_server.ros2.diagnosis import report
+from gcs_server.ros2.formats import REQUEST, AnnouncedTopics, VehicleFormats
+from gcs_server.ros2.inspection import Announcement
+from gcs_server.ros2.message_types import MESSAGES, MalformedMessage
+from gcs_server.ros2.topics import status_namespace
 from gcs_server.ros2.url import INSTALL, MAX_DOMAIN
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 AGENT_PORT: Final = 8888
 """Usual UDP port of PX4's Micro XRCE-DDS Agent."""
 STEP_S: Final = 0.02
-EXCHANGE: Final = frozenset({REQUEST, RESPONSE})
 NOTHING: Final = (
     "No vehicle. Start PX4's agent (MicroXRCEAgent udp4 -p 8888) and its client (uxrce_dds_client; "
     "UXRCE_DDS_DOM_ID is its domain); for another computer name the network interface (--interface)."
@@ -121,79 +120,6 @@ class DomainProbe:
             if (request := formats.request(now_s, now_s)) is not None:
                 with suppress(OSError):
                     vehicle.writers.send(REQUEST, request)
-
-
-def report(
-    endpoints: Iterable[Announcement], formats: Mapping[str, VehicleFormats]
-) -> tuple[list[str], list[str]]:
-    """Facts and problems of one domain, as texts.
-
-    Args:
-        endpoints: the writers and readers of other programs.
-        formats: the vehicles' layouts by namespace.
-    """
-    known = [each for each in endpoints if each.topic is not None]
-    participants = {each.participant for each in known}
-    facts = [f"{len(participants)} programs, {len(known)} publishers and subscribers"]
-    problems: list[str] = []
-    for namespace, vehicle in sorted(formats.items()):
-        name = f"/{namespace}" if namespace else "without namespace"
-        versions = versions_with(vehicle)
-        facts.append(
-            f"vehicle {name}: {len(vehicle.usable)} topics with confirmed layouts"
-            + (f", those of PX4 {versions}" if versions else "")
-        )
-        problems += vehicle.problems()
-    return facts, problems + list(_unmatched(known, sorted(formats)))
-
-
-def versions_with(formats: VehicleFormats) -> str:
-    """The versions of PX4 that have all layouts which the vehicle has confirmed; empty: none, or nothing is
-    confirmed."""
-    layouts = {(each.type, each.message_hash) for each in formats.usable.values()}
-    matching = [
-        version
-        for version, types in VERSIONS.items()
-        if layouts and all(kind in types and types[kind].hash == value for kind, value in layouts)
-    ]
-    return " or ".join(version if version == "main" else f"v{version}" for version in sorted(matching))
-
-
-def _unmatched(endpoints: Iterable[Announcement], vehicles: list[str]) -> Iterable[str]:
-    """A text for each topic that a program uses, and that no vehicle has with this name and type."""
-    by_topic: dict[str, dict[bool, set[str]]] = {}
-    for each in endpoints:
-        if each.topic is not None:
-            sides = by_topic.setdefault(each.topic.name, {True: set(), False: set()})
-            sides[each.publishes].add(each.topic.type)
-    places = ", ".join(f"/{each}" if each else "/" for each in vehicles) or "none"
-    for topic, sides in sorted(by_topic.items()):
-        parsed = parse_topic(topic)
-        if parsed is None or parsed.base in EXCHANGE:
-            continue
-        to_vehicle = parsed.base.startswith("/fmu/in/")
-        program, vehicle = sides[to_vehicle], sides[not to_vehicle]
-        does = "publishes" if to_vehicle else "subscribes to"
-        if program and not vehicle:
-            lacks = "subscribes to" if to_vehicle else "publishes"
-            yield (
-                f"a program {does} {ros_name(topic)}, but no vehicle {lacks} it"
-                f"{_other_name(parsed, by_topic)}. Namespaces of vehicles in this domain: {places}."
-            )
-        elif program and not program & vehicle:
-            types = f"{', '.join(sorted(program))} instead of {', '.join(sorted(vehicle))}"
-            yield f"a program {does} {ros_name(topic)} with the type {types}."
-
-
-def _other_name(topic: VehicleTopic, by_topic: Mapping[str, Mapping[bool, set[str]]]) -> str:
-    """The names under which vehicles have the same topic: another namespace or version."""
-    is_input = topic.base.startswith("/fmu/in/")
-    others = [
-        ros_name(name)
-        for name, sides in by_topic.items()
-        if (parsed := parse_topic(name)) is not None and parsed.base == topic.base and sides[not is_input]
-    ]
-    return f"; use {' or '.join(sorted(others))}" if others else ""
 
 
 def _agent_listens() -> bool:

@@ -76,6 +76,12 @@ class TopicView:
     are called `outer.inner`."""
     problem: str | None
     """Why the last message, or the topic, cannot be shown."""
+    layout: str | None = None
+    """Hash of the layout that PX4 has confirmed for this topic, in hexadecimal digits; null: not a topic of
+    the vehicle that this server uses, or not confirmed."""
+    unusable: str | None = None
+    """Why this server does not use the topic, and what is not available without it; null: it uses the topic,
+    or needs none of this name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +100,15 @@ class Inspection:
     """The vehicle's topics, then the topics of no vehicle; both sorted by name."""
     left_out: int
     """Number of topics that are not shown because there are too many."""
+    programs: int = 0
+    """Number of programs (DDS participants) in the domain, with this server and PX4's agent."""
+    vehicles: tuple[str, ...] = ()
+    """Namespaces of all vehicles in the domain, as in ROS 2: `/px4_1`, `/` for none."""
+    versions: str = ""
+    """Releases of PX4 that have all the layouts which the vehicle has confirmed; empty: none."""
+    problems: tuple[str, ...] = ()
+    """Why topics are empty or setpoints do nothing, as sentences: topics that do not meet, and topics of the
+    vehicle that this server cannot use."""
 
 
 def ros_name(name: str) -> str:
@@ -208,6 +223,10 @@ class DomainTopics:
         owned = [(self._owner(key), key) for key in self._counts]
         shown = [(owner != namespace, key) for owner, key in owned if owner in (namespace, None)]
         return [key for _, key in sorted(shown)]
+
+    def vehicles(self) -> list[str]:
+        """The namespaces of all vehicles, in order; empty for a vehicle without one."""
+        return sorted(self._namespaces)
 
     def count(self, key: TopicKey) -> tuple[int, int]:
         """(publishers, subscribers) of a topic."""

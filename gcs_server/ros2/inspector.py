@@ -6,14 +6,19 @@ messages on an inspected topic do not delay the thread of the link.
 
 from __future__ import annotations
 
+import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Final, Protocol
 
+from gcs_server.links.base import UnusableTopic
+from gcs_server.ros2.diagnosis import unmatched, versions_with
 from gcs_server.ros2.formats import TopicFormat
 from gcs_server.ros2.inspection import (
+    MAX_ENDPOINTS,
     MAX_TOPICS,
     Announcement,
     DomainTopics,
@@ -26,8 +31,8 @@ from gcs_server.ros2.inspection import (
     unknown_view,
 )
 from gcs_server.ros2.message_types import MessageType
-from gcs_server.ros2.topics import wire_name
-from gcs_server.vehicle.endpoint import dds_address
+from gcs_server.ros2.topics import parse_topic, wire_name
+from gcs_server.vehicle.endpoint import dds_address, unusable_topics
 from gcs_server.vehicle.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
@@ -37,6 +42,8 @@ SHOW_EVERY_S: Final = 0.5
 DISCOVERY_S: Final = 1.0
 """Time in which a new participant discovers the other participants [s]."""
 RETRY_S: Final = 5.0
+MAX_PROBLEMS: Final = 20
+"""Maximum number of problems of a domain that are shown."""
 KEEP_READING_S: Final = 12.0
 """Time after the last request for which a vehicle's topics are read [s]; the slowest subscription requests
 them every 10 s.
@@ -62,6 +69,8 @@ class Session:
         self._port, self._domain_id, self._start_s = port, domain_id, now_s
         self._domain = DomainTopics()
         self._records: dict[TopicKey, TopicRecord] = {}
+        self._endpoints: dict[str, Announcement] = {}
+        """The writers and readers of the domain, by key."""
 
     def read(self, confirmed: Mapping[str, Mapping[str, MessageType]], now_s: float) -> None:
         """Reads the topics of vehicles, and stops reading other topics.
@@ -70,7 +79,12 @@ class Session:
             confirmed: by namespace, the confirmed layouts of the vehicle's topics by name in DDS.
             now_s: current time [s, monotonic].
         """
-        self._domain.apply(self._port.announcements())
+        announcements = self._port.announcements()
+        self._domain.apply(announcements)
+        for each in announcements:
+            self._endpoints.pop(each.key, None)
+            if each.topic is not None and len(self._endpoints) < MAX_ENDPOINTS:
+                self._endpoints[each.key] = each
         required = {
             key: message
             for namespace, layouts in confirmed.items()
@@ -89,13 +103,19 @@ class Session:
     def inspection(self, namespace: str, now_s: float) -> Inspection:
         """The topics of a vehicle."""
         keys = self._domain.topics_of(namespace)
+        vehicles, starting = self._domain.vehicles(), now_s - self._start_s < DISCOVERY_S
+        texts = () if starting else unmatched(self._endpoints.values(), vehicles)
+        problems = itertools.islice(texts, MAX_PROBLEMS)
         return Inspection(
             domain_id=self._domain_id,
             namespace=namespace,
-            state="starting" if now_s - self._start_s < DISCOVERY_S else "open",
+            state="starting" if starting else "open",
             problem=None,
             topics=tuple(self._view(key, now_s) for key in keys[:MAX_TOPICS]),
             left_out=max(0, len(keys) - MAX_TOPICS),
+            programs=len({each.participant for each in self._endpoints.values()}),
+            vehicles=tuple(f"/{each}" for each in vehicles),
+            problems=tuple(f"{text[0].upper()}{text[1:]}" for text in problems),
         )
 
     def _view(self, key: TopicKey, now_s: float) -> TopicView:
@@ -207,12 +227,42 @@ class TopicInspectors:
         inspector = self._inspectors.get(domain)
         if inspector is None:
             inspector = self._inspectors[domain] = DomainInspector(*domain, self._open_port)
-        return inspector.inspect(address.namespace, (TopicFormat(*each) for each in address.formats))
+        formats = [TopicFormat(*each) for each in address.formats]
+        inspection = inspector.inspect(address.namespace, formats)
+        return with_layouts(inspection, formats, unusable_topics(vehicle.endpoints))
 
     def close(self) -> None:
         """Ends all inspectors; returns when DDS has released their sockets."""
         for inspector in self._inspectors.values():
             inspector.close()
+
+
+def with_layouts(
+    inspection: Inspection, formats: Sequence[TopicFormat], unusable: Mapping[str, UnusableTopic]
+) -> Inspection:
+    """Adds to the topics which layouts are used, which are not, and what is missing without them.
+
+    Args:
+        inspection: the topics of a vehicle.
+        formats: the vehicle's topics with confirmed layouts.
+        unusable: topics that the server cannot use, by name without namespace and version.
+    """
+    hashes = {each.name: f"{each.message_hash:08x}" for each in formats}
+    topics: list[TopicView] = []
+    for each in inspection.topics:
+        parsed = parse_topic(f"rt{each.name}")
+        if parsed is not None and parsed.namespace == inspection.namespace:
+            reason = unusable.get(parsed.base)
+            text = None if reason is None else f"{reason.text}."
+            each = replace(each, layout=hashes.get(parsed.name), unusable=text)
+        topics.append(each)
+    refused = [f"{each.text}." for each in unusable.values() if not each.awaited]
+    return replace(
+        inspection,
+        topics=tuple(topics),
+        versions=versions_with(formats),
+        problems=(*refused, *inspection.problems)[:MAX_PROBLEMS],
+    )
 
 
 def _open_port(domain_id: int, interface: str | None) -> Port:

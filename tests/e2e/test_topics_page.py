@@ -15,12 +15,14 @@ from playwright.sync_api import Browser, expect
 from gcs_server.ros2.dds import open_domain
 from tests import station
 from tests.e2e.browser import REPOSITORY, chromium, open_page, violations_in_both_themes
+from tests.support.dds_publisher import TYPES, Publisher
 from tests.support.dds_vehicle import VEHICLE_ATTITUDE, AcknowledgingVehicle, PeriodicThread
 from tools import build_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 DOMAIN = 57
+SETPOINT = "/fmu/in/trajectory_setpoint"
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +56,14 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
             expect(panel.get_by_role("definition")).not_to_have_count(0)
             expect(panel.get_by_text("timestamp_sample")).to_be_visible()
             expect(panel.get_by_text("1 publisher, 1 subscriber")).to_be_visible()
+            expect(panel.get_by_text("confirmed by PX4")).to_be_visible()
+            program = Publisher(DOMAIN, f"{namespace}_other")
+            program.send(SETPOINT, TYPES["TrajectorySetpoint"].encode({}), "TrajectorySetpoint")
+            causes = panel.get_by_role("group", name="Why topics are empty or setpoints do nothing")
+            expect(causes).to_contain_text(
+                f"A program publishes /{namespace}_other{SETPOINT}, but no vehicle"
+            )
+            expect(causes).to_contain_text(f"Vehicles in this domain: /{namespace}.")
             assert violations_in_both_themes(page) == []
             page.keyboard.press("Escape")
             expect(panel).to_have_count(0)

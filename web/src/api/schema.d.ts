@@ -2322,7 +2322,8 @@ export interface paths {
         /**
          * Ros2 Topics
          * @description The ROS 2 topics of the vehicle, and the topics of its DDS domain that belong to no vehicle: type,
-         *     publishers, rate, age and last message.
+         *     publishers, rate, age, last message and confirmed layout; which vehicles are in the domain; and why topics
+         *     are empty or setpoints do nothing (`problems`).
          *
          *     The server reads ROS 2 topics only while clients request them, so the first response takes about 1.5 s.
          *     For continuous values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no
@@ -12327,6 +12328,18 @@ export interface components {
              * @description Why the last message, or the topic, cannot be shown.
              */
             readonly problem: string | null;
+            /**
+             * Layout
+             * @description Hash of the layout that PX4 has confirmed for this topic, in hexadecimal digits; null: not a topic of
+             *     the vehicle that this server uses, or not confirmed.
+             */
+            readonly layout: string | null;
+            /**
+             * Unusable
+             * @description Why this server does not use the topic, and what is not available without it; null: it uses the topic,
+             *     or needs none of this name.
+             */
+            readonly unusable: string | null;
         };
         /**
          * Ros2Topics
@@ -12364,6 +12377,27 @@ export interface components {
              * @description Number of topics that are not shown because there are too many.
              */
             readonly left_out: number;
+            /**
+             * Programs
+             * @description Number of programs (DDS participants) in the domain, with this server and PX4's agent.
+             */
+            readonly programs: number;
+            /**
+             * Vehicles
+             * @description Namespaces of all vehicles in the domain, as in ROS 2: `/px4_1`, `/` for none.
+             */
+            readonly vehicles: readonly string[];
+            /**
+             * Versions
+             * @description Releases of PX4 that have all the layouts which the vehicle has confirmed; empty: none.
+             */
+            readonly versions: string;
+            /**
+             * Problems
+             * @description Why topics are empty or setpoints do nothing, as sentences: topics that do not meet, and topics of the
+             *     vehicle that this server cannot use.
+             */
+            readonly problems: readonly string[];
         };
         /**
          * ServerHealth

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from gcs_server.ros2.doctor import report, versions_with
+from gcs_server.ros2.diagnosis import report, versions_with
 from gcs_server.ros2.formats import USED, VehicleFormats
 from gcs_server.ros2.inspection import Announcement, TopicKey
 from gcs_server.ros2.message_types import MESSAGES
@@ -39,7 +39,7 @@ def test_a_vehicle_and_a_program_that_meet_are_no_problem(version: str) -> None:
     expected = len(USED) - (version == "1.15")
     assert facts[1] == f"vehicle /px4_1: {expected} topics with confirmed layouts, those of PX4 v{version}"
     assert len(problems) == (version == "1.15"), "v1.15's attitude setpoint is not known"
-    assert versions_with(formats) == f"v{version}"
+    assert versions_with(formats.usable.values()) == f"v{version}"
 
 
 def test_a_setpoint_in_the_wrong_namespace_is_named_with_the_vehicles_name() -> None:
@@ -71,4 +71,4 @@ def test_a_program_without_a_vehicle_and_a_silent_vehicle_are_problems() -> None
     facts, (problem,) = report(vehicle("1.16"), {"px4_1": silent})
     assert facts[1] == "vehicle /px4_1: 0 topics with confirmed layouts"
     assert "PX4 v1.14 and older cannot answer" in problem
-    assert versions_with(silent) == ""
+    assert versions_with(silent.usable.values()) == ""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from gcs_server.links.base import UnusableTopic
 from gcs_server.ros2 import inspection
+from gcs_server.ros2.formats import TopicFormat
 from gcs_server.ros2.inspection import Announcement, DomainTopics, MessageRate, TopicKey, TopicView
-from gcs_server.ros2.inspector import READ_EVERY_S, Session
-from gcs_server.ros2.message_types import HEADER, MessageType
-from gcs_server.ros2.topics import wire_name
+from gcs_server.ros2.inspector import DISCOVERY_S, READ_EVERY_S, Session, with_layouts
+from gcs_server.ros2.message_types import HEADER, MESSAGES, MessageType
+from gcs_server.ros2.topics import wire_name, wire_type
 from tests.support.dds_samples import recorded_samples
 from tests.support.px4_formats import address_formats
 
@@ -68,6 +70,40 @@ class InspectionSetup:
     def topics(self, namespace: str = "px4_1") -> dict[str, TopicView]:
         views = self.session.inspection(namespace, self.now_s).topics
         return {topic.name: topic for topic in views}
+
+
+def test_why_topics_are_empty_is_said_with_vehicles_programs_layouts_and_what_is_lost(
+    setup: InspectionSetup,
+) -> None:
+    setpoint, home = "/fmu/in/trajectory_setpoint", "/fmu/out/home_position"
+    setup.port.announce(status_key(), TopicKey(f"rt{setpoint}", wire_type(MESSAGES["TrajectorySetpoint"])))
+    setup.port.announce(TopicKey(f"rt/px4_1{home}", wire_type(MESSAGES["HomePosition"])))
+    setup.port.announce(
+        TopicKey(f"rt/px4_1{setpoint}", wire_type(MESSAGES["TrajectorySetpoint"])), publishes=False
+    )
+    setup.read("px4_1")
+    assert setup.session.inspection("px4_1", setup.now_s).problems == ()  # before all have been discovered
+    setup.now_s += DISCOVERY_S
+    found = setup.session.inspection("px4_1", setup.now_s)
+    assert (found.programs, found.vehicles) == (1, ("/px4_1",))
+    assert found.problems == (
+        f"A program publishes {setpoint}, but no vehicle subscribes to it; use /px4_1{setpoint}. "
+        "Namespaces of vehicles in this domain: /px4_1.",
+    )
+    formats = [each for each in map(TopicFormat._make, address_formats("1.16")) if each.topic != home]
+    unusable = {
+        home: UnusableTopic("PX4 names 1, this server knows 2. Not available: home position"),
+        "/fmu/out/airspeed": UnusableTopic("The vehicle has no topic x. Not available: y", awaited=True),
+    }
+    shown = with_layouts(found, formats, unusable)
+    assert shown.versions == "v1.16"
+    assert shown.problems == (f"{unusable[home].text}.", *found.problems)
+    by_name = {each.name: each for each in shown.topics}
+    status = next(each for each in formats if each.name == STATUS)
+    assert by_name[f"/px4_1{STATUS}"].layout == f"{status.message_hash:08x}"
+    assert by_name[f"/px4_1{home}"].layout is None
+    assert by_name[f"/px4_1{home}"].unusable == f"{unusable[home].text}."
+    assert (by_name[setpoint].layout, by_name[setpoint].unusable) == (None, None)
 
 
 @pytest.fixture

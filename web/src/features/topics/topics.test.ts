@@ -3,7 +3,21 @@ import { isOffered, type Panel } from '../../app/registry.svelte';
 import type { TelemetrySocket } from '../../live/socket';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { topicPanel as panel } from './panel.svelte';
-import { matchingTopics, lastMessageText, NO_FILTER, endpointsText, rateText, readTopicList, stateText, valueText, type TopicList, type Topic } from './topics';
+import {
+  domainText,
+  endpointsText,
+  lastMessageText,
+  layoutText,
+  matchingTopics,
+  NO_FILTER,
+  problemsTitle,
+  rateText,
+  readTopicList,
+  stateText,
+  valueText,
+  type Topic,
+  type TopicList,
+} from './topics';
 
 const topic = (name: string, more: Partial<Topic> = {}): Topic => ({
   name,
@@ -17,6 +31,8 @@ const topic = (name: string, more: Partial<Topic> = {}): Topic => ({
   size_bytes: 88,
   value: {},
   problem: null,
+  layout: null,
+  unusable: null,
   ...more,
 });
 
@@ -27,6 +43,10 @@ const listOf = (topics: Topic[], more: Partial<TopicList> = {}): TopicList => ({
   problem: null,
   topics,
   left_out: 0,
+  programs: 2,
+  vehicles: ['/px4_1'],
+  versions: 'v1.17',
+  problems: [],
   ...more,
 });
 
@@ -54,6 +74,23 @@ describe('the list of topics', () => {
     expect(valueText(0.1 + 0.2)).toBe('0.3');
     expect(valueText(1795478891930667)).toBe('1795478891930667');
     expect(valueText([1.5, null, true])).toBe('1.5, NaN, true');
+  });
+
+  it('shows which layout PX4 has confirmed, or what is lost without the topic', () => {
+    expect(layoutText(topic('a', { layout: '1a2b3c4d' }))).toBe('Layout 1a2b3c4d, confirmed by PX4.');
+    expect(layoutText(topic('a', { unusable: 'PX4 did not answer. Not available: home.' }))).toBe('PX4 did not answer. Not available: home.');
+    expect(layoutText(topic('a'))).toBeNull();
+  });
+
+  it('shows who is in the domain and how many problems there are', () => {
+    expect(domainText(listOf([]))).toBe(
+      'Vehicles in this domain: /px4_1. Programs, with this server and PX4’s agent: 2; the layouts of this vehicle are those of PX4 v1.17.',
+    );
+    expect(domainText(listOf([], { vehicles: [] }))).toContain('domain: none. Programs');
+    expect(domainText(listOf([], { versions: '' }))).toContain('no release of PX4 has all layouts');
+    expect(problemsTitle(listOf([]))).toMatch(/No problem found$/);
+    expect(problemsTitle(listOf([], { problems: ['x'] }))).toMatch(/1 problem$/);
+    expect(problemsTitle(listOf([], { problems: ['x', 'y'] }))).toMatch(/2 problems$/);
   });
 
   it('shows the state of the discovery', () => {

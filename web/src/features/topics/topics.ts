@@ -49,6 +49,28 @@ export function endpointsText(topic: Topic): string {
   return `${count(topic.publishers, 'publisher')}, ${count(topic.subscribers, 'subscriber')}`;
 }
 
+/** The layout of a topic's messages, or why the server does not use the topic; null: nothing to say. */
+export function layoutText(topic: Topic): string | null {
+  if (topic.layout != null) return `Layout ${topic.layout}, confirmed by PX4.`;
+  return topic.unusable ?? null;
+}
+
+/** Who is in the domain: vehicles, programs, and the releases of PX4 whose layouts the vehicle has. */
+export function domainText(list: TopicList): string {
+  const vehicles = list.vehicles.length === 0 ? 'none' : list.vehicles.join(', ');
+  const layouts = list.versions === '' ? 'no release of PX4 has all layouts of this vehicle' : `the layouts of this vehicle are those of PX4 ${list.versions}`;
+  return `Vehicles in this domain: ${vehicles}. Programs, with this server and PX4’s agent: ${list.programs}; ${layouts}.`;
+}
+
+export function problemsTitle({ problems }: TopicList): string {
+  const count = problems.length === 0 ? 'No problem found' : `${problems.length} ${problems.length === 1 ? 'problem' : 'problems'}`;
+  return `Topics empty, setpoints without effect? ${count}`;
+}
+
+/** What is said if no problem was found. */
+export const NO_PROBLEM =
+  'Each topic of PX4 that a program uses has the same name and type on a vehicle. Setpoints also need Offboard mode. A program that is missing here is in another DDS domain (ROS_DOMAIN_ID) or on another network; “gcs doctor ros2” searches the domains 0 to 9.';
+
 /** A field's value as text. The server sends null for NaN and infinite values; their text is NaN. */
 export function valueText(value: unknown): string {
   if (Array.isArray(value)) return value.map(valueText).join(', ');
