@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import signal
 import socket
@@ -25,6 +26,7 @@ from gcs_server.storage.files import replace_file
 FIRST_GCS_PORT: Final = 18570
 """UDP port of instance 0 for ground stations; PX4 sends from it to 14550."""
 AGENT_PORT: Final = 8888
+AGENT_LOG_FILE: Final = "agent.log"
 CONSOLE_FILE: Final = "console.log"
 STATE_FILE: Final = "state.json"
 POLL_S: Final = 0.2
@@ -216,18 +218,73 @@ def variables(model: str, parameters: Mapping[str, str], instance: int) -> dict[
     return {**own, **{f"PX4_PARAM_{name}": value for name, value in parameters.items()}}
 
 
-def start_agent(program: str | None, folder: Path) -> tuple[subprocess.Popen[bytes] | None, str]:
-    """Starts the DDS agent unless one runs; returns its process and its state as a clause."""
-    if is_udp_port_in_use(AGENT_PORT):
-        return None, f"UDP port {AGENT_PORT} is in use: a running agent is used"
-    if program is None:
-        return None, "no Micro XRCE-DDS Agent is installed: no ROS 2 topics"
-    with (folder / "agent.log").open("wb") as output:
-        process = subprocess.Popen(
-            [program, "udp4", "-p", str(AGENT_PORT)],
-            stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
-        )  # fmt: skip
-    return process, f"{program} on UDP port {AGENT_PORT}"
+class Agent:
+    """The DDS agent: started unless one runs, and started again when it ends.
+
+    Args:
+        program: the program; None: none is started.
+        folder: its output goes there.
+        now_s: monotonic time [s].
+        port_in_use: whether a process uses a UDP port.
+    """
+
+    def __init__(
+        self,
+        program: str | None,
+        folder: Path,
+        now_s: Callable[[], float],
+        port_in_use: Callable[[int], bool],
+    ) -> None:
+        self.text = "no Micro XRCE-DDS Agent is installed: no ROS 2 topics"
+        """Its state, as a clause."""
+        self._program, self._folder, self._now_s, self._port_in_use = program, folder, now_s, port_in_use
+        self._process: subprocess.Popen[bytes] | None = None
+        self._next_start_s, self._started_s = now_s(), 0.0
+        self._back_off_s = FIRST_BACK_OFF_S
+
+    def step(self) -> None:
+        """Starts the agent if it is time, and updates the state."""
+        now_s = self._now_s()
+        if self._process is None:
+            if now_s >= self._next_start_s:
+                self._start(now_s)
+            return
+        exit_code = self._process.poll()
+        if exit_code is None:
+            return
+        if now_s - self._started_s > HEALTHY_AFTER_S:
+            self._back_off_s = FIRST_BACK_OFF_S
+        self._process, self._next_start_s = None, now_s + self._back_off_s
+        self.text = (
+            f"{self._program} ended with exit code {exit_code}: no ROS 2 topics until it is started again in "
+            f"{self._back_off_s:g} s; see {self._folder / AGENT_LOG_FILE}"
+        )
+        self._back_off_s = min(2.0 * self._back_off_s, MAX_BACK_OFF_S)
+
+    def end(self) -> None:
+        """Ends the agent if it was started here."""
+        if self._process is not None:
+            self._process.terminate()
+
+    def _start(self, now_s: float) -> None:
+        if self._port_in_use(AGENT_PORT):
+            self.text = f"UDP port {AGENT_PORT} is in use: a running agent is used"
+            self._next_start_s = now_s + MAX_BACK_OFF_S
+            return
+        if self._program is None:
+            self._next_start_s = math.inf
+            return
+        try:
+            with (self._folder / AGENT_LOG_FILE).open("ab") as output:
+                self._process = subprocess.Popen(
+                    [self._program, "udp4", "-p", str(AGENT_PORT)],
+                    stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
+                )  # fmt: skip
+        except OSError as error:
+            self.text = f"{self._program} could not be started ({error.strerror or error}): no ROS 2 topics"
+            self._next_start_s = now_s + MAX_BACK_OFF_S
+            return
+        self._started_s, self.text = now_s, f"{self._program} on UDP port {AGENT_PORT}"
 
 
 def run(
@@ -263,15 +320,20 @@ def run(
         own.mkdir(parents=True, exist_ok=True)
         start = program.start(number, own, variables(model, parameters, number))
         instances.append(Instance(number, own, start, time.monotonic, is_udp_port_in_use))
-    agent_process, agent_text = start_agent(agent, folder)
-    print(f"{program.label}; {agent_text}", flush=True)
+    (folder / AGENT_LOG_FILE).unlink(missing_ok=True)
+    dds_agent = Agent(agent, folder, time.monotonic, is_udp_port_in_use)
+    dds_agent.step()
+    print(f"{program.label}; {dds_agent.text}", flush=True)
     written: dict[str, Any] = {}
     try:
         while not all(each.view.state == "ended" for each in instances):
             for each in instances:
                 each.step()
-            state = asdict(RunnerState(program.label, agent_text, [each.view for each in instances]))
+            dds_agent.step()
+            state = asdict(RunnerState(program.label, dds_agent.text, [each.view for each in instances]))
             if state != written:
+                if written and state["agent"] != written["agent"]:
+                    print(dds_agent.text, file=sys.stderr, flush=True)
                 replace_file(folder / STATE_FILE, json.dumps(state).encode())
                 written = state
                 for each in instances:
@@ -281,8 +343,7 @@ def run(
     finally:
         for each in instances:
             each.end()
-        if agent_process is not None:
-            agent_process.terminate()
+        dds_agent.end()
         (folder / STATE_FILE).unlink(missing_ok=True)
 
 

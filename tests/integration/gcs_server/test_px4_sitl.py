@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 
 from gcs_server.errors import GcsError
-from gcs_server.px4_sitl import runner
 from gcs_server.px4_sitl.__main__ import main, parameters_of
 from gcs_server.px4_sitl.programs import IMAGE, ImageMissing, Px4Program, Start, find_agent, find_px4
-from gcs_server.px4_sitl.runner import Instance, read_state, variables
+from gcs_server.px4_sitl.runner import Agent, Instance, read_state, variables
 
 
 def build_in(folder: Path, code: str = "") -> Path:
@@ -210,15 +209,46 @@ def test_a_program_that_cannot_be_executed_is_told(tmp_path: Path) -> None:
     assert "could not be started: No such file" in instance.view.problem
 
 
-def test_without_an_agent_the_reason_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "is_udp_port_in_use", lambda _port: False)
-    assert runner.start_agent(None, tmp_path) == (
-        None,
-        "no Micro XRCE-DDS Agent is installed: no ROS 2 topics",
-    )
-    monkeypatch.setattr(runner, "is_udp_port_in_use", lambda _port: True)
-    assert "a running agent is used" in runner.start_agent("agent", tmp_path)[1]
+def test_without_an_agent_the_reason_is_told(tmp_path: Path) -> None:
+    ports: set[int] = set()
+    agent = Agent(None, tmp_path, lambda: 0.0, ports.__contains__)
+    agent.step()
+    assert agent.text == "no Micro XRCE-DDS Agent is installed: no ROS 2 topics"
+    ports.add(8888)
+    agent = Agent("agent", tmp_path, lambda: 0.0, ports.__contains__)
+    agent.step()
+    assert "a running agent is used" in agent.text
     assert find_agent(lambda name: "/snap/bin/agent" if name.startswith("micro") else None)
+
+
+def test_an_agent_that_ends_is_told_and_started_again_with_increasing_delay(tmp_path: Path) -> None:
+    # A real agent that was killed stayed dead, and its state was still "on UDP port 8888".
+    now_s = 100.0
+    program = tmp_path / "agent"
+    program.write_text(
+        f"#!{sys.executable}\nimport sys; print(sys.argv[1:], flush=True); raise SystemExit(3)\n"
+    )
+    program.chmod(0o755)
+    agent = Agent(str(program), tmp_path, lambda: now_s, lambda _port: False)
+    for delay_s in (1.0, 2.0, 4.0):
+        agent.step()
+        assert agent.text == f"{program} on UDP port 8888"
+        assert agent._process is not None
+        agent._process.wait(timeout=30)
+        agent.step()
+        assert (
+            f"ended with exit code 3: no ROS 2 topics until it is started again in {delay_s:g} s"
+            in agent.text
+        )
+        now_s += delay_s - 0.1
+        agent.step()
+        assert agent._process is None
+        now_s += 0.2
+    agent.end()
+    assert (tmp_path / "agent.log").read_text().splitlines() == ["['udp4', '-p', '8888']"] * 3
+    program.unlink()
+    agent.step()
+    assert "could not be started (No such file" in agent.text
 
 
 def test_the_state_of_the_instances_is_read_while_the_runner_runs_and_all_end_with_it(tmp_path: Path) -> None:
