@@ -118,13 +118,17 @@ def with_value(example, path, value):
     return copy_of_example
 
 
+WHOLE_NUMBERS = ("min_zoom", "max_zoom")
+"""Fields that accept no float, not even a whole one."""
+
+
 @pytest.mark.parametrize("name", list(NOT_NUMBERS))
 def test_values_that_are_not_numbers_are_refused_in_every_field(name):
     count = 0
     for model, example in examples():
         model.model_validate(example)
         for path in number_paths(example):
-            if "t_s" not in path:
+            if "t_s" not in path and path[-1] not in WHOLE_NUMBERS:
                 model.model_validate(with_value(example, path, example_number(example, path)))
             count += 1
             with pytest.raises(ValidationError):
