@@ -12,6 +12,7 @@ from vehicle_sim.autopilot.land_detector import DetectorInputs, LandDetector, La
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.estimator.terrain import VALID_FOR_S, VALID_FROM_GROUND_S, Terrain
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import V1_16
 
 pytestmark = pytest.mark.flight
 
@@ -268,6 +269,7 @@ class DisplacedVehicle:
             )
         )  # fmt: skip
         self.row = self.parameter_changes = 0
+        self.px4 = V1_16
         self.parameter = Parameters().finite_value
 
     def choice(self, name: str) -> int:

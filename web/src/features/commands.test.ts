@@ -39,7 +39,7 @@ const { control } = await import('./control/controllers');
 const { paramPanel } = await import('./params/controllers');
 const { readinessPanel } = await import('./readiness/controllers');
 const { vehicleList } = await import('./vehicles/controllers');
-const { mapPointMenu } = await import('./stage/controllers');
+const { mapPointMenu, mapSources } = await import('./stage/controllers');
 const { guided } = await import('./guided/controllers');
 const { modeMenu } = await import('./modes/controllers');
 const { modeGroups } = await import('./modes/mode-texts');
@@ -281,6 +281,16 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
         'actionBar',
       ),
   },
+  'choose a map source': { vehicles: [], click: () => mapSources.choose('osm') },
+  'add a map source': { vehicles: [], click: () => mapSources.add({ name: 'Field', url: 'http://10.0.0.2/{z}/{x}/{y}', attribution: '', may_save: true }) },
+  'remove a map source': { vehicles: [], click: () => mapSources.remove({ id: 'own1' } as never) },
+  'save an area': {
+    vehicles: [],
+    click: () => {
+      mapSources.measured = { region: { source: 'own1' }, tiles: 1, estimated_bytes: 1 } as never;
+      return mapSources.save('Field');
+    },
+  },
   'open a replay': { vehicles: [], click: () => replay.open('flight.tlog') },
   'close a replay': {
     vehicles: [],
@@ -302,6 +312,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
 
 /** Requests that change nothing: the server computes or compares, or reads from the vehicle again. */
 const COMPUTING = new Set([
+  '/map_regions/size',
   '/plans/check',
   '/plans/convert',
   '/plans/ground',
@@ -385,6 +396,8 @@ function answer(request: SentRequest, refuse: boolean): void {
     name: 'r',
     vehicles: [],
     results: [],
+    maps: [],
+    unreadable: [],
   };
   request.answer(refuse ? Response.json({ code: 'rejected', detail: 'Refused.' }, { status: 409 }) : Response.json(accepted));
 }

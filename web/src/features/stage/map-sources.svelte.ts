@@ -3,6 +3,7 @@
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
+import { CommandGate, DOUBLE_CLICK } from '../../app/actions/command.svelte';
 
 export type MapSource = components['schemas']['MapSourceView'];
 type SourceList = components['schemas']['MapSourceList'];
@@ -26,6 +27,7 @@ export class MapSources {
   constructor(
     private readonly api: ApiClient,
     private readonly onChange: () => void,
+    private readonly gate = new CommandGate(),
   ) {}
 
   get sources(): readonly MapSource[] | null {
@@ -42,14 +44,15 @@ export class MapSources {
 
   async choose(source: string | null): Promise<void> {
     this.measured = null;
-    const response = await this.api.put('/map_sources/chosen', { body: { source } });
+    const response = await this.command('Choose a map source', () => this.api.put('/map_sources/chosen', { body: { source } }));
     if (this.take(response, (list) => (this.list = list))) this.onChange();
   }
 
   /** Adds a source and chooses it. Returns whether the server accepted it. */
   async add(source: { name: string; url: string; attribution: string; may_save: boolean }): Promise<boolean> {
     let id: string | null = null;
-    this.take(await this.api.post('/map_sources', { body: { ...source, max_zoom: 19 } }), (added) => (id = added.id));
+    const body = { ...source, max_zoom: 19 };
+    this.take(await this.command('Add a map source', () => this.api.post('/map_sources', { body })), (added) => (id = added.id));
     if (id === null) return false;
     await this.choose(id);
     return true;
@@ -57,7 +60,8 @@ export class MapSources {
 
   async remove(source: MapSource): Promise<void> {
     const wasChosen = this.list?.chosen === source.id;
-    if (!this.take(await this.api.delete('/map_sources/{s}', { params: { path: { s: source.id } } }))) return;
+    const path = { s: source.id };
+    if (!this.take(await this.command('Remove a map source', () => this.api.delete('/map_sources/{s}', { params: { path } })))) return;
     await this.read();
     if (wasChosen) this.onChange();
   }
@@ -75,7 +79,8 @@ export class MapSources {
     const { measured } = this;
     if (measured === null || this.saving?.state === 'running') return;
     const region = { ...measured.region, name };
-    if (!this.take(await this.api.post('/map_regions', { body: region }), (operation) => (this.saving = operation))) return;
+    const started = await this.command('Save an area', () => this.api.post('/map_regions', { body: region }));
+    if (!this.take(started, (operation) => (this.saving = operation))) return;
     for (let current = this.saving; current?.state === 'running'; current = this.saving) {
       await new Promise((resolve) => setTimeout(resolve, POLL_MS));
       const response = await this.api.get('/operations/{o}', { params: { path: { o: current.id } } });
@@ -89,12 +94,17 @@ export class MapSources {
 
   async cancel(): Promise<void> {
     if (this.saving?.state !== 'running') return;
-    this.take(await this.api.delete('/operations/{o}', { params: { path: { o: this.saving.id } } }));
+    const path = { o: this.saving.id };
+    this.take(await this.command('Cancel saving', () => this.api.delete('/operations/{o}', { params: { path } })));
+  }
+
+  private command<T>(name: string, send: () => Promise<Outcome<T>>): Promise<Outcome<T>> {
+    return this.gate.run({ name, vehicles: [] }, send);
   }
 
   /** Uses the value of an answer, or shows why there is none. */
   private take<T>(response: Outcome<T>, use: (value: T) => void = () => undefined): boolean {
-    this.problem = response.ok ? null : response.problem;
+    if (response.ok || response.problem.code !== DOUBLE_CLICK) this.problem = response.ok ? null : response.problem;
     if (response.ok) use(response.value);
     return response.ok;
   }
