@@ -26,11 +26,29 @@ def server():
     server.close()
 
 
+@pytest.fixture(scope="module")
+def running(tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    with api_client(data) as client:
+        yield client, data / "maps"
+
+
 @pytest.fixture
-def client(tmp_path, monkeypatch):
+def client(running, monkeypatch):
+    """One server for all tests, which has no own sources and no map files before each."""
     monkeypatch.setattr(tiles, "PAUSE_S", 0.05)
-    with api_client(tmp_path) as client:
-        yield client
+    client, folder = running
+    yield client
+    for source in client.get("/api/v1/map_sources").json()["sources"]:
+        if source["own"]:
+            client.delete(f"/api/v1/map_sources/{source['id']}")
+    for path in folder.glob("*"):
+        path.unlink()
+
+
+@pytest.fixture
+def folder(running):
+    return running[1]
 
 
 def add(client, url, **fields):
@@ -153,7 +171,7 @@ def test_a_file_of_another_version_is_kept_and_named(tmp_path, server):
     assert "layers" in file.read_text()
 
 
-def test_a_region_is_saved_as_a_map_file(client, server, tmp_path):
+def test_a_region_is_saved_as_a_map_file(client, server):
     source = add(client, server.url)
     choose(client, source)
     region = {"source": source, "name": "Test field", "bounds_deg": BOUNDS, "min_zoom": 10, "max_zoom": 15}
@@ -177,13 +195,13 @@ def test_a_region_is_saved_as_a_map_file(client, server, tmp_path):
     assert (again.status_code, again.json()["field"]) == (422, "name")
 
 
-def test_a_source_that_stops_answering_ends_the_saving_and_leaves_nothing(client, server, tmp_path):
+def test_a_source_that_stops_answering_ends_the_saving_and_leaves_nothing(client, server, folder):
     source = add(client, server.url)
     server.status = 500
     region = {"source": source, "name": "half", "bounds_deg": BOUNDS, "min_zoom": 10, "max_zoom": 12}
     operation = ended(client, client.post("/api/v1/map_regions", json=region).json())
     assert (operation["state"], operation["error"]["code"]) == ("failed", "map_source_failed")
-    assert list((tmp_path / "maps").iterdir()) == []
+    assert list(folder.glob("*")) == []
 
 
 @pytest.mark.parametrize(
@@ -271,10 +289,10 @@ def test_too_many_own_sources_are_refused(client, monkeypatch):
     assert client.post("/api/v1/map_sources", json=body).json()["field"] == "name"
 
 
-def test_a_saved_file_has_the_rows_of_mbtiles(client, server, tmp_path):
+def test_a_saved_file_has_the_rows_of_mbtiles(client, server, folder):
     region = {"source": add(client, server.url), "name": "w", "bounds_deg": [-180, -85, 180, 85]}
     ended(client, client.post("/api/v1/map_regions", json={**region, "min_zoom": 0, "max_zoom": 1}).json())
-    with closing(sqlite3.connect(tmp_path / "maps" / "w.mbtiles")) as database:
+    with closing(sqlite3.connect(folder / "w.mbtiles")) as database:
         rows = dict(((z, x, y), content) for z, x, y, content in database.execute("SELECT * FROM tiles"))
     assert len(rows) == 5
     assert rows[1, 0, 0] == PNG + b"/1/0/1.png"  # counted from the south
