@@ -1,6 +1,7 @@
 """Commands in guided flight, to simulated PX4 vehicles at packet loss and to a scripted one: each shows in
 the vehicle's own state, and what PX4 would limit or do instead is refused before anything is sent."""
 
+import asyncio
 import math
 from itertools import pairwise
 
@@ -8,14 +9,15 @@ import numpy as np
 import pytest
 
 from gcs_server.api import command_routes, models
-from gcs_server.errors import InvalidRequest, Refused, Rejected
+from gcs_server.errors import Interrupted, InvalidRequest, Refused, Rejected
 from gcs_server.vehicle.px4.modes import BY_NAME
 from missions.geodesy import LocalOrigin, distance_m
 from missions.terrain.ground import Ground
 from tests.protocol.api_calls import ANNA, run_with_routes
 from tests.protocol.command_numbers import DO_CHANGE_SPEED, DO_ORBIT, DO_REPOSITION, DO_SET_HOME
-from tests.protocol.offboard_testbed import stream_request
+from tests.protocol.offboard_testbed import sleep, stream_request
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
+from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.mavlink import generated_dialect as sim
 from vehicle_sim.px4_version import V1_16, V1_17
 
@@ -137,6 +139,25 @@ def test_home_is_set_here_and_at_a_point_and_altitudes_refer_to_it(run_simulated
         assert value(vehicle, "home").alt_amsl_m == pytest.approx(home.alt_amsl_m - 4, abs=0.5)
 
     run_flying(run_simulated, scenario, px4=px4)
+
+
+def test_a_home_that_is_sent_again_does_not_move_the_target_of_a_return_that_began_meanwhile(run_simulated):
+    async def scenario(testbed, vehicle):
+        await vehicle.guided.goto(**NORTH, alt_home_m=10)
+        await until(lambda: away_m(vehicle, *NORTH.values()) < 20, 30)
+        before = value(vehicle, "home")
+        testbed.loss_to_vehicle = 1.0
+        setting = asyncio.ensure_future(vehicle.guided.set_home())
+        await sleep(0.5)
+        testbed.sim.autopilots[0].commander.set_mode(NavState.RTL)  # as a pilot does
+        await until(lambda: vehicle.status.mode == "rtl", 2)
+        testbed.loss_to_vehicle = 0.0
+        with pytest.raises(Interrupted, match="refers to its present home"):
+            await setting
+        await sleep(3)
+        assert value(vehicle, "home") == before
+
+    run_flying(run_simulated, scenario, loss=0.0)
 
 
 def test_a_refused_home_says_why(run_simulated):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from typing import Literal, Unpack
 
 import numpy as np
@@ -286,7 +286,8 @@ class Guided:
         vehicle = self._vehicle
         vehicle.require_commandable()
         self._command.require_no_kill("set home")
-        self._require_home_may_move()
+        if (reason := self._why_home_stays()) is not None:
+            raise Refused(reason, remedy="Select Hold first, set home, then continue.")
         checks.position_of(vehicle)
         home = None if position is None else self._home_position(position, max_distance_m)
         params = (1.0, 0.0, 0.0, NAN, 0.0, 0.0, 0.0) if home is None else (0.0, 0.0, 0.0, NAN, *home)
@@ -296,9 +297,13 @@ class Guided:
         reported = Goal(
             "report the new home", self._is_home(home), STATE_DEADLINE_S, requested_ids=ids, listen=ids
         )
-        # Without a ticket: home moves nothing, so it interrupts no other command.
+        # Home moves nothing, so it interrupts no other command; but a frame that is sent again must not move
+        # home during a return that began meanwhile, so its ticket is looked at before each.
+        ticket = vehicle.tickets.open("set home", yields=True)
+        ticket.add_condition(self._why_home_stays)
         try:
-            await Transaction(vehicle, request, accepted, options.get("progress")).run()
+            with closing(ticket):
+                await Transaction(vehicle, request, accepted, options.get("progress"), ticket).run()
         except Rejected as error:
             if error.mav_result != d.MAV_RESULT_DENIED:
                 raise
@@ -317,15 +322,12 @@ class Guided:
         if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
             raise Refused(f"Vehicle {vehicle.id} is not flying.", remedy="Take off first.")
 
-    def _require_home_may_move(self) -> None:
-        vehicle = self._vehicle
-        if vehicle.status.armed and vehicle.status.mode in HOME_MODES:
-            raise Refused(
-                f"Vehicle {vehicle.id} is in {vehicle.status.mode_label}, which refers to its present home.",
-                remedy="Select Hold first, set home, then continue.",
-            )
-        if (reason := self._home_in_use()) is not None:
-            raise Refused(reason, remedy="End it with Hold first, then set home.")
+    def _why_home_stays(self) -> str | None:
+        """Why home must not move now, as a sentence; None: it may."""
+        status = self._vehicle.status
+        if status.armed and status.mode in HOME_MODES:
+            return f"Vehicle {self._vehicle.id} is in {status.mode_label}, which refers to its present home."
+        return self._home_in_use()
 
     def _home_position(
         self, position: tuple[float, float, float | None], max_distance_m: float
