@@ -25,10 +25,10 @@ registry.addKeys([
   { order: 190, keys: 'M', description: 'Swap map and 3D', inScene: true, handlers: { m: () => stage.swap() } },
   {
     order: 195,
-    keys: 'Shift M',
+    keys: 'Shift F',
     description: 'What the map shows: source, own sources, save for the field',
     inScene: true,
-    handlers: { 'Shift M': (facts) => registry.toggle('map-sources', facts) },
+    handlers: { 'Shift F': (facts) => registry.toggle('map-sources', facts) },
   },
   { order: 200, keys: 'F', description: 'Map follows the vehicle: on or off', inScene: true, handlers: { f: () => stage.map?.toggleFollow() } },
   { order: 210, keys: 'Z', description: 'Zoom the map to the vehicle', inScene: true, handlers: { z: () => stage.map?.zoomToVehicle() } },
