@@ -45,12 +45,18 @@ class DownloadRequest(StrictBody):
 
 
 class ResumeRequest(StrictBody):
-    """What the caller accepts when the mission is resumed."""
+    """The item to continue at, and what the caller accepts."""
 
-    model_config = example(despite=["obstacle_hit"])
+    model_config = example(item=3)
 
+    item: int | None = Field(default=None, ge=0, le=10_000)
+    """Index of the item to fly to, from 0: a later one skips the items before it, 0 restarts the mission in
+    the air. Null: the current item."""
     despite: Despite = Field(default=[])
     """Codes as for `mission/start`."""
+    mission_id: int | None = Field(default=None, ge=1, le=0xFFFF_FFFF)
+    """The vehicle's checksum of the mission that `item` belongs to. Refused if the vehicle has another
+    mission. Null: any mission."""
 
 
 class StartRequest(StrictBody):

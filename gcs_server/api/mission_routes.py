@@ -267,10 +267,11 @@ async def resume(
     principal: PrincipalDep,
     body: Annotated[m.ResumeRequest | None, Body()] = None,
 ) -> Response:
-    """Resumes the mission of a flying vehicle at its current item, after the checks of `mission/start`. What
-    was accepted when this flight started need not be accepted again, except `separation`."""
-    despite = [] if body is None else body.despite
-    choice = WaypointStart(despite=despite)
+    """Lets a flying vehicle continue its mission at its current item or at `item`, from Hold or while it
+    flies the mission, after the checks of `mission/start`. Unlike `mission/start` it never arms. What was
+    accepted when this flight started need not be accepted again, except `separation`."""
+    request = body or m.ResumeRequest()
+    choice = WaypointStart(**request.model_dump())
 
     async def work(vehicle: Vehicle, ticket: Ticket) -> None:
         vehicle.require_commandable()
@@ -281,9 +282,11 @@ async def resume(
             )
         progress = progress_reporter(vehicle, principal, "mission/resume")
         async with checked_start(station.flights, vehicle, choice, ticket, principal.name):
+            if request.item is not None:
+                await vehicle.mission.set_current(request.item)
             await vehicle.command.set_mode("mission", by=principal.name, progress=progress, ticket=ticket)
 
-    arguments: dict[str, object] = {"despite": despite} if despite else {}
+    arguments = request.model_dump(exclude_none=True, exclude_defaults=True)
     return await run_flight_command(station, principal, "mission/resume", v, arguments, work)
 
 

@@ -95,10 +95,31 @@ class Mission:
         `deviation_max_m`."""
         return (await self._vehicle.request("GET", "/mission/flown"))["flown"]
 
-    async def resume(self) -> None:
-        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses a mission. After a
-        landing, use `start`."""
-        await self._vehicle.request("POST", "/mission/resume")
+    async def pause(self) -> None:
+        """Pauses the mission in flight: the vehicle holds its position, as `vehicle.hold()`."""
+        await self._vehicle.request("POST", "/hold")
+
+    async def resume(self, *, despite: Sequence[str] = ()) -> None:
+        """Resumes the mission in flight at the current item. After a landing, use `start`."""
+        await self._continue_at(None, despite, None)
+
+    async def skip_to(self, item: int, *, despite: Sequence[str] = (), mission_id: int | None = None) -> None:
+        """Flies straight to an item (counted from 0) and continues the mission there; only in the air.
+
+        Raises:
+            Refused: the vehicle is not flying, or has another mission than `mission_id`; or as `start`.
+            NoReply: the mission has no such item.
+        """
+        await self._continue_at(item, despite, mission_id)
+
+    async def restart(self, *, despite: Sequence[str] = (), mission_id: int | None = None) -> None:
+        """Begins the mission again at its first item; only in the air. Raises as `skip_to`."""
+        await self._continue_at(0, despite, mission_id)
+
+    async def _continue_at(self, item: int | None, despite: Sequence[str], mission_id: int | None) -> None:
+        options = {"item": item, "mission_id": mission_id}
+        body: Body = {"despite": list(despite), **{k: v for k, v in options.items() if v is not None}}
+        await self._vehicle.request("POST", "/mission/resume", body)
 
 
 def _chosen_plan(plan: Plan | None, plan_id: str | None, version: int | None) -> Body:

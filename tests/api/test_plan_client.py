@@ -100,11 +100,31 @@ def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
         assert (autopilot.armed, autopilot.flight.current) == (True, 1)
         autopilot.landed_state = 2
         await vehicle.until(lambda v: v["status"]["landed_state"] == "in_air", what="in the air")
-        await vehicle.hold()
+        await mission.pause()
         await mission.resume()
-        await vehicle.hold()
+        held = (await mission.state())["mission"]["mission_id"]
+        await mission.skip_to(2, mission_id=held)
+        assert autopilot.flight.current == 2
+        with pytest.raises(Refused, match="another mission"):
+            await mission.skip_to(1, mission_id=held + 1)
+        await mission.pause()
+        await mission.restart()
+        assert autopilot.flight.current == 0
+        await mission.pause()
         await mission.clear()
         with pytest.raises(Refused, match="has no mission"):
             await mission.start()
+
+    run_scenario(tmp_path, scenario)
+
+
+def test_a_vehicle_on_the_ground_neither_skips_nor_restarts_nor_arms(tmp_path):
+    async def scenario(gcs, autopilot):
+        mission = (await gcs.wait_for_vehicle("1")).mission
+        await mission.upload(plan_id=(await gcs.plans().create("Tower", PLAN))["id"])
+        for command in (mission.resume(), mission.skip_to(1), mission.restart()):
+            with pytest.raises(Refused, match="is not flying"):
+                await command
+        assert not autopilot.armed
 
     run_scenario(tmp_path, scenario)

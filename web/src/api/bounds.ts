@@ -318,6 +318,10 @@ export const BOUNDS = {
   ReplayRequest: {
     speed: {"min":0.25,"max":50},
   },
+  ResumeRequest: {
+    item: {"min":0,"max":10000},
+    mission_id: {"min":1},
+  },
   kind_roi_location: {
     lat_deg: {"min":-90,"max":90},
     lon_deg: {"min":-180,"max":180},

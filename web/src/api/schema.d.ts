@@ -1439,8 +1439,9 @@ export interface paths {
         readonly put?: never;
         /**
          * Resume
-         * @description Resumes the mission of a flying vehicle at its current item, after the checks of `mission/start`. What
-         *     was accepted when this flight started need not be accepted again, except `separation`.
+         * @description Lets a flying vehicle continue its mission at its current item or at `item`, from Hold or while it
+         *     flies the mission, after the checks of `mission/start`. Unlike `mission/start` it never arms. What was
+         *     accepted when this flight started need not be accepted again, except `separation`.
          */
         readonly post: operations["resume_api_v1_vehicles__v__mission_resume_post"];
         readonly delete?: never;
@@ -12035,19 +12036,29 @@ export interface components {
         };
         /**
          * ResumeRequest
-         * @description What the caller accepts when the mission is resumed.
+         * @description The item to continue at, and what the caller accepts.
          * @example {
-         *       "despite": [
-         *         "obstacle_hit"
-         *       ]
+         *       "item": 3
          *     }
          */
         readonly ResumeRequest: {
+            /**
+             * Item
+             * @description Index of the item to fly to, from 0: a later one skips the items before it, 0 restarts the mission in
+             *     the air. Null: the current item.
+             */
+            readonly item?: number | null;
             /**
              * Despite
              * @description Codes as for `mission/start`.
              */
             readonly despite?: readonly string[];
+            /**
+             * Mission Id
+             * @description The vehicle's checksum of the mission that `item` belongs to. Refused if the vehicle has another
+             *     mission. Null: any mission.
+             */
+            readonly mission_id?: number | null;
         };
         /**
          * ReturnHome

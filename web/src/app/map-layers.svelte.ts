@@ -26,6 +26,8 @@ export interface LayerPoint extends LayerPosition {
   /** Text on the point; empty for none. */
   readonly text: string;
   readonly selected: boolean;
+  /** Drawn weakly: already flown. */
+  readonly faded?: boolean;
   /** Heading of a simulated vehicle, clockwise from north. */
   readonly yaw_deg?: number;
   /** Text of the altitude; set only if the editor can change the altitude of this point. */
@@ -37,6 +39,8 @@ export interface LayerLine {
   readonly tone: Tone;
   /** `dotted`: a path that the autopilot chooses; `dashed`: a limit. */
   readonly style: 'solid' | 'dotted' | 'dashed';
+  /** Drawn weakly: already flown. */
+  readonly faded?: boolean;
 }
 
 export interface LayerArea {

@@ -32,6 +32,7 @@ const { NEW_DRAFT } = await import('./offboard/groups/group-form');
 const { dryRun, editor, plans, vehicleMission } = await import('./plan/controllers');
 const { DEFAULT_CONDITIONS } = await import('./plan/dry-run/conditions');
 const start = await import('./plan/flight/start-commands');
+const { planInFly } = await import('./plan/flight/plan-in-fly.svelte');
 const { DEFAULT_VALIDITY } = await import('../vehicle/setpoint');
 const { gimbalControl } = await import('./gimbal/controllers');
 const { cameraControl } = await import('./camera/controllers');
@@ -225,6 +226,18 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'resume the plan': {
     click: (facts) => actions.requestCommand(start.resumeCommand(page.api, facts, OFFER, inputs()), 'actionBar'),
   },
+  ...Object.fromEntries(
+    (['resume', 'skip', 'restart'] as const).map((does): [string, PageCommand] => [
+      `${does} the plan in the air`,
+      {
+        click: (facts) => {
+          const choice = { does, item: does === 'resume' ? null : does === 'skip' ? 3 : 0 };
+          actions.requestCommand(start.continueCommand(page.api, facts, choice, { current: 1, count: 4, mission_id: 7 }, stateNow), 'actionBar');
+        },
+      },
+    ]),
+  ),
+  'read the plan of the vehicle': { click: (facts) => planInFly.read(facts.id) },
   'fly an offboard mission': {
     click: async (facts) => {
       const mission = new start.OffboardMissionStart(facts, MISSION, { ...inputs(), dryRun: null });

@@ -15,17 +15,22 @@ registry.addRoom({
 });
 /** Whether the selected vehicle has reported a flight on this topic. */
 const hasFlight = (topic: string): boolean => page.eachRepaint(() => page.vehicle?.newestSample(topic) != null);
+const reportedMission = (): { count: number | null } | undefined => page.vehicle?.newestSample('mission')?.value as { count: number | null } | undefined;
+const hasMission = (): boolean => page.eachRepaint(() => (reportedMission()?.count ?? 0) > 0);
+/** Whether the vehicle holds in the air and has a mission that it can begin or resume. */
+const canBegin = (): boolean => page.facts?.inAir === true && page.facts.status?.value.mode === 'hold' && hasMission();
 const isInMission = (): boolean => page.facts?.status?.value.mode === 'mission';
 registry.addTo('cards', {
   order: 25,
   load: async () => ({ vehicleComponent: (await import('./flight/FlightCard.svelte')).default }),
-  applies: () => isInMission() || hasFlight('waypoint_flight'),
+  applies: () => isInMission() || canBegin() || hasFlight('waypoint_flight'),
 });
 registry.addTo('cards', {
   order: 26,
   load: async () => ({ vehicleComponent: (await import('./flight/OffboardFlightCard.svelte')).default }),
   applies: () => hasFlight('offboard_mission'),
 });
+registry.addTo('stage', { order: 30, load: async () => ({ component: (await import('./flight/MissionOnMap.svelte')).default }), applies: hasMission });
 registry.addKeys([
   { order: 138, keys: 'W', description: 'Plan view: waypoint plans and offboard missions', inScene: false, handlers: { w: () => rooms.toggle(ROOM) } },
 ]);

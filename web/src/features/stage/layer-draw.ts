@@ -17,6 +17,8 @@ const ICON_SCALE = 2;
 export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { midpoint: 5, corner: 6.5, cross: 9, disc: 13, home: 13, vehicle: 16 };
 /** Half the side of an icon [CSS px]. */
 export const ICON_HALF_PX = 18;
+/** Opacity of what has been flown. */
+export const FADED_OPACITY = 0.35;
 /** The CSS custom property of each tone. */
 export const TONES: Readonly<Record<Tone, string>> = {
   target: '--target',
@@ -26,13 +28,13 @@ export const TONES: Readonly<Record<Tone, string>> = {
   text2: '--text-2',
 };
 
-type LayerFeature = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sortKey?: number; yaw_deg?: number }>;
+type LayerFeature = Feature<Geometry, { kind: string; tone?: Tone; faded?: boolean; icon?: string; sortKey?: number; yaw_deg?: number }>;
 
 const coordinates = (positions: readonly GeoPosition[]): [number, number][] => positions.map((position) => [position.lon_deg, position.lat_deg]);
 
 /** Name of a point's icon; it contains everything that the icon shows. */
 export function iconName(point: LayerPoint): string {
-  return [ID_PREFIX, point.mark, point.tone, point.selected ? 'on' : 'off', point.text].join('|');
+  return [ID_PREFIX, point.mark, point.tone, point.selected ? 'on' : point.faded === true ? 'faded' : 'off', point.text].join('|');
 }
 
 /** All editable layers as GeoJSON; selected points come last, so that they are drawn on top. */
@@ -43,8 +45,8 @@ export function toGeoJson(contents: readonly LayerContent[]): FeatureCollection 
       const closed = [...coordinates(ring), ...coordinates(ring.slice(0, 1))];
       features.push({ type: 'Feature', properties: { kind: 'area', tone }, geometry: { type: 'Polygon', coordinates: [closed] } });
     }
-    for (const { positions, tone, style } of lines) {
-      features.push({ type: 'Feature', properties: { kind: style, tone }, geometry: { type: 'LineString', coordinates: coordinates(positions) } });
+    for (const { positions, tone, style, faded = false } of lines) {
+      features.push({ type: 'Feature', properties: { kind: style, tone, faded }, geometry: { type: 'LineString', coordinates: coordinates(positions) } });
     }
     for (const point of points) {
       const sortKey = point.selected ? 2 : point.mark === 'midpoint' ? 0 : 1;
@@ -60,14 +62,19 @@ export function toGeoJson(contents: readonly LayerContent[]): FeatureCollection 
 export function mapLibreLayers(palette: Palette): LayerSpecification[] {
   const colour = ['match', ['get', 'tone'], ...Object.entries(TONES).flatMap(([tone, name]) => [tone, palette.colour(name)]), palette.text2] as never;
   const isKind = (kind: string): never => ['==', ['get', 'kind'], kind] as never;
-  const line = (kind: string, paint: object): LayerSpecification => ({
+  const line = (kind: string, paint: object, opacity = 1): LayerSpecification => ({
     id: `${ID_PREFIX}${kind}`,
     type: 'line',
     source: SOURCE_ID,
     // 'solid-band' is a wide transparent line below the features of kind 'solid'.
     filter: isKind(kind.replace('-band', '')),
     layout: { 'line-cap': 'round', 'line-join': 'round' },
-    paint: { 'line-color': colour, 'line-width': palette.stroke, ...paint },
+    paint: {
+      'line-color': colour,
+      'line-width': palette.stroke,
+      'line-opacity': ['case', ['==', ['get', 'faded'], true], opacity * FADED_OPACITY, opacity],
+      ...paint,
+    },
   });
   return [
     {
@@ -78,7 +85,7 @@ export function mapLibreLayers(palette: Palette): LayerSpecification[] {
       paint: { 'fill-color': colour, 'fill-opacity': palette.dark ? 0.08 : 0.1 },
     },
     line('dashed', { 'line-width': 1.6, 'line-dasharray': [4, 3.5] }),
-    line('solid-band', { 'line-width': 14, 'line-opacity': 0.13 }),
+    line('solid-band', { 'line-width': 14 }, 0.13),
     line('dotted', { 'line-width': 2, 'line-dasharray': [0.1, 3] }),
     line('solid', { 'line-width': palette.stroke + 0.4 }),
     {
@@ -123,6 +130,7 @@ export function drawIcon(name: string, palette: Palette): HTMLCanvasElement | nu
   ctx.translate(ICON_HALF_PX, ICON_HALF_PX);
   ctx.lineWidth = palette.stroke;
   ctx.lineCap = 'round';
+  if (selection === 'faded') ctx.globalAlpha = FADED_OPACITY + 0.1; // a disc covers less than a line
   const radius = POINT_RADIUS_PX[mark as LayerPoint['mark']];
   if (selected) drawDisc(ctx, radius + 4, null, palette.accent, 2);
   if (mark === 'cross') {

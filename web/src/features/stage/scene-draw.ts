@@ -5,7 +5,7 @@
 
 import type { LayerLine, LayerContent, LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
 import type { Pixel } from '../../vehicle/geo';
-import { drawIcon, ICON_HALF_PX, iconName, TONES } from './layer-draw';
+import { drawIcon, FADED_OPACITY, ICON_HALF_PX, iconName, TONES } from './layer-draw';
 import { withHandles } from './layer-gesture';
 import type { Palette } from './map-draw';
 import { facesOf, type Face } from './scene-solids';
@@ -166,14 +166,14 @@ export class ScenePainter {
     if (positions.some((at) => at.alt_amsl_m !== undefined) && this.beginLine(view, positions, true)) this.stroke(this.palette.text2, 1, 0.45);
   }
 
-  private drawLine(view: SceneView, { positions, tone, style }: LayerLine): void {
+  private drawLine(view: SceneView, { positions, tone, style, faded }: LayerLine): void {
     if (!this.beginLine(view, positions)) return;
     const { palette } = this;
     const width = this.inset ? 1.6 : palette.stroke;
     // A band in the colour of the ground separates the path from the grid and from other lines.
     if (style === 'solid') this.stroke(palette.map, width + 4, 0.75);
     const dash = { solid: [], dotted: [0.1, 6], dashed: [6, 5] }[style];
-    this.stroke(this.colour(tone), style === 'dashed' ? 1.6 : width, 1, dash);
+    this.stroke(this.colour(tone), style === 'dashed' ? 1.6 : width, faded === true ? FADED_OPACITY : 1, dash);
   }
 
   /** Draws vertical lines from the points to the ground. */

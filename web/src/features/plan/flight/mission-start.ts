@@ -91,6 +91,24 @@ export function startTexts(
   };
 }
 
+/** What a flying vehicle does with its mission. `item`: index of the item to fly to; null: the current item. */
+export interface ContinueChoice {
+  readonly does: 'resume' | 'skip' | 'restart';
+  readonly item: number | null;
+}
+
+/** The confirmation of a command to a flying vehicle about its mission. */
+export function continueTexts(vehicleName: string, { does, item }: ContinueChoice, progress: MissionProgress): ConfirmationTexts {
+  if (does === 'resume' || item === null) return startTexts(vehicleName, true, null, [], null, progress);
+  const count = progress.count === null ? '' : ` of ${progress.count}`;
+  const straight = `The vehicle flies straight from its current position to item ${item + 1}${count} and continues from there.`;
+  if (does === 'restart')
+    return { title: `Restart the mission of ${vehicleName}`, effect: `${straight} It flies the whole mission again.`, verb: 'Restart', danger: false };
+  const left = item - progress.current;
+  const leftOut = left < 1 ? '' : left === 1 ? ` It leaves out item ${progress.current + 1}.` : ` It leaves out items ${progress.current + 1} to ${item}.`;
+  return { title: `Skip to item ${item + 1}${count} of the mission of ${vehicleName}`, effect: `${straight}${leftOut}`, verb: 'Skip', danger: false };
+}
+
 /** The body of the request to start. The server refuses the start if the mission on the vehicle has another `mission_id`. */
 export interface StartBody {
   readonly item?: number;

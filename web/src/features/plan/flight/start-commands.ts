@@ -14,8 +14,17 @@ import * as offboard from '../offboard/mission-flight';
 import { selectTexts, type MissionMode } from '../offboard/mission-modes';
 import type { SavedPlan } from '../plans.svelte';
 import { findingCodes, findingText } from './accepted-errors.svelte';
-import { resumeBody, resumeTexts, startBody, startTexts, type MissionProgress, type ResumeOffer } from './mission-start';
-import { dryRunIdFor } from './mission-start';
+import {
+  continueTexts,
+  dryRunIdFor,
+  resumeBody,
+  resumeTexts,
+  startBody,
+  startTexts,
+  type ContinueChoice,
+  type MissionProgress,
+  type ResumeOffer,
+} from './mission-start';
 
 /** The errors that a person has accepted before a start. */
 interface Acceptance {
@@ -63,6 +72,30 @@ export function startPlanCommand(api: ApiClient, { id, name, inAir, globalPositi
   };
   const send = (despite: readonly string[]) => api.post('/vehicles/{v}/mission/start', { ...ofVehicle(id), body: withCodes(body, despite) });
   return { name: NAME, vehicles: [id], vehicleNames: name, texts: () => confirmation, changed, acceptsFindings: true, send };
+}
+
+/**
+ * Lets a flying vehicle resume its mission, skip to an item, or restart. The server never arms a vehicle for it.
+ * @param mission the mission as the person saw it; `mission_id` 0: the vehicle reports none.
+ */
+export function continueCommand(
+  api: ApiClient,
+  { id, name }: VehicleFacts,
+  choice: ContinueChoice,
+  mission: MissionProgress & { readonly mission_id: number },
+  stateNow: PlanStart['stateNow'],
+): CommandToConfirm {
+  const texts = continueTexts(name, choice, mission);
+  const changed = (): string | null => {
+    const now = stateNow();
+    if (!now.inAir) return `${name} has landed since the command was given.`;
+    const isOtherItem = choice.does !== 'restart' && now.current !== mission.current;
+    return isOtherItem ? `The current item of ${name} has changed since the command was given.` : null;
+  };
+  const body = { ...(choice.item === null ? {} : { item: choice.item }), ...(mission.mission_id === 0 ? {} : { mission_id: mission.mission_id }) };
+  const send = (despite: readonly string[]) =>
+    api.post('/vehicles/{v}/mission/resume', { ...ofVehicle(id), body: withCodes({ ...body, despite: [] }, despite) });
+  return { name: NAME, vehicles: [id], vehicleNames: name, texts: () => texts, changed, acceptsFindings: true, send };
 }
 
 /** Resumes an interrupted flight of the plan on the vehicle. */

@@ -1,7 +1,7 @@
 /** Compares an ended mission with its plan: figures, plots and map. Pure functions. */
 
 import type { components } from '../../../api/schema';
-import type { LayerLine, LayerContent } from '../../../app/map-layers.svelte';
+import type { LayerLine, LayerContent, Tone } from '../../../app/map-layers.svelte';
 import { durationText, fixed, metres } from '../../../ui/format';
 import { positionAt } from '../../../vehicle/geo';
 import type { DryRunResult } from '../dry-run/dry-run.svelte';
@@ -15,6 +15,14 @@ type Vector = readonly number[];
 /** Movements below this distance [m] are left out of the flown length, as noise of the position estimate. */
 const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
+
+/** Largest distances [m] from the planned path in the colours of the flown path: PX4 turns within NAV_ACC_RAD, by default 2 m, before an item. */
+export const DEVIATION_LIMITS_M = { ok: 2, caution: 5 } as const;
+
+export function deviationTone(distance_m: number | null): Tone {
+  if (distance_m === null || distance_m <= DEVIATION_LIMITS_M.ok) return 'actual';
+  return distance_m <= DEVIATION_LIMITS_M.caution ? 'caution' : 'danger';
+}
 
 /** Labels of `duration_s`, which for an offboard mission excludes take-off and landing. */
 const TIME_LABELS = { setpoints: 'Time with setpoints', armed: 'Time armed' } as const;
@@ -180,8 +188,24 @@ export function flownPlot(flownPath: FlownPath, distances: readonly PathDistance
   return { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 5, end_s, points, furtherPoints: plannedParts.flat() }), plannedParts };
 }
 
+/** The flown path in parts of one colour, by the distance from the planned path. Neighbouring parts share a point. */
+export function flownRuns(flownPath: FlownPath): { tone: Tone; points: Vector[] }[] {
+  const distances = new Map(pathDistances(flownPath).map(({ t_s, distance_m }) => [t_s, distance_m]));
+  const runs: { tone: Tone; points: Vector[] }[] = [];
+  for (const { t_s, flown_ned_m } of flownPath.samples) {
+    const tone = deviationTone(distances.get(t_s) ?? null);
+    const last = runs.at(-1);
+    if (last?.tone === tone) last.points.push(flown_ned_m);
+    else {
+      const previous = last?.points.at(-1);
+      runs.push({ tone, points: previous === undefined ? [flown_ned_m] : [previous, flown_ned_m] });
+    }
+  }
+  return runs;
+}
+
 /**
- * The planned path (dashed) and the flown path (solid) on the map; null: the origin of the local frame is not known.
+ * The planned path (dashed) and the flown path (solid, in colours by its deviation) on the map; null: the origin of the local frame is not known.
  */
 export function flownPathLayer(flownPath: FlownPath): LayerContent | null {
   const { origin } = flownPath;
@@ -196,7 +220,7 @@ export function flownPathLayer(flownPath: FlownPath): LayerContent | null {
   }
   const lines: LayerLine[] = [
     ...plannedLegs.map(({ points }): LayerLine => ({ positions: positionsOf(points), tone: 'target', style: 'dashed' })),
-    { positions: positionsOf(flownPath.samples.map(({ flown_ned_m }) => flown_ned_m)), tone: 'actual', style: 'solid' },
+    ...flownRuns(flownPath).map(({ tone, points }): LayerLine => ({ positions: positionsOf(points), tone, style: 'solid' })),
   ];
   return { lines: lines.filter((line) => line.positions.length > 1), areas: [], points: [] };
 }
