@@ -51,6 +51,7 @@ from gcs_server.plans.work import PlanWork
 from gcs_server.px4_sitl.runner import read_state
 from gcs_server.replay.link import replay_link
 from gcs_server.replay.service import Replays
+from gcs_server.ros2.client_settings import ClientSettings
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.ros2.url import ros2_link
 from gcs_server.scene.clicks import SceneClick
@@ -183,6 +184,7 @@ class Server:
             PlanWork(folder.elevation, authority.controls_any),
             ProgressStore(Records(folder.flights)),
         )
+        self._ros2_settings = ClientSettings(clock, self.fleet.all, self.router.connections)
         self._connect_vehicles(Cache(folder.cache))
         self.scene = self._scene(clock) if settings.scene else None
         self.station = Station(
@@ -235,6 +237,7 @@ class Server:
             ("plans", self.flights.plans.warnings),
             ("plans", self.flights.progress.warnings),
             ("maps", self.station.map_sources.warnings),
+            ("ros2_settings", self._ros2_settings.warnings),
         ]
         if self.scene is not None:
             texts += [("fault", self.scene.faults), ("scene", self.scene.warning)]
@@ -253,6 +256,7 @@ class Server:
         await self.flights.load()
         self.router.start()
         self.fleet.start()
+        self.supervisor.start("settings of ROS 2 clients", self._ros2_settings.run)
         for url in self._links:
             try:
                 self.router.add_link(url)

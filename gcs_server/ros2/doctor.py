@@ -4,7 +4,6 @@ and why topics are empty or setpoints do nothing."""
 from __future__ import annotations
 
 import argparse
-import socket
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final
@@ -20,8 +19,6 @@ from gcs_server.ros2.url import INSTALL, MAX_DOMAIN
 if TYPE_CHECKING:
     from gcs_server.ros2.dds import DdsPort, VehiclePort
 
-AGENT_PORT: Final = 8888
-"""Usual UDP port of PX4's Micro XRCE-DDS Agent."""
 STEP_S: Final = 0.02
 NOTHING: Final = (
     "No vehicle. Start PX4's agent (MicroXRCEAgent udp4 -p 8888) and its client (uxrce_dds_client; "
@@ -53,6 +50,7 @@ def run(options: argparse.Namespace) -> int:
     if not all(0 <= domain <= MAX_DOMAIN for domain in domains):
         raise LinkError(f"A DDS domain is a number from 0 to {MAX_DOMAIN}.")
     try:
+        from gcs_server.ros2.agent_port import agent_problems, local_sockets
         from gcs_server.ros2.dds import DdsPort, DdsUnavailable
     except ImportError:
         raise LinkError("gcs doctor ros2 needs Cyclone DDS.", remedy=f"{INSTALL}.") from None
@@ -75,8 +73,8 @@ def run(options: argparse.Namespace) -> int:
     if not any(probe.formats for probe in found):
         where = options.interface or "loopback"
         print(f"PROBLEM: domains {', '.join(map(str, domains))} on {where}: {NOTHING}")
-        if not _agent_listens():
-            print(f"PROBLEM: no program listens on UDP port {AGENT_PORT}, the usual port of PX4's agent.")
+        for text in agent_problems(local_sockets()):
+            print(f"PROBLEM: {text}")
         return 1
     return 1 if problems else 0
 
@@ -120,12 +118,3 @@ class DomainProbe:
             if (request := formats.request(now_s, now_s)) is not None:
                 with suppress(OSError):
                     vehicle.writers.send(REQUEST, request)
-
-
-def _agent_listens() -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("127.0.0.1", AGENT_PORT))
-        except OSError:
-            return True
-    return False

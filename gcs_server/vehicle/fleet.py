@@ -45,7 +45,8 @@ class Notice:
 
     kind: str
     """link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
-    be used), untested_release (of its autopilot), simulator, fault (of this program)."""
+    be used), untested_release (of its autopilot), ros2_settings (of a vehicle that no ROS 2 link finds),
+    simulator, fault (of this program)."""
     text: str
     link: str | None = None
     vehicle: str | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -211,6 +211,7 @@ class World:
         read: the only namespace that the server reads; None: all.
         px4: the vehicle's version.
         server_domain: the domain that the server reads, if it is another one than the vehicle's.
+        parameters: parameters of the vehicle.
     """
 
     def __init__(
@@ -220,7 +221,9 @@ class World:
         read: str | None = None,
         px4: Px4Version = V1_16,
         server_domain: Domain | None = None,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
+        self._parameters = NO_TIME_SYNC | dict(parameters or {})
         self.domain = Domain()
         self._server_domain, self._read, self._px4 = server_domain or self.domain, read, px4
         self._status_topic = wire_name(
@@ -272,7 +275,7 @@ class World:
         self._agent.start()
 
     def _start_vehicle(self) -> None:
-        self._sim = SimulatedFleet(1, links=(("gcs", "gcs"),), parameters=NO_TIME_SYNC, px4=self._px4)
+        self._sim = SimulatedFleet(1, links=(("gcs", "gcs"),), parameters=self._parameters, px4=self._px4)
         self._sim.open_ros2(0, self._agent, lambda _: None)
 
     def _start_program(self) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
+from gcs_server.ros2.client_settings import ClientSettings
 from tests.protocol.offboard_testbed import sleep
 from tests.protocol.simulated_testbed import TICK_S
 from tests.protocol.start_orders import Domain, World, use_domain_table
@@ -19,7 +20,7 @@ from vehicle_sim.px4_version import V1_16, V1_17, Px4Version
 
 FOUND_WITHIN_S = 5.0
 NAMES = ("server", "agent", "vehicle", "program")
-ORDERS = list(itertools.permutations(NAMES))
+ORDERS: list[tuple[str, ...]] = list(itertools.permutations(NAMES))
 
 
 def run_world(run_simulated: Any, world: World, scenario: Callable[[], Awaitable[None]]) -> None:
@@ -145,5 +146,57 @@ def test_in_a_wrong_domain_the_link_says_so_and_names_what_finds_the_right_one(
         assert "gcs doctor ros2" in world.link_text()
         (vehicle,) = world.vehicles()
         assert vehicle.reach.protocols == ("MAVLink",)
+
+    run_world(run_simulated, world, scenario)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({"UXRCE_DDS_DOM_ID": 5}, "it publishes in DDS domain 5 (UXRCE_DDS_DOM_ID), which no link reads; add ros2://5."),
+        ({}, "its domain 0 is that of the link, so its client does not reach an agent"),
+    ],
+)  # fmt: skip
+def test_a_vehicle_that_no_ros2_link_finds_is_asked_over_mavlink_what_its_client_is_set_to(
+    run_simulated: Any, monkeypatch: Any, parameters: dict[str, float], said: str
+) -> None:
+    use_domain_table(monkeypatch)
+    world = World(server_domain=Domain(), parameters=parameters)
+
+    async def scenario() -> None:
+        for name in NAMES:
+            world.start(name)
+        server = world.server
+        assert server is not None
+        settings = ClientSettings(server.clock, server.fleet.all, server.router.connections)
+        running = asyncio.ensure_future(settings.run())
+        await sleep(7.0)
+        assert settings.warnings() == [], "PX4 publishes some seconds after its boot"
+        await sleep(13.0)
+        (text,) = settings.warnings()
+        assert text.startswith(f"Vehicle 1 is on no ROS 2 link: {said}")
+        await world.stop("vehicle")
+        await sleep(5.0)
+        assert settings.warnings() == [], "a vehicle that is gone has no settings"
+        running.cancel()
+
+    run_world(run_simulated, world, scenario)
+
+
+def test_a_vehicle_on_the_link_is_not_asked_for_its_settings(run_simulated: Any, monkeypatch: Any) -> None:
+    use_domain_table(monkeypatch)
+    world = World()
+
+    async def scenario() -> None:
+        for name in NAMES:
+            world.start(name)
+        await until_found(world)
+        server = world.server
+        assert server is not None
+        settings = ClientSettings(server.clock, server.fleet.all, server.router.connections)
+        running = asyncio.ensure_future(settings.run())
+        await sleep(12.0)
+        assert settings.warnings() == []
+        running.cancel()
 
     run_world(run_simulated, world, scenario)
