@@ -57,12 +57,13 @@ _boot_ms = struct.Struct("<I")
 
 MAVLINK, ROS2 = "MAVLink", "ROS 2"
 """Protocols of links."""
-RECEIVED_WITHIN_S = 1.5
-"""The preferred protocol is used while its newest message is at most this much older than the newest message
-of all links [s]."""
 STAY_ON_LINK_S = 0.4
 """The server changes the link when the newest message of another link is newer by this time [s]. The time is
 much shorter than PX4's timeout of a setpoint stream (COM_OF_LOSS_T, 1 s)."""
+RECEIVED_WITHIN_S = {MAVLINK: 1.5, ROS2: STAY_ON_LINK_S}
+"""The preferred protocol is used while its newest message is at most this much older than the newest message
+of all links [s]. Setpoints prefer ROS 2, whose topics arrive every few milliseconds; a slow radio has longer
+gaps."""
 
 
 class SameVehicle(enum.Enum):
@@ -153,7 +154,7 @@ def preferred_endpoints(endpoints: Sequence[Endpoint], protocol: str) -> Sequenc
     if not matching or len(matching) == len(endpoints):
         return endpoints
     newest_s = max(endpoint.received_s for endpoint in endpoints)
-    return [e for e in matching if newest_s - e.received_s < RECEIVED_WITHIN_S] or endpoints
+    return [e for e in matching if newest_s - e.received_s < RECEIVED_WITHIN_S[protocol]] or endpoints
 
 
 def endpoint_to_use(endpoints: Sequence[Endpoint], in_use: Endpoint | None) -> Endpoint | None:

@@ -53,6 +53,8 @@ class VehicleTopics:
         self.sent_messages: list[tuple[str, bytes]] = []
         """Every message to the vehicle but the questions about layouts, in the server's layout."""
         self._to_vehicle: list[tuple[str, bytes]] = []
+        self.is_carried = True
+        """Whether messages pass, in both directions: PX4's agent runs."""
         self._unread = {each.name: deque[bytes](maxlen=each.depth) for each in SUBSCRIPTIONS}
         self._unread[RESPONSE] = deque(maxlen=8)
         self.mode_messages = deque[tuple[str, bytes]](maxlen=32)
@@ -61,6 +63,8 @@ class VehicleTopics:
 
     def publish(self, topic: str, data: bytes) -> None:
         """Publishes a message of the vehicle."""
+        if not self.is_carried:
+            return
         base = base_name(topic)
         if base in self._unread:
             self._unread[base].append(data)
@@ -76,7 +80,8 @@ class VehicleTopics:
         """Sends a message in the vehicle's layout to the vehicle."""
         if topic in self.link.formats.usable:
             self.sent_messages.append((topic, self.link.formats.usable[topic].to_server(data)))
-        self._to_vehicle.append((self._names[topic], data))
+        if self.is_carried:
+            self._to_vehicle.append((self._names[topic], data))
 
     def send_setpoint(self, topic: str, data: bytes) -> None:
         """Sends a message in the server's layout to the vehicle."""
@@ -191,20 +196,17 @@ class Ros2Testbed(SimulatedVehicles):
         self, count: int = 1, *, mavlink: bool = False, px4: Px4Version | Sequence[Px4Version] = V1_16
     ) -> None:
         super().__init__()
-        links = (("gcs", "gcs"),) if mavlink else ()
-        versions = [px4] * count if isinstance(px4, Px4Version) else px4
-        stores = [Parameters(NO_TIME_SYNC, px4=each) for each in versions]
-        self.sim = SimulatedFleet(count, links=links, stores=stores, seed=3)
-        self.topics = [VehicleTopics(f"px4_{row}", each) for row, each in enumerate(versions)]
+        self._links = (("gcs", "gcs"),) if mavlink else ()
+        self._versions = [px4] * count if isinstance(px4, Px4Version) else list(px4)
+        self.topics = [VehicleTopics(f"px4_{row}", each) for row, each in enumerate(self._versions)]
+        self.restart_vehicle()
         self.ros2 = MemoryRos2Link(self._command, self.topics)
-        for row, topics in enumerate(self.topics):
-            self.sim.open_ros2(row, topics, lambda _: None)
         self.router.add(self.ros2)
         self.mavlink = MemoryLink("mavlink", outgoing=lambda data, _: self.sim.feed(0, "gcs", data))
         self.mavlink_on = mavlink
         """Whether the server receives the frames of the MAVLink link."""
         self.ros2_on = True
-        """Whether the server reads the vehicles' topics."""
+        """Whether PX4's agent runs; without it nothing passes, in either direction."""
         if mavlink:
             self.router.add(self.mavlink)
         streams = Ros2Streams(self.clock, lambda dds: self.topics[int(dds.namespace.removeprefix("px4_"))])
@@ -212,6 +214,13 @@ class Ros2Testbed(SimulatedVehicles):
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.supervisor.repeat("offboard-beat", lambda: self.streamer.update_once(), SNAPSHOT_PERIOD_S)
         self.supervisor.start("simulator", self._simulate)
+
+    def restart_vehicle(self) -> None:
+        """Boots the vehicles, on the ground at their places."""
+        stores = [Parameters(NO_TIME_SYNC, px4=each) for each in self._versions]
+        self.sim = SimulatedFleet(len(stores), links=self._links, stores=stores, seed=3)
+        for row, topics in enumerate(self.topics):
+            self.sim.open_ros2(row, topics, lambda _: None)
 
     async def wait_for_vehicle_ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
         """The vehicle, once it can be armed, its layouts are confirmed and each topic has been read."""
@@ -230,7 +239,8 @@ class Ros2Testbed(SimulatedVehicles):
             self.sim.step(TICK_S)
             now_s = self.clock.monotonic_s()
             for row, topics in enumerate(self.topics):
-                if self.ros2_on and (data := topics.frames(now_s)):
+                topics.is_carried = self.ros2_on
+                if data := topics.frames(now_s):
                     self.ros2.inject(data, Peer(f"px4_{row}", dds=DdsAddress(0, None, f"px4_{row}")))
             if self.mavlink_on and (data := self.sim.drain(0, "gcs")):
                 self.mavlink.inject(data, "vehicle")
