@@ -29,6 +29,7 @@ from gcs_server.vehicle.services.transaction import ReportProgress
 from gcs_server.vehicle.settling import settled
 from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
+from missions.geodesy import LocalOrigin
 from missions.offboard.timeline import Timeline
 from missions.trajectory.limits import MotionLimits
 
@@ -161,8 +162,9 @@ def compile_inputs_of(flights: Flights, vehicle_id: str) -> CompileInputs | None
     except Refused:
         return None
     context = plan_context_of(flights, vehicle)
-    settings = (start["origin"], context.parameters, context.reported, context.operator)
-    return CompileInputs(start["position_ned_m"], start["yaw_ned_rad"], settings)
+    origin = None if start["origin"] is None else LocalOrigin(**start["origin"])
+    settings = (context.parameters, context.reported, context.operator)
+    return CompileInputs(start["position_ned_m"], start["yaw_ned_rad"], origin, settings)
 
 
 def require_roles(mission: DocumentHead, vehicle_ids: Mapping[str, object]) -> None:

@@ -20,12 +20,14 @@ from gcs_server.streamer.process.streams import Streams
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
 
 COMPILE_AFTER: Final = (0.3, math.radians(5))
-"""Change of position [m] and of yaw [rad] after which the mission is compiled again."""
+"""Change of position or local origin [m] and of yaw [rad] after which the mission is compiled again."""
 READY_WITHIN: Final = (1.0, math.radians(20))
-"""Change of position [m] and of yaw [rad] up to which the compiled mission can begin. This change is larger
-than `COMPILE_AFTER`, so that the drift of the estimate on the ground does not interrupt readiness."""
+"""Change of position or local origin [m] and of yaw [rad] up to which the compiled mission can begin. This
+change is larger than `COMPILE_AFTER`, so that the drift of the estimate on the ground does not interrupt
+readiness."""
 MIN_INTERVAL_S: Final = 1.0
 """Minimum time between two compilations of a mission [s]."""
 RETRY_S: Final = 5.0
@@ -36,18 +38,27 @@ COMPILING: Final = "The mission is being compiled for the vehicle's current posi
 
 @dataclass(frozen=True, slots=True)
 class CompileInputs:
-    """Position, yaw and settings with which a mission is compiled."""
+    """Position, yaw, local origin and settings with which a mission is compiled."""
 
     position_ned_m: Vector3
     yaw_ned_rad: float
+    origin: LocalOrigin | None
+    """Computed from home, which PX4 sets again by some centimetres when it is armed."""
     settings: object
-    """The other data: origin, parameters, reported values and operator's limits."""
+    """The other data: parameters, reported values and operator's limits."""
 
     def within(self, other: CompileInputs, change: tuple[float, float]) -> bool:
-        """Whether the vehicle has moved and turned by at most this change, and the settings are the same."""
-        moved_m = math.dist(self.position_ned_m, other.position_ned_m)
+        """Whether the vehicle or its origin has moved, and it has turned, by at most this change, and the
+        settings are the same."""
+        moved_m = max(math.dist(self.position_ned_m, other.position_ned_m), self._origin_moved_m(other))
         turned_rad = abs(math.remainder(self.yaw_ned_rad - other.yaw_ned_rad, math.tau))
         return moved_m <= change[0] and turned_rad <= change[1] and self.settings == other.settings
+
+    def _origin_moved_m(self, other: CompileInputs) -> float:
+        if self.origin is None or other.origin is None:
+            return 0.0 if self.origin is other.origin else math.inf
+        origin = other.origin
+        return math.hypot(*self.origin.to_ned(origin.lat_deg, origin.lon_deg, origin.alt_amsl_m))
 
 
 class Preparation:

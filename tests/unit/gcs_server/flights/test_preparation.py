@@ -16,9 +16,11 @@ from gcs_server.flights.preparation import (
     CompileInputs,
     Preparation,
 )
+from missions.geodesy import LocalOrigin
 
 FIRST_START, SECOND_START = cast(Start, object()), cast(Start, object())
-INPUTS = CompileInputs((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
+ORIGIN = LocalOrigin(47.0, 8.0, 480.0)
+INPUTS = CompileInputs((0.0, 0.0, 0.0), 0.1, ORIGIN, {"height_max_m": 50.0})
 
 
 @pytest.mark.parametrize(
@@ -31,6 +33,10 @@ INPUTS = CompileInputs((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
         ({"yaw_ned_rad": math.tau + 0.12}, False, True),
         ({"yaw_ned_rad": 0.3}, True, True),
         ({"yaw_ned_rad": 2.0}, True, False),
+        ({"origin": replace(ORIGIN, alt_amsl_m=480.2)}, False, True),
+        ({"origin": replace(ORIGIN, lat_deg=47.000005)}, True, True),
+        ({"origin": replace(ORIGIN, alt_amsl_m=485.0)}, True, False),
+        ({"origin": None}, True, False),
         ({"settings": {"height_max_m": 40.0}}, True, False),
     ],
 )
