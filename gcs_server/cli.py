@@ -143,7 +143,7 @@ def _add_simulation_flags(serve: argparse.ArgumentParser) -> None:
         "--px4",
         dest="simulated_version",
         choices=("1.16", "1.17"),
-        help="version of PX4 of the simulated vehicles (default 1.16)",
+        help="version of PX4 of the simulated vehicles (default 1.17)",
     )
     serve.add_argument(
         "--sim-args",

@@ -15,7 +15,7 @@ AIR_DENSITY_KG_M3 = 1.225
 
 @dataclass(frozen=True, slots=True)
 class VehicleModel:
-    """Speeds and limits; the defaults are those of the PX4 v1.16 parameters for a multicopter."""
+    """Speeds and limits; the defaults are those of the PX4 v1.17 parameters for a multicopter."""
 
     cruise_m_s: float = 5.0  # MPC_XY_CRUISE
     speed_max_m_s: float = 12.0  # MPC_XY_VEL_MAX

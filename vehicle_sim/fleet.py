@@ -16,7 +16,7 @@ from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.payload.camera import Camera
-from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.px4_version import DEFAULT, Px4Version
 from vehicle_sim.ros2.bridge import Bridge, Port
 from vehicle_sim.script import Script, ScriptRunner
 from vehicle_sim.shell.commands import Shell
@@ -64,7 +64,7 @@ class SimulatedFleet:
         count: int = 1,
         *,
         first_instance: int = 0,
-        px4: Px4Version = V1_16,
+        px4: Px4Version = DEFAULT,
         parameters: Mapping[str, ParameterValue] | None = None,
         stores: Sequence[Parameters] | None = None,
         files: Sequence[VehicleFiles] | None = None,

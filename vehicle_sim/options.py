@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterError
-from vehicle_sim.px4_version import V1_16, VERSIONS, Px4Version
+from vehicle_sim.px4_version import DEFAULT, VERSIONS, Px4Version
 from vehicle_sim.script import Script, load_script
 from vehicle_sim.server import Ports
 from vehicle_sim.simulation import SimulationOrigin
@@ -182,8 +182,8 @@ def build_parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("--instances", type=_count("vehicles"), default=1, metavar="N", help="number of vehicles (default 1)")
-    add("--px4", type=_px4_version, default=V1_16, metavar="VERSION",
-        help=f"version of PX4: {' or '.join(VERSIONS)} (default {V1_16.name})")  # fmt: skip
+    add("--px4", type=_px4_version, default=DEFAULT, metavar="VERSION",
+        help=f"version of PX4: {' or '.join(VERSIONS)} (default {DEFAULT.name})")  # fmt: skip
     add("--first-instance", type=int, default=0, metavar="I", help="the first instance (default 0)")
     add("--processes", type=_count("processes"), default=0, metavar="P",
         help="number of processes (default: one for every 40 vehicles, at most one per core)")  # fmt: skip

@@ -19,7 +19,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
-from vehicle_sim.px4_version import DATA_FOLDER, V1_16, Px4Version
+from vehicle_sim.px4_version import DATA_FOLDER, DEFAULT, Px4Version
 
 ParameterType = Literal["INT32", "FLOAT"]
 ParameterValue = int | float
@@ -90,7 +90,7 @@ class BootParameter:
 
 
 @lru_cache(maxsize=4)
-def load_boot_parameters(px4: Px4Version = V1_16) -> tuple[BootParameter, ...]:
+def load_boot_parameters(px4: Px4Version = DEFAULT) -> tuple[BootParameter, ...]:
     """The values at boot, in the order of PX4's list, which is that of the names."""
     entries: dict[str, tuple[str, ParameterValue]] = json.loads(DATA_FILE.read_text(encoding="utf-8"))
     entries |= px4.differences.get("added", {})
@@ -142,7 +142,7 @@ class Parameters:
         overrides: Mapping[str, ParameterValue] | None = None,
         *,
         storage: Path | None = None,
-        px4: Px4Version = V1_16,
+        px4: Px4Version = DEFAULT,
     ) -> None:
         self.px4 = px4
         boot_parameters = load_boot_parameters(px4)

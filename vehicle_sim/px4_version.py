@@ -111,3 +111,5 @@ V1_17: Final = Px4Version(
     relaxed_global_position=True,
 )
 VERSIONS: Final = {each.name: each for each in (V1_16, V1_17)}
+DEFAULT: Final = V1_17
+"""The version that is simulated unless another one is given."""

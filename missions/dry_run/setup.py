@@ -19,6 +19,8 @@ from missions.values import Obstacle as PlannedObstacle
 
 SIMULATED_PX4 = ((1, 16), (1, 17))
 """Releases of PX4 that can be simulated, oldest first."""
+DEFAULT_PX4 = SIMULATED_PX4[-1]
+"""The release that is simulated without a vehicle, and for one whose release is not known."""
 USED_PARAMETERS = (
     "BAT_*_THR", "COM_DISARM_LAND", "COM_FLTT_LOW_ACT", "COM_FLT_TIME_MAX", "COM_LOW_BAT_ACT",
     "COM_OBL_RC_ACT", "COM_OF_LOSS_T", "COM_SPOOLUP_TIME", "COM_TAKEOFF_ACT", "COM_WIND_*", "GF_*",
@@ -42,10 +44,8 @@ WIND_MAX_M_S = 40.0
 
 
 def simulated_release(release: tuple[int, int] | None) -> tuple[int, int]:
-    """The release that is simulated for a vehicle with this one: the same or the nearest; the oldest for an
-    unknown one."""
-    oldest, newest = SIMULATED_PX4[0], SIMULATED_PX4[-1]
-    return oldest if release is None else min(max(release, oldest), newest)
+    """The release that is simulated for a vehicle with this one: the same or the nearest."""
+    return DEFAULT_PX4 if release is None else min(max(release, SIMULATED_PX4[0]), SIMULATED_PX4[-1])
 
 
 def release_name(release: tuple[int, int]) -> str:
@@ -69,7 +69,7 @@ class Aircraft:
     parameter."""
     battery_reserve: float = 0.2
     """Battery charge that must remain after the flight, 0 to 1."""
-    px4: str = "1.16"
+    px4: str = release_name(DEFAULT_PX4)
     """Release of PX4 to simulate, as `release_name` gives it: its defaults, failsafes and home."""
 
     @property

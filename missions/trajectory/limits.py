@@ -12,7 +12,7 @@ from missions.vehicle import GRAVITY_M_S2
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """Limits that a trajectory never exceeds; the defaults are those of the PX4 v1.16 parameters."""
+    """Limits that a trajectory never exceeds; the defaults are those of the PX4 v1.17 parameters."""
 
     speed_m_s: float = 12.0  # MPC_XY_VEL_MAX
     """Horizontal speed."""
@@ -25,8 +25,8 @@ class MotionLimits:
     jerk_m_s3: float = 4.0  # MPC_JERK_AUTO
     """Magnitude of the jerk vector."""
     tilt_rad: float = math.radians(45.0)  # MPC_TILTMAX_AIR
-    yaw_rate_rad_s: float = math.radians(45.0)  # MPC_YAWRAUTO_MAX
-    yaw_acceleration_rad_s2: float = math.radians(60.0)  # MPC_YAWRAUTO_ACC
+    yaw_rate_rad_s: float = math.radians(60.0)  # MPC_YAWRAUTO_MAX
+    yaw_acceleration_rad_s2: float = math.radians(20.0)  # MPC_YAWRAUTO_ACC
 
     def __post_init__(self) -> None:
         """Checks each limit.

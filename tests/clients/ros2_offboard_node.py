@@ -109,7 +109,7 @@ def main(
     domain: int = 0,
     namespace: str = "",
     sleep: Callable[[float], None] = time.sleep,
-    position_topic: str = POSITION_TOPICS["1.16"],
+    position_topic: str = POSITION_TOPICS["1.17"],
 ) -> None:
     """Run until the land command is sent."""
     offboard_control = OffboardControl(Node(domain, namespace), position_topic)

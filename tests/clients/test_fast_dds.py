@@ -48,6 +48,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
 def test_a_fast_dds_program_flies_the_simulator_offboard(build: Build) -> None:
     program = build("offboard")
     command = [sys.executable, "-m", "vehicle_sim", "--ros2", DOMAIN, "--ros2-namespace", NAMESPACE]
+    command += ["--px4", "1.16"]  # whose message types the program has
     command += ["--gcs-remote-port", "0", "--no-api", "--no-log", "--tcp-port", str(station.free_port())]
     with station.running_process(command):
         result = subprocess.run(

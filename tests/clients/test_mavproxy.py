@@ -22,7 +22,7 @@ WAYPOINTS = f"""QGC WPL 110
 2\t0\t3\t21\t0\t0\t0\t0\t{LAT + NORTH_M / METRES_PER_DEGREE}\t{LON}\t0\t1
 """
 
-ALL_PARAMETERS_RECEIVED = b"Received 929 parameters"
+ALL_PARAMETERS_RECEIVED = b"Received 913 parameters"
 
 TypeCommand = Callable[[str], None]
 WaitForOutput = Callable[[bytes, str], None]

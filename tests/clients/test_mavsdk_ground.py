@@ -53,7 +53,7 @@ async def _check_parameters(drone: System) -> None:
     await param.set_param_float("MPC_XY_P", 0.9)
     assert await param.get_param_float("MPC_XY_P") == pytest.approx(0.9)
     all_params = await param.get_all_params()
-    assert len(all_params.int_params) + len(all_params.float_params) == 929
+    assert len(all_params.int_params) + len(all_params.float_params) == 913
     with pytest.raises(ParamError) as refused:
         await param.get_param_int("MPC_XY_P")
     assert refused.value._result.result is ParamResult.Result.WRONG_TYPE

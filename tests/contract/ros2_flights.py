@@ -22,6 +22,7 @@ from tests.contract.ros2_dialogues import (
 )
 from tests.support.ros2_vehicle import ADDRESSES, NO_TIME_SYNC, Ros2Vehicle
 from vehicle_sim.autopilot.modes import NavState
+from vehicle_sim.px4_version import V1_16
 from vehicle_sim.ros2.topics import COMMAND
 
 FOLDER = RECORDINGS_FOLDER.parent / "flights"
@@ -145,7 +146,7 @@ class Flight:
 
 
 class _Vehicle(Ros2Vehicle):
-    """A vehicle that decodes only the compared topics."""
+    """A v1.16, as was recorded, that decodes only the compared topics."""
 
     switched_s = math.nan
     """Time at which the vehicle last published the active controllers."""
@@ -171,10 +172,10 @@ def fly(flight: Flight, *, noise: int | None = None, with_ground_drift: bool = F
     """
     parameters = NO_TIME_SYNC | flight.header["parameters"]
     if noise is None:
-        vehicle = _Vehicle(parameters=parameters)
+        vehicle = _Vehicle(parameters=parameters, px4=V1_16)
     else:
         vehicle = _Vehicle(
-            parameters=parameters, time_since_boot_s=NOISY_BOOT_S, sensor_noise=True, seed=noise
+            px4=V1_16, parameters=parameters, time_since_boot_s=NOISY_BOOT_S, sensor_noise=True, seed=noise
         )
     if flight.began_in_air:
         _take_off(vehicle, -flight.track[0][1][2])

@@ -17,6 +17,7 @@ import pytest
 from gcs_server.replay.records import TIME_BYTES
 from tests.unit.vehicle_sim.sim_station import EVENT_NAMES, GCS_AND_API_LINKS, Station
 from vehicle_sim.mavlink.framing import FrameParser
+from vehicle_sim.px4_version import V1_16
 
 FLIGHTS = {
     "flight-takeoff-reposition-orbit-gimbal-rtl": ("gcs", {}),
@@ -67,7 +68,7 @@ def read_log(path: Path) -> tuple[Received, Sent, float]:
 
 def replay(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str, float]) -> Received:
     """Replays the sent messages; returns the simulated vehicle's messages on `link`."""
-    station = Station(heartbeats=False, parameters=parameters, links=GCS_AND_API_LINKS)
+    station = Station(heartbeats=False, parameters=parameters, links=GCS_AND_API_LINKS, px4=V1_16)
     for time_s, sender, name, fields in sent:
         station.run(max(0.0, boot_s + time_s - station.now_s))
         if fields.get("target_system"):

@@ -21,6 +21,7 @@ from tests.contract.ros2_dialogues import (
 )
 from tests.contract.ros2_flight_dialogues import GROUPS as FLIGHT_GROUPS
 from tests.support.ros2_vehicle import Ros2Vehicle
+from vehicle_sim.px4_version import V1_16
 from vehicle_sim.ros2.topics import COMMAND_ACK
 
 GROUPS = (
@@ -70,7 +71,7 @@ def test_a_replayed_dialogue_has_the_recorded_replies_and_states(
 
 
 def test_the_reply_to_a_command_takes_no_longer_than_the_recorded_replies() -> None:
-    vehicle = Ros2Vehicle()
+    vehicle = Ros2Vehicle(px4=V1_16)
     sent_s = vehicle.sim.time_s
     vehicle.command(31999)
     vehicle.run(0.1)

@@ -13,7 +13,7 @@ from websockets.sync.client import connect
 from tests.e2e.fast_station import Station
 from tests.station import wait_until
 
-PARAMETER_COUNT = 929
+PARAMETER_COUNT = 913
 
 
 @pytest.mark.story

@@ -68,7 +68,7 @@ def test_reasons_against_arming_and_each_mode_are_shown_and_parameters_are_edite
         page.keyboard.press("Escape")
         page.keyboard.press("i")
         parameters = page.get_by_role("region", name="Parameters")
-        expect(parameters.get_by_role("status")).to_contain_text("929")
+        expect(parameters.get_by_role("status")).to_contain_text("913")
         parameters.get_by_label("Search parameters").fill("xy_cruise")
         parameter_row = parameters.get_by_role("button", name="MPC_XY_CRUISE")
         expect(parameter_row).to_contain_text("m/s")

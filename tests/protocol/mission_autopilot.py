@@ -7,15 +7,18 @@ from types import SimpleNamespace
 from typing import Any
 
 from tests.protocol.fake_autopilot import LATENCY_S, FakeAutopilot
+from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.mavlink import generated_dialect as sim
 from vehicle_sim.mavlink.services.mission import MissionService
-from vehicle_sim.px4_version import V1_16
+from vehicle_sim.px4_version import DEFAULT
 
 REQUEST_MESSAGE, MISSION_CURRENT = 512, 42
 
 
 class NavigatorMission:
     """The mission state of PX4's navigator; this autopilot flies no mission."""
+
+    active = finished = False
 
     def __init__(self) -> None:
         self.current, self.reached, self.reached_count = 0, None, 0
@@ -32,7 +35,7 @@ class MissionAutopilot(FakeAutopilot):
         loop = self.loop
 
         class View:
-            px4 = V1_16
+            px4 = DEFAULT
 
             @property
             def time_s(self) -> float:
@@ -47,6 +50,7 @@ class MissionAutopilot(FakeAutopilot):
             navigator=SimpleNamespace(mission=self.flight),
             plans=SimpleNamespace(store=lambda _kind, _items, _start_seq: None),
             announcer=announcer,
+            commander=SimpleNamespace(active=NavState.HOLD),
         )
         context = SimpleNamespace(
             autopilot=self.autopilot_parts,

@@ -14,7 +14,7 @@ from tests.protocol.ros2_testbed import Ros2Testbed
 from tests.protocol.simulated_testbed import until
 from tests.support.line_mission import MISSION, MODE_NAME
 from vehicle_sim.mavlink import generated_dialect as sim
-from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.px4_version import DEFAULT, Px4Version
 
 DEFERRAL_S = 6
 """How long a mission mode defers failsafes."""
@@ -117,7 +117,7 @@ Scenario = Callable[[MissionModesTestbed], Awaitable[None]]
 
 
 def run_with_mission_modes(
-    run_simulated: Any, scenario: Scenario, *, in_air: bool = True, px4: Px4Version = V1_16
+    run_simulated: Any, scenario: Scenario, *, in_air: bool = True, px4: Px4Version = DEFAULT
 ) -> None:
     """Runs a test with a simulated vehicle whose MAVLink link is connected only to the other station."""
 

@@ -25,7 +25,7 @@ from tests.support.dds_samples import base_name
 from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.px4_version import DEFAULT, Px4Version
 from vehicle_sim.ros2.topics import topics_of
 
 NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
@@ -40,7 +40,7 @@ class VehicleTopics:
         px4: the vehicle's version of PX4.
     """
 
-    def __init__(self, namespace: str, px4: Px4Version = V1_16) -> None:
+    def __init__(self, namespace: str, px4: Px4Version = DEFAULT) -> None:
         self.link = VehicleLink(namespace, self, 255)
         topics = topics_of(px4)
         announced = [
@@ -193,7 +193,7 @@ class Ros2Testbed(SimulatedVehicles):
     """
 
     def __init__(
-        self, count: int = 1, *, mavlink: bool = False, px4: Px4Version | Sequence[Px4Version] = V1_16
+        self, count: int = 1, *, mavlink: bool = False, px4: Px4Version | Sequence[Px4Version] = DEFAULT
     ) -> None:
         super().__init__()
         self._links = (("gcs", "gcs"),) if mavlink else ()

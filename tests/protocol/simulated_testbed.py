@@ -13,7 +13,7 @@ from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.offboard_testbed import OffboardTestbed
 from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
-from vehicle_sim.px4_version import V1_16, VERSIONS, Px4Version
+from vehicle_sim.px4_version import DEFAULT, VERSIONS, Px4Version
 
 TICK_S = 0.02
 both_versions = pytest.mark.parametrize("px4", list(VERSIONS.values()), ids=list(VERSIONS))
@@ -57,7 +57,7 @@ class SimulatedTestbed(OffboardTestbed, SimulatedVehicles):
         seed: int = 3,
         sim: SimulatedFleet | None = None,
         camera: bool = False,
-        px4: Px4Version = V1_16,
+        px4: Px4Version = DEFAULT,
     ) -> None:
         super().__init__()
         links = (("gcs", "gcs"),)

@@ -20,7 +20,7 @@ from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.simulated_testbed import TICK_S
 from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
-from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.px4_version import DEFAULT, Px4Version
 from vehicle_sim.ros2.topics import topics_of
 
 NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
@@ -219,7 +219,7 @@ class World:
         namespace: str = "px4_1",
         *,
         read: str | None = None,
-        px4: Px4Version = V1_16,
+        px4: Px4Version = DEFAULT,
         server_domain: Domain | None = None,
         parameters: Mapping[str, float] | None = None,
     ) -> None:

@@ -75,7 +75,7 @@ def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(run_si
 @pytest.mark.parametrize(
     ("firmware", "px4", "assumption"),
     [
-        (None, "1.16", "The release of PX4 of vehicle 1 is not known: v1.16 is simulated."),
+        (None, "1.17", "The release of PX4 of vehicle 1 is not known: v1.17 is simulated."),
         ("1.15.4", "1.16", "PX4 v1.15 of vehicle 1 cannot be simulated: v1.16 is."),
         ("1.17.0", "1.17", None),
     ],

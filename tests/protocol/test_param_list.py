@@ -18,7 +18,7 @@ LIST, READ, SET, FTP = (
     d.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL,
 )
 """Message ids."""
-PARAMETER_COUNT = 929
+PARAMETER_COUNT = 913
 """Number of the simulated vehicle's parameters."""
 LOSS = [(0.0, 1), (0.05, 2), pytest.param(0.2, 3, marks=pytest.mark.broad)]
 """The share of packets lost in each direction, and the seed of the losses."""

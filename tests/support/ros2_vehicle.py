@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from vehicle_sim.fleet import SimulatedFleet
-from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.px4_version import DEFAULT, Px4Version
 from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, SERVICE_REPLY, SERVICE_REQUEST, topics_of
 
 READY_S = 4.0
@@ -27,7 +27,7 @@ class Ros2Vehicle:
         *,
         time_since_boot_s: float = READY_S,
         parameters: Mapping[str, float] = NO_TIME_SYNC,
-        px4: Px4Version = V1_16,
+        px4: Px4Version = DEFAULT,
         **options: Any,
     ) -> None:
         options = {"sensor_noise": False, "links": (), "px4": px4} | options

@@ -20,7 +20,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from vehicle_sim.dds.types import Sample, idl_type
-from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.px4_version import DEFAULT, Px4Version
 from vehicle_sim.ros2.topics import SERVICE_REPLY, SERVICE_REQUEST, Topics, dds_name, topics_of
 
 LOOPBACK = "lo"
@@ -155,7 +155,7 @@ class DdsDomain:
         except DDSException as problem:
             raise self._unavailable(problem) from None
 
-    def open(self, namespace: str = "", px4: Px4Version = V1_16) -> DdsPort:
+    def open(self, namespace: str = "", px4: Px4Version = DEFAULT) -> DdsPort:
         """Creates the participant of a vehicle.
 
         Args:

@@ -16,7 +16,7 @@ from functools import lru_cache
 from typing import Any
 
 from vehicle_sim.parameters import load_boot_parameters
-from vehicle_sim.px4_version import DATA_FOLDER, V1_16, Px4Version
+from vehicle_sim.px4_version import DATA_FOLDER, DEFAULT, Px4Version
 from vehicle_sim.storage.event_definitions import events_document
 from vehicle_sim.storage.outputs import actuators_document
 
@@ -96,7 +96,7 @@ DATAMAN_BYTES = 1_208_528
 """Size of PX4's store of missions, fences and rally points."""
 
 
-def built_in(px4: Px4Version = V1_16) -> dict[str, Callable[[], bytes]]:
+def built_in(px4: Px4Version = DEFAULT) -> dict[str, Callable[[], bytes]]:
     """Functions that create the content of the files of every vehicle, by path: the documents, and the store
     of missions, whose records are not simulated (all bytes are zero)."""
     return {

@@ -21,7 +21,7 @@ from tests.support.ros2_vehicle import NO_TIME_SYNC
 from vehicle_sim.dds.participant import DdsDomain, DdsUnavailable, configuration
 from vehicle_sim.dds.types import idl_dataclass
 from vehicle_sim.fleet import SimulatedFleet
-from vehicle_sim.px4_version import V1_17, VERSIONS
+from vehicle_sim.px4_version import V1_16, VERSIONS
 from vehicle_sim.ros2.messages import MESSAGES
 from vehicle_sim.ros2.topics import dds_name, topics_of
 
@@ -106,16 +106,16 @@ def test_there_is_a_writer_or_reader_for_each_topic(domain, px4, written, read):
 
 
 def test_a_program_with_the_types_of_v1_17_reads_a_vehicle_of_v1_17_beside_one_of_v1_16(domain, vehicle):
-    namespace = f"{NAMESPACE}_new"
-    new = SimulatedFleet(1, links=(), sensor_noise=False, parameters=NO_TIME_SYNC, px4=V1_17)
-    new.open_ros2(0, domain.open(namespace, V1_17), lambda text: None)
+    namespace = f"{NAMESPACE}_old"
+    old = SimulatedFleet(1, links=(), sensor_noise=False, parameters=NO_TIME_SYNC, px4=V1_16)
+    old.open_ros2(0, domain.open(namespace, V1_16), lambda text: None)
     participant = DomainParticipant(DOMAIN)
     readers: list[Any] = []
-    for px4, name in (("1.16", NAMESPACE), ("1.17", namespace)):
+    for px4, name in (("1.16", namespace), ("1.17", NAMESPACE)):
         message = idl_dataclass(MESSAGES[px4]["FailsafeFlags"])
         topic = Topic(participant, dds_name("/fmu/out/failsafe_flags", name), message)
         readers.append(DataReader(participant, topic, qos=BEST_EFFORT))
-    new.step(4.0)
+    old.step(4.0)
     vehicle.step(1.0)
     old_flags, new_flags = (reader.take(9)[-1] for reader in readers)
     assert old_flags.manual_control_signal_lost
@@ -123,7 +123,7 @@ def test_a_program_with_the_types_of_v1_17_reads_a_vehicle_of_v1_17_beside_one_o
     assert not old_flags.geofence_breached
     assert not new_flags.geofence_breached
     assert not new_flags.global_position_invalid_relaxed
-    new.close()
+    old.close()
 
 
 def test_only_the_newest_messages_of_a_flooding_writer_are_received(vehicle):

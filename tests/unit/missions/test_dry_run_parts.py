@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
+from missions import vehicle
 from missions.dry_run.clearance import FenceDistance, obstacle_distance_m
 from missions.dry_run.fleet import Fleet
 from missions.dry_run.setup import (
@@ -20,9 +21,13 @@ from missions.dry_run.setup import (
 )
 from missions.dry_run.spread import Chance, Spread
 from missions.errors import PlanError
+from missions.trajectory import limits
+from missions.trajectory.limits import MotionLimits
 from missions.values import FenceCircle, Point
+from missions.vehicle import VehicleModel
 from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN
-from vehicle_sim.px4_version import VERSIONS
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import DEFAULT, VERSIONS
 
 WALL = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0)
 
@@ -42,6 +47,7 @@ def test_airframe_parameters_of_a_real_vehicle_are_not_used_and_those_of_a_simul
 
 def test_each_vehicle_has_the_defaults_of_its_own_release_of_px4():
     assert [release_name(each) for each in SIMULATED_PX4] == list(VERSIONS)
+    assert Aircraft(HOME).px4 == DEFAULT.name, "without a vehicle"
     aircraft = [replace(AIRCRAFT, px4=release_name(each)) for each in SIMULATED_PX4]
     stores = Fleet(aircraft, [Conditions()] * 2).sim.simulation.parameters
     assert [(store.get("MC_ROLL_P"), store.get("COM_FLTT_LOW_ACT")) for store in stores] == [
@@ -53,8 +59,20 @@ def test_each_vehicle_has_the_defaults_of_its_own_release_of_px4():
 
 
 @pytest.mark.parametrize(
+    ("model", "parameters"),
+    [(VehicleModel(), vehicle.PARAMETERS), (MotionLimits(), limits.PARAMETERS)],
+    ids=["estimates", "trajectories"],
+)
+def test_plans_without_a_vehicle_are_computed_with_the_defaults_that_are_simulated(model, parameters):
+    store = Parameters(px4=VERSIONS[Aircraft(HOME).px4])
+    simulated = {name: float(store.get(name)) for name in parameters.values() if name in store}
+    assert len(simulated) >= len(parameters) - 1, "MIS_DIST_1WP is not listed by PX4"
+    assert asdict(type(model).from_parameters(simulated)) == pytest.approx(asdict(model), rel=1e-6)
+
+
+@pytest.mark.parametrize(
     ("release", "simulated"),
-    [(None, (1, 16)), ((1, 14), (1, 16)), ((1, 16), (1, 16)), ((1, 17), (1, 17)), ((2, 0), (1, 17))],
+    [(None, (1, 17)), ((1, 14), (1, 16)), ((1, 16), (1, 16)), ((1, 17), (1, 17)), ((2, 0), (1, 17))],
 )
 def test_the_nearest_release_is_simulated(release, simulated):
     assert simulated_release(release) == simulated

@@ -92,8 +92,8 @@ def test_an_attitude_error_is_corrected_by_the_shortest_rotation():
         [frames.quaternion_from_euler(0.1, 0.0, 0.0), frames.quaternion_from_euler(0.0, 0.0, 0.1)]
     )
     rates = rate_setpoints(control, level, setpoint, np.full(2, np.nan))
-    assert rates[0] == pytest.approx([6.5 * 2 * math.sin(0.05), 0.0, 0.0], abs=1e-6)
-    # MC_ROLL_P is 6.5, MC_YAW_P is 2.8; the yaw weight reduces the angle, and the gain compensates it.
+    assert rates[0] == pytest.approx([4.0 * 2 * math.sin(0.05), 0.0, 0.0], abs=1e-6)
+    # MC_ROLL_P is 4.0, MC_YAW_P is 2.8; the yaw weight reduces the angle, and the gain compensates it.
     assert rates[1] == pytest.approx([0.0, 0.0, 2.8 * 0.1], abs=1e-3)
     assert rate_setpoints(control, level, -setpoint, np.full(2, np.nan)) == pytest.approx(rates)
 

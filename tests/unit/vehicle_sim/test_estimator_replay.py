@@ -18,6 +18,7 @@ from pyulog import ULog
 
 from vehicle_sim.estimator.estimator import RANGE_EVERY_STEPS, Estimator
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import V1_16
 from vehicle_sim.sensors.suite import SensorSuite
 from vehicle_sim.simulation import STEP_S
 from vehicle_sim.state import SimulationOrigin
@@ -98,7 +99,7 @@ def replay_log(log: _Log) -> Replay:
     sensors = SensorSuite(STEP_S, SimulationOrigin(*fixes[0, :3]), seed=0, vehicles=[0], noise=False).state
     sensors.gps_satellites[:], sensors.gps_fix_type[:] = 10, 3
     estimator = Estimator(1, STEP_S)
-    estimator.configure(0, Parameters())
+    estimator.configure(0, Parameters(px4=V1_16))
     velocity, sigma, declination, mag_samples_left = [], [], [], 0
     for k, t_s in enumerate(times):
         sensors.gyro_frd_rad_s[:], sensors.accel_frd_m_s2[:] = imu[k, :3], imu[k, 3:]

@@ -22,14 +22,19 @@ def hovering_station(height_m: float = 3.0, **parameters: float) -> PlanStation:
     return station_in_hover(PlanStation, height_m, {"COM_FAIL_ACT_T": 1.0, **parameters}, sensor_noise=False)
 
 
+def send_north(station: PlanStation, speed_m_s: float = 4.0) -> None:
+    """Sends a velocity setpoint to the north."""
+    station.send(
+        "SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, coordinate_frame=1,
+        type_mask=3527, vx=speed_m_s,
+    )  # fmt: skip
+
+
 def fly_out(station: PlanStation, speed_m_s: float = 4.0) -> None:
     """Flies to the north in Offboard until the mode changes."""
 
     def stream() -> None:
-        station.send(
-            "SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, coordinate_frame=1,
-            type_mask=3527, vx=speed_m_s,
-        )  # fmt: skip
+        send_north(station, speed_m_s)
 
     station.run(1.1, stream)
     station.command(SET_MODE, 1, 6)
@@ -91,7 +96,12 @@ def test_a_hold_at_the_fence_flies_back_to_where_the_breach_was_detected() -> No
     fly_out(station)
     assert station.active_mode == HOLD_MODE
     north_m: list[float] = []
-    station.run(8.0, lambda: north_m.append(float(station.sim.simulation.truth.position_ned_m[0, 0])))
+
+    def stream_and_record() -> None:
+        send_north(station)  # a lost stream would be another failsafe
+        north_m.append(float(station.sim.simulation.truth.position_ned_m[0, 0]))
+
+    station.run(8.0, stream_and_record)
     assert max(north_m) > 14.0
     assert 11.9 < north_m[-1] < 13.2
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from vehicle_sim.autopilot.announcer import EVENTS
 from vehicle_sim.parameters import load_boot_parameters
+from vehicle_sim.px4_version import DEFAULT, V1_16, V1_17, VERSIONS
 from vehicle_sim.storage import metadata
 from vehicle_sim.storage.files import PathOutsideError, VehicleFiles
 
@@ -87,8 +88,8 @@ def test_a_given_folder_is_kept_and_a_temporary_folder_is_removed(tmp_path):
     assert not root.exists()
 
 
-def read_metadata(path):
-    return json.loads(lzma.decompress(metadata.built_in()[path]()))
+def read_metadata(path, px4=DEFAULT):
+    return json.loads(lzma.decompress(metadata.built_in(px4)[path]()))
 
 
 def test_general_metadata_names_the_other_files_with_their_checksums():
@@ -115,12 +116,12 @@ def test_every_live_parameter_has_metadata_and_a_default_within_its_range():
         assert entry.get("min", -1e30) <= entry["default"] <= entry.get("max", 1e30), entry["name"]
 
 
-def test_the_parameter_metadata_match_the_metadata_of_the_build(reference_data):
-    px4_entries = json.loads(lzma.decompress((reference_data / "px4" / "parameters.json.xz").read_bytes()))[
-        "parameters"
-    ]
+@pytest.mark.parametrize(("px4", "folder"), [(V1_16, "px4"), (V1_17, "px4/v1.17")], ids=VERSIONS)
+def test_the_parameter_metadata_match_the_metadata_of_the_build(px4, folder, reference_data):
+    path = reference_data / folder / "parameters.json.xz"
+    px4_entries = json.loads(lzma.decompress(path.read_bytes()))["parameters"]
     px4_entries = {entry["name"]: entry for entry in px4_entries}
-    for entry in read_metadata(metadata.PARAMETERS)["parameters"]:
+    for entry in read_metadata(metadata.PARAMETERS, px4)["parameters"]:
         for key in ("group", "type", "default", "min", "max", "units", "decimalPlaces", "rebootRequired"):
             assert entry.get(key) == px4_entries[entry["name"]].get(key), (entry["name"], key)
         assert [v["value"] for v in entry.get("values", [])] == [

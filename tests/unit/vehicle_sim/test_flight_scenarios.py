@@ -16,6 +16,7 @@ from tests.unit.vehicle_sim.sim_station import (
     TAKEOFF_MODE,
     Station,
 )
+from vehicle_sim.px4_version import V1_16, V1_17, Px4Version
 
 pytestmark = pytest.mark.flight
 
@@ -92,8 +93,8 @@ def test_a_take_off_reaches_its_altitude_in_both_orders_of_commands(armed_first:
     assert not any("default takeoff altitude" in text for text in station.status_texts())
 
 
-def test_a_lost_offboard_stream_lands_disarms_and_reports_offboard_again() -> None:
-    station = Station(links=GCS_AND_API_LINKS)
+def test_a_lost_offboard_stream_lands_v1_16_disarms_and_reports_offboard_again() -> None:
+    station = Station(links=GCS_AND_API_LINKS, px4=V1_16)
     station.run_until(lambda: station.can_be_armed, 15)
 
     def send_setpoint() -> None:
@@ -144,14 +145,20 @@ def test_a_vehicle_returns_to_offboard_when_the_stream_is_back() -> None:
     station.command(SET_MODE, 1, 6)
     station.run(0.5, send_setpoint)
     station.run(2.0)
-    assert station.active_mode == POSITION_MODE
+    assert station.active_mode == RTL_MODE
     station.run(0.3, send_setpoint)
     assert station.active_mode == OFFBOARD_MODE
 
 
-@pytest.mark.parametrize(("action", "mode"), [(1, ALTITUDE), (3, RTL_MODE), (5, HOLD_MODE)])
-def test_a_lost_offboard_stream_triggers_the_action_of_its_parameter(action: int, mode: int) -> None:
-    station = station_in_hover(Station, 4, {"COM_OBL_RC_ACT": action})
+@pytest.mark.parametrize(
+    ("px4", "action", "mode"),
+    [(V1_16, 1, ALTITUDE), (V1_17, 1, RTL_MODE), (V1_17, 3, RTL_MODE), (V1_17, 5, HOLD_MODE)],
+    ids=lambda value: getattr(value, "name", None),
+)
+def test_a_lost_offboard_stream_triggers_the_action_of_its_parameter(
+    px4: Px4Version, action: int, mode: int
+) -> None:
+    station = station_in_hover(Station, 4, {"COM_OBL_RC_ACT": action}, px4=px4)
     station.run(
         1.1, lambda: station.send("SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=1, type_mask=2552, z=-4.0)
     )
@@ -166,7 +173,7 @@ def test_a_lost_offboard_stream_triggers_the_action_of_its_parameter(action: int
 
 @pytest.mark.story
 def test_return_to_launch_climbs_flies_home_and_lands() -> None:
-    station = station_in_hover(Station, 6, {"RTL_RETURN_ALT": 10.0})
+    station = station_in_hover(Station, 6, {"RTL_RETURN_ALT": 10.0}, sensor_noise=False)
     start = station.newest_messages["GLOBAL_POSITION_INT"]
     station.send(
         "COMMAND_INT", target_system=1, target_component=1, command=REPOSITION, frame=0, param1=-1, param2=1,

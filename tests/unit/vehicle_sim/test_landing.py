@@ -113,9 +113,9 @@ class TerrainEstimate:
     """The terrain estimate of one vehicle; the test sets the measured range and the vehicle's down
     coordinate."""
 
-    def __init__(self) -> None:
+    def __init__(self, min_range_m: float = 0.1) -> None:
         self.terrain = Terrain(1, 0.04)
-        self.terrain.configure(0, Parameters())
+        self.terrain.configure(0, Parameters({"EKF2_MIN_RNG": min_range_m}))
 
     def feed(
         self, range_m: float, *, in_air: bool = True, down_m: float = 0.0, duration_s: float = 0.04
@@ -131,7 +131,8 @@ class TerrainEstimate:
 
 
 def test_the_height_on_the_ground_is_the_shortest_range_of_the_sensor() -> None:
-    assert TerrainEstimate().feed(0.0, in_air=False) == pytest.approx(0.1)
+    for min_range_m in (0.1, 0.01):
+        assert TerrainEstimate(min_range_m).feed(0.0, in_air=False) == pytest.approx(min_range_m)
 
 
 def test_the_height_is_unknown_just_above_the_ground_and_known_again_higher_up() -> None:
@@ -205,7 +206,7 @@ def test_a_landing_is_detected_some_seconds_after_the_touch_down() -> None:
     station.run_until(lambda: "Landing detected\t" in station.status_texts(), 10)
     assert 2.8 < station.now_s - touch_down_s < 4.4
     station.run(2.5)
-    assert station.newest_messages["ALTITUDE"].bottom_clearance == pytest.approx(0.1)
+    assert station.newest_messages["ALTITUDE"].bottom_clearance == pytest.approx(0.01)
 
 
 @pytest.mark.story

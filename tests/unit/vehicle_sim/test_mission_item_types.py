@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from tests.unit.vehicle_sim.plan_station import PlanStation
+from vehicle_sim.px4_version import V1_16
 
 UNSUPPORTED = 3
 MESSAGE_INTERVAL = 511
 
 
 def test_an_upload_continues_with_the_item_type_that_the_sender_supports() -> None:
-    station = PlanStation()
+    station = PlanStation(px4=V1_16)  # its first request after a boot is for floats
     station.run(1.0)
     station.send("MISSION_COUNT", target_system=1, target_component=1, count=1, mission_type=0)
     station.run(0.1)

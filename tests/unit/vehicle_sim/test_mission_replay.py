@@ -5,6 +5,7 @@ import pytest
 from tests.unit.vehicle_sim.plan_station import PlanStation
 from vehicle_sim.autopilot.mission.items import Item
 from vehicle_sim.autopilot.mission.replay import Replay
+from vehicle_sim.px4_version import V1_16
 
 TAKEOFF, WAYPOINT, MISSION_START, START_CAPTURE, STOP_CAPTURE = 22, 16, 300, 2000, 2001
 CHANGE_SPEED, TRIGGER_DISTANCE, TRIGGER_CONTROL, ROI = 178, 206, 2003, 195
@@ -66,7 +67,7 @@ def test_a_mission_left_while_pictures_are_taken_continues_at_the_previous_waypo
 
 @pytest.mark.flight
 def test_a_mission_that_starts_at_a_later_item_uses_the_settings_of_the_items_before_it():
-    station = PlanStation(parameters={"MIS_TAKEOFF_ALT": 2.5}, sensor_noise=False)
+    station = PlanStation(parameters={"MIS_TAKEOFF_ALT": 2.5}, sensor_noise=False, px4=V1_16)
     station.wait_until_ready_to_arm()
     station.upload([
         station.item(TAKEOFF, alt_home_m=8), station.command_item(CHANGE_SPEED, 1, 3.0, -1),

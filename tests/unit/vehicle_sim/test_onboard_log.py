@@ -9,6 +9,7 @@ from pyulog import ULog
 
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.fleet import SimulatedFleet
+from vehicle_sim.px4_version import V1_16
 from vehicle_sim.storage.files import VehicleFiles
 
 pytestmark = pytest.mark.flight
@@ -26,11 +27,12 @@ RECORDED_BEGINNING = (
 
 
 class Flight:
-    """A vehicle that was armed for 3 s: its log, and the states of the simulation in that time."""
+    """A v1.16, of which a log was recorded, that was armed for 3 s: its log, and the states of the simulation
+    in that time."""
 
     def __init__(self, folder):
         files = VehicleFiles(folder)
-        self.station = Station(log=True, boot_time_unix_s=BOOT_UNIX_S, files=[files])
+        self.station = Station(log=True, boot_time_unix_s=BOOT_UNIX_S, files=[files], px4=V1_16)
         sim = self.station.sim
         self.station.run(ARMED_AT_S)
         assert sim.loggers[0].running

@@ -7,16 +7,17 @@ import struct
 import pytest
 
 from vehicle_sim.parameters import Parameters, UnknownParameterError, is_volatile
+from vehicle_sim.px4_version import V1_16, V1_17
 
 
 def test_the_store_has_px4s_parameters_in_its_order():
     parameters = Parameters()
-    assert len(parameters) == 929
+    assert len(parameters) == 913
     assert parameters.name_at(0) == "ASPD_SCALE_1"
-    assert parameters.name_at(928) == "WV_YRATE_MAX"
-    assert parameters.name_at(929) is None
+    assert parameters.name_at(912) == "WV_YRATE_MAX"
+    assert parameters.name_at(913) is None
     assert list(parameters.names) == sorted(parameters.names)
-    assert parameters.index_of("WV_YRATE_MAX") == 928
+    assert parameters.index_of("WV_YRATE_MAX") == 912
 
 
 def test_the_values_at_boot_equal_the_recorded_values():
@@ -28,13 +29,22 @@ def test_the_values_at_boot_equal_the_recorded_values():
     assert parameters.get("MPC_XY_P") == pytest.approx(0.95, abs=1e-6)
 
 
-def test_the_defaults_are_the_values_of_the_real_vehicle(reference_data):
-    recorded = json.loads((reference_data / "px4" / "parameters-live.json").read_text(encoding="utf-8"))
-    parameters = Parameters()
+@pytest.mark.parametrize(
+    ("px4", "folder", "of_the_recorded_instance"),
+    [(V1_16, "px4", "MAV_SYS_ID"), (V1_17, "px4/v1.17", "CAL_BARO0_OFF")],
+    ids=lambda value: getattr(value, "name", None),
+)
+def test_the_defaults_are_the_values_of_the_real_vehicle(
+    px4, folder, of_the_recorded_instance, reference_data
+):
+    path = reference_data / folder / "parameters-live.json"
+    recorded = json.loads(path.read_text(encoding="utf-8"))
+    parameters = Parameters(px4=px4)
+    assert list(parameters) == list(recorded)
     for name, entry in recorded.items():
         assert parameters.index_of(name) == entry["index"]
         assert parameters.type_of(name) == entry["type"].upper()
-        if name != "MAV_SYS_ID":
+        if name != of_the_recorded_instance:
             assert parameters.get(name) == pytest.approx(entry["value"], rel=1e-6), name
 
 

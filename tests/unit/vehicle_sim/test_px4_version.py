@@ -53,7 +53,7 @@ def in_hold(px4: Px4Version, **options) -> Station:
 
 
 def test_parameters_that_came_went_or_changed_default():
-    old, new = Parameters(), Parameters(px4=V1_17)
+    old, new = Parameters(px4=V1_16), Parameters(px4=V1_17)
     assert (len(old), len(new)) == (929, 913)
     assert [name in store for name in ("MPC_HOLD_DZ", "MAN_DEADZONE") for store in (old, new)] == [
         True, False, False, True,

@@ -6,6 +6,7 @@ import pytest
 from tests.support.snapshot import snapshot
 from tests.unit.vehicle_sim.plan_station import PlanStation
 from tests.unit.vehicle_sim.sim_station import EVENT_NAMES
+from vehicle_sim.px4_version import V1_16
 
 VTOL_TAKEOFF_MODE = 4 << 16 | 10 << 24
 LOCAL_POSITION_NED, PING, BASIC_ID = 32, 4, 12900
@@ -19,7 +20,7 @@ _READY_STATIONS: list[PlanStation] = []
 def station() -> PlanStation:
     """A station whose vehicle can be armed; it boots once, and each test gets a copy."""
     if not _READY_STATIONS:
-        station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_IN": 4})
+        station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_IN": 4}, px4=V1_16)
         station.wait_until_ready_to_arm()
         _READY_STATIONS.append(station)
     return snapshot(_READY_STATIONS[0])

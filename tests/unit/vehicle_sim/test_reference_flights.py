@@ -14,6 +14,7 @@ import pytest
 
 from vehicle_sim import frames
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import V1_16
 from vehicle_sim.simulation import ControlLevel, Simulation
 
 FLIGHTS = (
@@ -90,7 +91,7 @@ def flights(reference_data) -> dict[str, Flight]:
         np.array([[math.nan if v is None else v for v in row] for row in recording["rows"]], dtype=float)
         for recording in recordings
     ]
-    stores = [Parameters(recording["header"]["parameters"]) for recording in recordings]
+    stores = [Parameters(recording["header"]["parameters"], px4=V1_16) for recording in recordings]
     count = len(FLIGHTS)
     sim = Simulation(count, parameters=stores, sensor_noise=False, start_ned_m=np.zeros((count, 3)))
     sim.setpoints.armed[:] = True

@@ -12,7 +12,7 @@ from vehicle_sim.control.setpoints import ControlLevel
 NAN = math.nan
 NAN3 = [NAN, NAN, NAN]
 SET_MODE, OFFBOARD = 176, (1.0, 6.0)
-POSITION_MODE, HOLD_MODE, OFFBOARD_MODE, LAND_MODE = 2, 4, 14, 18
+HOLD_MODE, RETURN_MODE, OFFBOARD_MODE, LAND_MODE = 4, 5, 14, 18
 LAND = 21
 CONTROL_MODE, TRAJECTORY = "/fmu/in/offboard_control_mode", "/fmu/in/trajectory_setpoint"
 ATTITUDE, RATES = "/fmu/in/vehicle_attitude_setpoint", "/fmu/in/vehicle_rates_setpoint"
@@ -87,7 +87,7 @@ def test_only_offboard_control_mode_keeps_the_vehicle_in_offboard(hovering_vehic
     hovering_vehicle.stream(0.8, 10.0, trajectory((1.0, 0.0, -2.5)))
     assert mode_and_failsafe(hovering_vehicle) == (OFFBOARD_MODE, False)
     hovering_vehicle.stream(0.5, 10.0, trajectory((1.0, 0.0, -2.5)))
-    assert mode_and_failsafe(hovering_vehicle) == (POSITION_MODE, True)
+    assert mode_and_failsafe(hovering_vehicle) == (RETURN_MODE, True)
     hovering_vehicle.stream(0.5, 10.0, control_mode("position"))
     assert mode_and_failsafe(hovering_vehicle) == (OFFBOARD_MODE, False)
 
@@ -96,7 +96,7 @@ def test_only_offboard_control_mode_keeps_the_vehicle_in_offboard(hovering_vehic
 def test_without_any_flag_the_offboard_signal_is_lost_at_once(hovering_vehicle):
     switch_to_offboard(hovering_vehicle, control_mode("position"), trajectory((0.0, 0.0, -2.5)))
     hovering_vehicle.stream(0.3, 20.0, (CONTROL_MODE, {}))
-    assert mode_and_failsafe(hovering_vehicle) == (POSITION_MODE, True)
+    assert mode_and_failsafe(hovering_vehicle) == (RETURN_MODE, True)
 
 
 @pytest.mark.story

@@ -30,7 +30,7 @@ from vehicle_sim.autopilot.mission.items import (
     WAYPOINT,
     Item,
 )
-from vehicle_sim.px4_version import V1_16, Px4Version
+from vehicle_sim.px4_version import DEFAULT, Px4Version
 
 ACCEPTED, ERROR, UNSUPPORTED_FRAME, UNSUPPORTED, NO_SPACE, INVALID_PARAM1 = 0, 1, 2, 3, 4, 6
 CANCELLED = 15
@@ -99,7 +99,7 @@ class StoredItem:
 
 
 def store(
-    mission_type: int, fields: Mapping[str, Any], *, as_int: bool, px4: Px4Version = V1_16
+    mission_type: int, fields: Mapping[str, Any], *, as_int: bool, px4: Px4Version = DEFAULT
 ) -> tuple[int, StoredItem | None]:
     """PX4's MAV_MISSION_RESULT for an item (fields of MISSION_ITEM or MISSION_ITEM_INT), and the stored item
     if PX4 accepts the item."""
