@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from gcs_server.ros2.external_mode import CHECK_REPLY, CHECK_REQUEST, REGISTER, UNREGISTER
-from gcs_server.ros2.message_types import MESSAGES, VERSIONS
+from gcs_server.ros2.message_types import MESSAGES
 from tests.protocol.ros2_testbed import Ros2Testbed
 from tests.protocol.simulated_testbed import until
+from tests.support.dds_samples import base_name
 
 MODE_NAME = "Inspect bridge"
 
@@ -24,8 +25,8 @@ class ModeProgram:
 
     def _publish_and_reply(self, topic: str, data: bytes) -> None:
         self._publish(topic, data)
-        if topic == CHECK_REQUEST:
-            request = VERSIONS["1.16"]["ArmingCheckRequest"].decode(data)
+        if base_name(topic) == CHECK_REQUEST:
+            request = MESSAGES["ArmingCheckRequest"].decode(data)
             self._send(
                 CHECK_REPLY, "ArmingCheckReply", request_id=request["request_id"], can_arm_and_run=True
             )
