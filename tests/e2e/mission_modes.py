@@ -187,7 +187,7 @@ class VehicleWithMissionModes:
 
 
 @contextlib.contextmanager
-def vehicle_with_mission_modes(version: str = "1.16") -> Iterator[VehicleWithMissionModes]:
+def vehicle_with_mission_modes(version: str = "1.17") -> Iterator[VehicleWithMissionModes]:
     """Runs the simulator as this version of PX4, and a server that is connected to it over ROS 2 only."""
     port = station.free_port()
     ports = ["--tcp-port", str(port), "--gcs-remote-port", "0", "--no-api", "--no-log"]

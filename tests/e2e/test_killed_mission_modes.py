@@ -20,6 +20,7 @@ pytest.importorskip("cyclonedds")
 from gcs_server.ros2.dds import open_domain
 from tests import station
 from tests.clients.px4_dds import Node, VehicleLocalPosition, VehicleStatus
+from tests.clients.ros2_offboard_node import POSITION_TOPICS
 from tests.e2e.mission_modes import (
     DOMAIN,
     LINK,
@@ -69,7 +70,7 @@ class Px4Topics:
         self._domain = open_domain(DOMAIN, None)
         self._node = Node(DOMAIN, NAMESPACE)
         self._status = self._node.subscription(VehicleStatus, "/fmu/out/vehicle_status_v1")
-        self.position = self._node.subscription(VehicleLocalPosition, "/fmu/out/vehicle_local_position")
+        self.position = self._node.subscription(VehicleLocalPosition, POSITION_TOPICS["1.17"])
 
     @property
     def status(self) -> Any:
@@ -87,7 +88,7 @@ class Px4Topics:
 
 @pytest.fixture
 def vehicle(request: pytest.FixtureRequest) -> Iterator[VehicleWithMissionModes]:
-    with vehicle_with_mission_modes(getattr(request, "param", "1.16")) as mission_vehicle:
+    with vehicle_with_mission_modes(getattr(request, "param", "1.17")) as mission_vehicle:
         yield mission_vehicle
 
 
@@ -137,7 +138,7 @@ def is_running(pid: int) -> bool:
     return False
 
 
-@pytest.mark.parametrize("vehicle", ["1.16", pytest.param("1.17", marks=pytest.mark.story)], indirect=True)
+@pytest.mark.parametrize("vehicle", ["1.17", pytest.param("1.16", marks=pytest.mark.story)], indirect=True)
 @with_and_without_executor
 def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_selected(
     vehicle: VehicleWithMissionModes, px4: Px4Topics, executor: bool

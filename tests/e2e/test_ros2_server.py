@@ -66,7 +66,7 @@ class VehicleApi:
         station.wait_until(lambda: self.topic_value("global_position")["alt_home_m"] > 8.5, "the climb")
 
 
-@pytest.fixture(params=["1.16", pytest.param("1.17", marks=pytest.mark.story)])
+@pytest.fixture(params=["1.17", pytest.param("1.16", marks=pytest.mark.story)])
 def api(request: pytest.FixtureRequest) -> Iterator[VehicleApi]:
     ports = ["--tcp-port", str(station.free_port()), "--px4", request.param]
     with (
